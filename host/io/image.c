@@ -102,7 +102,7 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
         return;
     }
     if (big_endian(data + 8, 4) != 13 || memcmp(data + 12, "IHDR", 4) != 0) {
-        head->problem = "damaged PNG (no IHDR chunk)";
+        head->problem = "damaged PNG (no IHDR chunk); copy it again";
         return;
     }
     head->width = big_endian(data + 16, 4);
@@ -132,12 +132,12 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
         /* Capital first letter: critical chunk. A bad text chunk or profile harms no pixel. */
         if (whole && (!(type[0] & 32) || !memcmp(type, "tRNS", 4)) &&
             crc32(0, type, (uInt)length + 4) != big_endian(type + 4 + length, 4)) {
-            head->problem = "damaged PNG (checksum of a chunk is wrong)";
+            head->problem = "damaged PNG (checksum of a chunk is wrong); copy it again";
             return;
         }
         if (!memcmp(type, "IEND", 4)) {
             if (!pixels)
-                head->problem = "damaged PNG (no image data)";
+                head->problem = "damaged PNG (no image data); copy it again";
             return;
         }
         at += length + PNG_CHUNK_BYTES;
@@ -204,7 +204,7 @@ static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *hea
             continue;
         length = big_endian(data + at, 2);
         if (length < 2) {
-            head->problem = "damaged JPEG (segment length)";
+            head->problem = "damaged JPEG (segment length); copy it again";
             return;
         }
         if (length > bytes - at) {
@@ -214,9 +214,10 @@ static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *hea
         if (marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 &&
             marker != 0xCC) {
             if (marker > 0xC2)
-                head->problem = "JPEG of a kind that is not read (lossless or arithmetic coding)";
+                head->problem = "JPEG of a kind that is not read (lossless or arithmetic coding); "
+                                "save it again";
             else if (length < 11 || head->width)
-                head->problem = "damaged JPEG (frame header)";
+                head->problem = "damaged JPEG (frame header); copy it again";
             if (head->problem)
                 return;
             head->height = big_endian(data + at + 3, 2);
@@ -225,14 +226,14 @@ static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *hea
                 return;
         }
         if (marker == 0xC4 && !huffman_tables_fit(data + at + 2, length - 2)) {
-            head->problem = "damaged JPEG (Huffman tables)";
+            head->problem = "damaged JPEG (Huffman tables); copy it again";
             return;
         }
         entropy = marker == 0xDA;
         at += length;
     }
     if (!head->width)
-        head->problem = "damaged JPEG (no frame header)";
+        head->problem = "damaged JPEG (no frame header); copy it again";
 }
 
 static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
@@ -260,7 +261,7 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
     else if (bytes >= 3 && data[0] == 0xFF && data[1] == 0xD8 && data[2] == 0xFF)
         walk_jpeg(data, bytes, whole, head);
     else
-        head->problem = "not a PNG or JPEG image";
+        head->problem = "not a PNG or JPEG image; convert it to one";
     for (size_t i = 0; head->problem && i < sizeof others / sizeof others[0]; i++) {
         const size_t n = strlen(others[i].mark);
 
@@ -285,7 +286,8 @@ static cln_status check_header(const char *path, const header *head)
         return cln_fail(CLN_INPUT, "%s: truncated %s, the file ends too early; copy it again", path,
                         head->png ? "PNG" : "JPEG");
     if (head->width < 1 || head->height < 1)
-        return cln_fail(CLN_INPUT, "%s: image without pixels (%lld x %lld)", path,
+        return cln_fail(CLN_INPUT,
+                        "%s: image without pixels (%lld x %lld); copy or export it again", path,
                         (long long)head->width, (long long)head->height);
     return CLN_OK;
 }
@@ -351,13 +353,15 @@ cln_status cln_image_decode(const char *path, const void *data, size_t bytes, in
     walk(data, bytes, true, &head);
     CLN_TRY(check_header(path, &head));
     if (bytes > INT_MAX)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %zu bytes are too large for an image", path, bytes));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %zu bytes are too large for an image; make a smaller copy",
+                         path, bytes));
     /* Enough for 16-bit RGBA twice (inflate doubles its buffer), a progressive JPEG's coefficients
      * padded to blocks of 32 pixels, the file, and the decoder's tables. */
     decoder_limit = (size_t)(head.width + 64) * (size_t)(head.height + 64) * 32 + bytes + (1 << 20);
     decoded = stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, head.channels);
     if (!decoded)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: damaged or unsupported %s (decoder: %s)", path,
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: damaged or unsupported %s (decoder: %s); save the image again", path,
                          head.png ? "PNG" : "JPEG", stbi_failure_reason()));
     CLN_ASSERT(w == head.width && h == head.height);
     *width = w;

@@ -143,8 +143,8 @@ cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
     if (!*out && (error.line < 0 || json_error_code(&error) == json_error_out_of_memory))
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: no host memory for its contents", path));
     if (!*out)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s", path, error.line, error.column,
-                         error.text));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s; correct it there", path, error.line,
+                         error.column, error.text));
 done:
     free(text);
     return st;

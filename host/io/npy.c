@@ -139,20 +139,26 @@ static cln_status read_header(const char *path, const char *file, size_t bytes, 
     size_t length = 0;
 
     if (bytes < PREFIX_BYTES || memcmp(file, magic, sizeof magic) != 0)
-        return cln_fail(CLN_INPUT, "%s: not a .npy file of version 1.0", path);
+        return cln_fail(CLN_INPUT, "%s: not a .npy file of version 1.0; save it with numpy.save",
+                        path);
     length = (size_t)(uint8_t)file[8] | (size_t)(uint8_t)file[9] << 8;
     if (length > HEADER_MAX || length > bytes - PREFIX_BYTES)
-        return cln_fail(CLN_INPUT, "%s: .npy header of %zu bytes is cut or too long", path, length);
+        return cln_fail(CLN_INPUT,
+                        "%s: .npy header of %zu bytes is cut or too long; copy or save it again",
+                        path, length);
     memcpy(a->header, file + PREFIX_BYTES, length);
     a->header[length] = 0;
     a->type = value_of(a->header, "'descr'");
     a->order = value_of(a->header, "'fortran_order'");
     extent = value_of(a->header, "'shape'");
     if (!a->type || !a->order || !extent)
-        return cln_fail(CLN_INPUT, "%s: .npy header lacks descr, fortran_order or shape", path);
+        return cln_fail(
+            CLN_INPUT,
+            "%s: .npy header lacks descr, fortran_order or shape; save it with numpy.save", path);
     if (!parse_shape(extent, a->dims, a->shape) || !element_count(*a->dims, a->shape, &a->count))
         return cln_fail(CLN_INPUT,
-                        "%s: .npy shape is not a list of at most %d sizes, or has over 2^31 bytes",
+                        "%s: .npy shape is not a list of at most %d sizes, or has over 2^31 bytes; "
+                        "save a smaller array",
                         path, MAX_DIMS);
     a->data = file + PREFIX_BYTES + length;
     a->bytes = bytes - PREFIX_BYTES - length;
@@ -163,9 +169,11 @@ static cln_status check_bytes(const char *path, const array *a, size_t element)
 {
     if (a->bytes == a->count * element)
         return CLN_OK;
-    return cln_fail(CLN_INPUT, "%s: %zu bytes of data where the shape needs %zu; the file is %s",
-                    path, a->bytes, a->count * element,
-                    a->bytes < a->count * element ? "truncated" : "too long");
+    return cln_fail(
+        CLN_INPUT,
+        "%s: %zu bytes of data where the shape needs %zu: the file is %s; copy or save it again",
+        path, a->bytes, a->count * element,
+        a->bytes < a->count * element ? "truncated" : "too long");
 }
 
 cln_status cln_npy_read_f32(const char *path, int *dims, int shape[4], float **data)

@@ -178,14 +178,18 @@ cln_status cln_npz_read(cln_npz *npz, const char *name, int *dims, int shape[4],
     *data = NULL;
     CLN_TRY(cln_asprintf(&where, "%s: %s", npz->path, name));
     if (!e)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no such array", where));
+        CLN_TRY(
+            cln_fail(CLN_INPUT, "%s: there is no such array; save the file again with it", where));
     if (e->method != 0 && e->method != 8)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: packed by method %d; only stored and deflated arrays are read", where,
-                         e->method));
+                         "%s: packed by method %d; only stored and deflated arrays are read; save "
+                         "it with numpy.savez",
+                         where, e->method));
     if (e->bytes > ARRAY_MAX_BYTES)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: an array of %zu bytes is more than the %d that are read",
-                         where, e->bytes, ARRAY_MAX_BYTES));
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            "%s: an array of %zu bytes is more than the %d that are read; save a smaller one",
+            where, e->bytes, ARRAY_MAX_BYTES));
     if (e->local > npz->size || npz->size - e->local < LOCAL_BYTES ||
         memcmp(npz->data + e->local, "PK\3\4", 4) != 0)
         CLN_TRY(broken(npz, name));

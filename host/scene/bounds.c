@@ -172,7 +172,9 @@ static cln_status given_box(const evidence *e, cln_space *space, char **because)
     CLN_TRY(cln_parse_reals(e->bbox, 6, box));
     for (int i = 0; i < 3; i++)
         if (!(box[i] < box[i + 3]))
-            CLN_TRY(cln_fail(CLN_USAGE, "--bbox %s: the minimum %g is not below the maximum %g",
+            CLN_TRY(cln_fail(CLN_USAGE,
+                             "--bbox %s: the minimum %g is not below the maximum %g; give the "
+                             "lowest corner, then the highest",
                              e->bbox, box[i], box[i + 3]));
     enclose(box, box + 3, space);
     keep_box(e->scene, box, box + 3);

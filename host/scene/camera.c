@@ -152,7 +152,8 @@ static cln_status check_pose(cln_camera *camera, const char *frame)
     if (det < 0.5)
         return cln_fail(CLN_INPUT,
                         "%s: the pose is not rigid: the determinant of its rotation part is "
-                        "%g instead of 1%s",
+                        "%g instead of 1%s; export camera-to-world matrices of right-handed axes, "
+                        "without scale",
                         frame, det, det < -0.5 ? " (one axis is mirrored)" : "");
     memcpy(exact, r, sizeof exact);
     nearest_rotation(exact);
@@ -179,21 +180,27 @@ cln_status cln_camera_check(cln_camera *camera, const char *frame)
     if (camera->width < 1 || camera->height < 1 || camera->width > CLN_IMAGE_MAX_SIDE ||
         camera->height > CLN_IMAGE_MAX_SIDE ||
         (int64_t)camera->width * camera->height > CLN_IMAGE_MAX_PIXELS)
-        return cln_fail(
-            CLN_INPUT, "%s: absurd image size %d x %d; the limits are 1 to %d a side and %d in all",
-            frame, camera->width, camera->height, CLN_IMAGE_MAX_SIDE, CLN_IMAGE_MAX_PIXELS);
+        return cln_fail(CLN_INPUT,
+                        "%s: absurd image size %d x %d; the limits are 1 to %d a side and %d in "
+                        "all; correct it, or make smaller copies of the images",
+                        frame, camera->width, camera->height, CLN_IMAGE_MAX_SIDE,
+                        CLN_IMAGE_MAX_PIXELS);
     for (int i = 0; i < 4 + lens->count; i++) {
         const double value = i < 4 ? pixels[i] : camera->distortion[i - 4];
         /* Focal length: 1e-3 to 1e5 image sides. Distortion: far more than lenses have. */
         const double largest = i < 4 ? 1e5 * fmax(camera->width, camera->height) : 1e3;
 
         if (!isfinite(value) || fabs(value) > largest || (i < 2 && value < 1e-3 * camera->width))
-            return cln_fail(CLN_INPUT, "%s: absurd %s = %g for an image of %d x %d pixels", frame,
-                            i < 4 ? names[i] : lens->params[i - 4], value, camera->width,
+            return cln_fail(CLN_INPUT,
+                            "%s: absurd %s = %g for an image of %d x %d pixels; correct the camera "
+                            "in the dataset, or remove the frame",
+                            frame, i < 4 ? names[i] : lens->params[i - 4], value, camera->width,
                             camera->height);
     }
     if (lens->refuse && lens->refuse(camera->distortion))
-        return cln_fail(CLN_INPUT, "%s: the lens model %s has no meaning with these parameters: %s",
+        return cln_fail(CLN_INPUT,
+                        "%s: the lens model %s has no meaning with these parameters: %s; correct "
+                        "the camera in the dataset",
                         frame, lens->name, lens->refuse(camera->distortion));
     return check_pose(camera, frame);
 }

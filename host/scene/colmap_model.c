@@ -20,8 +20,9 @@ enum { MAX_POINTS = 100000000, MAX_SIDE = 1000000 };
 static cln_status set_size(const char *path, double width, double height, cln_colmap_camera *camera)
 {
     if (!(width >= 1 && width <= MAX_SIDE && height >= 1 && height <= MAX_SIDE))
-        return cln_fail(CLN_INPUT, "%s: camera %u: absurd image size %g x %g", path, camera->id,
-                        width, height);
+        return cln_fail(CLN_INPUT,
+                        "%s: camera %u: absurd image size %g x %g; export the model again", path,
+                        camera->id, width, height);
     camera->width = (int)width;
     camera->height = (int)height;
     return CLN_OK;
@@ -29,8 +30,8 @@ static cln_status set_size(const char *path, double width, double height, cln_co
 
 static cln_status too_many(const char *path, size_t count, const char *what, int most)
 {
-    return cln_fail(CLN_INPUT, "%s: %zu %s, more than the %d that are read", path, count, what,
-                    most);
+    return cln_fail(CLN_INPUT, "%s: %zu %s, more than the %d that are read; export a smaller model",
+                    path, count, what, most);
 }
 
 static cln_status add_observation(cln_colmap *out, uint32_t image)
@@ -167,7 +168,9 @@ static char *data_line(cln_cursor *c)
 
 static cln_status bad_line(const cln_cursor *c, const char *form)
 {
-    return cln_fail(CLN_INPUT, "%s: line %d is not: %s", c->path, c->line, form);
+    return cln_fail(CLN_INPUT,
+                    "%s: line %d is not: %s; correct the line, or export the model again", c->path,
+                    c->line, form);
 }
 
 static bool parse_camera(char *line, cln_colmap_camera *camera, double size[2])

@@ -66,7 +66,8 @@ cln_status cln_dataset_name(const char *where, const char *file_path, char **out
         p += *p != 0;
     }
     if (!used)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: '%s' names no image file", where, file_path));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: '%s' names no image file; correct the name", where,
+                         file_path));
     if (!cln_utf8_valid(name)) {
         cln_utf8_repair(name);
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -180,8 +181,8 @@ cln_status cln_dataset_views(const char *where, const char *folder, const cln_na
     cln_status st = CLN_OK;
 
     if (images->count > CLN_MAX_VIEWS)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d images, more than the %d that are read", folder,
-                         images->count, CLN_MAX_VIEWS));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d images, more than the %d that are read; leave some out",
+                         folder, images->count, CLN_MAX_VIEWS));
     CLN_TRY(cln_alloc(&result->views, (size_t)images->count, sizeof *result->views, "views"));
     while (result->view_count < images->count) {
         cln_view *view = &result->views[result->view_count];
@@ -246,7 +247,9 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
     cln_names there = {0};
 
     if (!result->view_count)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: no image has a pose", where));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no image has a pose; find the poses again, or give another scene",
+                         where));
     for (int i = 0; i < base_count && !*folder; i++)
         CLN_TRY(folder_of_views(bases[i], result, folder));
     if (!*folder)

@@ -290,10 +290,12 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
         cln_note("reading it with %s; it can be read with --format %s, too", reader->name, others);
     CLN_TRY(st);
     if (result->view_count < 1)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: zero frames in this scene; nothing to read", desc->path));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: zero frames in this scene; add some, or give another scene",
+                         desc->path));
     if (result->view_count > CLN_MAX_VIEWS)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d frames, more than the %d that are accepted", desc->path,
-                         result->view_count, CLN_MAX_VIEWS));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %d frames, more than the %d that are read; leave some out",
+                         desc->path, result->view_count, CLN_MAX_VIEWS));
     scene->views = result->views;
     scene->view_count = result->view_count;
     for (int i = 0; i < scene->view_count; i++)

@@ -79,7 +79,9 @@ static cln_status read_header(cln_cursor *c, vertices *v)
     int elements = 0;
 
     if (!line || strcmp(line, "ply") != 0)
-        return cln_fail(CLN_INPUT, "%s: not a PLY file, its first line is not ply", c->path);
+        return cln_fail(CLN_INPUT,
+                        "%s: not a PLY file, its first line is not ply; export the points again",
+                        c->path);
     line = cln_cursor_line(c);
     if (!line || !is_next(&line, "format") || !cln_field_word(&line, &format) ||
         (strcmp(format, "ascii") != 0 && strcmp(format, "binary_little_endian") != 0))
@@ -160,12 +162,13 @@ static cln_status read_row(cln_cursor *c, const vertices *v, int index, double *
     }
     line = cln_cursor_line(c);
     if (!line)
-        return cln_fail(CLN_INPUT, "%s: the file ends after %d of its %.0f points", c->path, index,
-                        v->count);
+        return cln_fail(CLN_INPUT, "%s: the file ends after %d of its %.0f points; copy it again",
+                        c->path, index, v->count);
     for (int i = 0; i < v->properties; i++)
         if (!cln_field_number(&line, &numbers[i]))
-            return cln_fail(CLN_INPUT, "%s: line %d has no %d numbers", c->path, c->line,
-                            v->properties);
+            return cln_fail(CLN_INPUT,
+                            "%s: line %d has no %d numbers; correct it, or export the points again",
+                            c->path, c->line, v->properties);
     return CLN_OK;
 }
 
@@ -181,8 +184,9 @@ cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result)
     /* a last line need not end, so the cursor may be one behind the end */
     if (v.count * (v.ascii ? 2.0 * v.properties : (double)v.row) >
         (double)c.size - (double)c.at + v.ascii)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: the file is too short for the %.0f points of its header",
-                         path, v.count));
+        CLN_TRY(cln_fail(
+            CLN_INPUT, "%s: the file is too short for the %.0f points of its header; copy it again",
+            path, v.count));
     CLN_TRY(cln_alloc(&result->points, (size_t)v.count, sizeof *result->points, "points"));
     for (int n = 0; n < (int)v.count; n++) {
         cln_point *point = &result->points[result->point_count];
@@ -191,8 +195,10 @@ cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result)
         for (int m = 0; m < 3; m++) {
             point->xyz[m] = numbers[v.meaning[m]];
             if (!(fabs(point->xyz[m]) <= FARTHEST)) /* also of what is not a number */
-                CLN_TRY(cln_fail(CLN_INPUT, "%s: point %d is at %g, which is nowhere", path, n,
-                                 point->xyz[m]));
+                CLN_TRY(cln_fail(CLN_INPUT,
+                                 "%s: point %d is at %g, which is nowhere; correct it, or export "
+                                 "the points again",
+                                 path, n, point->xyz[m]));
             if (v.meaning[3 + m] >= 0)
                 point->rgb[m] = (uint8_t)fmax(0, fmin(255, numbers[v.meaning[3 + m]]));
         }

@@ -79,8 +79,10 @@ static cln_status sort_cameras(cln_colmap *model)
         qsort(model->cameras, (size_t)model->camera_count, sizeof *model->cameras, by_id);
     for (int i = 1; i < model->camera_count; i++)
         if (model->cameras[i].id == model->cameras[i - 1].id)
-            return cln_fail(CLN_INPUT, "%s: camera %u appears twice", model->camera_file,
-                            model->cameras[i].id);
+            return cln_fail(
+                CLN_INPUT,
+                "%s: camera %u appears twice; remove one of the two, or export the model again",
+                model->camera_file, model->cameras[i].id);
     return CLN_OK;
 }
 
@@ -115,8 +117,9 @@ static cln_status set_pose(const char *where, const double pose[7], double c2w[1
         length += pose[i] * pose[i];
     length = sqrt(length);
     if (!(fabs(length - 1) <= 0.01)) /* texts are rounded; also false for NaN */
-        return cln_fail(CLN_INPUT, "%s: its quaternion has the length %g instead of 1", where,
-                        length);
+        return cln_fail(CLN_INPUT,
+                        "%s: its quaternion has the length %g instead of 1; export the model again",
+                        where, length);
     for (int i = 0; i < 4; i++)
         q[i] = pose[i] / length;
     for (int i = 0; i < 3; i++) {
@@ -146,8 +149,9 @@ static cln_status make_views(cln_colmap *model, cln_reader_result *result)
         free(where);
         CLN_TRY(cln_asprintf(&where, "%s: image '%s'", model->image_file, view->name));
         if (!camera)
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: its camera %u is not in %s", where, image->camera,
-                             model->camera_file));
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: its camera %u is not in %s; put files of one model there", where,
+                             image->camera, model->camera_file));
         set_camera(camera, &view->camera);
         CLN_TRY(set_pose(where, image->pose, view->camera.c2w));
     }

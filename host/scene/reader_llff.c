@@ -21,22 +21,26 @@ static cln_status set_view(const char *where, const double row[ROW], cln_view *v
 
     for (int i = 0; i < ROW; i++)
         if (!isfinite(row[i]))
-            return cln_fail(CLN_INPUT, "%s: number %d is not finite", where, i + 1);
+            return cln_fail(CLN_INPUT, "%s: number %d is not finite; make the file again", where,
+                            i + 1);
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)
             camera->c2w[4 * i + j] = (j == 2 ? -1 : 1) * row[5 * i + column[j]];
         camera->c2w[4 * i + 3] = row[5 * i + 3];
     }
     if (!(row[4] >= 1 && row[4] <= MAX_SIDE && row[9] >= 1 && row[9] <= MAX_SIDE))
-        return cln_fail(CLN_INPUT, "%s: absurd image size %g x %g", where, row[9], row[4]);
+        return cln_fail(CLN_INPUT, "%s: absurd image size %g x %g; make the file again", where,
+                        row[9], row[4]);
     camera->height = (int)lround(row[4]);
     camera->width = (int)lround(row[9]);
     camera->fx = camera->fy = row[14];
     camera->cx = 0.5 * camera->width;
     camera->cy = 0.5 * camera->height;
     if (!(row[15] >= 0 && row[15] < row[16]))
-        return cln_fail(CLN_INPUT, "%s: its depths %g and %g are not 0 <= near < far", where,
-                        row[15], row[16]);
+        return cln_fail(CLN_INPUT,
+                        "%s: its depths %g and %g are not 0 <= near < far; correct them, or make "
+                        "the file again",
+                        where, row[15], row[16]);
     view->near = row[15];
     view->far = row[16];
     return CLN_OK;
@@ -52,7 +56,10 @@ static cln_status read_poses(const char *path, int *count, double **rows)
     CLN_TRY(cln_read_file(path, MAX_BYTES, &file, &bytes));
     CLN_TRY(cln_npy_decode(path, file, bytes, &dims, shape, rows));
     if (dims != 2 || shape[1] != ROW)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: not an array of %d numbers for each image", path, ROW));
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            "%s: not an array of %d numbers for each image; make it with LLFF's imgs2poses.py",
+            path, ROW));
     *count = shape[0];
 done:
     free(file);
@@ -78,7 +85,9 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_dataset_image_folder(path, &folder));
     if (!folder)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: there is no folder images (nor images_2, _4 or _8) beside it", file));
+                         "%s: there is no folder images (nor images_2, _4 or _8) beside it; put "
+                         "the images into one",
+                         file));
     CLN_TRY(cln_dataset_images(folder, &images));
     if (images.count != count)
         CLN_TRY(cln_fail(CLN_INPUT,

@@ -28,10 +28,14 @@ static cln_status read_matrix(const char *where, cln_npz *npz, const char *name,
     CLN_TRY(cln_asprintf(&key, "%s_%d", name, index));
     CLN_TRY(cln_npz_read(npz, key, &dims, shape, &data));
     if (dims != 2 || (shape[0] != 3 && shape[0] != 4) || shape[1] != 4)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s is not a matrix of 4 x 4 numbers", where, key));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: %s is not a matrix of 4 x 4 numbers; export the cameras again", where,
+                         key));
     for (int i = 0; i < 12; i++)
         if (!isfinite(data[i]))
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s has a number that is not finite", where, key));
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: %s has a number that is not finite; export the cameras again",
+                             where, key));
     memcpy(out, data, 12 * sizeof *out);
 done:
     free(key);
@@ -70,7 +74,9 @@ static cln_status take_apart(const char *where, const double p[12], cln_camera *
         k[3 * i + i] = make_unit(r + 3 * i);
         if (!(k[3 * i + i] > 0))
             return cln_fail(CLN_INPUT,
-                            "%s: not a projection matrix: its rows are linearly dependent", where);
+                            "%s: not a projection matrix: its rows are linearly dependent; export "
+                            "the cameras again",
+                            where);
     }
     if (r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
             r[2] * (r[3] * r[7] - r[4] * r[6]) <
@@ -86,8 +92,8 @@ static cln_status take_apart(const char *where, const double p[12], cln_camera *
         r[i] *= sign;
     if (fabs(k[1]) > SKEW_LIMIT * k[0])
         return cln_fail(CLN_INPUT,
-                        "%s: its pixels are skew, %g of the focal length; cameras with skew are "
-                        "not read",
+                        "%s: its pixels are skew, %g of the focal length; export cameras "
+                        "without skew",
                         where, k[1] / k[0]);
     camera->fx = k[0] / k[8];
     camera->fy = k[4] / k[8];
@@ -179,7 +185,8 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_npz_open(file, &npz));
     CLN_TRY(cln_path_join(&folder, path, "image"));
     if (!cln_is_dir(folder))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no folder image beside it", file));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no folder image beside it; put the images there",
+                         file));
     CLN_TRY(cln_dataset_images(folder, &images));
     CLN_TRY(check_count(file, npz, folder, images.count));
     CLN_TRY(cln_dataset_views(file, folder, &images, result));

@@ -35,9 +35,10 @@ static cln_status read_numbers(const char *path, numbers *out)
         for (; out->count < MOST && cln_field_number(&line, &value); out->in_line[out->lines]++)
             out->value[out->count++] = value;
         if (line[strspn(line, " \t")])
-            CLN_TRY(cln_fail(CLN_INPUT,
-                             "%s: line %d: '%.20s' is not a number, or is one number too many",
-                             path, cursor.line, line));
+            CLN_TRY(cln_fail(
+                CLN_INPUT,
+                "%s: line %d: '%.20s' is not a number, or is one number too many; correct the line",
+                path, cursor.line, line));
         out->lines += out->in_line[out->lines] > 0;
     }
 done:
@@ -58,8 +59,10 @@ static cln_status read_intrinsics(const char *path, cln_camera *out)
              n.in_line[2] == n.in_line[0])
         columns = n.in_line[0];
     else if (n.in_line[0] != 4)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a matrix of 3x3 or 4x4 numbers nor a line f cx cy",
-                         path));
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            "%s: neither a matrix of 3x3 or 4x4 numbers nor a line f cx cy; write one of these",
+            path));
     out->fx = n.value[0];
     out->fy = columns ? n.value[columns + 1] : n.value[0];
     out->cx = columns ? n.value[2] : n.value[1];
@@ -75,7 +78,10 @@ static cln_status read_pose(const char *path, double c2w[12])
 
     CLN_TRY(read_numbers(path, &n));
     if (n.count != 12 && n.count != 16)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a matrix of 4x4 numbers: it has %d", path, n.count));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: not a matrix of 4x4 numbers: it has %d; correct it, or remove it to "
+                         "leave its image out",
+                         path, n.count));
     memcpy(c2w, n.value, 12 * sizeof *c2w);
 done:
     return st;
@@ -160,8 +166,10 @@ static cln_status read_poses(const char *path, cln_names *images, cln_reader_res
         free(images->name[i]);
     images->count = kept;
     if (!kept)
-        CLN_TRY(
-            cln_fail(CLN_INPUT, "%s: no file in rgb has a .txt file of its name in pose", path));
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            "%s: no file in rgb has a .txt file of its name in pose; give both the same names",
+            path));
     if (without)
         cln_warn("%s: %d of %d images in rgb have no pose and are left out", path, without,
                  kept + without);

@@ -90,7 +90,9 @@ static cln_status set_camera(const char *where, const json_t *from, cln_camera *
     CLN_TRY(number(where, from, "height", 0, &side[1]));
     for (int i = 0; i < 2; i++)
         if (!(side[i] >= 1 && side[i] <= MAX_SIDE))
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: absurd image size %g x %g", where, side[0], side[1]));
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: absurd image size %g x %g; correct its width and height", where,
+                             side[0], side[1]));
     to->width = (int)side[0];
     to->height = (int)side[1];
     to->lens = types[type].lens;
@@ -152,8 +154,9 @@ static cln_status add_view(const char *file, const char *name, const json_t *sho
     CLN_TRY(cln_asprintf(&where, "%s: shot '%s'", file, name));
     CLN_TRY(cln_dataset_name(where, name, &view->name));
     if (!camera)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: its camera '%s' is not among the cameras", where,
-                         id ? id : ""));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: its camera '%s' is not among the cameras; add it, or remove the shot",
+                         where, id ? id : ""));
     CLN_TRY(set_camera(where, camera, &view->camera));
     CLN_TRY(vector3(where, shot, "rotation", axis));
     CLN_TRY(vector3(where, shot, "translation", translation));
@@ -172,7 +175,7 @@ static cln_status read_points(const char *file, const json_t *points, cln_reader
     char *where = NULL;
 
     if (json_object_size(points) > MAX_POINTS)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d points", file, MAX_POINTS));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d points; leave some out", file, MAX_POINTS));
     CLN_TRY(cln_alloc(&result->points, json_object_size(points), sizeof *result->points, "points"));
     json_object_foreach((json_t *)points, id, entry)
     {
@@ -271,14 +274,16 @@ static cln_status read_reconstruction(const char *file, const json_t *root, cons
     json_t *shot = NULL;
 
     if (!json_is_object(shots) || !json_is_object(cameras))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: not an array of reconstructions with cameras and shots",
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: not an array of reconstructions with cameras and shots; export it "
+                         "from OpenSfM again",
                          file));
     if (json_array_size(root) > 1)
         cln_warn("%s: it has %zu reconstructions, only the one with the most shots, %zu, is read",
                  file, json_array_size(root), json_object_size(shots));
     if (json_object_size(shots) > CLN_MAX_VIEWS)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %zu shots, more than the %d that are read", file,
-                         json_object_size(shots), CLN_MAX_VIEWS));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %zu shots, more than the %d that are read; leave some out",
+                         file, json_object_size(shots), CLN_MAX_VIEWS));
     CLN_TRY(cln_alloc(&result->views, json_object_size(shots), sizeof *result->views, "views"));
     json_object_foreach((json_t *)shots, name, shot)
         CLN_TRY(add_view(file, name, shot, cameras, result));

@@ -38,7 +38,8 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
     size_t count = 0;
 
     if (!json_is_object(root))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a JSON object with frames", file));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: not a JSON object with frames; give the file that has them", file));
     if (!frames)
         CLN_TRY(cln_fail(
             CLN_INPUT, "%s: it has no frames, so it is not a scene; give the folder of one", file));
@@ -95,8 +96,10 @@ static cln_status take_listed(const char *file, const char *key, const json_t *l
         CLN_TRY(cln_dataset_name(file, json_string_value(entry), &name));
         position = json_object_get(index, name);
         if (!position)
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s names '%s', which no frame has", file, key,
-                             json_string_value(entry)));
+            CLN_TRY(
+                cln_fail(CLN_INPUT,
+                         "%s: %s names '%s', which no frame has; add the frame, or remove the name",
+                         file, key, json_string_value(entry)));
         free(name);
         name = NULL;
         *view = frames[json_integer_value(position)];
@@ -135,8 +138,8 @@ static cln_status apply_lists(const char *file, const json_t *root, cln_reader_r
     result->views = NULL;
     result->view_count = 0;
     if (listed > CLN_MAX_VIEWS)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d names in the lists of splits", file,
-                         CLN_MAX_VIEWS));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d names in the lists of splits; leave some out",
+                         file, CLN_MAX_VIEWS));
     CLN_TRY(cln_alloc(&result->views, listed, sizeof *result->views, "views"));
     for (int i = 0; i < frame_count; i++)
         json_object_set_new(index, frames[i].name, json_integer(i));
@@ -229,7 +232,10 @@ static cln_status read_blender(const char *folder, cln_reader_result *result)
         file = name = NULL;
         CLN_TRY(cln_asprintf(&name, "transforms_%s.json", cln_split_names[s]));
         CLN_TRY(cln_path_join(&file, folder, name));
-        if (s != CLN_SPLIT_TRAIN && !cln_is_file(file))
+        if (!cln_is_file(file) && s == CLN_SPLIT_TRAIN)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: No such file or directory; put it beside the others",
+                             file));
+        if (!cln_is_file(file))
             continue;
         CLN_TRY(cln_json_read(file, true, &root));
         CLN_TRY(read_frames(folder, file, root, (cln_split)s, result));

@@ -106,7 +106,8 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view among %d (%s)%s", scene->folder,
                          scene->view_count, scene->split_rule,
-                         named_splits ? "" : "; with --holdout 0 all of them are training views"));
+                         named_splits ? "; make some training views"
+                                      : "; with --holdout 0 all of them are training views"));
 done:
     return st;
 }

@@ -79,8 +79,9 @@ static cln_status read_focal(const source *src, cln_camera *camera)
         if (found[k] || !found[k + 2])
             continue;
         if (!(value[k + 2] > 0 && value[k + 2] < pi))
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s = %g is not an angle between 0 and pi", src->where,
-                             keys[k + 2], value[k + 2]));
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: %s = %g is not an angle between 0 and pi; give it in radians",
+                             src->where, keys[k + 2], value[k + 2]));
         value[k] = 0.5 * side / tan(0.5 * value[k + 2]);
         found[k] = true;
     }
@@ -154,7 +155,9 @@ static cln_status read_side(const source *src, const char *key, int *out)
 
     CLN_TRY(number_of(src, key, 0, &value));
     if (!(value >= 0 && value <= 1e6) || fabs(value - round(value)) > 1e-6)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: absurd image size %s = %g", src->where, key, value));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: absurd image size %s = %g; give whole pixels, or leave w and h out",
+                         src->where, key, value));
     *out = (int)lround(value);
 done:
     return st;
@@ -201,7 +204,8 @@ static cln_status read_pose(const source *src, double c2w[12])
     static const double last_row[4] = {0, 0, 0, 1};
 
     if (!matrix)
-        return cln_fail(CLN_INPUT, "%s: no transform_matrix", src->where);
+        return cln_fail(CLN_INPUT, "%s: no transform_matrix; add it, or remove the frame",
+                        src->where);
     if (rows != 3 && rows != 4)
         return cln_fail(CLN_INPUT, "%s: transform_matrix must be 3 or 4 rows of 4 numbers",
                         src->where);
@@ -217,13 +221,14 @@ static cln_status read_pose(const source *src, double c2w[12])
 
             if (!json_is_number(value))
                 return cln_fail(CLN_INPUT,
-                                "%s: transform_matrix row %zu column %zu is not a number",
+                                "%s: transform_matrix row %zu column %zu is not a number; correct "
+                                "it, or remove the frame",
                                 src->where, i + 1, j + 1);
             if (i == 3 && !(fabs(number - last_row[j]) <= 1e-3))
                 return cln_fail(
                     CLN_INPUT,
                     "%s: the last row of transform_matrix must be 0 0 0 1, column %zu is "
-                    "%g; the pose is not rigid",
+                    "%g: the pose is not rigid; correct it, or remove the frame",
                     src->where, j + 1, number);
             if (i < 3)
                 c2w[4 * i + j] = j == 1 || j == 2 ? -number : number;
@@ -306,9 +311,11 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
     src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
     file_path = json_object_get(src.frame, "file_path");
     if (!json_is_object(src.frame))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d is not an object", file, index));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d is not an object; remove it", file, index));
     if (!json_is_string(file_path) || !json_string_length(file_path))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d has no file_path (a string)", file, index));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: frame %d has no file_path (a string); add it, or remove the frame",
+                         file, index));
     CLN_TRY(
         cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index, json_string_value(file_path)));
     CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), &view->name));
@@ -335,7 +342,7 @@ cln_status cln_transforms_camera(const char *folder, const char *file, const jso
     src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
     file_path = json_object_get(src.frame, "file_path");
     if (!json_is_object(src.frame))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d is not an object", file, index));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: frame %d is not an object; remove it", file, index));
     CLN_TRY(cln_asprintf(&src.where, "%s: frame %d", file, index));
     if (json_string_length(file_path) > 0) {
         CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), name));

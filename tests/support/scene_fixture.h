@@ -73,7 +73,8 @@ static inline cln_scene *load(const char *path, const cln_config *config)
     return scene;
 }
 
-/* Refused with CLN_INPUT, no scene and a sentence that has these words; what: names the case. */
+/* Refused with CLN_INPUT, no scene and a sentence that has these words and a way out, behind a
+ * semicolon or as what must be; what: names the case. */
 static inline void assert_refused(const char *path, const cln_config *config,
                                   const char *const words[3], const char *what)
 {
@@ -86,6 +87,8 @@ static inline void assert_refused(const char *path, const cln_config *config,
     for (int i = 0; i < 3 && words[i]; i++)
         if (!strstr(cln_error_text(), words[i]))
             fail_msg("%s: '%s' lacks '%s'", what, cln_error_text(), words[i]);
+    if (!strstr(cln_error_text(), "; ") && !strstr(cln_error_text(), " must "))
+        fail_msg("%s: '%s' has no way out", what, cln_error_text());
     cln_clear_error();
 }
 
