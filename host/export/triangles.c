@@ -36,10 +36,16 @@ cln_status cln_surface_grow_vertices(cln_surface *surface)
 {
     const size_t most = surface->most ? surface->most : UINT32_MAX;
 
+    if (surface->vertices >= most && most == UINT32_MAX)
+        return cln_fail(CLN_OUTPUT,
+                        "surface: its vertices are more than the %zu that a mesh can number; give "
+                        "a larger --spacing",
+                        most);
     if (surface->vertices >= most)
         return cln_fail(CLN_MEMORY,
-                        "surface: memory has no room for more than %zu vertices; give a larger "
-                        "--spacing",
+                        "surface: its vertices are more than the %zu that have room in half of "
+                        "this machine's memory; give a larger --spacing, or export it on a "
+                        "machine with more",
                         most);
     return cln_surface_grow(&surface->at, &surface->vertex_room, surface->vertices,
                             sizeof *surface->at, "vertices");

@@ -259,9 +259,19 @@ static void too_many_vertices_are_refused(void **state)
 
     (void)state;
     assert_int_equal(cln_marching_run(&marching, &s), CLN_MEMORY);
+    assert_non_null(strstr(cln_error_text(), "the 100 that have room in half of this machine's"));
     assert_non_null(strstr(cln_error_text(), "--spacing"));
     cln_clear_error();
     cln_surface_free(&s);
+    for (int i = 0; i < 2; i++) { /* an index of 32 bits ends the growth before memory does */
+        const cln_surface full = {.vertices = UINT32_MAX, .most = i ? UINT32_MAX : 0};
+
+        s = full;
+        assert_int_equal(cln_surface_grow_vertices(&s), CLN_OUTPUT);
+        assert_non_null(strstr(cln_error_text(), "the 4294967295 that a mesh can number"));
+        assert_null(strstr(cln_error_text(), "memory"));
+        cln_clear_error();
+    }
 }
 
 static void what_is_not_kept_goes(void **state)
