@@ -1,4 +1,5 @@
-/* `cl-nascent view`: a run in the browser. Prints the address and serves until a signal. */
+/* `cl-nascent view`: a run in the browser. Prints the address and serves until a signal, which is
+ * its ordinary end: no error once a browser could open the address. */
 #include "cli/commands.h"
 
 #include <stdio.h>
@@ -9,12 +10,14 @@
 typedef struct shown {
     const cln_options *options;
     cln_console *console;
+    bool served; /* a browser could open the address */
 } shown;
 
 static void show(const char *address, void *user)
 {
-    const shown *s = user;
+    shown *s = user;
 
+    s->served = true;
     printf("%s\n", address);
     fflush(stdout);
     cln_info("open this address in a browser; Ctrl-C ends the viewer");
@@ -33,7 +36,7 @@ cln_status cln_cmd_view(const cln_options *options)
 {
     cln_status st = CLN_OK;
     cln_console console = {0};
-    shown s = {options, &console};
+    shown s = {options, &console, false};
     const cln_view_desc desc = {.run = options->operand,
                                 .scene = options->scene,
                                 .listen = options->listen,
@@ -46,6 +49,11 @@ cln_status cln_cmd_view(const cln_options *options)
     quiet.progress = "none";
     CLN_TRY(cln_console_open(&quiet, &console));
     st = cln_view_run(&desc);
+    if (s.served && (st == CLN_SIGINT || st == CLN_SIGTERM)) {
+        cln_clear_error();
+        cln_info("the viewer has ended");
+        st = CLN_OK;
+    }
 done:
     cln_console_close(&console);
     return st;

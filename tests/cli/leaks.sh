@@ -208,7 +208,7 @@ section_view() {
     kill -INT $server
     wait $server
     rc=$? server=0
-    sound 130 "view, some requests, Ctrl-C"
+    sound 0 "view, some requests, Ctrl-C"
 }
 
 # Ordinary mistakes, each on a way out of its own.
