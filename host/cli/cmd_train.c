@@ -99,7 +99,7 @@ cln_status cln_cmd_train(const cln_options *options)
                            .command = options->line};
 
     if (options->conf_said)
-        cln_info("settings %s", options->conf_said);
+        cln_info("%s%s", options->resume ? "" : "settings ", options->conf_said);
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     trained = cln_train(&desc, &result);

@@ -8,6 +8,8 @@
 #include <sys/stat.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/settings.h"
+#include "render/recorded.h"
 
 #define NAME "cl-nascent.conf"
 
@@ -142,5 +144,59 @@ cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings
 done:
     free(path);
     free(text);
+    return st;
+}
+
+/* Adds "NAME VALUE (there VALUE)" to the line for the log. */
+static cln_status say_other(char **said, const char *path, const cln_config_row *row,
+                            const cln_settings *run, const cln_settings *there)
+{
+    cln_status st = CLN_OK;
+    char ours[CLN_TEXT_BYTES], theirs[CLN_TEXT_BYTES], *longer = NULL;
+
+    cln_config_text(&run->config, row, ours);
+    cln_config_text(&there->config, row, theirs);
+    if (!strcmp(ours, theirs))
+        goto done;
+    if (*said)
+        CLN_TRY(cln_asprintf(&longer, "%s, ", *said));
+    else
+        CLN_TRY(cln_asprintf(&longer, "%s is not read on --resume: the run keeps ", path));
+    free(*said);
+    *said = NULL;
+    CLN_TRY(cln_asprintf(said, "%s%s %s (there %s)", longer, row->option, *ours ? ours : "\"\"",
+                         *theirs ? theirs : "\"\""));
+done:
+    free(longer);
+    return st;
+}
+
+cln_status cln_conf_compare(const char *run, const char *scene, const bool *overridden,
+                            const cln_settings *settings, char **said)
+{
+    cln_status st = CLN_OK;
+    char *found = NULL, *path = NULL, *taken = NULL;
+    cln_settings *there = NULL;
+
+    *said = NULL;
+    if (!scene)
+        CLN_TRY(cln_recorded_scene(run, &found));
+    scene = scene ? scene : found;
+    CLN_TRY(path_beside(scene, &path));
+    CLN_TRY(cln_settings_create(NULL, &there));
+    there->config = there->base = settings->config;
+    CLN_TRY(cln_conf_read(scene, overridden, there, &taken));
+    for (int i = 0; i < cln_config_row_count; i++)
+        if (cln_settings_given(there, &cln_config_rows[i]))
+            CLN_TRY(say_other(said, path, &cln_config_rows[i], settings, there));
+done:
+    if (st == CLN_INPUT || st == CLN_USAGE) { /* of no file, or of one that the run does not need */
+        cln_clear_error();
+        st = CLN_OK;
+    }
+    free(found);
+    free(path);
+    free(taken);
+    cln_settings_free(there);
     return st;
 }

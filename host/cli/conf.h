@@ -15,4 +15,10 @@
 cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings *settings,
                          char **said);
 
+/* A resumed run keeps its settings. Says in *said which ones the file beside the scene (NULL: the
+ * run's own) has otherwise; NULL if none, if there is no such file, or if it cannot be read. The
+ * caller frees it. */
+cln_status cln_conf_compare(const char *run, const char *scene, const bool *overridden,
+                            const cln_settings *settings, char **said);
+
 #endif

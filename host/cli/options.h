@@ -18,8 +18,9 @@ typedef struct cln_options {
     const char *dump_program, *colour, *match;
     const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;
-    bool conf;       /* cl-nascent.conf beside the scene is read */
-    char *conf_said; /* a line for the log that names its settings; NULL = none */
+    bool conf; /* cl-nascent.conf beside the scene is read */
+    char
+        *conf_said; /* a line for the log: its settings, or what --resume leaves out; may be NULL */
     bool circle, fast, json, quiet, test, quick, extremes, skip_selftest, save_images, overwrite,
         z_depth, seams;
     int verbose, max_images, antialias, frames;

@@ -442,10 +442,13 @@ static cln_status apply_settings(parser *p)
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
     if (out->conf && out->operand && !out->resume && out->command->bit != CLN_TUNE)
         CLN_TRY(cln_conf_read(out->operand, overridden, out->settings, &out->conf_said));
+    if (out->conf && out->resume)
+        CLN_TRY(cln_conf_compare(out->resume, out->operand, overridden, out->settings,
+                                 &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
     st = cln_settings_check(out->settings);
-    if (st != CLN_OK && out->conf_said)
+    if (st != CLN_OK && out->conf_said && !out->resume)
         cln_note("also taking settings %s", out->conf_said);
 done:
     free(overridden);

@@ -129,6 +129,24 @@ done:
     return st;
 }
 
+cln_status cln_recorded_scene(const char *run, char **path)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const char *place = NULL;
+
+    *path = NULL;
+    CLN_TRY(cln_run_read(run, &document));
+    st = find_scene(run, json_object_get(document, "dataset"), path, &place);
+    if (st != CLN_OK) {
+        free(*path);
+        *path = NULL;
+    }
+done:
+    json_decref(document);
+    return st;
+}
+
 static cln_status compare(const char *run, const json_t *dataset, const cln_scene *scene,
                           const char *place, bool *same)
 {

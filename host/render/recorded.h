@@ -16,6 +16,10 @@ cln_status cln_run_config(const char *run, cln_config *config);
  * another device or driver. Reads run.json: CLN_INPUT. */
 cln_status cln_recorded_tune(const char *run, cln_device *device);
 
+/* Where the run's scene is now, as cln_recorded_load finds it: CLN_INPUT if it is nowhere. The
+ * caller frees *path. */
+cln_status cln_recorded_scene(const char *run, char **path);
+
 /* Loads the run's scene. desc->path NULL: from the path in run.json; if nothing is there, from the
  * same place relative to the run, then by its name beside the run. A scene found in these two
  * places is reported, and must be the same one (by digest), else CLN_INPUT. At desc->path or the

@@ -243,6 +243,8 @@ section_training() {
         [ "$("$query" config.eval_images <"$r/run.json")" = 2 ]
     expect "resumed, though its budget is used up" 0 "~used.up --time-limit" \
         "$cln" train --resume "$r" "${small[@]:0:3}"
+    check "the conf is not read on --resume: what it has otherwise, and nothing else" said \
+        "$s/cl-nascent.conf is not read on --resume: the run keeps rays 256 (there 128)"
     check "the suggested command is quoted" said "--resume '$work/run'\''s 1' --time-limit +2s"
     check "the run's figures are printed" grep -qE "^PSNR +[0-9]" "$work/out"
     expect "a new run in its folder: refused at once" 7 "--resume" \
@@ -252,6 +254,18 @@ section_training() {
         "$cln" train --resume "$r" "${small[@]:0:3}" --steps +7 --json
     check "the evaluation to come has a time" grep -qE \
         '^train .* left \| evaluation ~[0-9:]+ more \|' "$work/err"
+    check "the conf is named on every --resume" said "cl-nascent.conf is not read"
+    sed -i 's/rays .*/rays 256/' "$s/cl-nascent.conf"
+    expect "--resume with a conf that says the same" 0 "" \
+        "$cln" train --resume "$r" "${small[@]:0:3}" --json
+    check "nothing about it" not_said "cl-nascent.conf"
+    echo 'rayz 3' >>"$s/cl-nascent.conf"
+    expect "--resume with a conf that cannot be read" 0 "" \
+        "$cln" train --resume "$r" "${small[@]:0:3}" --json
+    sed -i -e '$d' -e 's/rays .*/rays 128/' "$s/cl-nascent.conf"
+    expect "--resume --no-conf" 0 "" \
+        "$cln" train --resume "$r" "${small[@]:0:3}" --no-conf --json
+    check "nothing about the conf" not_said "cl-nascent.conf"
     check "it trains 7 more steps" [ "$(json step)" = "$("$query" config.steps <"$r/run.json")" ]
     check "the budget in time is dropped" \
         [ "$("$query" config.time_limit <"$r/run.json")" = 0 ]
