@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/moved.h"
 
 enum { MAX_DEPTH = 4, MAX_NAMES = 10 * CLN_MAX_VIEWS };
 
@@ -83,7 +84,7 @@ done:
 
 /* ---- image files ---- */
 
-static bool is_image(const char *name)
+bool cln_dataset_is_image(const char *name)
 {
     const char *dot = strrchr(name, '.');
 
@@ -137,7 +138,7 @@ static cln_status list(const char *folder, const char *within, int depth, bool f
                 CLN_TRY(keep_name(out, within, entry->d_name));
             else if (depth < MAX_DEPTH)
                 CLN_TRY(list(path, name, depth + 1, false, out));
-        } else if (!folders && is_image(name)) {
+        } else if (!folders && cln_dataset_is_image(name)) {
             CLN_TRY(keep_name(out, within, entry->d_name));
         }
     }
@@ -165,6 +166,11 @@ static cln_status list_sorted(const char *folder, bool folders, cln_names *out)
 cln_status cln_dataset_images(const char *folder, cln_names *out)
 {
     return list_sorted(folder, false, out);
+}
+
+cln_status cln_dataset_images_of(const char *folder, bool shallow, cln_names *out)
+{
+    return list(folder, "", shallow ? MAX_DEPTH : 0, false, out);
 }
 
 void cln_dataset_free_names(cln_names *names)
@@ -203,17 +209,33 @@ cln_status cln_dataset_image_folder(const char *base, char **out)
     return CLN_OK;
 }
 
-static bool has_a_view(const char *folder, const cln_reader_result *result)
+/* Whether the folder has an image of a view; any_case: also in another case. */
+static cln_status has_a_view(const char *folder, const cln_reader_result *result, bool any_case,
+                             bool *has)
 {
+    cln_status st = CLN_OK;
+    cln_moved moved = {.folder = folder, .shallow = true};
+    char *found = NULL;
+
     for (int i = 0; i < result->view_count; i++)
-        if (cln_dataset_has(folder, result->views[i].name))
-            return true;
-    return false;
+        moved.shallow &= !strchr(result->views[i].name, '/');
+    *has = false;
+    for (int i = 0; i < result->view_count && !*has; i++) {
+        if (any_case)
+            CLN_TRY(cln_moved_find(&moved, result->views[i].name, false, &found));
+        *has = found || (!any_case && cln_dataset_has(folder, result->views[i].name));
+    }
+done:
+    cln_moved_free(&moved);
+    free(found);
+    return st;
 }
 
 /* The first folder of `base` that has an image of a view; NULL if none has. */
-static cln_status folder_of_views(const char *base, const cln_reader_result *result, char **out)
+static cln_status folder_of_views(const char *base, const cln_reader_result *result, bool any_case,
+                                  char **out)
 {
+    bool has = false;
     cln_status st = CLN_OK;
     cln_names others = {0};
 
@@ -222,7 +244,8 @@ static cln_status folder_of_views(const char *base, const cln_reader_result *res
         *out = NULL;
         CLN_TRY(i < IMAGE_FOLDERS ? cln_path_join(out, base, image_folders[i])
                                   : cln_strdup(out, base));
-        if (has_a_view(*out, result))
+        CLN_TRY(has_a_view(*out, result, any_case, &has));
+        if (has)
             goto done;
     }
     CLN_TRY(list_sorted(base, true, &others));
@@ -230,7 +253,8 @@ static cln_status folder_of_views(const char *base, const cln_reader_result *res
         free(*out);
         *out = NULL;
         CLN_TRY(cln_path_join(out, base, others.name[i]));
-        if (has_a_view(*out, result))
+        CLN_TRY(has_a_view(*out, result, any_case, &has));
+        if (has)
             goto done;
     }
     free(*out);
@@ -240,8 +264,29 @@ done:
     return st;
 }
 
-cln_status cln_dataset_find_images(const char *where, const char *const *bases, int base_count,
-                                   cln_reader_result *result, char **folder)
+/* Fills the paths of the views, below the folder or, by their ends, elsewhere in the scene. */
+static cln_status place_views(const char *folder, const char *scene, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_moved here = {.folder = folder}, around = {.folder = scene};
+
+    for (int i = 0; i < result->view_count; i++) {
+        cln_view *view = &result->views[i];
+
+        free(view->path);
+        view->path = NULL;
+        CLN_TRY(cln_path_join(&view->path, folder, view->name)); /* missing ones: load.c */
+    }
+    CLN_TRY(cln_moved_views(&here, result));
+    CLN_TRY(cln_moved_views(&around, result));
+done:
+    cln_moved_free(&here);
+    cln_moved_free(&around);
+    return st;
+}
+
+cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
+                                   int base_count, cln_reader_result *result, char **folder)
 {
     cln_status st = CLN_OK;
     cln_names there = {0};
@@ -251,7 +296,14 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
                          "%s: no image has a pose; find the poses again, or give another scene",
                          where));
     for (int i = 0; i < base_count && !*folder; i++)
-        CLN_TRY(folder_of_views(bases[i], result, folder));
+        CLN_TRY(folder_of_views(bases[i], result, false, folder));
+    for (int i = 0; i < base_count && !*folder; i++)
+        CLN_TRY(folder_of_views(bases[i], result, true, folder));
+    if (!*folder) {
+        CLN_TRY(place_views(scene, scene, result));
+        if (result->moved_count)
+            CLN_TRY(cln_strdup(folder, scene));
+    }
     if (!*folder)
         CLN_TRY(cln_dataset_images(bases[base_count - 1], &there));
     if (!*folder && there.count)
@@ -266,11 +318,8 @@ cln_status cln_dataset_find_images(const char *where, const char *const *bases, 
                          "%s: none of its %d images is there: '%s' was looked for in %s and the "
                          "folders in it; put them into its folder images",
                          where, result->view_count, result->views[0].name, bases[base_count - 1]));
-    for (int i = 0; i < result->view_count; i++) {
-        cln_view *view = &result->views[i];
-
-        CLN_TRY(cln_path_join(&view->path, *folder, view->name)); /* missing ones: load.c */
-    }
+    if (!result->moved_count)
+        CLN_TRY(place_views(*folder, scene, result));
     for (int i = 0; i < base_count; i++)
         if (!strcmp(*folder, bases[i]))
             goto done; /* other images there do not belong to this reconstruction */

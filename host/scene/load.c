@@ -3,10 +3,8 @@
  * pixels. Knows no file format; those are in reader_*.c. */
 #include "scene/scene.h"
 
-#include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include "base/config.h"
 #include "base/files.h"
 #include "base/log.h"
@@ -15,6 +13,7 @@
 #include "io/names.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
+#include "scene/moved.h"
 
 enum { NAMED = 3 };
 
@@ -166,64 +165,11 @@ done:
     return st;
 }
 
-/* Finds the file of `folder` that is called name[length], in any case; *out stays NULL if there is
- * none. */
-static cln_status find_alike(const char *folder, const char *name, size_t length, char **out)
-{
-    cln_status st = CLN_OK;
-    DIR *dir = opendir(folder);
-
-    for (struct dirent *e; dir && !*out && (e = readdir(dir));)
-        if (strlen(e->d_name) == length && strncasecmp(e->d_name, name, length) == 0) {
-            CLN_TRY(cln_path_join(out, folder, e->d_name));
-            if (!cln_is_file(*out)) {
-                free(*out);
-                *out = NULL;
-            }
-        }
-done:
-    if (dir)
-        closedir(dir);
-    return st;
-}
-
-/* Finds what the missing image may be called, as "; FILE is there: ..." or "": its name in another
- * case, or a path of another machine whose end is that of a file in the scene's folder. */
-static cln_status find_likely(const cln_scene *scene, const cln_view *view, char **out)
-{
-    cln_status st = CLN_OK;
-    char *name = NULL, *folder = NULL, *found = NULL;
-    size_t end = 0;
-
-    CLN_TRY(cln_strdup(&name, view->path));
-    for (char *c = name; *c; c++)
-        *c = *c == '\\' ? '/' : *c;
-    end = strlen(name);
-    /* FOLDER/image, PARENT/FOLDER/image, ...: ever more of the name's own folders */
-    for (size_t base = end, from = end; from > 0 && !found;) {
-        while (from > 0 && name[from - 1] != '/')
-            from--;
-        if (base == end)
-            base = from;
-        free(folder);
-        folder = NULL;
-        CLN_TRY(cln_asprintf(&folder, "%s/%.*s", scene->folder, (int)(base - from), name + from));
-        CLN_TRY(find_alike(folder, name + base, end - base, &found));
-        from -= from > 0;
-    }
-    CLN_TRY(cln_asprintf(out, found ? "; %s is there: rename it, or correct the dataset" : "%s",
-                         found ? found : ""));
-done:
-    free(name);
-    free(folder);
-    free(found);
-    return st;
-}
-
 cln_status cln_scene_leave_out(cln_scene *scene, int rule)
 {
     cln_status st = CLN_OK;
     const int total = scene->view_count;
+    cln_moved moved = {.folder = scene->folder};
     char *why = NULL, *likely = NULL;
 
     CLN_TRY(move_missing(scene, rule));
@@ -231,7 +177,7 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
         goto done;
     CLN_TRY(say_left_out(scene, &why));
     if (scene->missing > scene->unreadable)
-        CLN_TRY(find_likely(scene, &scene->views[scene->view_count], &likely));
+        CLN_TRY(cln_moved_hint(&moved, scene->views[scene->view_count].name, &likely));
     else
         CLN_TRY(cln_strdup(&likely, ""));
     if (rule == CLN_MISSING_FAIL)
@@ -250,6 +196,7 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
                          scene->folder, why, likely));
     cln_warn("%s: %s; these frames are left out", scene->folder, why);
 done:
+    cln_moved_free(&moved);
     free(why);
     free(likely);
     return st;
@@ -302,6 +249,12 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
         scene->views[i].number = i;
     result->views = NULL;
     result->view_count = 0;
+    if (result->moved_count)
+        cln_info("%s: %d of its images are not where it says and are taken by their names, as %s "
+                 "for %s",
+                 scene->folder, result->moved_count,
+                 cln_dataset_within(scene->folder, result->moved_to),
+                 cln_dataset_within(scene->folder, result->moved_from));
     scene->dialect = result->dialect;
     scene->ignored = json_incref(result->ignored);
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
@@ -342,6 +295,8 @@ done:
     free(result.observations);
     free(result.bounds_rule);
     free(result.because);
+    free(result.moved_from);
+    free(result.moved_to);
     json_decref(result.ignored);
     cln_scene_free(scene);
     return st;

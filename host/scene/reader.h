@@ -45,7 +45,9 @@ typedef struct cln_reader_result {
     bool beyond;         /* its photos show what lies around, too: a shell */
     const char *dialect; /* for cln_scene.dialect */
     char *because;       /* why it was read as that, a phrase */
-    json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
+    int moved_count;     /* images that are not where it names them and were found (moved.h) */
+    char *moved_from, *moved_to; /* one of them; NULL without any */
+    json_t *ignored; /* array of strings: keys of its files that are not read; may be NULL */
 } cln_reader_result;
 
 typedef struct cln_reader {

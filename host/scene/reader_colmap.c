@@ -219,7 +219,7 @@ static bool detect(const char *path, const char **missing)
 
 /* Images are looked for beside the model and in the folders above it: up to the scene's folder, if
  * that is known. */
-static cln_status find_images(const char *model, int depth, const char *where,
+static cln_status find_images(const char *scene, const char *model, int depth, const char *where,
                               cln_reader_result *result, char **images)
 {
     cln_status st = CLN_OK;
@@ -229,7 +229,8 @@ static cln_status find_images(const char *model, int depth, const char *where,
     CLN_TRY(cln_strdup(&bases[0], model));
     for (int i = 1; i < count; i++)
         CLN_TRY(parent(bases[i - 1], &bases[i]));
-    CLN_TRY(cln_dataset_find_images(where, (const char *const *)bases, count, result, images));
+    CLN_TRY(
+        cln_dataset_find_images(where, scene, (const char *const *)bases, count, result, images));
 done:
     for (int i = 0; i < BASES; i++)
         free(bases[i]);
@@ -248,7 +249,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_colmap_read(folder, &model));
     CLN_TRY(sort_cameras(&model));
     CLN_TRY(make_views(&model, result));
-    CLN_TRY(find_images(folder, places[place].depth, model.image_file, result, &images));
+    CLN_TRY(find_images(path, folder, places[place].depth, model.image_file, result, &images));
     CLN_TRY(give_points(&model, result));
     result->beyond = true;
     result->dialect = "COLMAP";

@@ -313,8 +313,8 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_json_read(file, false, &root));
     CLN_TRY(cln_path_join(&tracks, inner ? folder : path, "tracks.csv"));
     CLN_TRY(read_reconstruction(file, root, tracks, result));
-    CLN_TRY(cln_dataset_find_images(file, (const char *const[2]){path, folder}, 1 + inner, result,
-                                    &images));
+    CLN_TRY(cln_dataset_find_images(file, path, (const char *const[2]){path, folder}, 1 + inner,
+                                    result, &images));
     result->dialect = "OpenSfM";
     result->beyond = true;
     CLN_TRY(cln_asprintf(&result->because, "it has %sreconstruction.json; images are from %s",

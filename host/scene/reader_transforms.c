@@ -19,6 +19,7 @@
 #include "io/json.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
+#include "scene/moved.h"
 #include "scene/transforms.h"
 
 static bool ends_with(const char *text, const char *tail)
@@ -28,7 +29,7 @@ static bool ends_with(const char *text, const char *tail)
     return length >= wanted && !strcmp(text + length - wanted, tail);
 }
 
-/* Appends the frames of one document to the result, as `split`. */
+/* Appends the frames of one document to the result, as `split`; finish_frames follows. */
 static cln_status read_frames(const char *folder, const char *file, const json_t *root,
                               cln_split split, cln_reader_result *result)
 {
@@ -63,6 +64,28 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
         CLN_TRY(cln_transforms_frame(folder, file, root, (int)i, view));
     }
 done:
+    return st;
+}
+
+/* Finds images that are elsewhere, then what is read with them of the frames of each document, in
+ * the order in which they were appended. */
+static cln_status finish_frames(const char *folder, char *const *files, json_t *const *roots,
+                                int count, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_moved moved = {.folder = folder};
+    int view = 0;
+
+    CLN_TRY(cln_moved_views(&moved, result));
+    for (int d = 0; d < count; d++) {
+        const size_t frames = json_array_size(json_object_get(roots[d], "frames"));
+
+        for (size_t i = 0; i < frames; i++)
+            CLN_TRY(cln_transforms_finish(folder, files[d], roots[d], (int)i, &moved,
+                                          &result->views[view++]));
+    }
+done:
+    cln_moved_free(&moved);
     return st;
 }
 
@@ -219,39 +242,39 @@ done:
 static cln_status read_blender(const char *folder, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    json_t *root = NULL;
-    char *file = NULL, *name = NULL;
+    json_t *roots[CLN_SPLITS] = {NULL};
+    char *files[CLN_SPLITS] = {NULL}, *name = NULL;
 
     result->dialect = "blender";
     CLN_TRY(cln_asprintf(&result->because, "it has transforms_train.json"));
     for (int s = 0; s < CLN_SPLITS; s++) {
-        json_decref(root);
-        root = NULL;
-        free(file);
         free(name);
-        file = name = NULL;
+        name = NULL;
         CLN_TRY(cln_asprintf(&name, "transforms_%s.json", cln_split_names[s]));
-        CLN_TRY(cln_path_join(&file, folder, name));
-        if (!cln_is_file(file) && s == CLN_SPLIT_TRAIN)
+        CLN_TRY(cln_path_join(&files[s], folder, name));
+        if (!cln_is_file(files[s]) && s == CLN_SPLIT_TRAIN)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: No such file or directory; put it beside the others",
-                             file));
-        if (!cln_is_file(file))
+                             files[s]));
+        if (!cln_is_file(files[s]))
             continue;
-        CLN_TRY(cln_json_read(file, true, &root));
-        CLN_TRY(read_frames(folder, file, root, (cln_split)s, result));
+        CLN_TRY(cln_json_read(files[s], true, &roots[s]));
+        CLN_TRY(read_frames(folder, files[s], roots[s], (cln_split)s, result));
         if (s == CLN_SPLIT_TRAIN)
-            CLN_TRY(read_bounds(file, root, result));
+            CLN_TRY(read_bounds(files[s], roots[s], result));
         else
             result->named_splits = true;
     }
+    CLN_TRY(finish_frames(folder, files, roots, CLN_SPLITS, result));
     if (!result->has_bounds) {
         result->has_bounds = true;
         result->space.half = 1.5;
         CLN_TRY(cln_strdup(&result->bounds_rule, "the Blender scenes' convention, 0 +- 1.5"));
     }
 done:
-    json_decref(root);
-    free(file);
+    for (int s = 0; s < CLN_SPLITS; s++) {
+        json_decref(roots[s]);
+        free(files[s]);
+    }
     free(name);
     return st;
 }
@@ -262,17 +285,24 @@ static cln_status read_points(const char *folder, const char *file, const json_t
 {
     cln_status st = CLN_OK;
     const json_t *name = json_object_get(root, "ply_file_path");
-    char *path = NULL;
+    char *path = NULL, *found = NULL;
 
     if (!name)
         return CLN_OK;
     if (!json_is_string(name))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ply_file_path must be a string", file));
     CLN_TRY(cln_path_join(&path, folder, json_string_value(name)));
-    if (!cln_is_file(path)) {
+    if (!cln_is_file(path) && *json_string_value(name))
+        CLN_TRY(cln_moved_file(folder, json_string_value(name), &found));
+    if (!cln_is_file(path) && !found) {
         cln_warn("%s: there is no %s, which its ply_file_path names: no sparse points are read",
                  file, path);
         goto done;
+    }
+    if (found) {
+        free(path);
+        path = found;
+        found = NULL;
     }
     st = cln_dataset_read_ply(path, result);
     if (st == CLN_INPUT)
@@ -281,6 +311,7 @@ static cln_status read_points(const char *folder, const char *file, const json_t
                  file);
 done:
     free(path);
+    free(found);
     return st;
 }
 
@@ -291,6 +322,7 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
 
     CLN_TRY(cln_json_read(file, true, &root));
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
+    CLN_TRY(finish_frames(folder, (char *const[1]){(char *)file}, &root, 1, result));
     CLN_TRY(apply_lists(file, root, result));
     CLN_TRY(read_bounds(file, root, result));
     CLN_TRY(read_points(folder, file, root, result));

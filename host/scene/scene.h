@@ -58,6 +58,7 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
 typedef struct cln_view {
     char *name;       /* as the dataset names it: path relative to the scene folder */
     char *path;       /* file */
+    bool leads_out;   /* the dataset names it by a path out of its folder */
     char *file;       /* a file name made of `name` (io/names.h), unlike those of other names */
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     char *mask_path;  /* a file that says which pixels count; NULL = all */

@@ -4,6 +4,7 @@
 #define CLN_SCENE_TRANSFORMS_H
 
 #include <jansson.h>
+#include "scene/moved.h"
 #include "scene/scene.h"
 
 /* The number under `key`, or *found = false and *out untouched; another type is CLN_INPUT. */
@@ -14,10 +15,14 @@ cln_status cln_transforms_number(const char *where, const json_t *object, const 
  * it is NULL), each once. */
 cln_status cln_transforms_ignored(const json_t *object, json_t **list);
 
-/* Fills name, path and camera of a zeroed view from frames[index] of the document. Image files are
+/* Fills name, path and pose of a zeroed view from frames[index] of the document. Image files are
  * looked for from `folder`. On failure the view may be partly filled. */
 cln_status cln_transforms_frame(const char *folder, const char *file, const json_t *root, int index,
                                 cln_view *view);
+
+/* Fills mask and intrinsics of a view whose path is final, if there is a file. */
+cln_status cln_transforms_finish(const char *folder, const char *file, const json_t *root,
+                                 int index, cln_moved *moved, cln_view *view);
 
 /* Name and camera of frames[index], checked, for a picture to be rendered: no image need be there.
  * *camera has the size to take if neither file nor image gives one. Without a file_path its name is

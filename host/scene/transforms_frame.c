@@ -13,6 +13,7 @@
 #include "io/image.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
+#include "scene/moved.h"
 
 /* Endings tried after a file_path, in this order. */
 static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
@@ -271,7 +272,7 @@ done:
 
 /* The frame's mask_path, black where pixels do not count; or instant-ngp's dynamic_mask_NAME.png
  * beside the image, black where they do. */
-static cln_status find_mask(const source *src, cln_view *view)
+static cln_status find_mask(const source *src, cln_moved *moved, cln_view *view)
 {
     cln_status st = CLN_OK;
     const json_t *mask = json_object_get(src->frame, "mask_path");
@@ -279,12 +280,21 @@ static cln_status find_mask(const source *src, cln_view *view)
     const char *name = slash ? slash + 1 : view->path, *dot = strrchr(name, '.');
     const int folder = (int)(name - view->path),
               stem = (int)(dot ? dot - name : (long)strlen(name));
-    char *path = NULL;
+    char *path = NULL, *name_of_mask = NULL;
 
     if (mask && !json_is_null(mask)) {
         if (!json_is_string(mask) || !json_string_length(mask))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: mask_path must be a string", src->where));
         CLN_TRY(find_image(src, json_string_value(mask), &view->mask_path));
+        if (!cln_is_file(view->mask_path)) {
+            CLN_TRY(cln_dataset_name(src->where, json_string_value(mask), &name_of_mask));
+            CLN_TRY(cln_moved_find(moved, name_of_mask, false, &path));
+        }
+        if (path) {
+            free(view->mask_path);
+            view->mask_path = path;
+            path = NULL;
+        }
         if (!cln_is_file(view->mask_path))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no mask %s; restore it, or remove mask_path",
                              src->where, view->mask_path));
@@ -298,6 +308,7 @@ static cln_status find_mask(const source *src, cln_view *view)
     }
 done:
     free(path);
+    free(name_of_mask);
     return st;
 }
 
@@ -319,13 +330,27 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
     CLN_TRY(
         cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index, json_string_value(file_path)));
     CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), &view->name));
-    src.read_later = true;
     CLN_TRY(read_pose(&src, view->camera.c2w));
     CLN_TRY(find_image(&src, json_string_value(file_path), &view->path));
-    if (cln_is_file(view->path)) {
-        CLN_TRY(find_mask(&src, view));
-        CLN_TRY(read_intrinsics(&src, view->path, &view->camera));
-    }
+    view->leads_out = cln_path_leads_out(json_string_value(file_path));
+done:
+    free(src.where);
+    return st;
+}
+
+cln_status cln_transforms_finish(const char *folder, const char *file, const json_t *root,
+                                 int index, cln_moved *moved, cln_view *view)
+{
+    cln_status st = CLN_OK;
+    source src = {.folder = folder, .root = root, .read_later = true};
+
+    if (!cln_is_file(view->path))
+        return CLN_OK;
+    src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
+    CLN_TRY(cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index,
+                         json_string_value(json_object_get(src.frame, "file_path"))));
+    CLN_TRY(find_mask(&src, moved, view));
+    CLN_TRY(read_intrinsics(&src, view->path, &view->camera));
 done:
     free(src.where);
     return st;

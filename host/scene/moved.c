@@ -1,0 +1,311 @@
+/* See moved.h. */
+#include "scene/moved.h"
+
+#include <ctype.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include "base/files.h"
+#include "base/memory.h"
+
+bool cln_path_leads_out(const char *path)
+{
+    if (*path == '/' || *path == '\\' || (isalpha((unsigned char)*path) && path[1] == ':'))
+        return true;
+    for (const char *p = path; *p;) {
+        const size_t length = strcspn(p, "/\\");
+
+        if (length == 2 && strncmp(p, "..", 2) == 0)
+            return true;
+        p += length + (p[length] != 0);
+    }
+    return false;
+}
+
+static const char *base_of(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+
+    return slash ? slash + 1 : path;
+}
+
+/* Length of a path without the ending of an image file. */
+static size_t stem_of(const char *path)
+{
+    return cln_dataset_is_image(path) ? (size_t)(strrchr(path, '.') - path) : strlen(path);
+}
+
+static int compare_stems(const char *a, const char *b)
+{
+    const size_t x = stem_of(a), y = stem_of(b);
+    const int order = strncasecmp(a, b, x < y ? x : y);
+
+    return order ? order : x < y ? -1 : x > y;
+}
+
+static int by_stem(const void *a, const void *b)
+{
+    const char *x = *(char *const *)a, *y = *(char *const *)b;
+    const int order = compare_stems(base_of(x), base_of(y));
+
+    return order ? order : strcmp(x, y);
+}
+
+void cln_moved_free(cln_moved *moved)
+{
+    cln_dataset_free_names(&moved->files);
+    moved->listed = false;
+}
+
+/* Lists the images; a folder that cannot be looked through has none. */
+static cln_status list(cln_moved *moved)
+{
+    cln_status st = CLN_OK;
+
+    if (moved->listed)
+        return CLN_OK;
+    st = cln_dataset_images_of(moved->folder, moved->shallow, &moved->files);
+    if (st == CLN_INPUT) {
+        cln_clear_error();
+        cln_dataset_free_names(&moved->files);
+        st = CLN_OK;
+    }
+    moved->listed = st == CLN_OK;
+    if (moved->files.count)
+        qsort(moved->files.name, (size_t)moved->files.count, sizeof *moved->files.name, by_stem);
+    return st;
+}
+
+/* The first file whose name has at least the stem of this one. */
+static int first_like(const cln_moved *moved, const char *base)
+{
+    int low = 0, high = moved->files.count;
+
+    while (low < high) {
+        const int middle = low + (high - low) / 2;
+
+        if (compare_stems(base_of(moved->files.name[middle]), base) < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Is the file called like `base`, but for case, and for the ending if that has none? */
+static bool is_like(const char *file, const char *base)
+{
+    return compare_stems(base_of(file), base) == 0 &&
+           (!cln_dataset_is_image(base) || strcasecmp(base_of(file), base) == 0);
+}
+
+/* The length of the end of `name` that is the path of the file, but for case; 0 if none is. *same:
+ * also in case. */
+static size_t common_end(const char *name, const char *file, bool *same)
+{
+    const size_t length = strlen(name);
+    const size_t end = cln_dataset_is_image(name) ? strlen(file) : stem_of(file);
+    const char *from = name + length - end;
+
+    if (end > length || (end < length && from[-1] != '/') || strncasecmp(from, file, end) != 0)
+        return 0;
+    *same = strncmp(from, file, end) == 0;
+    return end;
+}
+
+cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, char **out)
+{
+    cln_status st = CLN_OK;
+    const char *base = base_of(name), *best = NULL, *like = NULL;
+    size_t longest = 0;
+    bool exact = false, tie = false;
+    int likes = 0;
+
+    *out = NULL;
+    CLN_TRY(list(moved));
+    for (int i = first_like(moved, base); i < moved->files.count; i++) {
+        const char *file = moved->files.name[i];
+        bool same = false;
+        size_t end = 0;
+
+        if (compare_stems(base_of(file), base) != 0)
+            break;
+        if (!is_like(file, base))
+            continue;
+        like = file;
+        likes++;
+        end = common_end(name, file, &same);
+        if (!strchr(file, '/') && strchr(name, '/'))
+            end = 0; /* the name alone */
+        if (!end || end < longest || (end == longest && exact && !same))
+            continue;
+        tie = end == longest && exact == same;
+        best = file;
+        longest = end;
+        exact = same;
+    }
+    if (!best && leads_out && likes == 1)
+        best = like;
+    if (best && !tie)
+        CLN_TRY(cln_path_join(out, moved->folder, best));
+done:
+    return st;
+}
+
+/* ---- of all views ---- */
+
+typedef struct place {
+    dev_t device;
+    ino_t inode;
+    int view;
+} place;
+
+static int by_place(const void *a, const void *b)
+{
+    const place *x = a, *y = b;
+
+    if (x->device != y->device)
+        return x->device < y->device ? -1 : 1;
+    return x->inode < y->inode ? -1 : x->inode > y->inode;
+}
+
+/* Takes files back that views of different names would share; old[view] is the path before, NULL
+ * if it is not to be changed back. */
+static cln_status take_back(cln_reader_result *result, char **old)
+{
+    cln_status st = CLN_OK;
+    cln_view *views = result->views;
+    place *places = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_alloc(&places, (size_t)result->view_count, sizeof *places, "images"));
+    for (int i = 0; i < result->view_count; i++) {
+        struct stat info;
+
+        if (stat(views[i].path, &info) == 0)
+            places[count++] = (place){info.st_dev, info.st_ino, i};
+    }
+    qsort(places, (size_t)count, sizeof *places, by_place);
+    for (int from = 0, to = 0; from < count; from = to) {
+        bool shared = false;
+
+        for (to = from; to < count && by_place(&places[from], &places[to]) == 0; to++)
+            shared |= strcmp(views[places[from].view].name, views[places[to].view].name) != 0;
+        for (int i = from; i < to && shared; i++) {
+            const int v = places[i].view;
+
+            if (!old[v])
+                continue;
+            free(views[v].path);
+            views[v].path = old[v];
+            old[v] = NULL;
+        }
+    }
+done:
+    free(places);
+    return st;
+}
+
+/* By the ends of paths alone, or by what a file is called, too. */
+static cln_status move_views(cln_moved *moved, bool by_name, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    char **old = NULL;
+    bool any = false;
+
+    CLN_TRY(cln_alloc(&old, (size_t)result->view_count, sizeof *old, "images"));
+    for (int i = 0; i < result->view_count; i++) {
+        cln_view *view = &result->views[i];
+        char *found = NULL;
+
+        if (cln_is_file(view->path) || (by_name && !view->leads_out))
+            continue;
+        CLN_TRY(cln_moved_find(moved, view->name, by_name, &found));
+        if (!found)
+            continue;
+        any = true;
+        old[i] = view->path;
+        view->path = found;
+    }
+    if (any)
+        CLN_TRY(take_back(result, old));
+    for (int i = 0; i < result->view_count; i++) {
+        if (!old[i])
+            continue;
+        if (!result->moved_count++) {
+            CLN_TRY(cln_strdup(&result->moved_to, result->views[i].path));
+            result->moved_from = old[i];
+            old[i] = NULL;
+        }
+    }
+done:
+    for (int i = 0; old && i < result->view_count; i++)
+        free(old[i]);
+    free(old);
+    return st;
+}
+
+cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(move_views(moved, false, result));
+    CLN_TRY(move_views(moved, true, result));
+done:
+    return st;
+}
+
+cln_status cln_moved_file(const char *folder, const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL;
+
+    *out = NULL;
+    st = cln_dataset_name(folder, path, &name);
+    if (st == CLN_INPUT) { /* no name of a file */
+        cln_clear_error();
+        return CLN_OK;
+    }
+    CLN_TRY(st);
+    for (const char *end = name; end; end = strchr(end, '/') ? strchr(end, '/') + 1 : NULL) {
+        CLN_TRY(cln_path_join(out, folder, end));
+        if (cln_is_file(*out))
+            break;
+        free(*out);
+        *out = NULL;
+    }
+done:
+    free(name);
+    return st;
+}
+
+cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
+{
+    cln_status st = CLN_OK;
+    const char *base = base_of(name), *first = NULL;
+    int likes = 0;
+
+    CLN_TRY(list(moved));
+    for (int i = first_like(moved, base); i < moved->files.count; i++) {
+        const char *file = moved->files.name[i];
+
+        if (compare_stems(base_of(file), base) != 0)
+            break;
+        if (!is_like(file, base))
+            continue;
+        first = first ? first : file;
+        likes++;
+    }
+    if (likes > 1)
+        CLN_TRY(cln_asprintf(out,
+                             "; %d files there are called so, one is %s/%s: correct the dataset",
+                             likes, moved->folder, first));
+    else if (likes)
+        CLN_TRY(cln_asprintf(out, "; %s/%s is there: move it, or correct the dataset",
+                             moved->folder, first));
+    else
+        CLN_TRY(cln_strdup(out, ""));
+done:
+    return st;
+}

@@ -1,0 +1,43 @@
+/* Image files that are not where a dataset names them, as it was made on another machine, or on a
+ * system that takes IMG_1.JPG for img_1.jpg. Private to this room; used by every reader whose
+ * dataset names its images. What is found by their names:
+ *   - a file below the folder with the same path but for upper and lower case;
+ *   - the file that the longest end of the path leads to from the folder, with a folder at least:
+ *     images/a.png for /home/x/data/images/a.png;
+ *   - of a path that leads out of the folder, the only file below it with that name.
+ * Nothing is taken where two files match alike, nor a file that a frame of another name has by an
+ * earlier rule or by the same one. */
+#ifndef CLN_SCENE_MOVED_H
+#define CLN_SCENE_MOVED_H
+
+#include "scene/dataset.h"
+
+/* A folder that is looked through, once the first file is missing; {.folder = F} begins it. */
+typedef struct cln_moved {
+    const char *folder;
+    bool shallow; /* not the folders in it */
+    bool listed;
+    cln_names files; /* relative to it, ordered by name without case and ending */
+} cln_moved;
+void cln_moved_free(cln_moved *moved);
+
+/* Does a path of a dataset lead out of its folder? */
+bool cln_path_leads_out(const char *path);
+
+/* Finds the file that is meant by `name` (of cln_dataset_name); leads_out: its path did. *out: its
+ * path, which the caller frees; NULL if there is none, or more than one. */
+cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, char **out);
+
+/* Gives the views whose file is not at their path the path of the file that is meant, and counts
+ * these in the result, with an example. */
+cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result);
+
+/* For another file that a dataset names: the longest end of the path that leads to a file from
+ * the folder; *out is NULL if there is none. */
+cln_status cln_moved_file(const char *folder, const char *path, char **out);
+
+/* Which files of the folder are called like `name`, as "; A is there: ..." or "". The caller frees
+ * *out. */
+cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out);
+
+#endif
