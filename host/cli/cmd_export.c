@@ -88,13 +88,13 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
     }
     json_decref(counts);
     if (r->refined)
-        fprintf(to, ", with the poses that training corrected,");
+        fprintf(to, ", with the poses that training corrected");
     if (r->faces_before > 0) {
         cln_format_count((double)r->faces_before, text);
         fprintf(to, " (of %s; moved by about %.2g units at most)", text, r->reduction_error);
     }
     cln_format_count((double)r->step, text);
-    fprintf(to, " of step %s\n", text);
+    fprintf(to, ", of the model at step %s\n", text);
 }
 
 /* The first ending of an export's files: ".ply". */

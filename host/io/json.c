@@ -142,6 +142,9 @@ cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: is UTF-16; save it as UTF-8", path));
     if (!*out && (error.line < 0 || json_error_code(&error) == json_error_out_of_memory))
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: no host memory for its contents", path));
+    if (!*out && strspn(text, " \t\r\n") == bytes)
+        CLN_TRY(
+            cln_fail(CLN_INPUT, "%s: line 1: the file is empty; copy or export it again", path));
     if (!*out)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s; correct it there", path, error.line,
                          error.column, error.text));

@@ -48,7 +48,7 @@ cln_status cln_quality_check(const cln_scene *scene, const int *views, int count
         if (v->camera.width < CLN_SSIM_WINDOW || v->camera.height < CLN_SSIM_WINDOW)
             return cln_fail(CLN_INPUT,
                             "%s: '%s' has %d x %d pixels with --downscale %d; to be measured it "
-                            "needs %d x %d",
+                            "needs %d x %d; give larger photos or less --downscale",
                             scene->folder, v->name, v->camera.width, v->camera.height,
                             scene->downscale, CLN_SSIM_WINDOW, CLN_SSIM_WINDOW);
     }

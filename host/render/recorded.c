@@ -122,8 +122,8 @@ static cln_status find_scene(const char *run, const json_t *dataset, char **path
     if (is_there(*path))
         goto done;
     CLN_TRY(cln_fail(CLN_INPUT,
-                     "%s: the scene of %s is not there, nor beside the run; --scene tells where it "
-                     "is now",
+                     "%s: the scene of %s is not there, nor beside the run; tell where it is now: "
+                     "--scene SCENE, or of train --resume RUN SCENE",
                      saved, run));
 done:
     return st;

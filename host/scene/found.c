@@ -24,6 +24,7 @@ static const struct {
     {"EXR_RGBD", "a Record3D capture",
      "nerfstudio's `ns-process-data record3d` makes a transforms.json of it"},
     {"run.json", "a run", "continue it with train --resume, or give the folder of its scene"},
+    {"checkpoint/latest", "a run without its run.json", "copy the run again, all of it"},
 };
 
 #define GIVE_SCENE                                                                            \

@@ -3,6 +3,7 @@
  * pixels. Knows no file format; those are in reader_*.c. */
 #include "scene/scene.h"
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/config.h"
@@ -176,7 +177,11 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
     if (scene->missing == 0)
         goto done;
     CLN_TRY(say_left_out(scene, &why));
-    if (scene->missing > scene->unreadable)
+    errno = 0;
+    if (scene->missing > scene->unreadable && !cln_is_file(scene->views[scene->view_count].path) &&
+        errno == EACCES)
+        CLN_TRY(cln_strdup(&likely, "; its folder may not be read by this user"));
+    else if (scene->missing > scene->unreadable)
         CLN_TRY(cln_moved_hint(&moved, scene->views[scene->view_count].name, &likely));
     else
         CLN_TRY(cln_strdup(&likely, ""));

@@ -148,7 +148,7 @@ section_second() {
     expect "in a folder that says so" 0 "" "$cln" info "$work/small copies"
     check "they are no reason for a warning" [ ! -s "$work/err" ]
 
-    expect "images too small to be measured: before the training" 3 "~--downscale.3 11" \
+    expect "images too small to be measured: before the training" 3 "~--downscale.3 11 ~;.give" \
         "$cln" train "$work/photos" -o "$work/tiny" "${small[@]}" --downscale 3
     expect "a file for programs in no folder: before it, too" 7 "nowhere" \
         "$cln" train "$work/photos" -o "$work/tiny" "${small[@]}" \

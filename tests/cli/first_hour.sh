@@ -396,6 +396,18 @@ section_edges() {
     check "its plan has memory in units" grep -qE "^  network weights +[0-9.]+ [KMG]iB$" "$work/out"
     check "its times are not estimates" \
         grep -qE "^  wall_seconds +[0-9]+:[0-9]+$" "$work/out"
+    mv "$s" "$s.away"
+    expect "--resume without the scene: how to name it" 3 "$s ~train.--resume.RUN.SCENE" \
+        "$cln" train --resume "$r" --skip-selftest --steps +1
+    expect "the scene is named so" 0 "" "$cln" train --resume "$r" "$s.away" --skip-selftest \
+        --progress none --steps +1
+    mv "$s.away" "$s"
+    cp -r "$r" "$work/half"
+    : >"$work/half/run.json"
+    expect "a run whose run.json is empty" 3 "run.json ~is.empty.*copy" "$cln" info "$work/half"
+    rm "$work/half/run.json"
+    expect "a run without run.json" 3 "~run.without.its.run.json ~copy.the.run.again" \
+        "$cln" info "$work/half"
     expect "output folder that is a file" 7 "folder" \
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }
@@ -459,6 +471,7 @@ section_results() {
         "$cln" export "$r" --octree "$work/x.obj"
     check "no export of another format is written" [ ! -e "$work/x.obj" ]
     expect "export to standard output" 0 "leaves" "$cln" export "$r" --octree -
+    check "the step is the model's, not the export's" said ", of the model at step"
     check "standard output has the file" [ "$(head -c 3 "$work/out")" = ply -a ! -e ./- ]
     cp "$work/out" "$work/piped"
     expect "export to a file" 0 "" "$cln" export "$r" --octree "$work/x.PLY"

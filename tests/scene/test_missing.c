@@ -8,6 +8,8 @@
 #include <cmocka.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 #include <zlib.h>
 #include "scene_fixture.h"
 #include "tests.h"
@@ -155,6 +157,29 @@ static void test_damage(void **state)
     cln_scene_free(scene);
 }
 
+/* A folder that the user may not read is told as that. Root may read all, so it is another user. */
+static void test_forbidden(void **state)
+{
+    const char *folder = *state, *images = scratch_path(folder, "images");
+    const uid_t user = geteuid();
+    cln_config config = default_config();
+
+    config.holdout = 0;
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"frames\":[" FRAME("images/a.png", POSE_FRONT) "]}");
+    put_folder(folder, "images");
+    put_image(folder, "images/a.png", 8, 6, 3, 0);
+    assert_int_equal(chmod(folder, 0755), 0);
+    assert_int_equal(chmod(images, 0), 0);
+    if (user == 0)
+        assert_int_equal(seteuid(65534), 0);
+    assert_refused(folder, &config,
+                   (const char *const[3]){"1 of 1 images are not there", "may not be read"},
+                   "forbidden");
+    assert_int_equal(seteuid(user), 0);
+    assert_int_equal(chmod(images, 0755), 0);
+}
+
 /* A sound container with a wrong stream in it: only the decoder sees that, too late to leave the
  * frame out, and the sentence says what helps. */
 static void test_damage_within(void **state)
@@ -186,6 +211,7 @@ int test_group_missing(void)
         cmocka_unit_test_setup_teardown(test_few_are_left_out, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_rules, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_damage, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_forbidden, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_damage_within, scratch_make, scratch_remove),
     };
 

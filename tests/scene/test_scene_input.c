@@ -41,7 +41,7 @@ typedef struct broken {
 
 static const broken documents[] = {
     /* Documents */
-    {"empty file", "", {"transforms.json", "line 1", "column"}},
+    {"empty file", "", {"transforms.json", "line 1", "the file is empty; copy"}},
     {"malformed",
      "{\n  \"frames\": [\n    {\"file_path\" \"a.png\"}\n  ]\n}",
      {"transforms.json", "line 3", "column"}},
