@@ -304,7 +304,8 @@ static cln_status check_folder(const work *w)
                          "remove that one",
                          out));
     if (!cln_is_dir(w->desc->photos) && !is_video(w->desc->photos))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video", w->desc->photos));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
+                         w->desc->photos));
     if (!cln_command_found("colmap"))
         CLN_TRY(cln_fail(CLN_FAILED,
                          "finding poses needs COLMAP, which is not installed; install it "

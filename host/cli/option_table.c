@@ -14,7 +14,7 @@
 /* clang-format off */
 const cln_command cln_commands[] = {
     {"train", CLN_TRAIN, "SCENE", false,
-     "train SCENE -o RUN [OPTIONS]\n       cl-nascent train --resume RUN [OPTIONS]",
+     "train SCENE -o RUN [OPTIONS]\n       cl-nascent train --resume RUN [SCENE] [OPTIONS]",
      "Trains a scene from its posed photos",
      "SCENE is a folder or a transforms JSON file. Training ends when the first budget is used up "
      "(--steps, --time-limit, --target-psnr; else --epochs). Ctrl-C or SIGTERM writes a checkpoint "

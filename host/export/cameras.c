@@ -28,12 +28,17 @@ static cln_camera camera_of(const cln_view *view)
     return c;
 }
 
-/* The path of a view's file from the scene's folder; the view's name may lack the ending. */
-static cln_status name_of(const cln_view *view, char **name)
+/* The path of a view's file from the scene's folder; the view's name may lack the ending, and be a
+ * path of another machine. */
+static cln_status name_of(const cln_scene *scene, const cln_view *view, char **name)
 {
+    const size_t folder = strlen(scene->folder);
     const char *last = strrchr(view->name, '/'), *file = strrchr(view->path, '/');
     size_t bytes = 0;
 
+    if (view->leads_out && strncmp(view->path, scene->folder, folder) == 0 &&
+        view->path[folder] == '/')
+        return cln_strdup(name, view->path + folder + 1);
     last = last ? last + 1 : view->name;
     file = file ? file + 1 : view->path;
     bytes = strlen(last);
@@ -80,7 +85,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
 
         free(name);
         name = NULL;
-        CLN_TRY(name_of(view, &name));
+        CLN_TRY(name_of(scene, view, &name));
         json_array_append_new(frames, frame_of(view, name));
         json_array_append_new(lists[view->split], json_string(name));
     }
@@ -217,7 +222,7 @@ static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
 
         free(name);
         name = NULL;
-        CLN_TRY(name_of(view, &name));
+        CLN_TRY(name_of(scene, view, &name));
         if (i == 0 || !same_camera(view, &scene->views[i - 1]))
             CLN_TRY(put_camera(to[CAMERAS], ++cameras, view));
         pose_of(view->camera.c2w, q, t);

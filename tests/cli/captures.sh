@@ -75,7 +75,17 @@ section_missing() {
     cp -r "$work/photos" "$work/renamed"
     (cd "$work/renamed" && for f in t*/*.png; do mv "$f" "${f%png}PNG"; done)
     sed -i 's|"file_path": "./|"file_path": "C:/Users/me/|' "$work/renamed"/transforms_*.json
-    expect "all images under other names: which" 3 "/r_000.PNG ~is.there" \
+    expect "all images by paths of another machine, in another case" 0 \
+        "~27.of.its.images.are.not.where r_000.PNG C:/Users/me/" "$cln" info "$work/renamed"
+    expect "train on them" 0 "~27.of.its.images" \
+        "$cln" train "$work/renamed" -o "$work/renamed run" "${small[@]}" --steps 2
+    expect "their cameras, exported" 0 "" \
+        "$cln" export "$work/renamed run" --cameras "$work/renamed.json"
+    check "by the names that they have here" grep -q '"train/r_000.PNG"' "$work/renamed.json"
+    mkdir "$work/renamed/other"
+    mv "$work"/renamed/t*/ "$work/renamed/other/"
+    cp -r "$work/renamed/other" "$work/renamed/copy"
+    expect "none is clear: which files are there" 3 "~files.there.are.called.so /train/r_000.PNG" \
         "$cln" info "$work/renamed"
     check "leaving all out is not proposed" eval '! said "--missing skip"'
 }
