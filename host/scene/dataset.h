@@ -6,7 +6,10 @@
 
 #include "scene/reader.h"
 
-enum { CLN_MAX_VIEWS = 100000 };
+enum { CLN_MAX_VIEWS = 100000, CLN_IMAGE_FOLDERS = 4 };
+
+/* "images" and those of smaller copies, the largest first. */
+extern const char *const cln_image_folders[CLN_IMAGE_FOLDERS];
 
 bool cln_dataset_has(const char *folder, const char *file);
 bool cln_dataset_has_folder(const char *folder, const char *name);
@@ -26,7 +29,8 @@ typedef struct cln_names {
     char **name; /* [count] */
 } cln_names;
 cln_status cln_dataset_images(const char *folder, cln_names *out);
-/* The same in no order; shallow: not of the folders in it. */
+cln_status cln_dataset_folders(const char *folder, cln_names *out); /* of the folders in it */
+/* The images in no order; shallow: not of the folders in it. */
 cln_status cln_dataset_images_of(const char *folder, bool shallow, cln_names *out);
 bool cln_dataset_is_image(const char *name); /* by the ending of PNG and JPEG files */
 void cln_dataset_free_names(cln_names *names);
@@ -39,14 +43,6 @@ cln_status cln_dataset_views(const char *where, const char *folder, const cln_na
  * else the first of images_2, images_4 and images_8, which have smaller copies. *out is NULL if
  * there is none of them; the caller frees it. */
 cln_status cln_dataset_image_folder(const char *base, char **out);
-
-/* Fills the paths of the views, whose names are known, from the first folder that has any of them.
- * It tries for each of `bases`, nearest first: images, images_2, images_4, images_8, the base
- * itself, any other folder in it; then the same for names in another case, then the ends of names
- * in the scene (moved.h); CLN_INPUT if no folder has one. Warns if images of the folder are
- * no views. *folder: that folder; the caller frees it. */
-cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
-                                   int base_count, cln_reader_result *result, char **folder);
 
 /* points_ply.c: reads the points of a PLY file into result->points. CLN_INPUT, CLN_MEMORY. */
 cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result);

@@ -11,6 +11,7 @@
 #include "base/memory.h"
 #include "scene/colmap.h"
 #include "scene/dataset.h"
+#include "scene/placing.h"
 
 /* Where a model lies in a scene, in this order, and how far below the scene. */
 static const struct {

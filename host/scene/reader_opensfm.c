@@ -17,6 +17,7 @@
 #include "io/cursor.h"
 #include "io/json.h"
 #include "scene/dataset.h"
+#include "scene/placing.h"
 #include "scene/transforms.h"
 
 static const size_t MAX_BYTES = (size_t)1 << 34; /* of tracks.csv */
