@@ -198,9 +198,13 @@ done:
     return st;
 }
 
+/* A whole level of voxels grows in a tree that adapts while it takes at most a WHOLE_PART of
+ * --max-leaves: single leaves are chosen for the rest. */
+enum { WHOLE_PART = 4 };
+
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
- * must have been culled, as growth splits every leaf, and the finer voxels must not be finer than
- * the photos can tell (--cell-pixels). */
+ * must have been culled, as growth splits every leaf, the finer voxels must not be finer than the
+ * photos can tell (--cell-pixels), and in a tree that adapts they must be few. */
 static cln_status ready_to_grow(cln_trainer *t, bool *grows)
 {
     cln_status st = CLN_OK;
@@ -213,6 +217,9 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     if (*grows || t->finest)
         return CLN_OK;
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
+    if (c->adaptive &&
+        (t->model.decisions > 0 || 8 * t->pipeline.leaves > c->max_leaves / WHOLE_PART))
+        *grows = false;
     if (!*grows || c->cell_pixels <= 0)
         return CLN_OK;
     CLN_TRY(cln_scene_pixel_width(t->scene, &t->model.space, &pixel));

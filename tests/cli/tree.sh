@@ -102,7 +102,7 @@ section_voxels() {
     "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
     expect "train --preset voxel" 0 "~stays.at.level.3:.*pixels.of.the.photos" \
         "$cln" train "$work/object" -o "$work/voxels" --preset voxel --skip-selftest \
-        --progress none --rays 1024 --leaf-samples 0 --steps 500 \
+        --progress none --rays 1024 --leaf-samples 0 --steps 500 --no-adaptive \
         --level-at 3:0.1,4:0.3,5:0.6,6:0.8
     expect "resume" 0 "" "$cln" train --resume "$work/voxels" --skip-selftest --progress none \
         --steps +40
