@@ -13,7 +13,7 @@
  *
  *   voxel_density   as mlp_density.cl        voxel_forward   as mlp_forward.cl
  *   voxel_backward  gradients of slices, from roulette.cl's of the heads, and of the smoothness
- *   voxel_update    Adam's steps             voxel_join      after a change of the tree
+ *   voxel_update    Adam's steps             voxel_split, voxel_join   after a change of the tree
  *
  *   CELLS FEATURES  cells an axis; numbers of a vertex, padded: 4 | 16 | 32 for degrees 0 | 1 | 2
  *   PARAMS          of a leaf: [CELLS + 1]^3 vertices (z, y, x) of FEATURES, padded
@@ -558,10 +558,49 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
     }
 }
 
+/* Gives leaves that a split made their numbers: those of the old leaf at the vertices, where half of
+ * them are, and means between these (exactly the old field). places [leaf]: kernels/carry.cl. */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+voxel_split(LEAF_ARRAY(const float, from), /* [old leaf][PARAMS] */
+            LEAF_ARRAY(float, params),     /* [leaf][PARAMS] */
+            const __global int2 *restrict places)
+{
+    const uint leaf = get_group_id(0);
+    const int2 place = places[leaf];
+
+    if (place.y < 0)
+        return;
+    const __global float *old = LEAF_ROW(from, place.x, PARAMS);
+    __global float *new = LEAF_ROW(params, leaf, PARAMS);
+    const int x0 = place.y & 1 ? CELLS : 0, y0 = place.y & 2 ? CELLS : 0,
+              z0 = place.y & 4 ? CELLS : 0;
+
+    for (int v = (int)get_local_id(0); v < VERTICES; v += LS) {
+        const int x = x0 + v % SIDE, y = y0 + v / SIDE % SIDE, z = z0 + v / (SIDE * SIDE);
+
+        for (int f = 0; f < FEATURES; f += VW) {
+            vf sum = (vf)(0.0f);
+
+            UNROLL (c, 8)
+                sum += VLOAD(old + (z + (c >> 2)) / 2 * STEP_Z + (y + (c >> 1 & 1)) / 2 * STEP_Y +
+                             (x + (c & 1)) / 2 * FEATURES + f);
+            VSTORE_IN(__global, 0.125f * sum, new + v * FEATURES + f);
+        }
+    }
+}
+
 #define FRESH (-10) /* CLN_FRESH */
 
-/* Gives leaves that a change of the tree made anew the numbers that leaves around them have at
- * common vertices. places [leaf]: kernels/carry.cl. */
+/* Whose numbers hold at a common vertex after a change of the tree: 0: a leaf that stayed; 1: one
+ * that was split or merged; 2: one that begins anew. */
+HELPER int join_rank(int octant)
+{
+    return octant == -1 ? 0 : octant == FRESH ? 2 : 1;
+}
+
+/* After a change of the tree, gives leaves of one size the same numbers at common vertices: those
+ * of the leaf of lowest rank, the first of these in the order of `around`. That leaf keeps its own,
+ * so none reads what another writes. places [leaf]: kernels/carry.cl. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_join(const __global int *restrict around,  /* [leaf][27] */
            const __global int2 *restrict places, /* [leaf] */
@@ -570,25 +609,28 @@ voxel_join(const __global int *restrict around,  /* [leaf][27] */
     const uint leaf = get_group_id(0);
     const __global int *near = around + leaf * 27u;
 
-    if (places[leaf].y != FRESH)
+    if (join_rank(places[leaf].y) == 0)
         return;
     for (int v = (int)get_local_id(0); v < VERTICES; v += LS) {
         const int3 face = (int3)(face_of(v % SIDE), face_of(v / SIDE % SIDE),
                                  face_of(v / (SIDE * SIDE)));
-        bool found = false;
+        int best = -1, rank = 3, there = v;
 
-        for (int z = min(face.z, 0); !found && z <= max(face.z, 0); z++)
-            for (int y = min(face.y, 0); !found && y <= max(face.y, 0); y++)
-                for (int x = min(face.x, 0); !found && x <= max(face.x, 0); x++) {
+        for (int z = min(face.z, 0); z <= max(face.z, 0); z++)
+            for (int y = min(face.y, 0); y <= max(face.y, 0); y++)
+                for (int x = min(face.x, 0); x <= max(face.x, 0); x++) {
                     const int other = near[13 + (z * 3 + y) * 3 + x];
-                    const int there = v - ((z * SIDE + y) * SIDE + x) * CELLS;
 
-                    if (other < 0 || places[other].y == FRESH)
-                        continue;
-                    for (int f = 0; f < FEATURES; f++)
-                        LEAF_ROW(params, leaf, PARAMS)[v * FEATURES + f] =
-                            LEAF_ROW(params, other, PARAMS)[there * FEATURES + f];
-                    found = true;
+                    if (other >= 0 && join_rank(places[other].y) < rank) {
+                        best = other;
+                        rank = join_rank(places[other].y);
+                        there = v - ((z * SIDE + y) * SIDE + x) * CELLS;
+                    }
                 }
+        if (best < 0 || best == (int)leaf)
+            continue;
+        for (int f = 0; f < FEATURES; f++)
+            LEAF_ROW(params, leaf, PARAMS)[v * FEATURES + f] =
+                LEAF_ROW(params, best, PARAMS)[there * FEATURES + f];
     }
 }

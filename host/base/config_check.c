@@ -206,6 +206,11 @@ int cln_config_most_leaves(const cln_config *config)
     return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
 }
 
+bool cln_config_merges(const cln_config *config)
+{
+    return config->adaptive && !config->tree_from[0] && config->encoding != CLN_ENCODING_VOXEL;
+}
+
 /* Checks the adaptive rows among themselves and against growth by level. They have no effect with
  * --tree-from, which keeps its tree. */
 static cln_status check_adaptive(const cln_config *config, const double fraction[CLN_LEVELS])
@@ -258,9 +263,6 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
     CLN_TRY(cln_config_background(config, rgb));
     CLN_TRY(check_bbox(config->bbox));
-    if (config->encoding == CLN_ENCODING_VOXEL && config->adaptive)
-        return cln_fail(CLN_USAGE, "--adaptive and --encoding voxel: voxels grow by whole levels; "
-                                   "give --preset voxel, which does not adapt, or --no-adaptive");
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--space shell and --stage1 splat: splatting needs straight rays, and in "

@@ -124,8 +124,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
          "growth: LEVEL:FRACTION of the budget, comma separated")                               \
     REAL(cell_pixels, "cell-pixels", 0, 0, 0, 1000,                                             \
-         "voxel: no growth to cells below so many pixels of the photos, in the cube's middle "  \
-         "(0: any)",                                                                            \
+         "voxel: no cells below so many pixels of the photos that see them, or, where a whole " \
+         "level grows, in the cube's middle (0: any)",                                          \
          .flags = CLN_ROW_LATER)                                                                \
     ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                      \
          "cull empty leaves with the two guards, or by the mean density alone")                 \

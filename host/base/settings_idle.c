@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 41 };
+enum { IDLE_ROWS = 42 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -34,6 +34,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {ADAPTIVE, !c->adaptive, "the tree does not adapt; give --adaptive"},
         {ADAPTIVE, facts->frozen,
          "the resumed run's tree is past --structure-until; give a later one, or more --steps"},
+        {"merge-factor distil-steps distil-samples distil-lr distil-stop",
+         c->encoding == CLN_ENCODING_VOXEL, "voxels do not merge; leave it out"},
         {"regrow", c->regrow > 0 && facts->forward,
          "nothing grows back in normalised device coordinates; give --space cube"},
         {"skip", c->skip && c->depth < 6,
@@ -45,8 +47,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
         {"harmonics-lr", c->harmonics == 0, "there are no harmonics; give --harmonics 1"},
-        {"cell-pixels", facts->forward,
-         "pixels have no width in normalised device coordinates; give --space cube"},
+        {"cell-pixels", facts->forward && !c->adaptive,
+         "whole levels of normalised device coordinates have no width; give --adaptive"},
         {"decoder-lr", c->decoder_width == 0, "there is no decoder; give --decoder-width 32"},
         {"harmonics harmonics-lr decoder-width decoder-lr", !c->view_dependence,
          "without view dependence there are no harmonics; give --view-dependence"},

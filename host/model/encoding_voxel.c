@@ -28,9 +28,11 @@ static int vertex_in(int cells, const int at[3], int i)
     return there;
 }
 
-static bool is_fresh(const cln_octree_change *change, int slot)
+/* Whose numbers hold at a common vertex: those of a leaf that stayed (0), of one that a split made
+ * (1), of one that begins anew (2). */
+static int rank_of(const cln_octree_change *change, int slot)
 {
-    return change->octant[slot] == CLN_FRESH;
+    return change->octant[slot] == CLN_COPIED ? 0 : change->octant[slot] == CLN_FRESH ? 2 : 1;
 }
 
 cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
@@ -43,18 +45,22 @@ cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
 
     CLN_TRY(cln_octree_around(tree, &around));
     for (int slot = 0; slot < change->count; slot++)
-        for (int v = 0; is_fresh(change, slot) && v < side * side * side; v++) {
+        for (int v = 0; rank_of(change, slot) > 0 && v < side * side * side; v++) {
             const int at[3] = {v % side, v / side % side, v / side / side};
+            int best = -1, vertex = v;
 
             for (int i = 0; i < AROUND; i++) {
                 const int other = around[slot][i], there = vertex_in(net->cells, at, i);
 
-                if (other < 0 || there < 0 || is_fresh(change, other))
+                if (other < 0 || there < 0 ||
+                    (best >= 0 && rank_of(change, other) >= rank_of(change, best)))
                     continue;
-                memcpy(params + (size_t)slot * (size_t)net->params + v * net->features,
-                       params + (size_t)other * (size_t)net->params + there * net->features, bytes);
-                break;
+                best = other;
+                vertex = there;
             }
+            if (best != slot)
+                memcpy(params + (size_t)slot * (size_t)net->params + v * net->features,
+                       params + (size_t)best * (size_t)net->params + vertex * net->features, bytes);
         }
 done:
     free(around);

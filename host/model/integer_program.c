@@ -106,6 +106,8 @@ static cln_status set_costs(const cln_integer_program_desc *desc, group *g)
         density = fmax(density, m->density);
     }
     g->merge = desc->merge_factor * errors * density;
+    if (desc->no_merges)
+        g->may_merge = false;
     CLN_TRY(check_number(g->slot[0], "the cost of its group's merge", g->merge));
 done:
     return st;

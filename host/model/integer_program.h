@@ -5,7 +5,7 @@
  *
  *   min  sum_b keep_b n_b + split_b s_b + merge_b g_b                     n_b, s_b, g_b binary
  *   s.t. n_b + s_b + g_b = 1                                              every leaf b
- *        g_b = g_q for siblings b, q; g_b = 0 unless no sibling of b is an INNER node
+ *        g_b = g_q for siblings b, q; g_b = 0 with no_merges, or if a sibling of b is an INNER node
  *        sum_b n_b + 8 s_b + g_b / m_b <= max_leaves                   m_b: ACTIVE siblings and b
  *
  *   keep_b  = e_b d_b
@@ -30,6 +30,7 @@ typedef struct cln_integer_program_desc {
     const cln_leaf_measure *measures; /* [slot] */
     int max_leaves, max_level;
     double split_factor, merge_factor;
+    bool no_merges; /* voxels: eight grids do not fit into one */
 } cln_integer_program_desc;
 
 typedef struct cln_integer_program_result {

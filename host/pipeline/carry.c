@@ -145,12 +145,29 @@ done:
     return st;
 }
 
+/* Voxels split on the device; they never merge, and those that begin anew are zeros. */
+static cln_status split_voxels(const carry *c)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    const cln_buffer from = in_parts(&p->params);
+
+    CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_split, CLN_STAGE_STRUCTURE, (size_t)c->change->count,
+                       (size_t)p->tune.ls, CLN_LEAF_ARG_OF(p, &from), CLN_LEAF_ARG(p, successor),
+                       CLN_ARG(p->places.mem)));
+done:
+    return st;
+}
+
 static cln_status carry_weights(const carry *c)
 {
     cln_status st = CLN_OK;
 
     CLN_TRY(gather_rows(c, CLN_BUFFER_params));
-    CLN_TRY(fold(c, &c->p->params, &c->p->successor));
+    if (c->p->net.encoding == CLN_ENCODING_VOXEL)
+        CLN_TRY(split_voxels(c));
+    else
+        CLN_TRY(fold(c, &c->p->params, &c->p->successor));
     cln_pipeline_replace(c->p, CLN_BUFFER_params);
 done:
     return st;

@@ -72,6 +72,7 @@
     X(voxel_forward_train, voxel_forward, voxel_train, ALWAYS)      \
     X(voxel_backward, voxel_backward, voxel_train, ALWAYS)          \
     X(voxel_update, voxel_update, voxel_train, ALWAYS)              \
+    X(voxel_split, voxel_split, voxel_train, ALWAYS)                \
     X(voxel_join, voxel_join, voxel_train, ALWAYS)                  \
     X(decoder_backward, decoder_backward, decoder, ALWAYS)          \
     X(decoder_update, decoder_update, decoder, ALWAYS)              \

@@ -22,21 +22,23 @@ static void row(cln_plan *plan, const char *purpose, const char *way_out)
     plan->rows[plan->count++].way_out = way_out;
 }
 
-/* Returns what to lower. Voxels have no layers and grow by --level-at alone. */
+/* Returns what to lower. Voxels have no layers; they grow by --level-at, and may adapt. */
 static const char *lower(const cln_plan_desc *d, const char *way_out)
 {
-    static const char *const voxels[][2] = {
-        {CLN_LOWER_LEAVES, "--level-at, --start-level, --grid-cells or --harmonics"},
-        {CLN_LOWER_BATCH, "--batch-samples"},
-        {CLN_LOWER_CELLS, "--n1, --level-at or --start-level"},
-        {CLN_LOWER_TREE, "--level-at or --start-level"},
+    static const char *const voxels[][3] = {
+        {CLN_LOWER_LEAVES, "--level-at, --start-level, --grid-cells or --harmonics",
+         "--max-leaves, --level-at, --grid-cells or --harmonics"},
+        {CLN_LOWER_BATCH, "--batch-samples", "--batch-samples"},
+        {CLN_LOWER_CELLS, "--n1, --level-at or --start-level", "--n1, --max-leaves or --level-at"},
+        {CLN_LOWER_TREE, "--level-at or --start-level", "--max-leaves or --level-at"},
     };
+    const cln_config *config = &d->pipeline->config;
 
-    if (!way_out || d->pipeline->config.encoding != CLN_ENCODING_VOXEL)
+    if (!way_out || config->encoding != CLN_ENCODING_VOXEL)
         return way_out;
     for (size_t i = 0; i < sizeof voxels / sizeof *voxels; i++)
         if (strcmp(way_out, voxels[i][0]) == 0)
-            return voxels[i][1];
+            return voxels[i][config->adaptive ? 2 : 1];
     return way_out;
 }
 
@@ -279,7 +281,7 @@ static sizes find_sizes(const cln_plan_desc *d)
                .pixels = view_pixels(d->scene),
                .runs = ceil(d->leaves * cells / CLN_SPLAT_RUN),
                .widest = 1 << p->tune.db,
-               .distil = d->training && c->adaptive && !c->tree_from[0]};
+               .distil = d->training && cln_config_merges(c)};
 
     s.samples = fit_samples(d, &s, largest);
     s.rays = fit_rays(d, largest);

@@ -40,3 +40,68 @@ done:
     free(each);
     return st;
 }
+
+/* ---- of a cell ---- */
+
+/* A camera's view of a point. */
+typedef struct sight {
+    double toward[3]; /* from the camera to the point, unit */
+    double pixels;    /* an angle of 1 has so many, at the point */
+} sight;
+
+/* Whether the camera sees the point (of a lens, as its pinhole does). */
+static bool sees(const cln_camera *c, const double point[3], sight *out)
+{
+    double rel[3], local[3] = {0, 0, 0}, far = 0;
+
+    for (int a = 0; a < 3; a++) {
+        rel[a] = point[a] - c->c2w[4 * a + 3];
+        far += rel[a] * rel[a];
+        for (int k = 0; k < 3; k++)
+            local[k] += c->c2w[4 * a + k] * rel[a];
+    }
+    if (!(local[2] > 0) || !(c->fx > 0) ||
+        fabs(c->fx * local[0] / local[2] + c->cx - 0.5 * c->width) > 0.5 * c->width ||
+        fabs(c->fy * local[1] / local[2] + c->cy - 0.5 * c->height) > 0.5 * c->height)
+        return false;
+    for (int a = 0; a < 3; a++)
+        out->toward[a] = rel[a] / sqrt(far);
+    out->pixels = c->fx / sqrt(far);
+    return true;
+}
+
+double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space,
+                             const double centre[3], double cell, double *each)
+{
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    double point[3], edge[3][3];
+    int count = 0;
+
+    cln_space_point_to_scene(space, centre, point);
+    for (int a = 0; a < 3; a++) {
+        double end[3] = {centre[0], centre[1], centre[2]};
+
+        end[a] += cell;
+        cln_space_point_to_scene(space, end, edge[a]);
+    }
+    for (int i = 0; i < views; i++) {
+        const int view = cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i);
+        double widest = 0;
+        sight s;
+
+        if (!sees(&scene->views[view].camera, point, &s))
+            continue;
+        for (int a = 0; a < 3; a++) {
+            double square = 0, along = 0;
+
+            for (int k = 0; k < 3; k++) {
+                square += pow(edge[a][k] - point[k], 2);
+                along += (edge[a][k] - point[k]) * s.toward[k];
+            }
+            widest = fmax(widest, square - along * along);
+        }
+        each[count++] = sqrt(widest) * s.pixels;
+    }
+    qsort(each, (size_t)count, sizeof *each, by_value);
+    return count > 0 ? each[count / 2] : 0;
+}

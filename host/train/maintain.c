@@ -198,9 +198,13 @@ done:
     return st;
 }
 
+/* A whole level of voxels grows in a tree that adapts while it takes at most a WHOLE_PART of
+ * --max-leaves: single leaves are chosen for the rest. */
+enum { WHOLE_PART = 4 };
+
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
- * must have been culled, as growth splits every leaf, and the finer voxels must not be finer than
- * the photos can tell (--cell-pixels). */
+ * must have been culled, as growth splits every leaf, the finer voxels must not be finer than the
+ * photos can tell (--cell-pixels), and in a tree that adapts they must be few. */
 static cln_status ready_to_grow(cln_trainer *t, bool *grows)
 {
     cln_status st = CLN_OK;
@@ -213,6 +217,9 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     if (*grows || t->finest)
         return CLN_OK;
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
+    if (c->adaptive &&
+        (t->model.decisions > 0 || 8 * t->pipeline.leaves > c->max_leaves / WHOLE_PART))
+        *grows = false;
     if (!*grows || c->cell_pixels <= 0)
         return CLN_OK;
     CLN_TRY(cln_scene_pixel_width(t->scene, &t->model.space, &pixel));
@@ -536,6 +543,35 @@ static int leaf_budget(cln_trainer *t)
     return n;
 }
 
+/* Marks leaves whose voxels must not become finer, [slot]: half of one would be below --cell-pixels
+ * pixels of the photos that see it. None without voxels. */
+static cln_status fine_leaves(cln_trainer *t, uint8_t **out)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    const cln_octree *tree = &t->model.tree;
+    double *each = NULL;
+
+    CLN_TRY(cln_alloc(out, (size_t)tree->leaf_count, 1, "leaf marks"));
+    if (c->encoding != CLN_ENCODING_VOXEL || c->cell_pixels <= 0)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&each, (size_t)cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN),
+                      sizeof *each, "views"));
+    for (int s = 0; s < tree->leaf_count; s++) {
+        float box[4];
+        double centre[3];
+
+        cln_octree_box(tree, tree->leaf[s], box);
+        for (int a = 0; a < 3; a++)
+            centre[a] = box[a] + 0.5 * box[3];
+        (*out)[s] = cln_scene_cell_pixels(t->scene, &t->model.space, centre,
+                                          0.5 * box[3] / c->grid_cells, each) < c->cell_pixels;
+    }
+done:
+    free(each);
+    return st;
+}
+
 /* Measures every leaf: error per ray, density, whether it may split. Errors also go into the
  * model. */
 static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
@@ -546,6 +582,7 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
     const size_t leaves = (size_t)p->leaves;
     float *mean = NULL, *peak = NULL, (*sums)[CLN_MEASURES][2] = NULL;
     int32_t *met = NULL;
+    uint8_t *fine = NULL;
 
     CLN_TRY(cln_alloc(out, leaves, sizeof **out, "measures of leaves"));
     CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "measures of leaves"));
@@ -554,23 +591,27 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
     CLN_TRY(cln_share_sums(p));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, leaves * sizeof *sums));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
+    CLN_TRY(fine_leaves(t, &fine));
     for (size_t i = 0; i < leaves; i++) {
         m->error[i] = sums[i][0][0] / (float)m->sum_rays;
         (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
                                        .density = pow(fmax(mean[i], 0), m->config.cost_density),
                                        .saved = m->saved[i],
-                                       .may_split = met[i] >= m->config.split_samples};
+                                       .may_split =
+                                           met[i] >= m->config.split_samples && !fine[i]};
     }
 done:
     free(mean);
     free(peak);
     free(sums);
     free(met);
+    free(fine);
     return st;
 }
 
 static void say(const cln_trainer *t, const cln_decision *d)
 {
+    const bool voxels = t->model.config.encoding == CLN_ENCODING_VOXEL;
     char psnr[96] = "";
 
     if (d->splits + d->merges > 0)
@@ -581,8 +622,8 @@ static void say(const cln_trainer *t, const cln_decision *d)
               (long long)t->model.step, d->leaves_before, d->leaves, d->splits, d->merges, d->keeps,
               d->objective_before, d->objective, psnr, d->work_seconds);
     if (d->infeasible)
-        cln_warn("no choice of splits and merges meets --max-leaves %d; only merges were made",
-                 d->budget);
+        cln_warn("no choice of splits and merges meets --max-leaves %d; %s", d->budget,
+                 voxels ? "none was split, and voxels do not merge" : "only merges were made");
 }
 
 static cln_status decide(cln_trainer *t)
@@ -600,7 +641,8 @@ static cln_status decide(cln_trainer *t)
                                      .max_leaves = leaf_budget(t),
                                      .max_level = m->config.max_level + m->space.shell,
                                      .split_factor = m->config.split_factor,
-                                     .merge_factor = m->config.merge_factor};
+                                     .merge_factor = m->config.merge_factor,
+                                     .no_merges = !cln_config_merges(&m->config)};
 
     CLN_TRY(measure(t, &measures));
     desc.measures = measures;

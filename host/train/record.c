@@ -73,6 +73,8 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
         ROW(skips, "%g%% of the training pixels (their rays meet no leaf)",
             .first = tenths(100 * uncovered)),
         ROW(!c->adaptive, "the structure optimisation (whole levels only)"),
+        ROW(c->adaptive && !cln_config_merges(c) && !c->tree_from[0],
+            "merges and their distillation (voxels only split)"),
         ROW(c->adaptive && c->tree_from[0],
             "the structure optimisation (the tree is that of --tree-from)"),
         ROW(empty > 0, "%g%% of the cube (empty leaves)", .first = tenths(100 * empty)),

@@ -225,6 +225,8 @@ static void test_idle(void **state)
          "occlusion-from=0.5"},
         {"cull-max=1 cull=mean", "--cull-max", "--cull guarded", "cull-max=1"},
         {"merge-factor=1 adaptive=no", "--merge-factor", "--adaptive", "merge-factor=1"},
+        {"merge-factor=1 encoding=voxel adaptive=yes", "--merge-factor", "do not merge",
+         "merge-factor=1"},
         {"max-leaves=9 tree-from=x", "--max-leaves", "--tree-from", "max-leaves=9"},
         {"depth-loss=0.1 stage1=splat", "--depth-loss", "--stage1 gather", "depth-loss=0.1"},
         {"depth-until=0.2 depth-loss=0", "--depth-until", "--depth-loss",

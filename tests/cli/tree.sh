@@ -102,7 +102,7 @@ section_voxels() {
     "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
     expect "train --preset voxel" 0 "~stays.at.level.3:.*pixels.of.the.photos" \
         "$cln" train "$work/object" -o "$work/voxels" --preset voxel --skip-selftest \
-        --progress none --rays 1024 --leaf-samples 0 --steps 500 \
+        --progress none --rays 1024 --leaf-samples 0 --steps 500 --no-adaptive \
         --level-at 3:0.1,4:0.3,5:0.6,6:0.8
     expect "resume" 0 "" "$cln" train --resume "$work/voxels" --skip-selftest --progress none \
         --steps +40
@@ -139,8 +139,16 @@ section_voxels() {
         "$(awk -v a="$(json mean.psnr)" -v b="$psnr" 'BEGIN { print a > b ? a - b : b - a }')"
     expect "--decoder-width that is none" 2 "~decoder-width.20:.*16,.32" \
         "$cln" train "$work/object" -o "$work/no" --preset voxel --decoder-width 20
-    expect "--adaptive" 2 "~--preset.voxel.*or.--no-adaptive" \
-        "$cln" train "$work/object" -o "$work/no" --preset voxel --adaptive
+    expect "train with voxels that adapt" 0 "" \
+        "$cln" train "$work/object" -o "$work/adapts" --preset voxel --adaptive --progress none \
+        --skip-selftest --rays 512 --leaf-samples 0 --steps 240 --level-at "" --start-level 2 \
+        --cell-pixels 0.2 --structure-from 0.4 --structure-every 0.2 --structure-until 0.9 \
+        --split-samples 0 --max-leaves 150
+    expect "info" 0 "" "$cln" info "$work/adapts"
+    check "there are leaves of two levels" grep -Eq "leaves_by_level *0, 0, [1-9][0-9]*, [1-9]" \
+        "$work/out"
+    expect "eval" 0 "" "$cln" eval "$work/adapts" --json --no-save-images
+    check "voxels of two sizes show the object" number_above "$(json mean.psnr)" 20
 }
 
 run_sections "culling resume seams voxels" "$@"

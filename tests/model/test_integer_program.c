@@ -127,6 +127,7 @@ static void measure_random(problem *p, int max_leaves)
     p->desc.merge_factor = 0.9 + uniform(p);
     if (uniform(p) < 0.3)
         p->desc.max_level = cln_octree_depth(&p->tree);
+    p->desc.no_merges = uniform(p) < 0.2;
 }
 
 /* ---- the header's definitions, leaf by leaf ---- */
@@ -157,7 +158,7 @@ static bool can_merge(const problem *p, int slot)
     bool any_inner = false;
 
     siblings(p, slot, group, &any_inner);
-    return !any_inner && p->tree.leaf[slot] != 0;
+    return !p->desc.no_merges && !any_inner && p->tree.leaf[slot] != 0;
 }
 
 static bool can_split(const problem *p, int slot)

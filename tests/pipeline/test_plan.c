@@ -98,14 +98,16 @@ static void test_adds_up(void **state)
 /* Lowering what is proposed has an effect. */
 static void test_ways_out(void **state)
 {
-    const cln_config fast = preset("fast"), voxel = preset("voxel");
-    const cln_config *const configs[] = {&fast, &voxel};
+    cln_config fast = preset("fast"), whole = preset("voxel"), adaptive = preset("voxel");
+    const cln_config *const configs[] = {&fast, &whole, &adaptive};
     fake f;
     cln_plan device, host;
 
     (void)state;
-    for (int i = 0; i < 2; i++) {
-        bool layers = false;
+    whole.adaptive = false;
+    adaptive.adaptive = true;
+    for (int i = 0; i < 3; i++) {
+        bool layers = false, budget = false;
 
         make_fake(&f, configs[i], 4096 * MIB, "gpu");
         cln_plan_device(&f.desc, &device);
@@ -114,9 +116,11 @@ static void test_ways_out(void **state)
             const char *way =
                 k < device.count ? device.rows[k].way_out : host.rows[k - device.count].way_out;
 
-            layers |= way && (strstr(way, "--width") || strstr(way, "--max-leaves"));
+            layers |= way && (strstr(way, "--width") || strstr(way, "--view-width"));
+            budget |= way && strstr(way, "--max-leaves");
         }
-        assert_true(layers == (configs[i] == &fast)); /* voxels have none, nor do they adapt */
+        assert_true(layers == (configs[i] == &fast)); /* voxels have none */
+        assert_true(budget == (configs[i] != &whole));
     }
 }
 

@@ -422,6 +422,75 @@ static void test_regrown(void **state)
     cln_model_free(&model);
 }
 
+/* Some leaves split, next to smaller ones that stay: the device has the host's numbers, leaves that
+ * stay have theirs, and all copies of a vertex are equal. At the other vertices a split is exact. */
+static void check_split(const voxel_case *c)
+{
+    const cln_config config = config_of(c);
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    cln_octree_change change = {0}, same = {0};
+    cln_model model = {0}, host = {0};
+    uint8_t split[2 * MOST] = {0};
+    float *got = NULL, child[VERTICES * 32];
+    int row = 0, features = 0, copies = 0, joined = 0, exact = 0;
+
+    make_model(&config, &model);
+    make_model(&config, &host);
+    row = model.net.params;
+    features = model.net.features;
+    for (int s = 0; s < model.tree.leaf_count; s += 2)
+        split[s] = model.tree.level[model.tree.leaf[s]] == 2;
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_octree_split(&model.tree, split, &change));
+    assert_ok(cln_octree_split(&host.tree, split, &same));
+    assert_ok(cln_pipeline_carry(p, &model.tree, &change));
+    got = test_alloc((size_t)(model.tree.leaf_count * row), sizeof *got);
+    assert_ok(CLN_GET(p, params, got, (size_t)model.tree.leaf_count));
+    for (int s = 0; s < model.tree.leaf_count; s++) {
+        const float *from = model.params + change.from[s] * row;
+
+        if (change.octant[s] >= 0)
+            cln_network_fold(&model.net, from, change.octant[s], child);
+        for (int v = 0; v < VERTICES; v++) {
+            const float *mine = got + s * row + v * features;
+            const float *want = (change.octant[s] < 0 ? from : child) + v * features;
+            bool stays = false;
+
+            for (int other = 0; other < model.tree.leaf_count; other++)
+                for (int w = 0; w < VERTICES; w++)
+                    if (key_of(&model.tree, other, w) == key_of(&model.tree, s, v)) {
+                        assert_memory_equal(mine, got + other * row + w * features,
+                                            (size_t)features * sizeof *mine);
+                        stays = stays || change.octant[other] < 0;
+                        copies += other != s;
+                    }
+            if (change.octant[s] < 0)
+                assert_memory_equal(mine, want, (size_t)features * sizeof *mine);
+            for (int f = 0; f < features && !stays; f++)
+                assert_float_equal(mine[f], want[f], 1e-6);
+            joined += stays && change.octant[s] >= 0;
+            exact += !stays;
+        }
+    }
+    assert_true(copies > 1000 && joined > 10 && exact > 1000);
+    assert_ok(cln_model_apply(&host, &same));
+    for (int i = 0; i < model.tree.leaf_count * row; i++)
+        assert_float_equal(got[i], host.params[i], 1e-6);
+    free(got);
+    cln_octree_change_free(&change);
+    cln_octree_change_free(&same);
+    cln_model_free(&model);
+    cln_model_free(&host);
+}
+
+static void test_split(void **state)
+{
+    (void)state;
+    check_split(&cases[0]);
+    check_split(&cases[4]); /* wide vectors */
+    check_split(&cases[6]); /* several work-items a leaf */
+}
+
 /* The neighbours are those that a separate search finds, and no others. */
 static void test_around(void **state)
 {
@@ -460,6 +529,7 @@ int test_group_voxel(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_update),
         cmocka_unit_test(test_regrown),
+        cmocka_unit_test(test_split),
         cmocka_unit_test(test_around),
     };
 

@@ -353,6 +353,42 @@ static void test_pixel_width(void **state)
     assert_true(width == 0);
 }
 
+/* Of four photos for training one looks away and one past the point: the larger of the other two
+ * counts. A cell's edge along the line of sight has no width; far out in a shell a cell is wider. */
+static void test_cell_pixels(void **state)
+{
+    cln_view views[4] = {{0}};
+    const cln_scene scene = {.views = views, .view_count = 4};
+    const cln_space cube = {.centre = {1, 2, 3}, .half = 2};
+    const cln_space shell = {.centre = {1, 2, 3}, .half = 2, .shell = true};
+    const double middle[3] = {0, 0, 0}, out[3] = {0, 0, 0.9}, distance[4] = {10, 5, 5, 5};
+    double each[4];
+
+    (void)state;
+    for (int v = 0; v < 4; v++) {
+        cln_camera *c = &views[v].camera;
+
+        views[v].split = CLN_SPLIT_TRAIN;
+        c->fx = c->fy = 100;
+        c->width = c->height = 80;
+        c->cx = c->cy = 40;
+        for (int a = 0; a < 3; a++) /* looks along z, the second one back */
+            c->c2w[5 * a] = a == 0 || v != 1 ? 1 : -1;
+        for (int a = 0; a < 3; a++)
+            c->c2w[4 * a + 3] = cube.centre[a] - (a == 2 ? distance[v] : 0);
+        if (v == 2)
+            c->c2w[3] += 4.1;
+    }
+    /* 0.1 of a half side is 0.2 units: 4 and 2 pixels */
+    assert_float_equal(cln_scene_cell_pixels(&scene, &cube, middle, 0.1, each), 4, 1e-12);
+    views[3].split = CLN_SPLIT_TEST;
+    assert_float_equal(cln_scene_cell_pixels(&scene, &cube, middle, 0.1, each), 2, 1e-12);
+    assert_true(cln_scene_cell_pixels(&scene, &shell, out, 0.1, each) >
+                1.1 * cln_scene_cell_pixels(&scene, &cube, out, 0.1, each));
+    views[0].camera.c2w[10] = -1;
+    assert_true(cln_scene_cell_pixels(&scene, &cube, middle, 0.1, each) == 0);
+}
+
 int test_group_space(void)
 {
     const struct CMUnitTest tests[] = {
@@ -364,6 +400,7 @@ int test_group_space(void)
         cmocka_unit_test(test_boxes),
         cmocka_unit_test(test_forward_equality),
         cmocka_unit_test(test_pixel_width),
+        cmocka_unit_test(test_cell_pixels),
     };
 
     return cmocka_run_group_tests_name("space", tests, NULL, NULL);

@@ -446,6 +446,36 @@ static void test_adaptive(void **state)
     }
 }
 
+/* Voxels split within the budget, but never merge nor become finer than the photos tell; the same
+ * bits when interrupted. */
+static void test_adaptive_voxels(void **state)
+{
+    cln_config config = adaptive_config();
+    fixture_stop stop = {.signal = SIGINT, .step = 13};
+    cln_train_result whole, part;
+    double sum = 0;
+
+    NEED_DEVICE();
+    config.encoding = CLN_ENCODING_VOXEL;
+    config.grid_cells = 4;
+    config.beta1 = 0;
+    config.smooth_density = config.smooth_colour = 1e-8;
+    config.cell_pixels = 0.1;
+    config.max_leaves = 120;
+    assert_ok(fixture_train("voxels", false, &config, NULL, &whole));
+    assert_true(whole.leaves > 64 && whole.leaves <= 120 && isfinite(whole.psnr_test));
+    assert_int_equal(decisions("voxels", "merged", &sum), 4);
+    assert_true(sum == 0);
+    decisions("voxels", "split", &sum);
+    assert_int_equal((int)sum * 7, whole.leaves - 64);
+    assert_fails(fixture_train("halves", false, &config, &stop, &part), CLN_SIGINT, "");
+    assert_ok(fixture_train("halves", true, &config, NULL, &part));
+    assert_int_equal(part.digest, whole.digest);
+    config.cell_pixels = 100;
+    assert_ok(fixture_train("coarse", false, &config, NULL, &whole));
+    assert_int_equal(whole.leaves, 64);
+}
+
 /* No decision comes after structure_until; the weight of density is part of the decisions. */
 static void test_adaptive_settings(void **state)
 {
@@ -689,6 +719,7 @@ int test_group_training(void)
         cmocka_unit_test(test_culling),
         cmocka_unit_test(test_psnr_of_all_pixels),
         cmocka_unit_test(test_adaptive),
+        cmocka_unit_test(test_adaptive_voxels),
         cmocka_unit_test(test_adaptive_settings),
         cmocka_unit_test(test_adaptive_waits),
         cmocka_unit_test(test_adaptive_infeasible),
