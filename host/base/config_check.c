@@ -195,10 +195,10 @@ int cln_config_most_leaves(const cln_config *config)
     double fraction[CLN_LEVELS];
     int deepest = config->start_level, all = 0;
 
-    if (cln_config_levels(config, fraction) == CLN_OK)
-        deepest = deepest_level(config, fraction);
-    else
+    if (cln_config_levels(config, fraction) != CLN_OK)
         cln_clear_error(); /* cln_config_check reports it */
+    else if (config->encoding != CLN_ENCODING_VOXEL || !config->adaptive)
+        deepest = deepest_level(config, fraction);
     all = 1 << (3 * deepest);
     /* where a tree cannot be full, leaves follow surfaces: count eight for each cell of a face */
     if (deepest >= CLN_FULL_LEVELS)
