@@ -558,8 +558,8 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
     }
 }
 
-/* Gives leaves that a split made their numbers: those of the old leaf at the vertices, where half of
- * them are, and means between these (exactly the old field). places [leaf]: kernels/carry.cl. */
+/* Gives leaves that a split made their numbers: those of the old leaf where it has a vertex, and
+ * means of its nearest ones between these. places [leaf]: kernels/carry.cl. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_split(LEAF_ARRAY(const float, from), /* [old leaf][PARAMS] */
             LEAF_ARRAY(float, params),     /* [leaf][PARAMS] */
@@ -579,12 +579,14 @@ voxel_split(LEAF_ARRAY(const float, from), /* [old leaf][PARAMS] */
         const int x = x0 + v % SIDE, y = y0 + v / SIDE % SIDE, z = z0 + v / (SIDE * SIDE);
 
         for (int f = 0; f < FEATURES; f += VW) {
-            vf sum = (vf)(0.0f);
+            vf n[8];
 
             UNROLL (c, 8)
-                sum += VLOAD(old + (z + (c >> 2)) / 2 * STEP_Z + (y + (c >> 1 & 1)) / 2 * STEP_Y +
+                n[c] = VLOAD(old + (z + (c >> 2)) / 2 * STEP_Z + (y + (c >> 1 & 1)) / 2 * STEP_Y +
                              (x + (c & 1)) / 2 * FEATURES + f);
-            VSTORE_IN(__global, 0.125f * sum, new + v * FEATURES + f);
+            VSTORE_IN(__global,
+                      0.125f * (((n[0] + n[1]) + (n[2] + n[3])) + ((n[4] + n[5]) + (n[6] + n[7]))),
+                      new + v * FEATURES + f);
         }
     }
 }

@@ -11,7 +11,8 @@
 #include "pipeline/carry.h"
 
 static const bench_part parts[] = {{"carry_rows", "carry_rows carry_densities"}};
-static const bench_part voxel_parts[] = {{"voxel_join", "carry_rows carry_densities voxel_join"}};
+static const bench_part voxel_parts[] = {
+    {"voxel_join", "carry_rows carry_densities voxel_split voxel_join"}};
 static const int levels[] = {0, 1, 3, 4};
 enum { VOXEL_LEVEL = 3 };
 
@@ -28,7 +29,8 @@ static cln_status body(void *context)
     return cln_pipeline_carry(c->p, &c->model.tree, &c->change);
 }
 
-/* With voxels every other leaf is new and takes its neighbours' numbers at shared vertices. */
+/* With voxels every other leaf is new, half of these begun anew and half of them a child; they take
+ * their neighbours' numbers at shared vertices. */
 static cln_status start(bench *b, const char *preset, int level, carry *c)
 {
     cln_status st = CLN_OK;
@@ -44,8 +46,9 @@ static cln_status start(bench *b, const char *preset, int level, carry *c)
         cln_alloc(&c->change.octant, (size_t)c->change.count, sizeof *c->change.octant, "bench"));
     for (int i = 0; i < c->change.count; i++) {
         c->change.from[i] = i;
-        c->change.octant[i] =
-            config.encoding == CLN_ENCODING_VOXEL && i % 2 ? CLN_FRESH : CLN_COPIED;
+        c->change.octant[i] = CLN_COPIED;
+        if (config.encoding == CLN_ENCODING_VOXEL && i % 2)
+            c->change.octant[i] = i % 4 == 1 ? CLN_FRESH : (int8_t)(i / 4 % 8);
     }
 done:
     return st;

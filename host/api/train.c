@@ -238,6 +238,8 @@ done:
  * present ones. */
 static bool is_grown(const cln_trainer *t, const cln_config *saved)
 {
+    if (saved->encoding == CLN_ENCODING_VOXEL && t->model.decisions > 0)
+        return true; /* whole levels come before the first decision */
     return t->model.level >= cln_structure_level(saved, 1) &&
            t->model.level >= cln_structure_level(&t->model.config, 1);
 }

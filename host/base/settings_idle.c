@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 42 };
+enum { IDLE_ROWS = 44 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -47,6 +47,9 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
         {"harmonics-lr", c->harmonics == 0, "there are no harmonics; give --harmonics 1"},
+        {"cell-pixels", tree, "--tree-from keeps that run's tree; leave one out"},
+        {"cell-pixels", facts->frozen && facts->grown,
+         "the resumed run's tree is past --structure-until; give a later one, or more --steps"},
         {"cell-pixels", facts->forward && !c->adaptive,
          "whole levels of normalised device coordinates have no width; give --adaptive"},
         {"decoder-lr", c->decoder_width == 0, "there is no decoder; give --decoder-width 32"},

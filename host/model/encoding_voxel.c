@@ -1,4 +1,4 @@
-/* Common vertices of voxels after a change of the tree. See encoding_voxel.h. */
+/* Voxels at a split, and their common vertices after it. See encoding_voxel.h. */
 #include "model/encoding_voxel.h"
 
 #include <stdlib.h>
@@ -26,6 +26,31 @@ static int vertex_in(int cells, const int at[3], int i)
         there = there * (cells + 1) + x;
     }
     return there;
+}
+
+void cln_voxel_split(const cln_network *net, int octant, const float *parent, float *child)
+{
+    const int side = net->cells + 1;
+
+    memset(child, 0, (size_t)net->params * sizeof *child);
+    for (int v = 0; v < side * side * side; v++) {
+        const int at[3] = {(octant & 1 ? net->cells : 0) + v % side,
+                           (octant & 2 ? net->cells : 0) + v / side % side,
+                           (octant & 4 ? net->cells : 0) + v / side / side};
+
+        for (int f = 0; f < net->features; f++) {
+            float n[8];
+
+            for (int c = 0; c < 8; c++)
+                n[c] =
+                    parent[((((at[2] + (c >> 2)) / 2) * side + (at[1] + (c >> 1 & 1)) / 2) * side +
+                            (at[0] + (c & 1)) / 2) *
+                               net->features +
+                           f];
+            child[v * net->features + f] =
+                0.125f * (((n[0] + n[1]) + (n[2] + n[3])) + ((n[4] + n[5]) + (n[6] + n[7])));
+        }
+    }
 }
 
 /* Whose numbers hold at a common vertex: those of a leaf that stayed (0), of one that a split made

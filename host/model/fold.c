@@ -6,6 +6,7 @@
 
 #include "model/encoding.h"
 #include "model/encoding_grid.h"
+#include "model/encoding_voxel.h"
 #include "model/network.h"
 
 typedef void change_layer(int bands, int width, int octant, const float *rows, const float *bias,
@@ -30,7 +31,9 @@ static void change_network(const cln_network *net, change_layer *change, int oct
 
 void cln_network_fold(const cln_network *net, const float *parent, int octant, float *child)
 {
-    if (net->encoding != CLN_ENCODING_FREQUENCY)
+    if (net->encoding == CLN_ENCODING_VOXEL)
+        cln_voxel_split(net, octant, parent, child);
+    else if (net->encoding != CLN_ENCODING_FREQUENCY)
         cln_grid_split(net, octant, parent, child);
     else
         change_network(net, cln_encoding_split, octant, parent, child);

@@ -3,7 +3,7 @@
  *
  *   1. kernels/carry.cl gathers the successor's rows from the old array
  *   2. weights of new leaves are folded (model/fold.c, in double) or made on the host: only their
- *      old leaves' rows are read, only their own are written
+ *      old leaves' rows are read, only their own are written; voxels split on the device
  *   3. the old array is freed */
 #include "pipeline/carry.h"
 
@@ -152,6 +152,8 @@ static cln_status split_voxels(const carry *c)
     cln_pipeline *p = c->p;
     const cln_buffer from = in_parts(&p->params);
 
+    for (int s = 0; s < c->change->count; s++)
+        CLN_ASSERT(c->change->octant[s] > CLN_MERGED || c->change->octant[s] == CLN_FRESH);
     CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_split, CLN_STAGE_STRUCTURE, (size_t)c->change->count,
                        (size_t)p->tune.ls, CLN_LEAF_ARG_OF(p, &from), CLN_LEAF_ARG(p, successor),
                        CLN_ARG(p->places.mem)));

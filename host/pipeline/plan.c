@@ -27,10 +27,11 @@ static const char *lower(const cln_plan_desc *d, const char *way_out)
 {
     static const char *const voxels[][3] = {
         {CLN_LOWER_LEAVES, "--level-at, --start-level, --grid-cells or --harmonics",
-         "--max-leaves, --level-at, --grid-cells or --harmonics"},
+         "--max-leaves, --start-level, --grid-cells or --harmonics"},
         {CLN_LOWER_BATCH, "--batch-samples", "--batch-samples"},
-        {CLN_LOWER_CELLS, "--n1, --level-at or --start-level", "--n1, --max-leaves or --level-at"},
-        {CLN_LOWER_TREE, "--level-at or --start-level", "--max-leaves or --level-at"},
+        {CLN_LOWER_CELLS, "--n1, --level-at or --start-level",
+         "--n1, --max-leaves or --start-level"},
+        {CLN_LOWER_TREE, "--level-at or --start-level", "--max-leaves or --start-level"},
     };
     const cln_config *config = &d->pipeline->config;
 

@@ -49,20 +49,17 @@ typedef struct sight {
     double pixels;    /* an angle of 1 has so many, at the point */
 } sight;
 
-/* Whether the camera sees the point (of a lens, as its pinhole does). */
+/* Whether the camera sees the point. */
 static bool sees(const cln_camera *c, const double point[3], sight *out)
 {
-    double rel[3], local[3] = {0, 0, 0}, far = 0;
+    double rel[3], far = 0, u = 0, v = 0, z = 0;
 
     for (int a = 0; a < 3; a++) {
         rel[a] = point[a] - c->c2w[4 * a + 3];
         far += rel[a] * rel[a];
-        for (int k = 0; k < 3; k++)
-            local[k] += c->c2w[4 * a + k] * rel[a];
     }
-    if (!(local[2] > 0) || !(c->fx > 0) ||
-        fabs(c->fx * local[0] / local[2] + c->cx - 0.5 * c->width) > 0.5 * c->width ||
-        fabs(c->fy * local[1] / local[2] + c->cy - 0.5 * c->height) > 0.5 * c->height)
+    if (!(far > 0) || !(c->fx > 0) || !cln_camera_project(c, point, &u, &v, &z) ||
+        !(u >= 0 && u < c->width && v >= 0 && v < c->height))
         return false;
     for (int a = 0; a < 3; a++)
         out->toward[a] = rel[a] / sqrt(far);
@@ -70,8 +67,8 @@ static bool sees(const cln_camera *c, const double point[3], sight *out)
     return true;
 }
 
-double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space,
-                             const double centre[3], double cell, double *each)
+double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space, const double centre[3],
+                             double cell, double *each)
 {
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     double point[3], edge[3][3];
@@ -103,5 +100,5 @@ double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space,
         each[count++] = sqrt(widest) * s.pixels;
     }
     qsort(each, (size_t)count, sizeof *each, by_value);
-    return count > 0 ? each[count / 2] : 0;
+    return count > 0 ? each[count / 2] : INFINITY;
 }

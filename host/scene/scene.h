@@ -144,11 +144,11 @@ int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
  * the median over them; 0 in a forward space, where there is no such place. CLN_MEMORY. */
 cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space, double *width);
 
-/* Width of a cell in pixels of the training photos: the median over those that see its centre; 0 if
- * none does. centre, cell: in half sides of the cube; its widest edge across the line of sight
- * counts. each [training views]: scratch. */
-double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space,
-                             const double centre[3], double cell, double *each);
+/* Width of a cell in pixels of the training photos: the median over those that see its centre;
+ * infinite if none does. centre, cell: in half sides of the cube; its widest edge across the line
+ * of sight counts. each [training views]: scratch. */
+double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space, const double centre[3],
+                             double cell, double *each);
 
 /* Of `count` views of a split, evenly chosen: the index of the i-th, and the least stride in x and
  * y at which they have at most about `most` pixels in all. */

@@ -198,9 +198,18 @@ done:
     return st;
 }
 
-/* A whole level of voxels grows in a tree that adapts while it takes at most a WHOLE_PART of
- * --max-leaves: single leaves are chosen for the rest. */
+/* Whether whole levels of voxels may still grow: always in a tree that does not adapt. In one that
+ * does, before the first decision, while a level takes at most a WHOLE_PART of --max-leaves: single
+ * leaves are chosen for the rest. */
 enum { WHOLE_PART = 4 };
+
+static bool has_whole_levels(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+
+    return !c->adaptive ||
+           (t->model.decisions == 0 && 8 * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
+}
 
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
  * must have been culled, as growth splits every leaf, the finer voxels must not be finer than the
@@ -217,18 +226,22 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     if (*grows || t->finest)
         return CLN_OK;
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
-    if (c->adaptive &&
-        (t->model.decisions > 0 || 8 * t->pipeline.leaves > c->max_leaves / WHOLE_PART))
+    if (*grows && !has_whole_levels(t)) {
+        if (!t->whole)
+            cln_info("whole levels end at level %d, with %d leaves; single leaves split now",
+                     t->model.level, t->pipeline.leaves);
+        t->whole = true;
         *grows = false;
+    }
     if (!*grows || c->cell_pixels <= 0)
         return CLN_OK;
     CLN_TRY(cln_scene_pixel_width(t->scene, &t->model.space, &pixel));
     *grows = cell >= c->cell_pixels * pixel;
     t->finest = !*grows;
     if (t->finest)
-        cln_info("the tree stays at level %d: voxels of the next level would be %.2g pixels of the "
-                 "photos wide (--cell-pixels)",
-                 t->model.level, cell / pixel);
+        cln_info("the tree stays at level %d%s: voxels of the next level would be %.2g pixels of "
+                 "the photos wide (--cell-pixels)",
+                 t->model.level, c->adaptive ? ", but for single leaves" : "", cell / pixel);
 done:
     return st;
 }
@@ -326,7 +339,7 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     CLN_TRY(cln_octree_regrow(&tree, cells, CLN_REGROW_LEVEL, t->model.level, empty, &change));
     for (int s = 0; s < change.count; s++)
         fresh += change.octant[s] == CLN_FRESH;
-    if (tree.leaf_count > most || !fits(t, splits * tree.leaf_count, &next)) {
+    if (splits * tree.leaf_count > most || !fits(t, splits * tree.leaf_count, &next)) {
         cln_clear_error();
         cln_debug("step %lld: no room to bring back %d leaves", (long long)t->model.step, fresh);
         goto done;
@@ -544,8 +557,9 @@ static int leaf_budget(cln_trainer *t)
 }
 
 /* Marks leaves whose voxels must not become finer, [slot]: half of one would be below --cell-pixels
- * pixels of the photos that see it. None without voxels. */
-static cln_status fine_leaves(cln_trainer *t, uint8_t **out)
+ * pixels of the photos that see it. None without voxels. met: leaves that met too few samples to
+ * split are left out. */
+static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
@@ -555,12 +569,14 @@ static cln_status fine_leaves(cln_trainer *t, uint8_t **out)
     CLN_TRY(cln_alloc(out, (size_t)tree->leaf_count, 1, "leaf marks"));
     if (c->encoding != CLN_ENCODING_VOXEL || c->cell_pixels <= 0)
         return CLN_OK;
-    CLN_TRY(cln_alloc(&each, (size_t)cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN),
-                      sizeof *each, "views"));
+    CLN_TRY(cln_alloc(&each, (size_t)cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN), sizeof *each,
+                      "views"));
     for (int s = 0; s < tree->leaf_count; s++) {
         float box[4];
         double centre[3];
 
+        if (met[s] < c->split_samples || tree->level[tree->leaf[s]] >= c->max_level)
+            continue;
         cln_octree_box(tree, tree->leaf[s], box);
         for (int a = 0; a < 3; a++)
             centre[a] = box[a] + 0.5 * box[3];
@@ -591,14 +607,13 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
     CLN_TRY(cln_share_sums(p));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, leaves * sizeof *sums));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
-    CLN_TRY(fine_leaves(t, &fine));
+    CLN_TRY(fine_leaves(t, met, &fine));
     for (size_t i = 0; i < leaves; i++) {
         m->error[i] = sums[i][0][0] / (float)m->sum_rays;
         (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
                                        .density = pow(fmax(mean[i], 0), m->config.cost_density),
                                        .saved = m->saved[i],
-                                       .may_split =
-                                           met[i] >= m->config.split_samples && !fine[i]};
+                                       .may_split = met[i] >= m->config.split_samples && !fine[i]};
     }
 done:
     free(mean);
@@ -623,7 +638,8 @@ static void say(const cln_trainer *t, const cln_decision *d)
               d->objective_before, d->objective, psnr, d->work_seconds);
     if (d->infeasible)
         cln_warn("no choice of splits and merges meets --max-leaves %d; %s", d->budget,
-                 voxels ? "none was split, and voxels do not merge" : "only merges were made");
+                 voxels ? "none was split, as voxels do not merge; give more"
+                        : "only merges were made");
 }
 
 static cln_status decide(cln_trainer *t)
@@ -691,6 +707,15 @@ static bool decision_comes(cln_trainer *t, double fraction)
     return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
 }
 
+/* Whether a whole level of voxels is due, and only waits for the one before: decisions do, too. */
+static bool awaits_level(const cln_trainer *t, double fraction)
+{
+    const cln_config *c = &t->model.config;
+
+    return c->encoding == CLN_ENCODING_VOXEL && !t->finest && !t->full && has_whole_levels(t) &&
+           t->model.level < cln_structure_level(c, fraction);
+}
+
 /* method.md 12.3: decides only when the error no longer falls from interval to interval. */
 static cln_status wait_or_decide(cln_trainer *t)
 {
@@ -737,7 +762,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         CLN_TRY(regrow(t, 8, &regrown));
     if (grown)
         CLN_TRY(grow(t));
-    decision = !grown && decision_comes(t, fraction);
+    decision = !grown && !awaits_level(t, fraction) && decision_comes(t, fraction);
     if (grown || decision || t->model.step == 0 ||
         (!c->rolling_refresh && refresh_age >= refresh_interval(t))) {
         CLN_TRY(refresh(t, 0, p->leaves));

@@ -42,6 +42,7 @@ typedef struct cln_trainer {
     int64_t steps;                /* budget in steps; 0 = only in time */
     bool full;                    /* no memory for a finer tree: warned once, tried again */
     bool finest;                  /* voxels are as fine as the photos: said once */
+    bool whole;                   /* no whole level of voxels comes any more: said once */
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     double clock;                 /* training seconds by this rank's clock */
