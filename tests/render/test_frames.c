@@ -446,6 +446,31 @@ static void test_spiral_around(void **state)
     cln_frames_free(&f);
 }
 
+/* Cameras almost above the target: the spiral stays where it still has a direction. */
+static void test_spiral_from_above(void **state)
+{
+    const cln_render_desc desc = {.spiral_frames = 10, .orbit_radius = 1};
+    cln_view views[12];
+    cln_scene scene;
+    cln_frames f = {0};
+
+    (void)state;
+    put_scene(&scene, views, 12);
+    for (int i = 0; i < 12; i++) {
+        const double turn = 30 * i * DEGREE, height = 86 * DEGREE, to[3] = {0, 0, 0};
+        const double at[3] = {4 * cos(turn) * cos(height), 4 * sin(turn) * cos(height),
+                              4 * sin(height)};
+
+        aim(at, to, 0, &views[i].camera);
+    }
+    assert_int_equal(cln_frames_spiral(&scene, &desc, &f), CLN_OK);
+    for (int i = 0; i < f.count; i++) {
+        assert_rigid(&f.frame[i].camera);
+        assert_true(fabs(asin(f.frame[i].camera.c2w[11] / 4) - 1.4) < 1e-3);
+    }
+    cln_frames_free(&f);
+}
+
 int test_group_frames(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
@@ -458,7 +483,8 @@ int test_group_frames(void)
                                        cmocka_unit_test(test_around),
                                        cmocka_unit_test(test_orbit_lens),
                                        cmocka_unit_test(test_spiral_in_front),
-                                       cmocka_unit_test(test_spiral_around)};
+                                       cmocka_unit_test(test_spiral_around),
+                                       cmocka_unit_test(test_spiral_from_above)};
 
     return cmocka_run_group_tests_name("frames", tests, NULL, NULL);
 }
