@@ -19,7 +19,8 @@
 # driver's cache of kernels. Seconds of groups are measured once, by a run without a mistake, and
 # kept in build/mutants/times.
 # Results are rows in build/mutants/results, which a further call keeps; remove it to start again.
-# tests/support/mutants.txt explains survivors that no test can tell: file, changed line, reason.
+# tests/support/mutants.txt explains survivors that no test can tell: file, changed line (of a
+# statement less: "without" and the statement), reason.
 # The last line counts; the exit code is 1 if a mutant survived that is not explained there.
 set -u
 cd "$(dirname "$0")/.." || exit 1
@@ -167,6 +168,7 @@ work() {
             by=
             noticed_by "$file"
             changed=$(perl $perl line "$file" "$line")
+            [ "$kind" != statement ] || changed="without ${old#"${old%%[! ]*}"}"
             printf '%s\t%s\t%s\t%s\n' "${by:-survived}" "$kind" "$row" "$changed" >>"$results"
             count_spent
             printf '%s:%s: %s, %d s: %s\n' "$file" "$line" "${by:-SURVIVED}" \
