@@ -71,8 +71,8 @@ groups_of() {
 }
 
 # Seconds and names of test groups in the order in which they may notice a mistake in a file: of its
-# name (or of kernels that need it), of its room, of rooms above (kernels are pipeline's); quick
-# ones first.
+# name (or of kernels that need it, or that it needs), of its room, of rooms above (kernels are
+# pipeline's); quick ones first.
 order() {
     local file=$1 room name own users
     local rooms="cli api export train view render check pipeline report model scene device ranks io"
@@ -80,11 +80,12 @@ order() {
     name=${name%%.*}
     room=$(basename "$(dirname "$file")")
     [ "$room" != kernels ] || room=pipeline
-    case $file in kernels/*.h) # and the files that need it, in three rounds
+    case $file in kernels/*.h) # the files that need it, in three rounds, and those that it needs
         for _ in 1 2 3; do
             users=$(grep -lE "^/\* needs:.*\<(${name// /|})\>" kernels/* | sed 's|.*/||; s|\..*||')
             name=$(printf '%s\n' $name $users | sort -u | paste -sd ' ')
-        done ;;
+        done
+        name+=" $(sed -n '1s|^/\* needs: \(.*\) \*/$|\1|p' "$file")" ;; # walk.h: shell_rays
     esac
     own="^($(for name in $name; do printf '%s(s|_.*)?|%s|' "$name" "${name%%_*}"; done)-)$"
     rooms="$rooms reference base"
