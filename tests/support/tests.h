@@ -11,6 +11,7 @@ int test_group_camera(void);
 int test_group_carry(void);
 int test_group_carve(void);
 int test_group_checkpoint(void);
+int test_group_command(void);
 int test_group_compare(void);
 int test_group_composite(void);
 int test_group_config(void);
