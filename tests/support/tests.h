@@ -5,6 +5,7 @@
 #define CLN_TESTS_H
 
 int test_group_adam(void);
+int test_group_agree(void);
 int test_group_base(void);
 int test_group_broken_formats(void);
 int test_group_camera(void);
