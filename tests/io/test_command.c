@@ -33,7 +33,8 @@ static void expect_error(cln_status got, cln_status want, const char *words)
 
 static void test_lines(void **state)
 {
-    static const char script[] = "printf 'one\\ntwo\\r 3 %%\\r\\n'; printf 'last\\n \\n' >&2; exit 7";
+    static const char script[] =
+        "printf 'one\\ntwo\\r 3 %%\\r\\n'; printf 'last\\n \\n' >&2; exit 7";
     const char *const argv[] = {"sh", "-c", script, NULL};
     char lines[256] = "", *log = NULL;
     const char *path = scratch_path(*state, "log");
