@@ -91,9 +91,11 @@ static void test_seed_decides(void **state)
 {
     cln_config config = fixture_config();
     cln_train_result again, other;
+    fixture_stop seen = {0};
 
     NEED_DEVICE();
-    assert_ok(fixture_train("again", false, &config, NULL, &again));
+    assert_ok(fixture_train("again", false, &config, &seen, &again));
+    assert_true(fabs(seen.psnr_seen - again.psnr_test) < 10);
     assert_int_equal(again.digest, fixture_whole.digest);
     config.seed = 7;
     assert_ok(fixture_train("other", false, &config, NULL, &other));
