@@ -19,7 +19,8 @@
 # driver's cache of kernels. Seconds of groups are measured once, by a run without a mistake, and
 # kept in build/mutants/times.
 # Results are rows in build/mutants/results, which a further call keeps; remove it to start again.
-# tests/support/mutants.txt explains survivors that no test can tell: file, changed line, reason.
+# tests/support/mutants.txt explains survivors that no test can tell: file, changed line (of a
+# statement less: "without" and the statement), reason.
 # The last line counts; the exit code is 1 if a mutant survived that is not explained there.
 set -u
 cd "$(dirname "$0")/.." || exit 1
@@ -70,8 +71,8 @@ groups_of() {
 }
 
 # Seconds and names of test groups in the order in which they may notice a mistake in a file: of its
-# name (or of kernels that need it), of its room, of rooms above (kernels are pipeline's); quick
-# ones first.
+# name (or of kernels that need it, or that it needs), of its room, of rooms above (kernels are
+# pipeline's); quick ones first.
 order() {
     local file=$1 room name own users
     local rooms="cli api export train view render check pipeline report model scene device ranks io"
@@ -79,11 +80,12 @@ order() {
     name=${name%%.*}
     room=$(basename "$(dirname "$file")")
     [ "$room" != kernels ] || room=pipeline
-    case $file in kernels/*.h) # and the files that need it, in three rounds
+    case $file in kernels/*.h) # the files that need it, in three rounds, and those that it needs
         for _ in 1 2 3; do
             users=$(grep -lE "^/\* needs:.*\<(${name// /|})\>" kernels/* | sed 's|.*/||; s|\..*||')
             name=$(printf '%s\n' $name $users | sort -u | paste -sd ' ')
-        done ;;
+        done
+        name+=" $(sed -n '1s|^/\* needs: \(.*\) \*/$|\1|p' "$file")" ;; # walk.h: shell_rays
     esac
     own="^($(for name in $name; do printf '%s(s|_.*)?|%s|' "$name" "${name%%_*}"; done)-)$"
     rooms="$rooms reference base"
@@ -167,6 +169,7 @@ work() {
             by=
             noticed_by "$file"
             changed=$(perl $perl line "$file" "$line")
+            [ "$kind" != statement ] || changed="without ${old#"${old%%[! ]*}"}"
             printf '%s\t%s\t%s\t%s\n' "${by:-survived}" "$kind" "$row" "$changed" >>"$results"
             count_spent
             printf '%s:%s: %s, %d s: %s\n' "$file" "$line" "${by:-SURVIVED}" \

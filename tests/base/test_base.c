@@ -436,6 +436,13 @@ static void test_disk_full(void **state)
 
 static void test_folders(void **state)
 {
+    static const struct {
+        const char *from, *to, *path;
+    } relative[] = {{"/a/b", "/a/b/c/d", "c/d"},
+                    {"/a/b/c", "/a/d", "../../d"},
+                    {"/a/b/c", "/a/b", "../"},
+                    {"/a/b", "/a/bc", "../bc"},
+                    {"/a/b", "/a/b", "."}};
     char *deep = in_folder(*state, "a/b/c"), *file = in_folder(*state, "f");
     char *under_file = in_folder(*state, "f/g"), *joined = NULL;
 
@@ -453,6 +460,11 @@ static void test_folders(void **state)
     assert_int_equal(cln_path_join(&joined, "dir", "/abs"), CLN_OK);
     assert_string_equal(joined, "/abs");
     free(joined);
+    for (size_t i = 0; i < sizeof relative / sizeof *relative; i++) {
+        assert_int_equal(cln_path_relative(&joined, relative[i].from, relative[i].to), CLN_OK);
+        assert_string_equal(joined, relative[i].path);
+        free(joined);
+    }
     free(deep);
     free(file);
     free(under_file);

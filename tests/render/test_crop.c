@@ -83,6 +83,10 @@ static void numbers_are_a_box(void **state)
     assert_int_equal(cln_crop_read("box", "1,-3,4,5,-1,6,0,0,1e400", n), CLN_USAGE);
     assert_int_equal(cln_crop_read("box", "1,-3,4,1,-1,6", n), CLN_OK);
     assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_USAGE);
+    cln_clear_error();
+    assert_int_equal(cln_crop_read("box", "1,-3,4,5,-7,6", n), CLN_OK);
+    assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "minimum -3 is not below the maximum -7 along y"));
 }
 
 /* A full tree of level 3 without a share of its leaves. */

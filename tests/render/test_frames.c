@@ -332,6 +332,37 @@ static void test_orbit_lens(void **state)
     assert_true(fabs(c.fx - 40) < 1e-12 && fabs(c.fy - 44) < 1e-12);
 }
 
+/* An orbit sweeps the arc of the cameras, there and back, and 10 degrees at least. */
+static void test_orbit_arc(void **state)
+{
+    static const double arcs[][4] = {{-30, 50, -30, 50},
+                                     {19, 21, 15, 25}}; /* from, to; the path's */
+    const cln_render_desc desc = {.orbit_elevation = 0};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof arcs / sizeof *arcs; i++) {
+        const cln_orbit_frame seen = {.east = {1, 0, 0},
+                                      .north = {0, 1, 0},
+                                      .up = {0, 0, 1},
+                                      .distance = 4,
+                                      .from = arcs[i][0],
+                                      .to = arcs[i][1],
+                                      .width = 80,
+                                      .height = 60,
+                                      .fx = 50,
+                                      .fy = 50};
+        cln_orbit orbit;
+
+        assert_int_equal(cln_orbit_make(&seen, &desc, &orbit), CLN_OK);
+        for (int k = 0; k < 2; k++) {
+            cln_camera c;
+
+            cln_orbit_camera(&orbit, k, 2, &c);
+            assert_true(fabs(atan2(c.c2w[7], c.c2w[3]) / DEGREE - arcs[i][2 + k]) < 1e-9);
+        }
+    }
+}
+
 /* A path through four views a quarter turn apart comes no nearer to what they stand around, and
  * looks at it; a straight path would cut through it. */
 static void test_around(void **state)
@@ -446,6 +477,31 @@ static void test_spiral_around(void **state)
     cln_frames_free(&f);
 }
 
+/* Cameras almost above the target: the spiral stays where it still has a direction. */
+static void test_spiral_from_above(void **state)
+{
+    const cln_render_desc desc = {.spiral_frames = 10, .orbit_radius = 1};
+    cln_view views[12];
+    cln_scene scene;
+    cln_frames f = {0};
+
+    (void)state;
+    put_scene(&scene, views, 12);
+    for (int i = 0; i < 12; i++) {
+        const double turn = 30 * i * DEGREE, height = 86 * DEGREE, to[3] = {0, 0, 0};
+        const double at[3] = {4 * cos(turn) * cos(height), 4 * sin(turn) * cos(height),
+                              4 * sin(height)};
+
+        aim(at, to, 0, &views[i].camera);
+    }
+    assert_int_equal(cln_frames_spiral(&scene, &desc, &f), CLN_OK);
+    for (int i = 0; i < f.count; i++) {
+        assert_rigid(&f.frame[i].camera);
+        assert_true(fabs(asin(f.frame[i].camera.c2w[11] / 4) - 1.4) < 1e-3);
+    }
+    cln_frames_free(&f);
+}
+
 int test_group_frames(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
@@ -457,8 +513,10 @@ int test_group_frames(void)
                                        cmocka_unit_test(test_turns),
                                        cmocka_unit_test(test_around),
                                        cmocka_unit_test(test_orbit_lens),
+                                       cmocka_unit_test(test_orbit_arc),
                                        cmocka_unit_test(test_spiral_in_front),
-                                       cmocka_unit_test(test_spiral_around)};
+                                       cmocka_unit_test(test_spiral_around),
+                                       cmocka_unit_test(test_spiral_from_above)};
 
     return cmocka_run_group_tests_name("frames", tests, NULL, NULL);
 }

@@ -136,6 +136,11 @@ static void test_sound_captures(void **state)
     start(&c, 1.5); /* one camera alone has no spread */
     add_camera(&c, (const double[3]){0, -4, 0}, (const double[3]){0, 1, 0});
     assert_int_equal(warnings(&c), 0);
+    c.scene.space.half = 50; /* the cube fills a quarter of its image */
+    for (int a = 0; a < 3; a++)
+        c.scene.space.centre[a] = a == 1 ? 60 : 50;
+    cln_scene_find_doubts(&c.scene);
+    assert_true(c.scene.cube_share == 0.25);
 }
 
 static void test_planted_faults(void **state)

@@ -156,12 +156,16 @@ typedef struct fixture_stop {
     int64_t step;
     int pictures;
     int64_t steps_seen;
+    double psnr_seen;
     int pictures_seen;
 } fixture_stop;
 
 static inline void fixture_on_train(const cln_train_progress *progress, void *user)
 {
-    ((fixture_stop *)user)->steps_seen = progress->step;
+    fixture_stop *s = user;
+
+    s->steps_seen = progress->step;
+    s->psnr_seen = progress->psnr_train;
 }
 
 static inline void fixture_on_work(const char *what, int done, int total, void *user)

@@ -5,12 +5,14 @@
 #define CLN_TESTS_H
 
 int test_group_adam(void);
+int test_group_agree(void);
 int test_group_base(void);
 int test_group_broken_formats(void);
 int test_group_camera(void);
 int test_group_carry(void);
 int test_group_carve(void);
 int test_group_checkpoint(void);
+int test_group_command(void);
 int test_group_compare(void);
 int test_group_composite(void);
 int test_group_config(void);

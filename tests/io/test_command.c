@@ -1,0 +1,81 @@
+/* Other programs (io/command.h), a shell that stands for them: the lines of its output and errors
+ * whatever ends them, the log, and the last line in the error. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <signal.h>
+#include <string.h>
+#include "io/command.h"
+#include "scratch.h"
+#include "tests.h"
+
+static void keep_line(const char *line, void *user)
+{
+    strcat(user, line);
+    strcat(user, "|");
+}
+
+static int stop_at_once(void *user)
+{
+    (void)user;
+    return SIGTERM;
+}
+
+static void expect_error(cln_status got, cln_status want, const char *words)
+{
+    assert_int_equal(got, want);
+    if (!strstr(cln_error_text(), words))
+        fail_msg("'%s' does not say '%s'", cln_error_text(), words);
+    cln_clear_error();
+}
+
+static void test_lines(void **state)
+{
+    static const char script[] =
+        "printf 'one\\ntwo\\r 3 %%\\r\\n'; printf 'last\\n \\n' >&2; exit 7";
+    const char *const argv[] = {"sh", "-c", script, NULL};
+    char lines[256] = "", *log = NULL;
+    const char *path = scratch_path(*state, "log");
+    const cln_command_watch watch = {.line = keep_line, .user = lines, .log = fopen(path, "w")};
+    size_t bytes = 0;
+
+    assert_non_null(watch.log);
+    expect_error(cln_command_run(argv, &watch), CLN_FAILED, "sh -c: ended with code 7: last");
+    fclose(watch.log);
+    assert_string_equal(lines, "one|two| 3 %||last| |");
+    log = scratch_get(path, &bytes);
+    assert_memory_equal(log, "$ sh -c ", 8);
+    assert_non_null(strstr(log, "\none\ntwo\r 3 %\r\nlast\n \n"));
+    free(log);
+}
+
+static void test_ends(void **state)
+{
+    const char *const silent[] = {"sh", "-c", "printf 'not ended'", NULL};
+    const char *const killed[] = {"sh", "-c", "kill -9 $$", NULL};
+    const char *const missing[] = {"no such program", NULL};
+    const char *const sleeps[] = {"sleep", "60", NULL};
+    char lines[256] = "";
+    const cln_command_watch none = {0}, watch = {.line = keep_line, .user = lines};
+    const cln_command_watch stopped = {.interrupted = stop_at_once};
+
+    (void)state;
+    assert_int_equal(cln_command_run(silent, &watch), CLN_OK);
+    assert_string_equal(lines, "not ended|");
+    expect_error(cln_command_run(killed, &none), CLN_FAILED, "ended by signal 9, perhaps for lack");
+    expect_error(cln_command_run(missing, &none), CLN_FAILED, "no such program: No such file");
+    expect_error(cln_command_run(sleeps, &stopped), CLN_SIGTERM, "stopped by a signal in `sleep`");
+    assert_true(cln_command_found("sh") && !cln_command_found("no such program"));
+}
+
+int test_group_command(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_lines, scratch_make, scratch_remove),
+        cmocka_unit_test(test_ends),
+    };
+
+    return cmocka_run_group_tests_name("command", tests, NULL, NULL);
+}
