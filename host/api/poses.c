@@ -303,6 +303,9 @@ static cln_status check_folder(const work *w)
                          "%s: it has poses already (sparse); give another folder with -o, or "
                          "remove that one",
                          out));
+    if (access(w->desc->photos, F_OK) != 0)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not there; give a folder of photos, or a video",
+                         w->desc->photos));
     if (!cln_is_dir(w->desc->photos) && !is_video(w->desc->photos))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
                          w->desc->photos));

@@ -411,6 +411,7 @@ section_poses() {
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/posed"
     check "nothing is written" [ ! -e "$work/posed" ]
     expect "no folder to write" 2 "-o" "$cln" poses "$work/photos/train"
+    expect "poses of nothing" 3 "not there folder" "$cln" poses "$work/nowhere" -o "$work/x"
     expect "poses: who has none, and what EXIF tells" 0 "~1.of.24.photos r_023 ~of.23.photos" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed" --progress none
     check "it counts" grep -q "registered  23 of 24" "$work/out"
