@@ -82,8 +82,8 @@ int64_t cln_config_epoch_steps(const cln_config *config, double pixels);
 /* Deepest level that leaves may have. */
 int cln_config_deepest(const cln_config *config);
 
-/* Whether leaves may merge: the tree adapts, and leaves are networks, which are trained on what they
- * replace. Voxels only split. */
+/* Whether leaves may merge: the tree adapts, and leaves are networks, which are trained on what
+ * they replace. Voxels only split. */
 bool cln_config_merges(const cln_config *config);
 
 /* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */

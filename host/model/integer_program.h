@@ -38,7 +38,7 @@ typedef struct cln_integer_program_result {
     int splits, merges, keeps;     /* leaves split; groups merged; leaves kept */
     int leaves;                    /* ACTIVE leaves afterwards */
     double objective, cost_before; /* of the solution; of keeping every leaf */
-    bool infeasible;               /* no choice meets the budget: every merge that may be, no split */
+    bool infeasible; /* no choice meets the budget: every merge that may be, no split */
 } cln_integer_program_result;
 
 /* Finds the optimum; of several equal ones, always the same. CLN_MEMORY; CLN_INTERNAL for a measure
