@@ -94,7 +94,12 @@ cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVEL
 cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
                                   int *count);
 
-/* "white", "black" or "r,g,b". */
-cln_status cln_config_background(const cln_config *config, float rgb[3]);
+/* "auto", "mean", "white", "black" or "r,g,b"; rgb is white for the first two. */
+typedef enum cln_background_kind {
+    CLN_BACKGROUND_GIVEN,
+    CLN_BACKGROUND_MEAN, /* the mean colour of the training photos */
+    CLN_BACKGROUND_AUTO  /* the mean where no photo has alpha, else white */
+} cln_background_kind;
+cln_status cln_config_background(const cln_config *config, cln_background_kind *kind, float rgb[3]);
 
 #endif

@@ -141,15 +141,21 @@ cln_status cln_config_eval_points(const cln_config *config, int max, double *sec
     return CLN_OK;
 }
 
-cln_status cln_config_background(const cln_config *config, float rgb[3])
+cln_status cln_config_background(const cln_config *config, cln_background_kind *kind, float rgb[3])
 {
     double value[3] = {1, 1, 1};
 
-    if (strcmp(config->background, "black") == 0)
+    *kind = CLN_BACKGROUND_GIVEN;
+    if (strcmp(config->background, "auto") == 0)
+        *kind = CLN_BACKGROUND_AUTO;
+    else if (strcmp(config->background, "mean") == 0)
+        *kind = CLN_BACKGROUND_MEAN;
+    else if (strcmp(config->background, "black") == 0)
         value[0] = value[1] = value[2] = 0;
     else if (strcmp(config->background, "white") != 0 &&
              !cln_reals_read(config->background, 3, value))
-        return cln_fail(CLN_USAGE, "--background: '%s' is not white, black or r,g,b in 0..1",
+        return cln_fail(CLN_USAGE,
+                        "--background: '%s' is not auto, mean, white, black or r,g,b in 0..1",
                         config->background);
     for (int c = 0; c < 3; c++) {
         if (!(value[c] >= 0 && value[c] <= 1))
@@ -246,6 +252,7 @@ cln_status cln_config_check(const cln_config *config)
     double fraction[CLN_LEVELS], seconds[MAX_POINTS];
     int steps[MAX_POINTS], count = 0;
     float rgb[3];
+    cln_background_kind background = CLN_BACKGROUND_GIVEN;
 
     if (config->width & (config->width - 1))
         return cln_fail(CLN_USAGE, "--width: %d is not 16, 32, 64, 128 or 256", config->width);
@@ -261,7 +268,7 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(cln_config_levels(config, fraction));
     CLN_TRY(check_adaptive(config, fraction));
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
-    CLN_TRY(cln_config_background(config, rgb));
+    CLN_TRY(cln_config_background(config, &background, rgb));
     CLN_TRY(check_bbox(config->bbox));
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,

@@ -320,8 +320,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "that all look one way, or a cube and a shell that holds all that lies beyond it; auto, " \
          "without --bbox: ndc for LLFF scenes like that, shell around COLMAP's points",            \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
-    TEXT(background, "background", "white", "white",                                               \
-         "white, black or r,g,b in 0..1, behind everything", .flags = CLN_ROW_SCENE)               \
+    TEXT(background, "background", "white", "auto",                                                \
+         "white, black, r,g,b in 0..1, or mean, the training photos' mean colour, behind "         \
+         "everything; auto: mean where no photo has alpha, else white",                            \
+         .flags = CLN_ROW_SCENE)                                                                   \
     INT(holdout, "holdout", 8, 8, 0, 1000000,                                                      \
         "every Nth image is test where no split is named (0 = none)",                              \
         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                    \

@@ -17,6 +17,11 @@ json_t *cln_json_real(double value)
     return isfinite(value) ? json_real(value) : json_null();
 }
 
+double cln_json_digits(float value)
+{
+    return round(value * 1e7) / 1e7;
+}
+
 /* Index after the closing quote of the string literal that opens at `at`, or bytes. */
 static size_t skip_string(const char *text, size_t bytes, size_t at)
 {

@@ -8,6 +8,8 @@
 
 /* A real, or null if it is not finite. */
 json_t *cln_json_real(double value);
+/* A float of 0..1 to a float's digits: 0.1f is 0.1. */
+double cln_json_digits(float value);
 
 /* Parses a file; with `relaxed`, // and block comments and trailing commas are allowed, as in
  * instant-ngp's files, and NaN and infinities become strings. CLN_INPUT: "path: line L column C:

@@ -310,14 +310,14 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         "s:{s:o, s:o}, s:o, s:o}",
         "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "model_digest", digest,
         "step", (json_int_t)r->step, "train_seconds", r->train_seconds, "split", r->split,
-        "color_space", "srgb", "background", (double)r->background[0], (double)r->background[1],
-        (double)r->background[2], "pixel_centre", 0.5, "mean", "psnr", cln_json_real(r->psnr),
-        "psnr_u8", cln_json_real(r->psnr_u8), "psnr_fitted", cln_json_real(r->psnr_fitted), "ssim",
-        cln_json_real(r->ssim), "mse", cln_json_real(r->mse), "opacity_error",
-        cln_json_real(r->opacity_error), "opaque_air", cln_json_real(r->opaque_air), "seconds",
-        r->seconds, "std", "psnr", cln_json_real(deviation(r, false)), "ssim",
-        cln_json_real(deviation(r, true)), "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse),
-        "images", images);
+        "color_space", "srgb", "background", cln_json_digits(r->background[0]),
+        cln_json_digits(r->background[1]), cln_json_digits(r->background[2]), "pixel_centre", 0.5,
+        "mean", "psnr", cln_json_real(r->psnr), "psnr_u8", cln_json_real(r->psnr_u8), "psnr_fitted",
+        cln_json_real(r->psnr_fitted), "ssim", cln_json_real(r->ssim), "mse", cln_json_real(r->mse),
+        "opacity_error", cln_json_real(r->opacity_error), "opaque_air",
+        cln_json_real(r->opaque_air), "seconds", r->seconds, "std", "psnr",
+        cln_json_real(deviation(r, false)), "ssim", cln_json_real(deviation(r, true)),
+        "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
     if (*out && r->antialias > 1)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
     if (*out && r->fast)

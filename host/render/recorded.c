@@ -147,6 +147,20 @@ done:
     return st;
 }
 
+/* A background by the photos stays what it was when the run began, also where they are not loaded,
+ * or have another size. */
+static void keep_background(const json_t *document, const cln_config *config, cln_scene *scene)
+{
+    const json_t *saved = json_object_get(document, "config");
+    const json_t *colour = json_object_get(json_object_get(document, "dataset"), "background");
+
+    if (!scene->background_mean || !same_text(saved, "background", config->background))
+        return;
+    for (size_t c = 0; c < 3 && json_array_size(colour) == 3; c++)
+        scene->background[c] = (float)json_number_value(json_array_get(colour, c));
+    scene->background_known = json_array_size(colour) == 3;
+}
+
 static cln_status compare(const char *run, const json_t *dataset, const cln_scene *scene,
                           const char *place, bool *same)
 {
@@ -197,6 +211,7 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_s
     if (st != CLN_OK && !given->path)
         cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
     CLN_TRY(st);
+    keep_background(document, &config, *scene);
     CLN_TRY(compare(run, dataset, *scene, place, same));
 done:
     if (st != CLN_OK) {

@@ -48,6 +48,9 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc);
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits. */
 cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]);
 
+/* background.c: the background, by config.background and the training photos that are loaded. */
+cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config);
+
 /* bounds.c: the cube, by the first of its rules that applies; fills space and bounds_rule. Of
  * config: space, bbox, stage1. */
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,

@@ -132,8 +132,11 @@ static cln_status describe(const cln_scene *scene, json_t **out)
                             json_integer(cln_scene_split_count(scene, (cln_split)s)));
     for (int i = 0; i < 3; i++) {
         json_array_append_new(centre, cln_json_real(scene->space.centre[i]));
-        /* To a float's digits: 0.1f is written as 0.1. */
-        json_array_append_new(background, cln_json_real(round(scene->background[i] * 1e7) / 1e7));
+        json_array_append_new(background, cln_json_real(cln_json_digits(scene->background[i])));
+    }
+    if (scene->background_mean && !scene->background_known) {
+        json_decref(background);
+        background = json_string("mean"); /* of photos that are not loaded */
     }
     for (int i = 0; i < scene->view_count; i++) {
         distance += distance_to_centre(scene, &scene->views[i]) / scene->view_count;

@@ -233,7 +233,6 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     const cln_reader *reader = NULL;
     char *others = NULL;
 
-    CLN_TRY(cln_config_background(desc->config, scene->background));
     CLN_TRY(cln_reader_pick(desc->path, desc->config->format, &reader, &others));
     CLN_TRY(cln_strdup(&scene->path, desc->path));
     CLN_TRY(cln_scene_folder(desc->path, &scene->folder));
@@ -278,6 +277,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
         CLN_TRY(cln_scene_find_sights(scene, result));
     CLN_TRY(cln_scene_place_images(scene, desc));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));
+    CLN_TRY(cln_scene_find_background(scene, desc->config));
 done:
     free(others);
     return st;

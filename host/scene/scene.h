@@ -94,27 +94,29 @@ typedef struct cln_scene {
     bool has_splits;     /* the dataset named the splits */
     int downscale;
     int view_count;
-    cln_view *views;     /* train, then val, then test; by name within a split */
-    int missing;         /* frames left out, as they lack an image: they stand behind the views */
-    int unreadable;      /* the last of these: their image is there, but cannot be read */
-    uint8_t *pixels;     /* of all loaded views: one piece, so that it lies in huge pages */
-    cln_store *store;    /* or they are here, if memory has no room for them */
-    double cached;       /* bytes of them that may be in memory; 0: all are */
-    uint8_t **maps;      /* [view_count] of the views' kept pixels; as many as there are lenses */
-    bool has_alpha;      /* over the views of all splits */
-    unsigned lenses;     /* cln_camera_lenses of all views */
-    cln_space space;     /* its cube */
-    char *bounds_rule;   /* where the cube comes from, a phrase */
-    bool has_box;        /* the cube is around a box, which may be a slab: */
-    double box[6];       /* minimum and maximum, scene units */
-    bool cube_guessed;   /* from the cameras alone */
-    double cube_share;   /* of the training rays, those that meet the cube */
-    double spread;       /* of the training cameras about their middle, half sides */
-    double apart_share;  /* of pairs of them, those that look apart; NaN: too few to tell */
-    int64_t sight_count; /* with config.depth_loss, for training: what points tell of depths */
-    cln_sight *sights;   /* by view, then by point */
-    float background[3]; /* composited behind alpha and behind the scene */
-    uint64_t digest;     /* of poses, intrinsics, split, names and image bytes on disk */
+    cln_view *views;       /* train, then val, then test; by name within a split */
+    int missing;           /* frames left out, as they lack an image: they stand behind the views */
+    int unreadable;        /* the last of these: their image is there, but cannot be read */
+    uint8_t *pixels;       /* of all loaded views: one piece, so that it lies in huge pages */
+    cln_store *store;      /* or they are here, if memory has no room for them */
+    double cached;         /* bytes of them that may be in memory; 0: all are */
+    uint8_t **maps;        /* [view_count] of the views' kept pixels; as many as there are lenses */
+    bool has_alpha;        /* over the views of all splits */
+    unsigned lenses;       /* cln_camera_lenses of all views */
+    cln_space space;       /* its cube */
+    char *bounds_rule;     /* where the cube comes from, a phrase */
+    bool has_box;          /* the cube is around a box, which may be a slab: */
+    double box[6];         /* minimum and maximum, scene units */
+    bool cube_guessed;     /* from the cameras alone */
+    double cube_share;     /* of the training rays, those that meet the cube */
+    double spread;         /* of the training cameras about their middle, half sides */
+    double apart_share;    /* of pairs of them, those that look apart; NaN: too few to tell */
+    int64_t sight_count;   /* with config.depth_loss, for training: what points tell of depths */
+    cln_sight *sights;     /* by view, then by point */
+    float background[3];   /* composited behind alpha and behind the scene */
+    bool background_mean;  /* it is the training photos' mean colour ... */
+    bool background_known; /* ... and these are loaded; else it is white here */
+    uint64_t digest;       /* of poses, intrinsics, split, names and image bytes on disk */
 } cln_scene;
 
 typedef struct cln_scene_desc {

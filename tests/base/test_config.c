@@ -785,9 +785,15 @@ static void test_eval_points(void **state)
 static cln_status background(const char *text, float rgb[3])
 {
     cln_config config = preset("fast");
+    cln_background_kind kind = CLN_BACKGROUND_GIVEN;
+    cln_status st = CLN_OK;
 
     snprintf(config.background, sizeof config.background, "%s", text);
-    return cln_config_background(&config, rgb);
+    st = cln_config_background(&config, &kind, rgb);
+    assert_int_equal(kind, strcmp(text, "auto") == 0   ? CLN_BACKGROUND_AUTO
+                           : strcmp(text, "mean") == 0 ? CLN_BACKGROUND_MEAN
+                                                       : CLN_BACKGROUND_GIVEN);
+    return st;
 }
 
 static void test_background(void **state)
@@ -799,6 +805,10 @@ static void test_background(void **state)
     assert_true(rgb[0] == 1 && rgb[1] == 1 && rgb[2] == 1);
     assert_int_equal(background("black", rgb), CLN_OK);
     assert_true(rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0);
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(background(i ? "mean" : "auto", rgb), CLN_OK);
+        assert_true(rgb[0] == 1 && rgb[1] == 1 && rgb[2] == 1);
+    }
     assert_int_equal(background("0.25,0.5,1", rgb), CLN_OK);
     assert_true(rgb[0] == 0.25f && rgb[1] == 0.5f && rgb[2] == 1);
     assert_failed(background("1.5,0,0", rgb), CLN_USAGE, "--background|0..1");

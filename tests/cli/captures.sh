@@ -570,13 +570,18 @@ section_forward() {
 # A fountain from around, with a town, hills and a sky up to 200 half sides away: what lies beyond
 # the cube is in a shell, and a cube alone paints it onto air.
 section_beyond() {
-    local run="$work/street run" net test
+    local run="$work/street run" net test colour
     net=("${small[@]}" --bands 4 --start-level 2 --rays 1024 --batch-samples 32768 --n1 12
         --no-view-dependence --level-at 3:0.3 --steps 300)
     "$make_scene" "$work/street" --kind street --format nerfstudio --size 40 --train 30 --test 1 \
         --depth >/dev/null
     expect "train with a shell" 0 "" "$cln" train "$work/street" -o "$run" "${net[@]}" --space shell
     check "run.json says so" [ "$("$query" dataset.space <"$run/run.json")" = shell ]
+    colour=$("$query" dataset.background.1 <"$run/run.json")
+    check "behind all is the photos' mean colour, no white" number_above 0.9 "$colour"
+    expect "info of the scene, whose pixels it does not read" 0 "" \
+        "$cln" info "$work/street" --json
+    check "it says which colour that is" [ "$(json background)" = mean ]
     expect "train without one" 0 "" "$cln" train "$work/street" -o "$work/street cube" "${net[@]}" \
         --space cube
     check "which is worse" number_above "$("$query" result.psnr_test <"$run/run.json")" \
@@ -591,6 +596,11 @@ section_beyond() {
         "$work/street crop/$test"; echo $?)" = 1 ]
     expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 302
     expect "eval" 0 "" "$cln" eval "$run" --json
+    check "on that colour" [ "$(json background.1)" = "$colour" ]
+    expect "it goes on with smaller photos" 0 "~--downscale" \
+        "$cln" train --resume "$run" --skip-selftest --steps 303 --downscale 2
+    check "and with the same colour" eval '! said "--background"'
+    check "which run.json keeps" [ "$("$query" dataset.background.1 <"$run/run.json")" = "$colour" ]
     expect "info" 0 "" "$cln" info "$run" --json
     check "info says so, too" [ "$(json checkpoint.space)" = shell ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/street.ply" --count 1000

@@ -364,6 +364,71 @@ static void test_wanted_splits(void **state)
     cln_scene_free(some);
 }
 
+/* ---- background ---- */
+
+/* Two training photos and a test photo, of which colours over alpha have this mean to 3 digits. */
+static void put_photos(const char *folder, int channels, double mean[3])
+{
+    double sums[4] = {0};
+
+    for (int k = 0; k < 3; k++)
+        put_image(folder, (const char *const[]){"0.png", "1.png", "2.png"}[k], 8, 8, channels, k);
+    for (int k = 0; k < 2; k++)
+        for (int i = 0; i < 64; i++) {
+            const double alpha = channels == 4 && i % 8 < 4 ? 128 : 255;
+
+            for (int c = 0; c < 3; c++)
+                sums[c] += alpha * (double)((i * 5 + c * 60 + k * 17) % 256);
+            sums[3] += alpha;
+        }
+    for (int c = 0; c < 3; c++)
+        mean[c] = sums[c] / sums[3] / 255;
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"train_filenames\":[\"0.png\",\"1.png\"],"
+             "\"test_filenames\":[\"2.png\"],\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(
+                 "1.png", POSE_FRONT) "," FRAME("2.png", POSE_FRONT) "]}");
+}
+
+static void check_background(const char *folder, const char *text, bool by_photos,
+                             const double want[3])
+{
+    cln_config config = default_config();
+    const cln_scene_desc bare = {.path = folder, .config = &config};
+    cln_scene *scene = NULL;
+    json_t *about = NULL;
+
+    snprintf(config.background, sizeof config.background, "%s", text);
+    scene = load(folder, &config);
+    assert_int_equal(scene->background_mean, by_photos);
+    assert_int_equal(scene->background_known, by_photos);
+    for (int c = 0; c < 3; c++)
+        assert_near(scene->background[c], want[c], 5.01e-4);
+    cln_scene_free(scene);
+    assert_int_equal(cln_scene_load(&bare, &scene), CLN_OK); /* cameras alone tell no colour */
+    assert_int_equal(scene->background_mean, by_photos);
+    assert_false(scene->background_known);
+    assert_int_equal(cln_scene_describe(scene, &about), CLN_OK);
+    assert_int_equal(json_is_array(json_object_get(about, "background")), !by_photos);
+    json_decref(about);
+    cln_scene_free(scene);
+}
+
+/* White behind photos with alpha; without, what nothing was seen of has their mean colour. */
+static void test_background(void **state)
+{
+    const char *folder = *state;
+    double mean[3];
+
+    put_photos(folder, 3, mean);
+    check_background(folder, "auto", true, mean);
+    check_background(folder, "mean", true, mean);
+    check_background(folder, "white", false, (const double[]){1, 1, 1});
+    put_photos(folder, 4, mean);
+    check_background(folder, "auto", false, (const double[]){1, 1, 1});
+    check_background(folder, "mean", true, mean);
+    check_background(folder, "0,0.25,1", false, (const double[]){0, 0.25, 1});
+}
+
 /* ---- bounds ---- */
 
 /* Loads one document with two frames and checks the cube. */
@@ -582,6 +647,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_holdout, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_downscale, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wanted_splits, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_background, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bounds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_small_cubes_are_seen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_digest, scratch_make, scratch_remove),
