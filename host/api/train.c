@@ -1,6 +1,7 @@
 /* cln_train: puts a run together (scene, device, programs, plan, model) and takes it apart again.
  * The loop is train/loop.c. Nothing but the lock of a run that is resumed is written before scene,
  * options and memory plan are known to be good. */
+#include <limits.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -31,6 +32,12 @@
 
 static const double LONG_CHECK = 5; /* seconds; with cached kernels the check takes less */
 
+/* A number of a run's result, rounded up; 0 without one. */
+static int whole(const json_t *number)
+{
+    return (int)fmax(0, fmin(INT_MAX, ceil(json_number_value(number))));
+}
+
 cln_status cln_settings_of_run(const char *run, cln_settings **out)
 {
     cln_status st = CLN_OK;
@@ -43,8 +50,9 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
     CLN_TRY(cln_run_config(run, &settings->config));
     CLN_TRY(cln_run_read(run, &document));
     result = json_object_get(document, "result");
-    settings->steps = json_number_value(json_object_get(result, "step"));
-    settings->seconds = json_number_value(json_object_get(result, "seconds"));
+    settings->used.steps = whole(json_object_get(result, "step"));
+    settings->used.time_limit = json_number_value(json_object_get(result, "seconds"));
+    settings->used.epochs = whole(json_object_get(result, "epochs"));
     settings->base = settings->config;
     settings->preset[0] = 0;
     *out = settings;

@@ -79,6 +79,9 @@ int cln_config_most_leaves(const cln_config *config);
  * (method.md 11). */
 int64_t cln_config_epoch_steps(const cln_config *config, double pixels);
 
+/* The epochs, of such a scene, that so many steps are. */
+double cln_config_step_epochs(const cln_config *config, double pixels, int64_t steps);
+
 /* Deepest level that leaves may have. */
 int cln_config_deepest(const cln_config *config);
 

@@ -46,6 +46,11 @@ int64_t cln_config_epoch_steps(const cln_config *config, double pixels)
     return (int64_t)fmax(1, ceil(config->epochs * pixels / 10 / config->rays));
 }
 
+double cln_config_step_epochs(const cln_config *config, double pixels, int64_t steps)
+{
+    return (double)steps * config->rays * 10 / pixels;
+}
+
 int cln_config_deepest(const cln_config *config)
 {
     int most = config->adaptive || config->tree_from[0] ? config->max_level : 0;

@@ -391,7 +391,7 @@ section_names() {
 }
 
 section_train() {
-    local psnr
+    local last psnr
     baseline
     check "train --json is not printed unasked" grep -q 'model digest' "$work/out"
     run "$cln" info "$work/whole" --json
@@ -430,6 +430,12 @@ section_train() {
     check "--time-limit ends the training" [ $rc = 0 ]
     check "--time-limit ends it after its seconds" eval \
         'number_above "$(json seconds)" 1.9 && number_above 10 "$(json seconds)"'
+    last=$(json step)
+    expect "--epochs +1 of a run whose budget was time" 0 "" "$cln" train --resume "$work/timed" \
+        --skip-selftest --progress none --epochs +1 --json
+    # an epoch has 48 x 48 x 12 / 10 rays, 10.8 steps; those begun count as whole
+    check "it goes on from where the run ended" \
+        [ "$(json step)" -gt $((last + 10)) -a "$(json step)" -le $((last + 23)) ]
     run "$cln" train "$work/blender" -o "$work/target" "${small[@]}" --steps 100000 --eval-every 5 \
         --target-psnr 14 --json
     check "--target-psnr ends the training" eval '[ $rc = 0 ] && number_above 1000 "$(json step)" &&
