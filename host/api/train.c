@@ -205,11 +205,10 @@ static cln_status check_depth(const char *run, const cln_config *saved, const cl
                     wanted->adaptive ? "give at least the tree's level" : "give --stage1 gather");
 }
 
-static cln_status load_model(cln_trainer *t, cln_config *config)
+static cln_status load_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
     char limit[32] = "", steps[32] = "";
-    int depth = 0;
 
     if (t->desc->resume) {
         CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
@@ -230,9 +229,6 @@ static cln_status load_model(cln_trainer *t, cln_config *config)
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
         else
             CLN_TRY(create(config, t->scene, &t->model));
-        depth = cln_octree_depth(&t->model.tree) - t->scene->space.shell;
-        if (config->tree_from[0] && config->max_level < depth) /* tables by level are as deep */
-            config->max_level = t->model.config.max_level = depth;
         t->model.space = t->scene->space;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
@@ -525,10 +521,14 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_refine_start(t));
     cln_info("device: %s (%s, %d compute units); building kernels for it", t->device->info.name,
              t->device->info.platform, t->device->info.compute_units);
-    if (!cln_batch_knows(t->scene, &config))
-        config.depth_loss = 0; /* not built */
-    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
-                                &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
+    CLN_TRY(cln_pipeline_create(
+        t->device, &config,
+        &(cln_pipeline_facts){.lenses = t->scene->lenses,
+                              .alpha = t->scene->has_alpha,
+                              .no_sights = !cln_batch_knows(t->scene, &config),
+                              .depth = cln_octree_depth(&t->model.tree),
+                              .space = &t->model.space},
+        CLN_PROGRAMS_ALL, &t->pipeline));
     CLN_TRY(cln_pipeline_share(&t->pipeline));
     CLN_TRY(plan(t));
     say_what_runs(t);

@@ -261,8 +261,9 @@ static cln_status measure(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_pipeline_create(t->device, &t->work.model.config, false, false, &cln_space_unit,
-                                CLN_PROGRAMS_ALL, candidate));
+    CLN_TRY(cln_pipeline_create(t->device, &t->work.model.config,
+                                &(cln_pipeline_facts){.space = &cln_space_unit}, CLN_PROGRAMS_ALL,
+                                candidate));
     CLN_TRY(cln_synthetic_upload(&t->work, candidate));
     if (t->best.device) {
         CLN_TRY(race(t, candidate, try));

@@ -93,13 +93,13 @@ static size_t decoded_of(const cln_pipeline *p)
 
 static size_t shown_of(const cln_pipeline *p)
 {
-    return p->config.depth_loss > 0;
+    return p->depth_loss > 0;
 }
 
 /* float4s of a stretch's sums (kernels/stretch.cl). */
 static size_t sums_of(const cln_pipeline *p)
 {
-    return p->config.depth_loss > 0 ? 3 : 2;
+    return p->depth_loss > 0 ? 3 : 2;
 }
 
 static size_t longest_of(const cln_pipeline *p)
