@@ -242,8 +242,8 @@ done:
  * present ones. */
 static bool is_grown(const cln_trainer *t, const cln_config *saved)
 {
-    if (saved->encoding == CLN_ENCODING_VOXEL && t->model.decisions > 0)
-        return true; /* whole levels come before the first decision */
+    if (cln_leaf_kind_of(saved->encoding)->levels_first && t->model.decisions > 0)
+        return true;
     return t->model.level >= cln_structure_level(saved, 1) &&
            t->model.level >= cln_structure_level(&t->model.config, 1);
 }
@@ -465,7 +465,7 @@ static cln_status check_settings(cln_trainer *t, const cln_config *config, cln_c
         CLN_TRY(check_shape(saved, config));
         CLN_TRY(check_same_tree(saved, config));
     }
-    if (config->encoding == CLN_ENCODING_VOXEL && cln_ranks_count() > 1)
+    if (cln_leaf_kind_of(config->encoding)->joined && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "--encoding voxel: several processes cannot train voxels, as these would "
                          "share vertices; start one, or give --preset fast"));

@@ -90,7 +90,7 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
         tune->nb -= step;
     /* slices are an even number of blocks (kernels/group.cl) */
     tune->sl = tune->sl < 2 * tune->nb ? 2 * tune->nb : tune->sl / (2 * tune->nb) * 2 * tune->nb;
-    if (net->encoding == CLN_ENCODING_VOXEL ||
+    if (!cln_leaf_kind_of(net->encoding)->network ||
         bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->leaf = 0;
 }
@@ -281,7 +281,7 @@ static bool is_true(const cln_pipeline *p, enum when when)
     case ALWAYS:
         return true;
     case NETWORK:
-        return p->net.encoding != CLN_ENCODING_VOXEL;
+        return cln_leaf_kind_of(p->net.encoding)->network;
     case VOXEL:
         return p->net.encoding == CLN_ENCODING_VOXEL;
     case DECODER:

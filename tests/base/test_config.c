@@ -729,6 +729,24 @@ static void test_time(void **state)
         assert_false(row_of(without[i])->flags & CLN_ROW_TIME);
 }
 
+/* Every kind of leaf has a row; where leaves are no networks, nothing can be trained to merge. */
+static void test_leaf_kinds(void **state)
+{
+    const char *words = row_of("encoding")->words;
+    int kinds = 1;
+
+    (void)state;
+    for (const char *c = words; *c; c++)
+        kinds += *c == '|';
+    for (int i = 0; i < kinds; i++) {
+        const cln_leaf_kind *kind = cln_leaf_kind_of(i);
+
+        assert_int_equal(kind->merges, kind->network);
+        assert_int_equal(kind->joined, i == CLN_ENCODING_VOXEL);
+        assert_int_equal(kind->levels_first, i == CLN_ENCODING_VOXEL);
+    }
+}
+
 /* Steps of epochs, and back. */
 static void test_epochs(void **state)
 {
@@ -927,6 +945,7 @@ int test_group_config(void)
         cmocka_unit_test(test_differs),
         cmocka_unit_test(test_time),
         cmocka_unit_test(test_epochs),
+        cmocka_unit_test(test_leaf_kinds),
         cmocka_unit_test(test_level_at),
         cmocka_unit_test(test_eval_points),
         cmocka_unit_test(test_background),
