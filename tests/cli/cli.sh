@@ -74,6 +74,13 @@ decision_rows() {
     grep '"event":"structure"' "$1/metrics.jsonl"
 }
 
+# stages_fit RUN SECONDS: the device's time, without that of evaluations, is at most SECONDS
+stages_fit() {
+    sed -n 's/.*"stages":{\([^}]*\)}.*/\1/p' "$1/metrics.jsonl" | tr ',' '\n' |
+        awk -F: -v training="$2" '$1 ~ /evaluation/ { apart += $2; next } { sum += $2 }
+            END { exit !(apart > 0 && sum > 0 && sum <= training) }'
+}
+
 every_step_once() {
     cmp -s <(step_rows "$1" | "$query" -l step) <(seq "$2")
 }
@@ -390,6 +397,13 @@ section_train() {
         --target-psnr 14 --json
     check "--target-psnr ends the training" eval '[ $rc = 0 ] && number_above 1000 "$(json step)" &&
         number_above "$(json psnr_test)" 14 && number_above "$(json step)" 5'
+
+    # pictures that take far longer than the steps between them
+    scene fine --size 128 --train 4 --test 3
+    run "$cln" train "$work/fine" -o "$work/evaluated" "${small[@]}" --steps 20 \
+        --eval-every 1 --json
+    check "evaluations count apart: all other stages sum to at most the training's seconds" \
+        stages_fit "$work/evaluated" "$(json seconds)"
 
     # the best constant pictures of these scenes reach 15.1, 10.4 and 10.3 dB
     scene room --kind room --size 40 --train 10 --test 2
