@@ -1,7 +1,18 @@
 /* Fetching ahead: requests cache lines of global memory before they are read or written.
  *
- * One idiom: work proceeds in equal turns, and each turn first fetches its share of the data needed
- * next. Fetches belong one by one between other work: a burst of them stalls. They use the
+ * Four forms, by what is known of the data needed next:
+ *
+ *   turns     rows of a known number, needed by a later loop of equal turns: each turn of the
+ *             present loop first fetches its share (in_turns, fetch_turn; layer.h)
+ *   stream    an array worked on from front to back: the line a fixed distance on (FETCH_STREAM;
+ *             adam.h)
+ *   places    elements in no order: their indices are worked out first, those of a block or of a
+ *             distance on, and each is fetched at once (FETCH; roulette.cl, voxel.cl, mlp_*.cl for
+ *             the next block's samples, stage1.h's bundle_fetch for the next intervals)
+ *   few       some lines, between two stages (fetch_all; mlp_forward.cl)
+ *
+ * Turns come first: fetches belong one by one between other work, as a burst of them stalls. The
+ * other forms are for what has no turns, or for no more than a few dozen lines. They use the
  * compiler's builtin, as PoCL's prefetch() does nothing; without the builtin they do nothing. */
 
 /* FETCHES: whether FETCH does anything. */

@@ -60,7 +60,8 @@ Description: views of a scene from anywhere, learnt from posed photos
  depth, or exports points, meshes and volumes. Runs on any OpenCL device; on
  processors with PoCL (pocl-opencl-icd).
 END
-(cd "$root" && find usr -type f -print0 | LC_ALL=C sort -z | xargs -0 md5sum) >"$root/DEBIAN/md5sums"
+(cd "$root" && find usr -type f -print0 | LC_ALL=C sort -z | xargs -0 md5sum) \
+    >"$root/DEBIAN/md5sums"
 chmod -R u=rwX,go=rX "$root"
 dpkg-deb --root-owner-group -Zxz -b "$root" "build/cl-nascent_${version}_$arch.deb" >/dev/null
 echo "build/cl-nascent_${version}_$arch.deb"

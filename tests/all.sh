@@ -96,6 +96,7 @@ part viewer tests/cli/view.sh
 part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage scenes resume
 part leaks tests/cli/leaks.sh
 part tree tests/cli/tree.sh
+part tune tests/cli/tune.sh
 part bench tests/cli/bench.sh
 part "first hour" tests/cli/first_hour.sh
 part "fuzz corpus" tests/fuzz/fuzz.sh replay

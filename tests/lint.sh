@@ -9,7 +9,7 @@
 #   circles     no file of host/ includes itself through others (a.c and a.h count as one)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
 #   options     every option of host/base/config_rows.h is in the man page
-#   method      every section of docs/method.md that a comment cites is a heading there
+#   method      every section of docs/method.md that a comment or document cites is a heading there
 #   format      clang-format has nothing to change
 #   length      no file over 1000 lines, no line over 100 columns except lines with an address
 #   scripts     shellcheck, if it is installed
@@ -24,6 +24,9 @@ c_files=$(ls host/*/*.c examples/*.c data/*.c tests/*/*.c bench/common/*.c bench
     bench/scale/*.c bench/scenes/*.c 2>/dev/null)
 all_files=$(ls host/*/*.[ch] include/*.h examples/*.c data/*.[ch] tests/*/*.[ch] tests/*.sh \
     tests/*/*.sh bench/*/*.[ch] kernels/* 2>/dev/null)
+# of which only citations and lengths are checked here
+other_files=$(ls ./*.md bench/*/*.cpp tests/*/*.py bench/*/*.sh packaging/* host/view/page.* \
+    host/view/*.js Makefile)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
@@ -163,15 +166,37 @@ options() {
         done
 }
 
-# "method.md 4, 5", "method.md sections 4 to 7", "method.md 9's rule": the numbers after the name,
-# up to the end of the line.
+# Citations of the files, as "file:line:citation": "method.md 4, 5", "method.md sections 4 to 7",
+# "method.md 9's rule". A line that ends within one goes on in the next, without a comment's signs.
+citations() {
+    awk -v cited="method\\.md,?( sections?)?( [0-9][0-9.]*(,| and| to|, and)?)*" '
+        function print_all(line, at) {
+            while (match(line, cited)) {
+                print file ":" at ":" substr(line, RSTART, RLENGTH)
+                line = substr(line, RSTART + RLENGTH)
+            }
+        }
+        FNR == 1 { if (held != "") print_all(held, at); held = ""; file = FILENAME }
+        {
+            line = $0
+            if (held != "") {
+                sub(/^[ \t]*(\*|\/\/|#)?[ \t]*/, "", line)
+                line = held " " line
+            } else
+                at = FNR
+            held = ""
+            if (line ~ cited "$") held = line
+            else print_all(line, at)
+        }
+        END { if (held != "") print_all(held, at) }' "$@"
+}
+
 method() {
     local file line words number headings
     headings=" $(sed -n 's/^##* \([0-9][0-9.]*\)[. ].*/\1/p' docs/method.md | sed 's/\.$//' |
         tr '\n' ' ')"
     # shellcheck disable=SC2086
-    grep -noE 'method\.md,? (sections? )?[0-9][0-9.]*(((,| and| to|, and) )[0-9][0-9.]*)*' \
-        $all_files docs/*.md /dev/null |
+    citations $all_files $other_files docs/*.md |
         while IFS=: read -r file line words; do
             for number in $(grep -oE '[0-9][0-9.]*' <<<"$words" | sed 's/\.$//'); do
                 case $headings in
@@ -201,12 +226,13 @@ lengths() {
         line = $0
         gsub(/\t/, "        ", line)
         gsub(/[\200-\277]/, "", line)
-        if (length(line) > 100) print FILENAME ":" FNR ": over 100 columns"
-    }' $all_files host/view/page.* host/view/*.js bench/*/*.sh bench/*/*.cpp Makefile
+        if (length(line) > 100 && FILENAME !~ /\.md$/)
+            print FILENAME ":" FNR ": over 100 columns"
+    }' $all_files $other_files
 }
 
 shell_scripts() {
-    shellcheck -S warning tests/*.sh tests/*/*.sh .ci/run
+    shellcheck -S warning tests/*.sh tests/*/*.sh packaging/*.sh bench/*/*.sh .ci/run
 }
 
 clang=$(first_of clang-14 clang clang-15)

@@ -1,8 +1,9 @@
 #!/bin/bash
 # The gate for changes that must not change results: trains short runs with a budget in steps, and
 # prints for each the digest of its model and a checksum of its pictures. Not part of `make test`:
-# it compares two programs on one machine, because bits differ between devices. A change that only
-# moves code prints the same before and after:
+# it compares two programs on one machine, because bits differ between devices. It fails itself if
+# an interrupted run differs from the same without interruption. A change that only moves code
+# prints the same before and after:
 #   tests/same_bits.sh PROGRAM >before; ...; tests/same_bits.sh PROGRAM | diff before -
 #   tests/same_bits.sh PROGRAM CASE...        only these cases
 # PROGRAM is a build/cl-nascent, with build/make-scene next to it. About five minutes on two cores.
@@ -15,6 +16,8 @@ generator=${MAKE_SCENE:-$(dirname "$program")/make-scene}
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-bits-XXXXXX")
 trap 'rm -rf "$work"' EXIT
 export XDG_CONFIG_HOME=$work/config
+: >"$work/lines"
+child=0 failed=0
 unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE
 
 "$generator" "$work/object" --size 80 --train 20 --test 3 >/dev/null
@@ -46,7 +49,7 @@ say() {
     pictures=$(cd "$run" && find eval render \( -name '*.png' -o -name '*.npy' \) -print0 |
         sort -z |
         xargs -0 cat | sha256sum | cut -c -16)
-    echo "$name $digest $pictures"
+    echo "$name $digest $pictures" | tee -a "$work/lines"
 }
 
 # bits NAME SCENE OPTIONS...
@@ -59,43 +62,78 @@ bits() {
     rm -rf "$work/run-$name"
 }
 
-# The run "fast", interrupted repeatedly: its line must equal that of "fast".
+# Waits until the run has so many rows of metrics, or the child has ended.
+await_rows() {
+    until [ "$(cat "$1/metrics.jsonl" 2>/dev/null | wc -l)" -ge "$2" ]; do
+        kill -0 $child 2>/dev/null || return 0
+        sleep 0.05
+    done
+}
+
+# The bits of a case, again or for the first time.
+line_of() {
+    sed -n "s/^$1 //p" "$work/lines"
+}
+
+# interrupted NAME ROWS SCENE OPTIONS...: the run NAME, interrupted whenever metrics.jsonl has so
+# many rows ("1 4"): its line must equal that of NAME, which comes before it.
 interrupted() {
-    wanted interrupted || return 0
-    local run=$work/run-interrupted status=0 tries=0
-    env --default-signal=INT "$program" train "$work/object" -o "$run" "${short[@]}" >/dev/null \
-        2>&1 &
-    local child=$!
-    while :; do
-        sleep $((1 + tries)) # longer each time, so that a slow machine ends, too
+    local of=$1 rows=$2 scene=$3 name=interrupted-$1 status=0 stops=0
+    local run=$work/run-$name
+    shift 3
+    wanted "$name" || return 0
+    env --default-signal=INT "$program" train "$work/$scene" -o "$run" "${short[@]}" "$@" \
+        >/dev/null 2>&1 &
+    child=$!
+    for row in $rows; do
+        await_rows "$run" "$row"
         kill -INT $child 2>/dev/null || true
         status=0
         wait $child || status=$?
-        [ $status = 0 ] && break
-        tries=$((tries + 1))
-        [ $tries -lt 100 ] || return 1
+        [ $status != 0 ] || break # it ended before
+        [ $status = 130 ] || return 1
+        stops=$((stops + 1))
         env --default-signal=INT "$program" train --resume "$run" --skip-selftest --progress none \
             -q >/dev/null 2>&1 &
         child=$!
     done
-    say interrupted "$run"
+    [ $status = 0 ] || wait $child
+    say "$name" "$run"
+    rm -rf "$run"
+    if [ $stops = 0 ]; then
+        echo "$0: $name: it ended before it could be interrupted" >&2
+        failed=1
+    elif [ "$(line_of "$name")" != "$(line_of "$of")" ]; then
+        echo "$0: $name differs from $of: ${*:-no options}" >&2
+        failed=1
+    fi
+}
+
+# both NAME ROWS SCENE OPTIONS...: without and, if wanted, with interruptions
+both() {
+    local name=$1 rows=$2
+    shift 2
+    if wanted "interrupted-$name" && ! wanted "$name"; then
+        cases+=("$name") # to compare with
+    fi
+    bits "$name" "$@"
+    interrupted "$name" "$rows" "$@"
 }
 
 paper=(--preset paper --view-width 64 --n1 10 --rays 512 --batch-samples 16384 \
     --samples-per-leaf 12)
 
-bits fast object
-interrupted
+both fast "1 5 9" object
 bits fast-seed object --seed 7 --random-background
 bits fast-rgb rgb
 bits fast-lens lens
-bits fast-splat object --stage1 splat
+both fast-splat 3 object --stage1 splat
 bits splat-lens lens --stage1 splat --lists padded
 bits paper object "${paper[@]}" --steps 100
 bits paper-noise object "${paper[@]}" --steps 80 --rrelu-scope neuron --density-noise 0.5 \
     --moments bfloat16
-bits nerf object --preset nerf --width 64 --rays 256 --batch-samples 16384 --steps 60
-bits voxel object --preset voxel --rays 512 --steps 100
+both nerf 1 object --preset nerf --width 64 --rays 256 --batch-samples 16384 --steps 60
+both voxel 2 object --preset voxel --rays 512 --steps 100
 bits kilonerf object --preset kilonerf --rays 512 --steps 100
 bits regularised object --sparsity 0.01 --cauchy 0.001 --opacity-entropy 0.01 \
     --distortion-loss 0.01 \
@@ -111,3 +149,4 @@ bits plain object --tune VW=1,LS=1,TS=4 --steps 100
 bits gpu object --tune VW=1,LS=64,TS=8,NB=16,LEAF=0 --steps 100
 bits lanes object --tune VW=4,LS=8,LEAF=0 --steps 100
 bits parts object --max-alloc 1M --steps 200
+exit $failed

@@ -154,7 +154,8 @@ cln_status bench_pipeline(bench *b, const cln_config *config, bool distortion, c
     b->tune = b->device->tune = wanted;
     b->device->tune_exact = true; /* exactly these, ignoring tuned rows */
     b->distortion = distortion;
-    st = cln_pipeline_create(b->device, config, distortion, false, &cln_space_unit,
+    st = cln_pipeline_create(b->device, config,
+                             &(cln_pipeline_facts){.lenses = distortion, .space = &cln_space_unit},
                              CLN_PROGRAMS_ALL, &b->pipeline);
     b->device->tune = kept;
     b->device->tune_exact = exact;

@@ -287,8 +287,8 @@ static cln_status make_ours(cln_device *device, shape s, int depth, ours *o)
     config.roulette = 0; /* every sample takes part in the backward pass */
     CLN_TRY(make_tree(s.leaves, &tree));
     CLN_TRY(cln_model_create_on(&config, &tree, &o->model));
-    CLN_TRY(cln_pipeline_create(device, &config, false, false, &cln_space_unit, CLN_PROGRAMS_ALL,
-                                &o->p));
+    CLN_TRY(cln_pipeline_create(device, &config, &(cln_pipeline_facts){.space = &cln_space_unit},
+                                CLN_PROGRAMS_ALL, &o->p));
     CLN_TRY(cln_pipeline_rebuild(&o->p, o->model.tree.leaf_count));
     CLN_TRY(cln_pipeline_upload(&o->p, &o->model, true));
     o->leaves = s.leaves;

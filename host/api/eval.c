@@ -130,8 +130,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(check_ranks(desc, &opened, views, count));
     if (desc->seams && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE, "--seams: works in one process only; run eval without mpirun"));
-    if (desc->fast)
-        cln_render_faster(&opened.model.config);
+    opened.fast = desc->fast;
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     opened.pipeline.antialias = desc->antialias;
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));

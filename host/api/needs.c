@@ -39,8 +39,9 @@ static cln_status time_steps(cln_device *device, const cln_config *config, doubl
 
     *count = 0;
     CLN_TRY(cln_synthetic_create(device, config, &work));
-    CLN_TRY(cln_pipeline_create(device, &work.model.config, false, false, &cln_space_unit,
-                                CLN_PROGRAMS_ALL, &p));
+    CLN_TRY(cln_pipeline_create(device, &work.model.config,
+                                &(cln_pipeline_facts){.space = &cln_space_unit}, CLN_PROGRAMS_ALL,
+                                &p));
     CLN_TRY(cln_synthetic_upload(&work, &p));
     CLN_TRY(cln_synthetic_step(&work, &p)); /* compiles */
     CLN_TRY(cln_synthetic_settle(&work, &p, budget / LEAST_STEPS));
@@ -108,7 +109,10 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
     if (c->time_limit > 0)
         json_object_set_new(about, "time_limit", json_real(c->time_limit));
     if (cln_device_open(wanted, &device) == CLN_OK &&
-        cln_pipeline_outline(device, c, scene->lenses, scene->has_alpha, &scene->space,
+        cln_pipeline_outline(device, c,
+                             &(cln_pipeline_facts){.lenses = scene->lenses,
+                                                   .alpha = scene->has_alpha,
+                                                   .space = &scene->space},
                              &pipeline) == CLN_OK) {
         const cln_plan_desc desc = {
             &pipeline, scene, cln_config_most_leaves(c), true, cln_coverage_bytes(scene), 0};

@@ -145,8 +145,7 @@ static cln_status start(cln_render_job *j)
         cameras[i] = &j->eyes[i];
         lenses |= cln_camera_lenses(cameras[i]);
     }
-    if (j->desc->fast)
-        cln_render_faster(&v->model.config);
+    v->fast = j->desc->fast;
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     v->pipeline.antialias = j->desc->antialias;
     CLN_TRY(cln_crop_use(&v->pipeline, &v->model.space, &j->crop));

@@ -1,6 +1,7 @@
 /* cln_train: puts a run together (scene, device, programs, plan, model) and takes it apart again.
  * The loop is train/loop.c. Nothing but the lock of a run that is resumed is written before scene,
  * options and memory plan are known to be good. */
+#include <limits.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -31,6 +32,12 @@
 
 static const double LONG_CHECK = 5; /* seconds; with cached kernels the check takes less */
 
+/* A number of a run's result, rounded up; 0 without one. */
+static int whole(const json_t *number)
+{
+    return (int)fmax(0, fmin(INT_MAX, ceil(json_number_value(number))));
+}
+
 cln_status cln_settings_of_run(const char *run, cln_settings **out)
 {
     cln_status st = CLN_OK;
@@ -43,8 +50,9 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
     CLN_TRY(cln_run_config(run, &settings->config));
     CLN_TRY(cln_run_read(run, &document));
     result = json_object_get(document, "result");
-    settings->steps = json_number_value(json_object_get(result, "step"));
-    settings->seconds = json_number_value(json_object_get(result, "seconds"));
+    settings->used.steps = whole(json_object_get(result, "step"));
+    settings->used.time_limit = json_number_value(json_object_get(result, "seconds"));
+    settings->used.epochs = whole(json_object_get(result, "epochs"));
     settings->base = settings->config;
     settings->preset[0] = 0;
     *out = settings;
@@ -197,11 +205,10 @@ static cln_status check_depth(const char *run, const cln_config *saved, const cl
                     wanted->adaptive ? "give at least the tree's level" : "give --stage1 gather");
 }
 
-static cln_status load_model(cln_trainer *t, cln_config *config)
+static cln_status load_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
     char limit[32] = "", steps[32] = "";
-    int depth = 0;
 
     if (t->desc->resume) {
         CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
@@ -222,9 +229,6 @@ static cln_status load_model(cln_trainer *t, cln_config *config)
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
         else
             CLN_TRY(create(config, t->scene, &t->model));
-        depth = cln_octree_depth(&t->model.tree) - t->scene->space.shell;
-        if (config->tree_from[0] && config->max_level < depth) /* tables by level are as deep */
-            config->max_level = t->model.config.max_level = depth;
         t->model.space = t->scene->space;
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         t->model.has_alpha = t->scene->has_alpha;
@@ -238,8 +242,8 @@ done:
  * present ones. */
 static bool is_grown(const cln_trainer *t, const cln_config *saved)
 {
-    if (saved->encoding == CLN_ENCODING_VOXEL && t->model.decisions > 0)
-        return true; /* whole levels come before the first decision */
+    if (cln_leaf_kind_of(saved->encoding)->levels_first && t->model.decisions > 0)
+        return true;
     return t->model.level >= cln_structure_level(saved, 1) &&
            t->model.level >= cln_structure_level(&t->model.config, 1);
 }
@@ -432,100 +436,149 @@ static cln_status stop_early(cln_trainer *t)
     return cln_fail(t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
 }
 
-static cln_status prepare(cln_trainer *t)
+/* Is there a run to resume, or room for a new one? Holds the former until the end, before anything
+ * is read that another process could still change. */
+static cln_status check_folder(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    cln_config config = t->desc->settings->config;
-    cln_scene_desc scene = {.path = t->desc->scene,
-                            .config = &config,
-                            .elsewhere = CLN_PROGRAM_BYTES,
-                            .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
-    cln_config saved = config; /* of a resumed run: what it had so far */
-    bool same = false, empty = false;
+    bool empty = false;
 
-    if (t->desc->resume) { /* before anything is read that another process could still change */
+    if (t->desc->resume) {
         CLN_TRY(cln_run_open(t->desc->run, true));
         if (t->writes)
             CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
     } else if (t->writes) {
         CLN_TRY(cln_run_check(t->desc->run, false, &empty));
     }
-    CLN_TRY(cln_config_check(&config));
+done:
+    return st;
+}
+
+/* Do the settings go together, and with those of the run that is resumed? These go to *saved. */
+static cln_status check_settings(cln_trainer *t, const cln_config *config, cln_config *saved)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_config_check(config));
     if (t->desc->resume) { /* load_model asks the checkpoint, but this is before the photos */
-        CLN_TRY(cln_run_config(t->desc->run, &saved));
-        CLN_TRY(check_shape(&saved, &config));
-        CLN_TRY(check_same_tree(&saved, &config));
+        CLN_TRY(cln_run_config(t->desc->run, saved));
+        CLN_TRY(check_shape(saved, config));
+        CLN_TRY(check_same_tree(saved, config));
     }
-    if (config.encoding == CLN_ENCODING_VOXEL && cln_ranks_count() > 1)
+    if (cln_leaf_kind_of(config->encoding)->joined && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "--encoding voxel: several processes cannot train voxels, as these would "
                          "share vertices; start one, or give --preset fast"));
-    CLN_TRY(cln_watch_open(t));
-    CLN_TRY(cln_config_eval_points(&config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
+    CLN_TRY(cln_config_eval_points(config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));
+done:
+    return st;
+}
+
+/* Opens the device, and reads the scene, a resumed run's own. */
+static cln_status load_scene(cln_trainer *t, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+    const cln_scene_desc desc = {.path = t->desc->scene,
+                                 .config = config,
+                                 .elsewhere = CLN_PROGRAM_BYTES,
+                                 .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
+    bool same = false;
+
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
-    if (t->desc->resume)
-        CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
     if (t->desc->resume) {
-        CLN_TRY(cln_recorded_load(t->desc->run, &scene, &t->scene, &same));
-        if (!same && scene.path) /* the run would belong to the other scene */
+        CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
+        CLN_TRY(cln_recorded_load(t->desc->run, &desc, &t->scene, &same));
+        if (!same && desc.path) /* the run would belong to the other scene */
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: not the scene that %s began with, so nothing is trained; leave "
                              "it out, or train a new run on it with -o",
-                             scene.path, t->desc->run));
+                             desc.path, t->desc->run));
         CLN_TRY(cln_recorded_photos(t->desc->run, t->scene));
     } else {
-        CLN_TRY(cln_scene_load(&scene, &t->scene));
+        CLN_TRY(cln_scene_load(&desc, &t->scene));
     }
-    CLN_TRY(cln_plan_place_images(t->device, &config, cln_config_most_leaves(&config),
+    CLN_TRY(cln_plan_place_images(t->device, config, cln_config_most_leaves(config),
                                   cln_coverage_bytes(t->scene), t->scene));
-    CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config.eval_images, &t->eval_views,
+done:
+    return st;
+}
+
+/* Chooses the views of evaluations. Is there room for what the training will write, and the tree
+ * that it is to begin with? */
+static cln_status check_files(cln_trainer *t, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config->eval_images, &t->eval_views,
                                &t->eval_count));
     CLN_TRY(cln_quality_check(t->scene, t->eval_views, t->eval_count));
     if (t->writes)
-        CLN_TRY(check_disk(t, &config));
+        CLN_TRY(check_disk(t, config));
     if (t->desc->dump_program)
         CLN_TRY(cln_disk_check_file(t->desc->dump_program, 0, "the integer program"));
-    if (config.tree_from[0] && !t->desc->resume)
-        CLN_TRY(check_tree_from(config.tree_from));
-    CLN_TRY(load_model(t, &config));
-    t->steps = config.steps;
-    cln_scene_warn_doubts(t->scene);
+    if (config->tree_from[0] && !t->desc->resume)
+        CLN_TRY(check_tree_from(config->tree_from));
+done:
+    return st;
+}
+
+/* Warns of what is likely wrong with the scene, and of settings that do nothing. */
+static void warn(const cln_trainer *t, const cln_config *config, const cln_config *saved)
+{
+    const cln_scene *scene = t->scene;
+    const bool resume = t->desc->resume;
+
+    cln_scene_warn_doubts(scene);
     cln_settings_warn_idle(
         t->desc->settings,
-        &(cln_settings_facts){
-            .resume = t->desc->resume,
-            .grown = t->desc->resume && is_grown(t, &saved),
-            .frozen = t->desc->resume && is_frozen(t, &saved),
-            .past_crop = t->desc->resume && t->model.step >= config.precrop_steps &&
-                         t->model.step >= saved.precrop_steps,
-            .has_alpha = t->scene->has_alpha,
-            .forward = t->scene->space.forward,
-            .shell = t->scene->space.shell,
-            .ranks = cln_ranks_count(),
-            .no_sights = t->scene->sight_count == 0,
-            .no_box = !t->scene->has_box,
-            .has_splits = t->scene->has_splits,
-            .few_views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN) < config.seen_by});
-    CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
-    if (!t->desc->skip_selftest)
-        CLN_TRY(check_kernels(t, &config));
-    CLN_TRY(cln_batch_create(t->scene, &config, &t->batch));
-    CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(&config), sizeof *t->results,
+        &(cln_settings_facts){.resume = resume,
+                              .grown = resume && is_grown(t, saved),
+                              .frozen = resume && is_frozen(t, saved),
+                              .past_crop = resume && t->model.step >= config->precrop_steps &&
+                                           t->model.step >= saved->precrop_steps,
+                              .has_alpha = scene->has_alpha,
+                              .forward = scene->space.forward,
+                              .shell = scene->space.shell,
+                              .ranks = cln_ranks_count(),
+                              .no_sights = scene->sight_count == 0,
+                              .no_box = !scene->has_box,
+                              .has_splits = scene->has_splits,
+                              .few_views =
+                                  cln_scene_split_count(scene, CLN_SPLIT_TRAIN) < config->seen_by});
+}
+
+/* Makes what holds batches, the programs, and the memory plans. */
+static cln_status build(cln_trainer *t, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_batch_create(t->scene, config, &t->batch));
+    CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(config), sizeof *t->results,
                       "ray results"));
-    CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(&config), &t->model, &t->exposure));
+    CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(config), &t->model, &t->exposure));
     CLN_TRY(cln_refine_start(t));
     cln_info("device: %s (%s, %d compute units); building kernels for it", t->device->info.name,
              t->device->info.platform, t->device->info.compute_units);
-    if (!cln_batch_knows(t->scene, &config))
-        config.depth_loss = 0; /* not built */
-    CLN_TRY(cln_pipeline_create(t->device, &config, t->scene->lenses, t->scene->has_alpha,
-                                &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
+    CLN_TRY(
+        cln_pipeline_create(t->device, config,
+                            &(cln_pipeline_facts){.lenses = t->scene->lenses,
+                                                  .alpha = t->scene->has_alpha,
+                                                  .no_sights = !cln_batch_knows(t->scene, config),
+                                                  .depth = cln_octree_depth(&t->model.tree),
+                                                  .space = &t->model.space},
+                            CLN_PROGRAMS_ALL, &t->pipeline));
     CLN_TRY(cln_pipeline_share(&t->pipeline));
     CLN_TRY(plan(t));
-    say_what_runs(t);
-    CLN_TRY(check_ranks(t));
-    CLN_TRY(stop_early(t));
+done:
+    return st;
+}
+
+/* Begins to write the run, and brings scene and model to the device. */
+static cln_status begin(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+
     if (t->writes && !t->desc->resume) {
         CLN_TRY(cln_run_open(t->desc->run, false));
         CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
@@ -539,6 +592,33 @@ static cln_status prepare(cln_trainer *t)
         CLN_TRY(cln_record_start(t));
         CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
     }
+done:
+    return st;
+}
+
+/* Everything before the first step. What needs neither photos nor device is checked first. */
+static cln_status prepare(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const cln_config config = t->desc->settings->config;
+    cln_config saved = config; /* of a resumed run: what it had so far */
+
+    CLN_TRY(check_folder(t));
+    CLN_TRY(check_settings(t, &config, &saved));
+    CLN_TRY(cln_watch_open(t));
+    CLN_TRY(load_scene(t, &config));
+    CLN_TRY(check_files(t, &config));
+    CLN_TRY(load_model(t, &config));
+    t->steps = config.steps;
+    warn(t, &config, &saved);
+    CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
+    if (!t->desc->skip_selftest)
+        CLN_TRY(check_kernels(t, &config));
+    CLN_TRY(build(t, &config));
+    say_what_runs(t);
+    CLN_TRY(check_ranks(t));
+    CLN_TRY(stop_early(t));
+    CLN_TRY(begin(t));
 done:
     return st;
 }

@@ -79,6 +79,19 @@ int cln_config_most_leaves(const cln_config *config);
  * (method.md 11). */
 int64_t cln_config_epoch_steps(const cln_config *config, double pixels);
 
+/* The epochs, of such a scene, that so many steps are. */
+double cln_config_step_epochs(const cln_config *config, double pixels, int64_t steps);
+
+/* How leaves of a kind, a word of --encoding, behave. Code that depends on their numbers asks for
+ * the word itself. */
+typedef struct cln_leaf_kind {
+    bool network;      /* a leaf has layers */
+    bool merges;       /* eight leaves may become one, which is trained on what they were */
+    bool joined;       /* leaves of one size have common vertices with their neighbours */
+    bool levels_first; /* in a tree that adapts, whole levels come before the first decision */
+} cln_leaf_kind;
+const cln_leaf_kind *cln_leaf_kind_of(int encoding);
+
 /* Deepest level that leaves may have. */
 int cln_config_deepest(const cln_config *config);
 

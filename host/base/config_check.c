@@ -46,6 +46,23 @@ int64_t cln_config_epoch_steps(const cln_config *config, double pixels)
     return (int64_t)fmax(1, ceil(config->epochs * pixels / 10 / config->rays));
 }
 
+double cln_config_step_epochs(const cln_config *config, double pixels, int64_t steps)
+{
+    return (double)steps * config->rays * 10 / pixels;
+}
+
+const cln_leaf_kind *cln_leaf_kind_of(int encoding)
+{
+    static const cln_leaf_kind kinds[] = {
+        [CLN_ENCODING_FREQUENCY] = {.network = true, .merges = true},
+        [CLN_ENCODING_GRID] = {.network = true, .merges = true},
+        [CLN_ENCODING_VOXEL] = {.joined = true, .levels_first = true},
+    };
+
+    CLN_ASSERT(encoding >= 0 && (size_t)encoding < sizeof kinds / sizeof *kinds);
+    return &kinds[encoding];
+}
+
 int cln_config_deepest(const cln_config *config)
 {
     int most = config->adaptive || config->tree_from[0] ? config->max_level : 0;
@@ -203,7 +220,7 @@ int cln_config_most_leaves(const cln_config *config)
 
     if (cln_config_levels(config, fraction) != CLN_OK)
         cln_clear_error(); /* cln_config_check reports it */
-    else if (config->encoding != CLN_ENCODING_VOXEL || !config->adaptive)
+    else if (!cln_leaf_kind_of(config->encoding)->levels_first || !config->adaptive)
         deepest = deepest_level(config, fraction);
     all = 1 << (3 * deepest);
     /* where a tree cannot be full, leaves follow surfaces: count eight for each cell of a face */
@@ -214,7 +231,7 @@ int cln_config_most_leaves(const cln_config *config)
 
 bool cln_config_merges(const cln_config *config)
 {
-    return config->adaptive && !config->tree_from[0] && config->encoding != CLN_ENCODING_VOXEL;
+    return config->adaptive && !config->tree_from[0] && cln_leaf_kind_of(config->encoding)->merges;
 }
 
 /* Checks the adaptive rows among themselves and against growth by level. They have no effect with

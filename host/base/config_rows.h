@@ -39,7 +39,8 @@ enum {
     CLN_ROW_SECONDS = 64, /* REAL: also 90s, 10m, 2h, 1:30 */
     CLN_ROW_BYTES = 128,  /* REAL: also 512M, 4G */
     CLN_ROW_AUTO = 256,   /* INT: "auto" is 0 */
-    CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE
+    CLN_ROW_TIME = 512,   /* a step's time depends on it: `info --like` names it if it differs */
+    CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE | CLN_ROW_TIME
 };
 
 /* Words of the ENUM rows, in the order of their "a|b|c". */
@@ -120,13 +121,13 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
 #define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                            \
     INT(start_level, "start-level", 1, 2, 0, CLN_FULL_LEVELS - 1,                               \
-        "level of the full tree at the first step")                                             \
+        "level of the full tree at the first step", .flags = CLN_ROW_TIME)                      \
     TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
-         "growth: LEVEL:FRACTION of the budget, comma separated")                               \
+         "growth: LEVEL:FRACTION of the budget, comma separated", .flags = CLN_ROW_TIME)        \
     REAL(cell_pixels, "cell-pixels", 0, 0, 0, 1000,                                             \
          "voxel: no cells below so many pixels of the photos that see them, or, where a whole " \
          "level grows, in the cube's middle (0: any)",                                          \
-         .flags = CLN_ROW_LATER)                                                                \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                 \
     ENUM(cull, "cull", CLN_CULL_GUARDED, CLN_CULL_GUARDED, "guarded|mean",                      \
          "cull empty leaves with the two guards, or by the mean density alone")                 \
     REAL(cull_mean, "cull-mean", 0.01, 0.5, 0, 1e6,                                             \
@@ -140,10 +141,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "no culling in so many steps after the start or a growth of the tree",                  \
         .flags = CLN_ROW_LATER)                                                                 \
     INT(seen_by, "seen-by", 0, 0, 0, 1000, "space that fewer training views see stays empty",   \
-        .flags = CLN_ROW_LATER)                                                                 \
+        .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                  \
     BOOL(slab, "slab", false, false,                                                            \
          "what lies in the cube but outside --bbox, or the box of the points, stays empty",     \
-         .flags = CLN_ROW_LATER)                                                                \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                 \
     REAL(regrow, "regrow", 0, 0.7, 0, 1,                                                        \
          "after growth, culled leaves come back where this share of the photos has errors (0: " \
          "never)",                                                                              \
@@ -151,9 +152,12 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
          "mean density of a leaf: over samples that a view sees, or weighted by how well")      \
     BOOL(adaptive, "adaptive", true, true,                                                      \
-         "split and merge single leaves by the integer program, besides growth by level")       \
-    INT(max_leaves, "max-leaves", 1024, 4096, 1, 262144, "adaptive: most leaves")               \
-    INT(max_level, "max-level", 5, 6, 0, CLN_LEVELS - 1, "adaptive: deepest level")             \
+         "split and merge single leaves by the integer program, besides growth by level",       \
+         .flags = CLN_ROW_TIME)                                                                 \
+    INT(max_leaves, "max-leaves", 1024, 4096, 1, 262144, "adaptive: most leaves",               \
+        .flags = CLN_ROW_TIME)                                                                  \
+    INT(max_level, "max-level", 5, 6, 0, CLN_LEVELS - 1, "adaptive: deepest level",             \
+        .flags = CLN_ROW_TIME)                                                                  \
     REAL(structure_from, "structure-from", 0.233, 0.4, 0, 1,                                    \
          "adaptive: no change before this fraction of the budget")                              \
     REAL(structure_every, "structure-every", 0.0334, 0.05, 1e-4, 1,                             \
@@ -179,36 +183,45 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 
 /* Stage 1 and stage 2 sampling (method.md sections 4 to 7). */
 #define CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                           \
-    INT(n1, "n1", 64, 12, 2, 128, "stage-1 samples per leaf and axis", .flags = CLN_ROW_FIXED)     \
+    INT(n1, "n1", 64, 12, 2, 128, "stage-1 samples per leaf and axis",                             \
+        .flags = CLN_ROW_FIXED | CLN_ROW_TIME)                                                     \
     INT(refresh_every, "refresh-every", 256, 768, 1, 1000000,                                      \
-        "most steps between refreshes of the cached stage-1 densities")                            \
+        "most steps between refreshes of the cached stage-1 densities", .flags = CLN_ROW_TIME)     \
     BOOL(rolling_refresh, "rolling-refresh", false, false,                                         \
-         "refresh a sixteenth of the leaves every 16 steps instead of all at once")                \
+         "refresh a sixteenth of the leaves every 16 steps instead of all at once",                \
+         .flags = CLN_ROW_TIME)                                                                    \
     ENUM(stage1, "stage1", CLN_STAGE1_SPLAT, CLN_STAGE1_GATHER, "splat|gather",                    \
          "project the stage-1 samples into the views and sort, or read them along each ray",       \
-         .flags = CLN_ROW_TUNE)                                                                    \
+         .flags = CLN_ROW_TUNE | CLN_ROW_TIME)                                                     \
     ENUM(lists, "lists", CLN_LISTS_CSR, CLN_LISTS_CSR, "csr|padded",                               \
-         "splat: lists by offset, or padded to one length (the paper's)")                          \
+         "splat: lists by offset, or padded to one length (the paper's)", .flags = CLN_ROW_TIME)   \
     REAL(splat_per_ray, "splat-per-ray", 8, 8, 0.1, 1000,                                          \
-         "splat: join pixels, at most 64 x 64, until a ray meets this many samples in a leaf")     \
+         "splat: join pixels, at most 64 x 64, until a ray meets this many samples in a leaf",     \
+         .flags = CLN_ROW_TIME)                                                                    \
     REAL(splat_min_alpha, "splat-min-alpha", 0, 1e-4, 0, 1,                                        \
-         "splat: leave out samples with density x spacing below this")                             \
-    INT(views_per_batch, "views-per-batch", 4, 4, 1, 1000000, "splat: views that share a batch")   \
+         "splat: leave out samples with density x spacing below this", .flags = CLN_ROW_TIME)      \
+    INT(views_per_batch, "views-per-batch", 4, 4, 1, 1000000, "splat: views that share a batch",   \
+        .flags = CLN_ROW_TIME)                                                                     \
     ENUM(allocate, "allocate", CLN_ALLOCATE_CHORD, CLN_ALLOCATE_WEIGHT, "chord|weight",            \
-         "stage-2 samples per leaf by chord length, or by the share of the ray's weight")          \
+         "stage-2 samples per leaf by chord length, or by the share of the ray's weight",          \
+         .flags = CLN_ROW_TIME)                                                                    \
     INT(samples_per_leaf, "samples-per-leaf", 32, 8, 1, 256,                                       \
-        "chord: samples on a leaf's diagonal; weight: most samples in one leaf")                   \
-    INT(samples_per_ray, "samples-per-ray", 64, 16, 1, 1024, "weight: samples of an opaque ray")   \
+        "chord: samples on a leaf's diagonal; weight: most samples in one leaf",                   \
+        .flags = CLN_ROW_TIME)                                                                     \
+    INT(samples_per_ray, "samples-per-ray", 64, 16, 1, 1024, "weight: samples of an opaque ray",   \
+        .flags = CLN_ROW_TIME)                                                                     \
     REAL(uniform_share, "uniform-share", 0.25, 0.25, 0, 1, "stage-2 samples: share placed evenly") \
     ENUM(cdf, "cdf", CLN_CDF_SIGMA, CLN_CDF_WEIGHT, "sigma|weight",                                \
          "stage-2 samples follow the density, or the compositing weight")                          \
     REAL(empty_weight, "empty-weight", 0, 1e-3, 0, 1,                                              \
-         "a ray's interval through a leaf counts as empty below this stage-1 weight")              \
+         "a ray's interval through a leaf counts as empty below this stage-1 weight",              \
+         .flags = CLN_ROW_TIME)                                                                    \
     REAL(empty_share, "empty-share", 1, 0.25, 0, 1,                                                \
-         "training: probability that an empty interval gets one sample all the same")              \
+         "training: probability that an empty interval gets one sample all the same",              \
+         .flags = CLN_ROW_TIME)                                                                    \
     REAL(min_transmittance, "min-transmittance", 1e-4, 1e-3, 0, 0.5,                               \
          "training: skip leaves of a ray where less transmittance than this is left",              \
-         .alias = "t-min")                                                                         \
+         .flags = CLN_ROW_TIME, .alias = "t-min")                                                  \
     REAL(render_min_transmittance, "render-min-transmittance", 1e-3, 1e-3, 0, 0.5,                 \
          "the same when rendering", .alias = "render-t-min")                                       \
     REAL(occlusion_from, "occlusion-from", 0.067, 0.02, 0, 1,                                      \
@@ -219,14 +232,17 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 
 /* Loss, regularisers, optimiser, batch (method.md sections 10, 11). */
 #define CLN_CONFIG_OPTIM(INT, REAL, BOOL, ENUM, TEXT)                                              \
-    INT(rays, "rays", 8192, 2048, 16, 1048576, "rays in a batch", .flags = CLN_ROW_TUNE)           \
+    INT(rays, "rays", 8192, 2048, 16, 1048576, "rays in a batch",                                  \
+        .flags = CLN_ROW_TUNE | CLN_ROW_TIME)                                                      \
     REAL(leaf_samples, "leaf-samples", 0, 24, 0, 10000,                                            \
-         "more rays, up to 8 times, until a leaf meets this many samples on average")              \
+         "more rays, up to 8 times, until a leaf meets this many samples on average",              \
+         .flags = CLN_ROW_TIME)                                                                    \
     BOOL(skip_uncovered, "skip-uncovered", false, true,                                            \
          "gather: no rays through pixels that have no leaf before them; they would train nothing", \
-         .flags = CLN_ROW_LATER)                                                                   \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
     INT(batch_samples, "batch-samples", 262144, 65536, 256, 16777216,                              \
-        "samples per batch; fewer rays where it would be more", .flags = CLN_ROW_TUNE)             \
+        "samples per batch; fewer rays where it would be more",                                    \
+        .flags = CLN_ROW_TUNE | CLN_ROW_TIME)                                                      \
     REAL(lr, "lr", 5e-4, 1e-2, 1e-8, 1, "learning rate at the start")                              \
     REAL(lr_final, "lr-final", 5e-6, 2e-4, 1e-9, 1, "learning rate at the end of the budget")      \
     ENUM(lr_schedule, "lr-schedule", CLN_SCHEDULE_STEP, CLN_SCHEDULE_EXP, "step|exp",              \
@@ -242,11 +258,11 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \
          "Adam's moments in memory; bfloat16 is rounded up or down by chance, right on average",   \
-         .flags = CLN_ROW_FIXED | CLN_ROW_LATER)                                                   \
+         .flags = CLN_ROW_FIXED | CLN_ROW_LATER | CLN_ROW_TIME)                                    \
     REAL(roulette, "roulette", 0, 0.1, 0, 1000,                                                    \
          "train only some of the samples whose gradient is below this share of their leaf's mean " \
          "(0: all)",                                                                               \
-         .flags = CLN_ROW_LATER)                                                                   \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
     INT(min_leaf_samples, "min-leaf-samples", 32, 8, 1, 1000000,                                   \
         "a leaf with fewer samples in a batch is not updated")                                     \
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \
@@ -267,20 +283,22 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          .flags = CLN_ROW_LATER)                                                                   \
     BOOL(refine_poses, "refine-poses", false, false,                                               \
          "gather: correct the training cameras' poses a little, by their photos",                  \
-         .flags = CLN_ROW_FIXED | CLN_ROW_LATER)                                                   \
+         .flags = CLN_ROW_FIXED | CLN_ROW_LATER | CLN_ROW_TIME)                                    \
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \
-    REAL(sparsity, "sparsity", 0, 0, 0, 1e3, "weight of 1-exp(-0.05 sigma) at random points")      \
+    REAL(sparsity, "sparsity", 0, 0, 0, 1e3, "weight of 1-exp(-0.05 sigma) at random points",      \
+         .flags = CLN_ROW_TIME)                                                                    \
     REAL(cauchy, "cauchy", 0, 0, 0, 1e3, "weight of log(1+2 sigma^2) along rays")                  \
     REAL(opacity_entropy, "opacity-entropy", 0, 0, 0, 1e3, "weight of log(1+A(1-A)/0.11) per ray") \
     REAL(distortion_loss, "distortion-loss", 0, 0, 0, 1e3, "weight of the distortion loss")        \
-    REAL(edge, "edge", 0, 0, 0, 1e3, "weight of the difference of two leaves at a shared face")    \
+    REAL(edge, "edge", 0, 0, 0, 1e3, "weight of the difference of two leaves at a shared face",    \
+         .flags = CLN_ROW_TIME)                                                                    \
     REAL(smooth_density, "smooth-density", 0, 0, 0, 1,                                             \
          "voxel: weight of half the squared differences of neighbours' densities",                 \
-         .flags = CLN_ROW_LATER)                                                                   \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
     REAL(smooth_colour, "smooth-colour", 0, 0, 0, 1,                                               \
          "voxel: weight of half the squared differences of neighbours' colours",                   \
-         .flags = CLN_ROW_LATER)                                                                   \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
     REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "weight of the norm of the view layer")                 \
     INT(precrop_steps, "precrop-steps", 0, 0, 0, 1000000,                                          \
         "first steps that draw rays from the middle half of the images only")
@@ -341,7 +359,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     ENUM(exchange, "exchange", CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES, "samples|stretches",  \
          "what several processes tell each other of a step: every sample's colour and density, "   \
          "with the bits of one process; or sums of each ray's stretches, which is less",           \
-         .flags = CLN_ROW_LATER)
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)
 
 #define CLN_CONFIG_LIST(INT, REAL, BOOL, ENUM, TEXT) \
     CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)  \

@@ -2,11 +2,11 @@
  * a run. */
 #include "base/settings.h"
 
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
-#include "base/number.h"
 
 cln_status cln_settings_create(const char *preset, cln_settings **out)
 {
@@ -49,52 +49,54 @@ static void lift_used_up(cln_settings *settings)
 {
     cln_config *c = &settings->config;
 
-    if (c->steps > 0 && settings->steps >= c->steps)
+    if (c->steps > 0 && settings->used.steps >= c->steps)
         c->steps = 0;
-    if (c->time_limit > 0 && settings->seconds >= c->time_limit)
+    if (c->time_limit > 0 && settings->used.time_limit >= c->time_limit)
         c->time_limit = 0;
 }
 
-/* What a run used, if it ended far beyond its budget, which was lowered later; else 0. A last step
- * that ends some seconds after --time-limit is not far beyond. */
-static double used_beyond(const cln_settings *settings, const cln_config_row *row, double budget)
+static double number_of(const cln_config *config, const cln_config_row *row)
 {
-    if (strcmp(row->option, "steps") == 0 && settings->steps > budget)
-        return settings->steps;
-    if (strcmp(row->option, "time-limit") == 0 && settings->seconds > budget + 10)
-        return settings->seconds;
-    return 0;
+    const void *field = (const char *)config + row->offset;
+
+    return row->type == CLN_ROW_INT ? *(const int *)field : *(const double *)field;
 }
 
-/* "+N" of a budget: the run's own plus N; without such a budget, or where the run is far beyond it,
- * N more from where the run ended. The last value counts, as for any setting. */
+/* The run's own budget; 0 without one. Its epochs count only where no other budget is set. */
+static double budget_of(const cln_config *run, const cln_config_row *row)
+{
+    const bool others = run->steps > 0 || run->time_limit > 0;
+
+    return row->offset == offsetof(cln_config, epochs) && others ? 0 : number_of(run, row);
+}
+
+/* "+N" of a budget: the run's own plus N; without such a budget, or where the run ended far beyond
+ * it, because it was lowered later, N more from where the run ended. A last step that ends some
+ * seconds after --time-limit is not far beyond. The last value counts, as for any setting. */
 static cln_status extend(cln_settings *settings, const cln_config_row *row, const char *more)
 {
     cln_status st = CLN_OK;
+    const double slack = row->flags & CLN_ROW_SECONDS ? 10 : 0;
+    const double budget = budget_of(&settings->base, row);
+    const double used = number_of(&settings->used, row);
     cln_config added = settings->base;
-    char before[CLN_TEXT_BYTES], after[CLN_TEXT_BYTES];
-    double a = 0, b = 0;
+    char sum[CLN_TEXT_BYTES];
 
     if (settings->preset[0])
         return cln_fail(CLN_USAGE,
                         "--%s +%s: only a run's budget can be extended; give --resume RUN",
                         row->option, more);
-    cln_config_text(&added, row, before);
     CLN_TRY(cln_config_set(&added, row, more));
-    cln_config_text(&added, row, after);
-    if (!cln_reals_read(before, 1, &a) || !cln_reals_read(after, 1, &b) || a == 0) {
-        a = row->type == CLN_ROW_INT ? settings->steps : settings->seconds;
-        if (!(a > 0))
-            return cln_fail(CLN_USAGE,
-                            "--%s +%s: the run has no such budget to extend, and has not ended; "
-                            "give --%s N for the whole",
-                            row->option, more, row->option);
+    if (!(budget > 0) && !(used > 0))
+        return cln_fail(CLN_USAGE,
+                        "--%s +%s: the run has no such budget to extend, and has not ended; "
+                        "give --%s N for the whole",
+                        row->option, more, row->option);
+    if (!(budget > 0))
         lift_used_up(settings);
-    } else if (used_beyond(settings, row, a) > 0) {
-        a = used_beyond(settings, row, a);
-    }
-    snprintf(after, sizeof after, row->type == CLN_ROW_INT ? "%.0f" : "%.17g", a + b);
-    CLN_TRY(cln_config_set(&settings->config, row, after));
+    snprintf(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.17g",
+             (budget > 0 && used <= budget + slack ? budget : used) + number_of(&added, row));
+    CLN_TRY(cln_config_set(&settings->config, row, sum));
 done:
     return st;
 }

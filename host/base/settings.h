@@ -12,7 +12,7 @@ struct cln_settings {
     cln_config base;               /* the preset's, or the run's */
     char preset[CLN_PRESET_BYTES]; /* its name; "" for a run's settings */
     bool given[CLN_SETTINGS_MAX];  /* [row] set explicitly */
-    double steps, seconds;         /* of a run's settings: where it ended; 0 = unknown */
+    cln_config used;               /* of a run: its CLN_ROW_BUDGET are where it ended, or 0 */
 };
 
 /* Returns whether this row was set explicitly. */

@@ -35,14 +35,15 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {ADAPTIVE, facts->frozen,
          "the resumed run's tree is past --structure-until; give a later one, or more --steps"},
         {"merge-factor distil-steps distil-samples distil-lr distil-stop",
-         c->encoding == CLN_ENCODING_VOXEL, "voxels do not merge; leave it out"},
+         !cln_leaf_kind_of(c->encoding)->merges, "voxels do not merge; leave it out"},
         {"regrow", c->regrow > 0 && facts->forward,
          "nothing grows back in normalised device coordinates; give --space cube"},
         {"skip", c->skip && c->depth < 6,
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
         {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope "
          "rrelu-lower rrelu-upper init min-leaf-samples",
-         c->encoding == CLN_ENCODING_VOXEL, "voxels have no network; give --encoding frequency"},
+         !cln_leaf_kind_of(c->encoding)->network,
+         "voxels have no network; give --encoding frequency"},
         {"harmonics decoder-width decoder-lr density-lr harmonics-lr smooth-density smooth-colour "
          "cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},

@@ -230,8 +230,10 @@ static cln_status run_subject(cln_device *device, const subject *s, bool quick, 
         CLN_TRY(cln_tune_parse(s->tune, &device->tune));
         device->tune_exact = true;
     }
-    CLN_TRY(
-        cln_pipeline_create(device, &config, s->lenses, s->alpha, &space, s->programs, &pipeline));
+    CLN_TRY(cln_pipeline_create(
+        device, &config,
+        &(cln_pipeline_facts){.lenses = s->lenses, .alpha = s->alpha, .space = &space}, s->programs,
+        &pipeline));
     c->p = &pipeline;
     c->shape = s->name;
     CLN_TRY(quick && s->quick ? s->quick(c) : s->run(c));

@@ -84,7 +84,7 @@ static cln_status run(cln_pipeline *p, batch *b)
     CLN_TRY(cln_check_put(device, &p->backgrounds, b->backgrounds, rays * row));
     CLN_TRY(cln_check_put(device, &p->ray_o, b->ray_o, rays * row));
     CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, rays * row));
-    if (p->config.depth_loss > 0)
+    if (p->depth_loss > 0)
         CLN_TRY(cln_check_put(device, &p->shown, b->shown, rays * row));
     CLN_TRY(cln_check_spoil(device, &p->dout, b->n * row));
     for (int pass = 0; pass < 3; pass++) {

@@ -205,8 +205,12 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
         cln_check_report(c, s->name, false, true, "the device allows no work-groups of this size");
         goto done;
     }
-    st = cln_pipeline_create(device, &config, s->distortion ? 1u << CLN_LENS_OPENCV : 0, s->small,
-                             &space, rays_only ? rays_and_samples : CLN_PROGRAMS_ALL, &pipeline);
+    st = cln_pipeline_create(
+        device, &config,
+        &(cln_pipeline_facts){.lenses = s->distortion ? 1u << CLN_LENS_OPENCV : 0,
+                              .alpha = s->small,
+                              .space = &space},
+        rays_only ? rays_and_samples : CLN_PROGRAMS_ALL, &pipeline);
     if (st == CLN_MEMORY && !s->in[CLN_SHAPES_QUICK]) {
         /* training would refuse this network, too */
         cln_check_report(c, s->name, false, true, cln_error_text());
@@ -255,8 +259,8 @@ static cln_status run_config(cln_device *device, const cln_config *config, cln_c
 
     c->shape = "these networks";
     prepare(&small);
-    CLN_TRY(cln_pipeline_create(device, &small, false, false, &cln_space_unit, CLN_PROGRAMS_ALL,
-                                &pipeline));
+    CLN_TRY(cln_pipeline_create(device, &small, &(cln_pipeline_facts){.space = &cln_space_unit},
+                                CLN_PROGRAMS_ALL, &pipeline));
     CLN_TRY(run_pipeline(&pipeline, false, c));
 done:
     cln_pipeline_free(&pipeline);

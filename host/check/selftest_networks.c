@@ -592,7 +592,7 @@ static cln_status run_batch(cln_pipeline *p, batch *b)
     CLN_TRY(cln_check_put(device, &p->backgrounds, b->backgrounds, sizeof b->backgrounds));
     CLN_TRY(cln_check_put(device, &p->ray_o, b->ray_o, sizeof b->ray_o));
     CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, sizeof b->ray_d));
-    if (p->config.depth_loss > 0)
+    if (p->depth_loss > 0)
         CLN_TRY(cln_check_put(device, &p->shown, b->shown, sizeof b->shown));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
     CLN_TRY(cln_stage_composite(p, RAYS, 0));

@@ -11,6 +11,8 @@
  * The candidate is taken if the median ratio is below GAIN and few pairs speak against it. What is
  * timed is a training step (synthetic.h). Ends when a round has found nothing better, or with the
  * budget. Parameters that trade accuracy for speed are no part of it. */
+#include "check/tuner.h"
+
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -29,7 +31,7 @@
 #include "io/run_folder.h"
 
 enum { PAIRS = 9, FEWEST_PAIRS = 3, AGAINST = 2 };
-static const double GAIN = 0.98;     /* taken below this ratio of times; tell() says it, too */
+static const double GAIN = 0.98;     /* taken below this ratio of times; the log says it, too */
 static const double HOPELESS = 1.15; /* no more pairs above this one */
 static const double PART_SECONDS =
     0.03; /* shortest part of a pair: steps are repeated to fill it */
@@ -148,7 +150,7 @@ done:
     return st;
 }
 
-static void tell(const cln_tune_try *try)
+void cln_tune_tell(const cln_tune_try *try)
 {
     if (try->verdict == CLN_SET_REFUSED)
         cln_warn("%s: refused, and not timed: %s", try->tune, try->reason);
@@ -212,13 +214,28 @@ static double median(const double *values, int n)
     return sorted[n / 2];
 }
 
+void cln_tune_decide(const double *ratios, int pairs, cln_tune_try *try)
+{
+    const double middle = pairs > 0 ? median(ratios, pairs) : NAN;
+    int slower = 0;
+
+    for (int i = 0; i < pairs; i++)
+        slower += ratios[i] >= 1;
+    if (pairs < FEWEST_PAIRS || (pairs <= 2 * AGAINST && middle < GAIN))
+        return; /* too few to tell */
+    try->ratio = middle;
+    try->pairs = pairs;
+    try->slower = slower;
+    try->verdict = middle < GAIN && slower <= AGAINST ? CLN_SET_TAKEN : CLN_SET_SLOWER;
+}
+
 /* Candidate and best set in turn; the verdict goes to *try. */
 static cln_status race(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
 {
     cln_status st = CLN_OK;
     cln_tune_result *r = t->result;
     double best[PAIRS], seconds[PAIRS], ratio[PAIRS], once = 0;
-    int pairs = 0, steps = 1, slower = 0;
+    int pairs = 0, steps = 1;
 
     CLN_TRY(cln_synthetic_step(&t->work, candidate)); /* compiles */
     CLN_TRY(part_of_pair(t, &t->best, 1, &once));
@@ -233,21 +250,16 @@ static cln_status race(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
         CLN_TRY(part_of_pair(t, &t->best, steps, &best[pairs]));
         CLN_TRY(part_of_pair(t, candidate, steps, &seconds[pairs]));
         ratio[pairs] = seconds[pairs] / best[pairs];
-        slower += ratio[pairs] >= 1;
         pairs++;
         CLN_TRY(poll(t));
     }
-    if (pairs < FEWEST_PAIRS || (pairs <= 2 * AGAINST && median(ratio, pairs) < GAIN))
-        goto done; /* too few to tell */
-    try->ratio = median(ratio, pairs);
-    try->pairs = pairs;
-    try->slower = slower;
+    cln_tune_decide(ratio, pairs, try);
+    if (try->verdict == CLN_SET_UNDECIDED)
+        goto done;
     try->seconds = median(seconds, pairs);
     try->against = median(best, pairs);
-    try->verdict =
-        median(ratio, pairs) < GAIN && slower <= AGAINST ? CLN_SET_TAKEN : CLN_SET_SLOWER;
     if (try->verdict == CLN_SET_TAKEN) {
-        r->gain /= median(ratio, pairs);
+        r->gain /= try->ratio;
         r->seconds = try->seconds;
     } else if (try->against < r->seconds) {
         r->seconds = try->against; /* less disturbed than before */
@@ -261,8 +273,9 @@ static cln_status measure(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_pipeline_create(t->device, &t->work.model.config, false, false, &cln_space_unit,
-                                CLN_PROGRAMS_ALL, candidate));
+    CLN_TRY(cln_pipeline_create(t->device, &t->work.model.config,
+                                &(cln_pipeline_facts){.space = &cln_space_unit}, CLN_PROGRAMS_ALL,
+                                candidate));
     CLN_TRY(cln_synthetic_upload(&t->work, candidate));
     if (t->best.device) {
         CLN_TRY(race(t, candidate, try));
@@ -302,7 +315,7 @@ static cln_status consider(tuner *t, cln_tune tune)
         t->best = candidate;
         memset(&candidate, 0, sizeof candidate);
     }
-    tell(try);
+    cln_tune_tell(try);
     t->longest[kind] = fmax(t->longest[kind], cln_now() - began);
 done:
     cln_pipeline_free(&candidate);

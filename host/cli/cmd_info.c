@@ -6,12 +6,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "cli/console.h"
 
-enum { LISTED = 8 };
+enum { LISTED = 8, NAMED = 16 };
 
 static void print_scalar(const json_t *value)
 {
@@ -159,23 +160,27 @@ static double number_at(const json_t *document, const char *object, const char *
 static cln_status name_differences(const char *run, const cln_settings *settings, char *out,
                                    size_t bytes)
 {
-    static const char *const names[] = {
-        "width", "depth",      "view-width",    "bands",           "encoding",
-        "rays",  "max-leaves", "batch-samples", "samples-per-ray", "refresh-every"};
     cln_status st = CLN_OK;
     cln_settings *its = NULL;
     size_t used = 0;
+    int count = 0;
 
     out[0] = 0;
     CLN_TRY(cln_settings_of_run(run, &its));
-    for (size_t i = 0; i < sizeof names / sizeof *names && used < bytes; i++) {
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
         char a[CLN_SETTING_BYTES], b[CLN_SETTING_BYTES];
 
-        CLN_TRY(cln_settings_get(its, names[i], a, sizeof a));
-        CLN_TRY(cln_settings_get(settings, names[i], b, sizeof b));
-        if (strcmp(a, b) != 0)
-            used += (size_t)snprintf(out + used, bytes - used, "%s%s", used ? ", " : "", names[i]);
+        if (!(row->flags & CLN_ROW_TIME))
+            continue;
+        CLN_TRY(cln_settings_get(its, row->option, a, sizeof a));
+        CLN_TRY(cln_settings_get(settings, row->option, b, sizeof b));
+        if (strcmp(a, b) != 0 && count++ < NAMED && used < bytes)
+            used +=
+                (size_t)snprintf(out + used, bytes - used, "%s%s", used ? ", " : "", row->option);
     }
+    if (count > NAMED && used < bytes)
+        snprintf(out + used, bytes - used, " and %d more", count - NAMED);
 done:
     cln_settings_free(its);
     return st;
@@ -247,7 +252,7 @@ static cln_status add_time(const cln_options *options, const json_t *scene, json
     double steps = json_number_value(json_object_get(training, "steps"));
     const double limit = json_number_value(json_object_get(training, "time_limit"));
     const char *device = json_string_value(json_object_get(training, "device")), *its = NULL;
-    char *text = NULL, *from = NULL, differences[256] = "";
+    char *text = NULL, *from = NULL, differences[512] = "";
     json_t *run = NULL;
     double pace = 0;
 

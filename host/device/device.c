@@ -152,6 +152,7 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
 {
     static const char *const preference[] = {"gpu", "accelerator", "cpu"};
     int found[64 * 16], found_count = 0; /* as many as cln_device_ids lists */
+    char which[64];
 
     if (!spec || !*spec || strcasecmp(spec, "auto") == 0) {
         for (int p = 0; p < 3 && found_count == 0; p++)
@@ -176,11 +177,14 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
         *out = found[cln_ranks_me_here() % found_count];
         return CLN_OK;
     }
-    return cln_fail(
-        CLN_NO_DEVICE,
-        "--device %s: no OpenCL device matches (there %s %d); `cl-nascent devices` lists them, "
-        "--device takes a row number, cpu, gpu or part of a name",
-        spec, count == 1 ? "is" : "are", count);
+    if (count == 1)
+        snprintf(which, sizeof which, "the only OpenCL device does not match");
+    else
+        snprintf(which, sizeof which, "none of the %d OpenCL devices matches", count);
+    return cln_fail(CLN_NO_DEVICE,
+                    "--device %s: %s; `cl-nascent devices` lists what there is, --device takes a "
+                    "row number, cpu, gpu or part of a name",
+                    spec, which);
 }
 
 /* --max-alloc: for drivers that promise more than they keep, and to imitate a smaller device. */

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
 #include "model/encoding_voxel.h"
@@ -283,7 +284,7 @@ cln_status cln_model_apply(cln_model *model, const cln_octree_change *change)
                 densities_of_parent(n1, old, CLN_MERGED - octant, grid);
         }
     }
-    if (model->net.encoding == CLN_ENCODING_VOXEL)
+    if (cln_leaf_kind_of(model->net.encoding)->joined)
         CLN_TRY(cln_voxel_join(&model->net, &model->tree, change, params));
     free(model->params);
     free(model->density);

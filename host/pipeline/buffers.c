@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "base/config.h"
 #include "model/encoding.h"
 
 const cln_buffer_row cln_buffer_rows[CLN_BUFFERS] = {
@@ -33,7 +34,7 @@ int cln_pipeline_acts(const cln_network *net)
 
 size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune)
 {
-    const bool half = tune->half && net->encoding != CLN_ENCODING_VOXEL;
+    const bool half = tune->half && cln_leaf_kind_of(net->encoding)->network;
 
     return (size_t)cln_pipeline_acts(net) * (half ? sizeof(cl_half) : sizeof(cl_float));
 }
@@ -69,7 +70,7 @@ static size_t moments_of(const cln_pipeline *p)
 /* Voxels (kernels/voxel.cl): neighbours of a leaf; vertices of a slice that samples met. */
 static size_t around_of(const cln_pipeline *p)
 {
-    return p->net.encoding == CLN_ENCODING_VOXEL ? 27 : 0;
+    return cln_leaf_kind_of(p->net.encoding)->joined ? 27 : 0;
 }
 
 static size_t met_of(const cln_pipeline *p)
@@ -93,13 +94,13 @@ static size_t decoded_of(const cln_pipeline *p)
 
 static size_t shown_of(const cln_pipeline *p)
 {
-    return p->config.depth_loss > 0;
+    return p->depth_loss > 0;
 }
 
 /* float4s of a stretch's sums (kernels/stretch.cl). */
 static size_t sums_of(const cln_pipeline *p)
 {
-    return p->config.depth_loss > 0 ? 3 : 2;
+    return p->depth_loss > 0 ? 3 : 2;
 }
 
 static size_t longest_of(const cln_pipeline *p)

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/memory.h"
 #include "pipeline/share.h"
 
@@ -234,7 +235,7 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
     CLN_TRY(put_places(&all));
     CLN_TRY(carry_densities(&all));
     CLN_TRY(cln_pipeline_around(p, tree));
-    if (p->net.encoding == CLN_ENCODING_VOXEL)
+    if (cln_leaf_kind_of(p->net.encoding)->joined)
         CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_join, CLN_STAGE_STRUCTURE, (size_t)p->leaves,
                            (size_t)p->tune.ls, CLN_ARG(p->around.mem), CLN_ARG(p->places.mem),
                            CLN_LEAF_ARG(p, params)));

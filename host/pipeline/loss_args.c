@@ -11,12 +11,12 @@ cln_loss_args cln_loss_args_of(const cln_pipeline *p, int n)
                            .cauchy = (float)c->cauchy,
                            .opacity = (float)c->opacity_entropy,
                            .distort = (float)c->distortion_loss,
-                           .depth = (float)c->depth_loss};
+                           .depth = (float)p->depth_loss};
 }
 
 void cln_loss_add_depth(const cln_pipeline *p, const cln_loss_args *loss, cln_args *args)
 {
-    if (p->config.depth_loss <= 0)
+    if (p->depth_loss <= 0)
         return;
     CLN_ADD(args, p->ray_o.mem);
     CLN_ADD(args, p->ray_d.mem);

@@ -55,10 +55,20 @@ enum {
     CLN_TOLD
 };
 
+/* What a pipeline's kernels are built for, besides its settings. */
+typedef struct cln_pipeline_facts {
+    unsigned lenses;        /* of its cameras (cln_camera_lenses) */
+    bool alpha;             /* its images have it; without it, alpha counts as 1 (opaque_loss) */
+    bool no_sights;         /* no ray shows a sparse point, so there is no depth_loss */
+    int depth;              /* of its tree (cln_octree_depth), which may exceed the settings' */
+    const cln_space *space; /* of its cube; cameras must be given in the same */
+} cln_pipeline_facts;
+
 struct cln_pipeline {
     cln_device *device;
     cln_config config;
     double opacity_loss; /* config.alpha_loss, or opaque_loss where images have no alpha */
+    double depth_loss;   /* config.depth_loss, or 0 where no ray shows a sparse point */
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */
@@ -86,6 +96,7 @@ struct cln_pipeline {
 #undef X
 #undef PAIR
 
+    int deepest;                    /* level that its tree may have */
     int leaves, depth;              /* of the uploaded tree */
     int most_intervals;             /* of a ray with its leaves */
     int decoder_groups;             /* of slices, in the last backward pass */
@@ -129,19 +140,16 @@ struct cln_pipeline {
  * may begin elsewhere (device_abi.h). */
 void cln_device_camera_origin(const cln_device_camera *c, double origin[3]);
 
-/* Builds the programs for this network and scene; no buffers yet. lenses: those of its cameras
- * (cln_camera_lenses). alpha: whether the images have it; without it, alpha counts as 1, with the
- * weight opaque_loss. space: that of its cube; cameras must be given in the same. wanted: bits of
- * cln_program_id; of these, the programs that settings and device need are built. Kernel parameters
- * come from cln_device_tune; if programs cannot be built with them, plain ones are used, with a
- * warning (not if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
-cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
-                               bool alpha, const cln_space *space, uint32_t wanted,
-                               cln_pipeline *out);
+/* Builds the programs for this network and scene; no buffers yet. wanted: bits of cln_program_id;
+ * of these, the programs that settings and device need are built. Kernel parameters come from
+ * cln_device_tune; if programs cannot be built with them, plain ones are used, with a warning (not
+ * if device->tune_exact). CLN_BUILD, CLN_MEMORY, CLN_CL. */
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config,
+                               const cln_pipeline_facts *facts, uint32_t wanted, cln_pipeline *out);
 /* The same without programs, for plans: only device, settings, network and parameters. Needs no
  * freeing. */
-cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
-                                bool alpha, const cln_space *space, cln_pipeline *out);
+cln_status cln_pipeline_outline(cln_device *device, const cln_config *config,
+                                const cln_pipeline_facts *facts, cln_pipeline *out);
 /* Shares the pipeline with the other ranks (share.h), if there are any: builds the kernels for
  * that. Call it before the memory plan. */
 cln_status cln_pipeline_share(cln_pipeline *p);
@@ -181,9 +189,6 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **text);
 
 /* Measures per sample of a training step: 0, 1 or CLN_MEASURES. */
 int cln_pipeline_measures(const cln_config *config);
-
-/* The deepest level that its tree may have. */
-int cln_pipeline_deepest(const cln_pipeline *p);
 
 /* Rows of ray_o and ray_d per ray; the most intervals of a ray, in any tree of this depth. */
 int cln_pipeline_rows(const cln_pipeline *p);

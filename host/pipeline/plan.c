@@ -140,7 +140,7 @@ static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
 /* The most rows of a buffer of this kind. */
 static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
 {
-    const int deepest = cln_pipeline_deepest(d->pipeline);
+    const int deepest = d->pipeline->deepest;
     const int depth = d->depth > 0 && d->depth < deepest ? d->depth : deepest;
     const double levels = deepest + 1;
 
@@ -226,7 +226,7 @@ static double samples_of(double most, double leaves, double slice)
 /* The most intervals of a ray in the deepest tree. */
 static double most_intervals(const cln_plan_desc *d)
 {
-    return cln_pipeline_most_intervals(d->pipeline, cln_pipeline_deepest(d->pipeline));
+    return cln_pipeline_most_intervals(d->pipeline, d->pipeline->deepest);
 }
 
 /* Samples of a batch so that each of its buffers fits `largest`; at least those of the smallest
@@ -448,7 +448,10 @@ cln_status cln_plan_place_images(cln_device *device, const cln_config *config, i
         &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), 0};
     double left = 0;
 
-    CLN_TRY(cln_pipeline_outline(device, config, scene->lenses, scene->has_alpha, &scene->space,
+    CLN_TRY(cln_pipeline_outline(device, config,
+                                 &(cln_pipeline_facts){.lenses = scene->lenses,
+                                                       .alpha = scene->has_alpha,
+                                                       .space = &scene->space},
                                  &outline));
     cln_plan_device(&desc, &plan);
     cln_plan_host(&desc, &plan, &host);

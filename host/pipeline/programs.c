@@ -90,7 +90,7 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
         tune->nb -= step;
     /* slices are an even number of blocks (kernels/group.cl) */
     tune->sl = tune->sl < 2 * tune->nb ? 2 * tune->nb : tune->sl / (2 * tune->nb) * 2 * tune->nb;
-    if (net->encoding == CLN_ENCODING_VOXEL ||
+    if (!cln_leaf_kind_of(net->encoding)->network ||
         bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->leaf = 0;
 }
@@ -179,7 +179,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define DENSITY %d", c->density);
     real(&t, "KAPPA", c->density_scale);
     real(&t, "BIAS", cln_network_density_bias(c));
-    line(&t, "#define LEVELS %du", cln_pipeline_deepest(p) + 1);
+    line(&t, "#define LEVELS %du", p->deepest + 1);
     real(&t, "SLOPE_LOWER", c->rrelu_lower);
     real(&t, "SLOPE_UPPER", c->rrelu_upper);
     line(&t, "#define RRELU %d\n#define BANDS_BY_LEVEL %d", c->rrelu_scope, c->bands_by_level);
@@ -203,7 +203,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
     line(&t, "#define LOSS %d\n#define ALPHA %d\n#define CAUCHY %d\n#define OPACITY %d", c->loss,
          p->opacity_loss > 0, c->cauchy > 0, c->opacity_entropy > 0);
     line(&t, "#define DISTORT %d\n#define DEPTH_LOSS %d", c->distortion_loss > 0,
-         c->depth_loss > 0);
+         p->depth_loss > 0);
     line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
     line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
     real(&t, "BETA1", c->beta1);
@@ -281,7 +281,7 @@ static bool is_true(const cln_pipeline *p, enum when when)
     case ALWAYS:
         return true;
     case NETWORK:
-        return p->net.encoding != CLN_ENCODING_VOXEL;
+        return cln_leaf_kind_of(p->net.encoding)->network;
     case VOXEL:
         return p->net.encoding == CLN_ENCODING_VOXEL;
     case DECODER:
@@ -298,13 +298,6 @@ static bool is_true(const cln_pipeline *p, enum when when)
         return p->ranks > 1;
     }
     return false;
-}
-
-int cln_pipeline_deepest(const cln_pipeline *p)
-{
-    const int most = cln_config_deepest(&p->config) + p->space.shell;
-
-    return most < CLN_MAX_LEVEL ? most : CLN_MAX_LEVEL;
 }
 
 int cln_pipeline_rows(const cln_pipeline *p)
@@ -417,8 +410,17 @@ done:
     return st;
 }
 
-static cln_status outline(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
-                          const cln_space *space, const cln_tune *tune, cln_pipeline *out)
+/* The deepest level that a tree may have: by the settings, or as deep as it is. */
+static int deepest(const cln_config *config, const cln_pipeline_facts *facts)
+{
+    const int asked = cln_config_deepest(config) + facts->space->shell;
+    const int most = facts->depth > asked ? facts->depth : asked;
+
+    return most < CLN_MAX_LEVEL ? most : CLN_MAX_LEVEL;
+}
+
+static cln_status outline(cln_device *device, const cln_config *config,
+                          const cln_pipeline_facts *facts, const cln_tune *tune, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
 
@@ -427,10 +429,12 @@ static cln_status outline(cln_device *device, const cln_config *config, unsigned
     out->parts = out->part_leaves = out->part_slices = 1;
     out->max_counted = UINT32_MAX;
     out->config = *config;
-    out->lenses = lenses;
-    out->space = *space;
+    out->lenses = facts->lenses;
+    out->space = *facts->space;
+    out->deepest = deepest(config, facts);
     out->ray_background = config->random_background;
-    out->opacity_loss = alpha ? config->alpha_loss : config->opaque_loss;
+    out->opacity_loss = facts->alpha ? config->alpha_loss : config->opaque_loss;
+    out->depth_loss = facts->no_sights ? 0 : config->depth_loss;
     CLN_TRY(cln_network_layout(config, &out->net));
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);
@@ -439,8 +443,8 @@ done:
     return st;
 }
 
-cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, unsigned lenses,
-                                bool alpha, const cln_space *space, cln_pipeline *out)
+cln_status cln_pipeline_outline(cln_device *device, const cln_config *config,
+                                const cln_pipeline_facts *facts, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
     cln_network net;
@@ -450,20 +454,20 @@ cln_status cln_pipeline_outline(cln_device *device, const cln_config *config, un
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    CLN_TRY(outline(device, config, lenses, alpha, space, &tune, out));
+    CLN_TRY(outline(device, config, facts, &tune, out));
 done:
     return st;
 }
 
 /* *unfit: whether it failed because of the kernel parameters. */
-static cln_status create(cln_device *device, const cln_config *config, unsigned lenses, bool alpha,
-                         const cln_space *space, uint32_t wanted, const cln_tune *tune,
+static cln_status create(cln_device *device, const cln_config *config,
+                         const cln_pipeline_facts *facts, uint32_t wanted, const cln_tune *tune,
                          cln_pipeline *out, bool *unfit)
 {
     cln_status st = CLN_OK;
 
     *unfit = false;
-    CLN_TRY(outline(device, config, lenses, alpha, space, tune, out));
+    CLN_TRY(outline(device, config, facts, tune, out));
     out->wanted = wanted;
     if ((size_t)out->tune.nb * bytes_per_sample(&out->net) > device->local_mem) {
         *unfit = true;
@@ -482,9 +486,8 @@ done:
     return st;
 }
 
-cln_status cln_pipeline_create(cln_device *device, const cln_config *config, unsigned lenses,
-                               bool alpha, const cln_space *space, uint32_t wanted,
-                               cln_pipeline *out)
+cln_status cln_pipeline_create(cln_device *device, const cln_config *config,
+                               const cln_pipeline_facts *facts, uint32_t wanted, cln_pipeline *out)
 {
     cln_status st = CLN_OK;
     cln_network net;
@@ -496,7 +499,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
     CLN_TRY(cln_network_layout(config, &net));
     cln_network_text(&net, network);
     cln_device_tune(device, network, &tune, from);
-    st = create(device, config, lenses, alpha, space, wanted, &tune, out, &unfit);
+    st = create(device, config, facts, wanted, &tune, out, &unfit);
     if (unfit && !device->tune_exact) {
         cln_tune_text(&tune, list);
         cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
@@ -505,7 +508,7 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config, uns
         cln_clear_error();
         cln_tune_plain(&tune);
         snprintf(from, sizeof from, "plain, because others could not be used");
-        st = create(device, config, lenses, alpha, space, wanted, &tune, out, &unfit);
+        st = create(device, config, facts, wanted, &tune, out, &unfit);
     }
     CLN_TRY(st);
     snprintf(out->tune_from, sizeof out->tune_from, "%.400s%s%s", from,

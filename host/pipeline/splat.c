@@ -52,7 +52,7 @@ static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
     cln_status st = CLN_OK;
     cl_uint *views = NULL;
     uint64_t next = 0;
-    const int count = p->batch_view_count, levels = cln_pipeline_deepest(p) + 1;
+    const int count = p->batch_view_count, levels = p->deepest + 1;
 
     *grids = NULL;
     CLN_TRY(cln_alloc(grids, (size_t)(count * levels), sizeof **grids, "splat grids"));

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/memory.h"
 #include "model/shell_tree.h"
 
@@ -39,7 +40,7 @@ cln_status cln_pipeline_around(cln_pipeline *p, const cln_octree *tree)
     cln_status st = CLN_OK;
     int32_t(*around)[27] = NULL;
 
-    if (p->net.encoding != CLN_ENCODING_VOXEL)
+    if (!cln_leaf_kind_of(p->net.encoding)->joined)
         return CLN_OK;
     CLN_TRY(cln_octree_around(tree, &around));
     CLN_TRY(CLN_PUT(p, around, around, (size_t)tree->leaf_count));

@@ -10,6 +10,7 @@
 #include "pipeline/plan.h"
 #include "pipeline/share.h"
 #include "io/run_folder.h"
+#include "render/ray_batch.h"
 #include "render/recorded.h"
 #include "scene/motion.h"
 
@@ -73,7 +74,7 @@ done:
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses)
 {
     cln_status st = CLN_OK;
-    const cln_config *config = &opened->model.config;
+    cln_config config = opened->model.config; /* the pictures' */
     cln_pipeline *p = &opened->pipeline;
     char text[1024];
     const cln_scene none = {0}, *scene = opened->scene ? opened->scene : &none;
@@ -82,17 +83,24 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_plan plan, host_plan;
 
     if (device->device_mem)
-        CLN_TRY(cln_parse_bytes(device->device_mem, &opened->model.config.device_mem));
+        CLN_TRY(cln_parse_bytes(device->device_mem, &config.device_mem));
+    if (opened->fast)
+        cln_render_faster(&config);
     CLN_TRY(cln_device_open(device, &opened->device));
     cln_info("device: %s (%s, %d compute units)", opened->device->info.name,
              opened->device->info.platform, opened->device->info.compute_units);
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     if (opened->scene)
-        CLN_TRY(cln_plan_place_images(opened->device, config, opened->model.tree.leaf_count, -1,
+        CLN_TRY(cln_plan_place_images(opened->device, &config, opened->model.tree.leaf_count, -1,
                                       opened->scene));
     cln_debug("building kernels for %s", opened->device->info.name);
-    CLN_TRY(cln_pipeline_create(opened->device, config, lenses, opened->model.has_alpha,
-                                &opened->model.space, opened->wanted, p));
+    CLN_TRY(
+        cln_pipeline_create(opened->device, &config,
+                            &(cln_pipeline_facts){.lenses = lenses,
+                                                  .alpha = opened->model.has_alpha,
+                                                  .depth = cln_octree_depth(&opened->model.tree),
+                                                  .space = &opened->model.space},
+                            opened->wanted, p));
     CLN_TRY(cln_pipeline_share(p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);

@@ -12,7 +12,10 @@ typedef struct cln_open_run {
     bool same_scene;  /* the scene is the one that the run was trained on */
     bool refined;     /* its training views have the poses that training refined */
     cln_device *device;
-    uint32_t wanted; /* programs to build: those of pictures, unless changed before the start */
+    /* Of the start, unless changed before it: programs to build, those of pictures; faster,
+     * slightly worse pictures (cln_render_faster), not. */
+    uint32_t wanted;
+    bool fast;
     cln_pipeline pipeline;
 } cln_open_run;
 

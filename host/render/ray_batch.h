@@ -17,8 +17,8 @@ typedef struct cln_ray_batch {
  * samples. */
 cln_sampling cln_render_sampling(const cln_pipeline *p);
 
-/* Changes settings for faster, slightly worse pictures (method.md 13). Call it before the pipeline
- * is created. */
+/* Changes a pipeline's settings for faster, slightly worse pictures (method.md 13). Call it before
+ * it is created. */
 void cln_render_faster(cln_config *config);
 
 /* Renders the first *rendered rays of the batch, as many as have room for their samples (at least

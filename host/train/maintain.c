@@ -222,7 +222,7 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     const double cell = 2 * ldexp(1.0 / c->grid_cells, -level); /* in a shell's core, too */
     double pixel = 0;
 
-    *grows = c->encoding != CLN_ENCODING_VOXEL;
+    *grows = !cln_leaf_kind_of(c->encoding)->levels_first;
     if (*grows || t->finest)
         return CLN_OK;
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
@@ -626,7 +626,7 @@ done:
 
 static void say(const cln_trainer *t, const cln_decision *d)
 {
-    const bool voxels = t->model.config.encoding == CLN_ENCODING_VOXEL;
+    const bool merges = cln_leaf_kind_of(t->model.config.encoding)->merges;
     char psnr[96] = "";
 
     if (d->splits + d->merges > 0)
@@ -638,8 +638,8 @@ static void say(const cln_trainer *t, const cln_decision *d)
               d->objective_before, d->objective, psnr, d->work_seconds);
     if (d->infeasible)
         cln_warn("no choice of splits and merges meets --max-leaves %d; %s", d->budget,
-                 voxels ? "none was split, as voxels do not merge; give more"
-                        : "only merges were made");
+                 merges ? "only merges were made"
+                        : "none was split, as voxels do not merge; give more");
 }
 
 static cln_status decide(cln_trainer *t)
@@ -712,8 +712,8 @@ static bool awaits_level(const cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;
 
-    return c->encoding == CLN_ENCODING_VOXEL && !t->finest && !t->full && has_whole_levels(t) &&
-           t->model.level < cln_structure_level(c, fraction);
+    return cln_leaf_kind_of(c->encoding)->levels_first && !t->finest && !t->full &&
+           has_whole_levels(t) && t->model.level < cln_structure_level(c, fraction);
 }
 
 /* method.md 12.3: decides only when the error no longer falls from interval to interval. */

@@ -192,16 +192,19 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     json_object_set_new(t->run, "ended", json_string(now));
     json_object_set_new(
         t->run, "result",
-        json_pack("{s:I, s:f, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
-                  (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
-                  cln_now() - t->began, "start_seconds", cln_json_real(t->start_seconds),
-                  "eval_seconds", cln_json_real(t->eval_seconds), "psnr_train",
-                  cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test),
-                  "eval_views", t->eval_count, "leaves", t->model.tree.leaf_count, "params",
-                  (double)t->model.tree.leaf_count * t->model.net.learned +
-                      t->model.net.decoder_params,
-                  "device_peak", (double)t->device->peak, "host_peak", cln_peak_rss(),
-                  "model_digest", digest));
+        json_pack(
+            "{s:I, s:f, s:f, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
+            (json_int_t)t->model.step, "epochs",
+            cln_config_step_epochs(&t->model.config, (double)t->batch.first[t->batch.train_views],
+                                   t->model.step),
+            "seconds", t->model.train_seconds, "wall_seconds", cln_now() - t->began,
+            "start_seconds", cln_json_real(t->start_seconds), "eval_seconds",
+            cln_json_real(t->eval_seconds), "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
+            cln_json_real(t->psnr_test), "eval_views", t->eval_count, "leaves",
+            t->model.tree.leaf_count, "params",
+            (double)t->model.tree.leaf_count * t->model.net.learned + t->model.net.decoder_params,
+            "device_peak", (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest",
+            digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
     CLN_TRY(cln_plan_json(&t->host_plan, &plan));

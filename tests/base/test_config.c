@@ -708,6 +708,57 @@ static void test_differs(void **state)
     assert_false(row_of("rays")->flags & CLN_ROW_FIXED);
 }
 
+/* `info --like` names the rows that a step's time depends on, and none that it does not. */
+static void test_time(void **state)
+{
+    static const char *const with[] = {"n1",        "samples-per-leaf", "stage1",     "grid-cells",
+                                       "harmonics", "decoder-width",    "view-bands", "rays",
+                                       "level-at",  "refresh-every",    "max-leaves"};
+    static const char *const without[] = {"seed", "lr", "steps", "epochs", "save-every", "init"};
+
+    (void)state;
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+
+        if (row->flags & CLN_ROW_TUNE) /* what is tuned is a step's time */
+            assert_true(row->flags & CLN_ROW_TIME);
+    }
+    for (size_t i = 0; i < sizeof with / sizeof *with; i++)
+        assert_true(row_of(with[i])->flags & CLN_ROW_TIME);
+    for (size_t i = 0; i < sizeof without / sizeof *without; i++)
+        assert_false(row_of(without[i])->flags & CLN_ROW_TIME);
+}
+
+/* Every kind of leaf has a row; where leaves are no networks, nothing can be trained to merge. */
+static void test_leaf_kinds(void **state)
+{
+    const char *words = row_of("encoding")->words;
+    int kinds = 1;
+
+    (void)state;
+    for (const char *c = words; *c; c++)
+        kinds += *c == '|';
+    for (int i = 0; i < kinds; i++) {
+        const cln_leaf_kind *kind = cln_leaf_kind_of(i);
+
+        assert_int_equal(kind->merges, kind->network);
+        assert_int_equal(kind->joined, i == CLN_ENCODING_VOXEL);
+        assert_int_equal(kind->levels_first, i == CLN_ENCODING_VOXEL);
+    }
+}
+
+/* Steps of epochs, and back. */
+static void test_epochs(void **state)
+{
+    cln_config config = preset("fast");
+
+    (void)state;
+    config.epochs = 3;
+    config.rays = 1000;
+    assert_int_equal(cln_config_epoch_steps(&config, 1e6), 300);
+    assert_true(cln_config_step_epochs(&config, 1e6, 250) == 2.5);
+}
+
 static cln_status levels(const char *text, int start, double fraction[CLN_LEVELS])
 {
     cln_config config = preset("fast");
@@ -902,6 +953,9 @@ int test_group_config(void)
         cmocka_unit_test(test_json_of_before),
         cmocka_unit_test(test_alias),
         cmocka_unit_test(test_differs),
+        cmocka_unit_test(test_time),
+        cmocka_unit_test(test_epochs),
+        cmocka_unit_test(test_leaf_kinds),
         cmocka_unit_test(test_level_at),
         cmocka_unit_test(test_eval_points),
         cmocka_unit_test(test_background),

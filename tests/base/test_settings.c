@@ -119,8 +119,8 @@ static void test_extend(void **state)
     assert_true(settings->config.time_limit == 180);
     settings->base.steps = 0;
     assert_set_refused(settings, "steps", "+5", "--steps +5|no such budget");
-    settings->steps = 320; /* without such a budget: from where the run ended */
-    settings->seconds = 60;
+    settings->used.steps = 320; /* without such a budget: from where the run ended */
+    settings->used.time_limit = 60;
     settings->config.steps = 0;
     settings->config.time_limit = 60; /* a used-up budget is dropped */
     set(settings, "steps", "+5");
@@ -130,13 +130,39 @@ static void test_extend(void **state)
     set(settings, "steps", "+5");
     assert_int_equal(settings->config.steps, 325);
     settings->base.time_limit = 60; /* the last step ended after it */
-    settings->seconds = 61;
+    settings->used.time_limit = 61;
     set(settings, "time-limit", "+10");
     assert_true(settings->config.time_limit == 70);
-    settings->seconds = 600;
+    settings->used.time_limit = 600;
     set(settings, "time-limit", "+10");
     assert_true(settings->config.time_limit == 610);
     assert_set_refused(settings, "lr", "+x", "--lr|'+x'");
+    cln_settings_free(settings);
+}
+
+/* Epochs, too; they are a run's budget only if it has no other. */
+static void test_extend_epochs(void **state)
+{
+    cln_settings *settings = create("fast");
+
+    (void)state;
+    settings->preset[0] = 0; /* as of a run */
+    set(settings, "epochs", "+5");
+    assert_int_equal(settings->config.epochs, 35);
+    settings->used.epochs = 30;
+    set(settings, "epochs", "+5");
+    assert_int_equal(settings->config.epochs, 35);
+    settings->base.epochs = 2; /* lowered below what was trained */
+    set(settings, "epochs", "+5");
+    assert_int_equal(settings->config.epochs, 35);
+    settings->base.steps = settings->config.steps = 100;
+    settings->used.steps = 100;
+    settings->used.epochs = 7;
+    set(settings, "epochs", "+5");
+    assert_int_equal(settings->config.epochs, 12);
+    assert_int_equal(settings->config.steps, 0); /* used up, so it is dropped */
+    settings->used.epochs = 0;                   /* a run from before they were recorded */
+    assert_set_refused(settings, "epochs", "+5", "--epochs +5|no such budget");
     cln_settings_free(settings);
 }
 
@@ -302,9 +328,8 @@ static void test_idle(void **state)
 int test_group_settings(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_every_setting),
-        cmocka_unit_test(test_refused),
-        cmocka_unit_test(test_extend),
+        cmocka_unit_test(test_every_setting), cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_extend),        cmocka_unit_test(test_extend_epochs),
         cmocka_unit_test(test_idle),
     };
 

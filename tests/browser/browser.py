@@ -3,8 +3,9 @@
     browser.py ADDRESS RENDERED FOLDER PAGES
 
 RENDERED is the PNG that `render` made of the first test view, or "training": ADDRESS is that of a
-training, which is steered and stopped. Screenshots go to FOLDER. PAGES: names, with spaces. A line
-per check on standard output, "ok" or "FAILED".
+training, which is steered and stopped; or "documents": ADDRESS is a folder with report.html and
+check.html. Screenshots go to FOLDER. PAGES: names, with spaces. A line per check on standard
+output, "ok" or "FAILED".
 """
 import base64
 import json
@@ -71,7 +72,7 @@ class Driver:
 class Page:
     """A window of a width and height; phone: with touch and a sharp screen."""
 
-    def __init__(self, driver, name, width, height, dark=False, phone=False):
+    def __init__(self, driver, name, width, height, dark=False, phone=False, document=None):
         options = {'args': ['--headless=new', '--no-sandbox', '--disable-gpu',
                             '--disable-dev-shm-usage', f'--window-size={width},{height}']}
         if dark:
@@ -85,8 +86,9 @@ class Page:
         made = driver.call('POST', '/session', {'capabilities': {'alwaysMatch': wanted}})
         self.path = '/session/' + made['sessionId']
         self.call('/timeouts', {'script': 240000})
-        self.call('/url', {'url': ADDRESS})
-        self.settle()
+        self.call('/url', {'url': f'{ADDRESS}/{document}' if document else ADDRESS})
+        if not document:
+            self.settle()
 
     def call(self, path, body):
         return self.driver.call('POST', self.path + path, body)
@@ -572,8 +574,32 @@ def watch(driver):
         page.close()
 
 
+def read_documents(driver):
+    """On a phone, report and check's page are no wider than the screen: wide tables scroll alone.
+
+    Such a browser shows a page that is too wide smaller, so innerWidth tells nothing."""
+    width = 400
+    for name in ('report', 'check'):
+        page = Page(driver, name, width, 800, phone=True, document=name + '.html')
+        page.check('it has tables', page.js('return document.querySelectorAll("table").length') > 0)
+        page.check(f'at {width} pixels nothing runs off the page',
+                   page.js('return document.documentElement.scrollWidth') <= width,
+                   page.js("""
+                       return [...document.querySelectorAll('body *')].filter((e) =>
+                         e.getBoundingClientRect().right > arguments[0] + 1).slice(0, 5).map((e) =>
+                         e.tagName + ' ' + e.textContent.slice(0, 40))""", width))
+        page.shot('phone')
+        page.close()
+
+
 def main():
     driver = Driver()
+    if RENDERED == 'documents':
+        try:
+            read_documents(driver)
+        finally:
+            driver.process.terminate()
+        return
     if RENDERED == 'training':
         try:
             watch(driver)

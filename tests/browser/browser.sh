@@ -2,11 +2,11 @@
 # The viewer's page in headless Chromium, through chromedriver: it loads, follows mouse, touch and
 # keys, shows what `render` makes, saves paths, asks nobody else, and says nothing on the console;
 # two viewers at once; by keys alone; on a phone, dark and light; of a training, it follows and
-# steers it.
+# steers it. The report and check's page fit a phone.
 # On a small generated scene; screenshots to look at are left in build/browser/. Not part of `make
 # test`: Chromium is a large download.
 #   tests/browser/browser.sh [PAGE...]
-#           pages: desktop dark phone two training
+#           pages: desktop dark phone two documents training
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -23,10 +23,10 @@ expect "train" 0 "" "$cln" train "$work/photos" -o "$work/run" --steps 500 --ski
     --progress none
 expect "render" 0 "" "$cln" render "$work/run" --split test -o "$work/rendered" --progress none
 
-pages=${*:-desktop dark phone two training}
+pages=${*:-desktop dark phone two documents training}
 for page in $pages; do
-    case $page in desktop | dark | phone | two | training) ;; *)
-        echo "$0: no page '$page'; pages: desktop dark phone two training" >&2
+    case $page in desktop | dark | phone | two | documents | training) ;; *)
+        echo "$0: no page '$page'; pages: desktop dark phone two documents training" >&2
         exit 2
         ;;
     esac
@@ -50,7 +50,16 @@ drive() {
     check "the driver ran to its end" [ $rc = 0 ]
 }
 
-if [ "$pages" != training ]; then
+case " $pages " in
+*" documents "*)
+    cp "$work/run/report.html" "$work/report.html"
+    expect "check with a page" 0 "" "$cln" check "$work/photos" --probe 0 -o "$work/check.html"
+    echo "file://$work" >"$work/address"
+    drive documents
+    ;;
+esac
+
+if [[ " $pages " =~ " "(desktop|dark|phone|two)" " ]]; then
     "$cln" view "$work/run" >"$work/address" 2>"$work/log" &
     server=$!
     drive "$work/rendered/test_r_000.png"

@@ -1,6 +1,7 @@
 /* The tuner (cln_tune_search): it ends, writes a row that matches, and never times or chooses a set
- * whose kernels compute wrong results. Oracle: kernels made wrong on purpose, for some sets or for
- * all. Asserts no speed. */
+ * whose kernels compute wrong results; it decides by the timings, as it says. Oracle: kernels made
+ * wrong on purpose, for some sets or for all; decisions about made-up timings, by hand. Asserts no
+ * speed. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -10,6 +11,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/log.h"
+#include "check/tuner.h"
 #include "device/tune.h"
 #include "run_fixture.h"
 #include "tests.h"
@@ -113,6 +116,113 @@ static void test_tuner_stops(void **state)
     assert_false(cln_is_file(file));
 }
 
+/* ---- decisions ---- */
+
+static char told[512];
+
+static void keep_line(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    (void)user;
+    snprintf(told, sizeof told, "%s", line);
+}
+
+/* Taken exactly if the middle ratio is below 0.98 and at most two pairs are against it, of five or
+ * more; otherwise not, or undecided; the log has the reason. */
+static void test_decides(void **state)
+{
+    static const struct {
+        double ratios[9];
+        int pairs;
+        cln_tune_verdict verdict;
+        double ratio;
+        int slower;
+        const char *says;
+    } cases[] = {
+        {{0.9, 0.97, 0.95, 0.9, 0.96}, 5, CLN_SET_TAKEN, 0.95, 0, "0.95 times|of 5 pairs|: taken"},
+        {{0.9, 1.2, 0.9, 1, 0.9}, 5, CLN_SET_TAKEN, 0.9, 2, "not faster in 2 of them: taken"},
+        {{0.97, 0.979, 0.9, 0.99, 0.99, 1.1, 1.1, 0.9, 0.9},
+         9,
+         CLN_SET_TAKEN,
+         0.979,
+         2,
+         "0.98 times|of 9 pairs|: taken"},
+        {{0.97, 0.98, 0.9, 0.99, 0.99, 1.1, 1.1, 0.9, 0.9},
+         9,
+         CLN_SET_SLOWER,
+         0.98,
+         2,
+         "not taken, as it must be 2 % faster"},
+        {{0.9, 0.9, 0.9, 0.9, 0.9, 0.9, 1, 1.3, 1.4},
+         9,
+         CLN_SET_SLOWER,
+         0.9,
+         3,
+         "in 3 of them|not taken, as too many pairs are against it"},
+        {{1.2, 1.3, 1.1}, 3, CLN_SET_SLOWER, 1.2, 3, "1.20 times|of 3 pairs|2 % faster"},
+        {{0.5, 0.5, 0.5, 0.5}, 4, CLN_SET_UNDECIDED, NAN, 0, "no time is left to time it"},
+        {{1.2, 1.2}, 2, CLN_SET_UNDECIDED, NAN, 0, "no time is left to time it"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cln_tune_try set = {.tune = "VW=4",
+                            .seconds = 0.002,
+                            .against = 0.004,
+                            .ratio = NAN,
+                            .verdict = CLN_SET_UNDECIDED};
+        char words[128];
+
+        cln_tune_decide(cases[i].ratios, cases[i].pairs, &set);
+        assert_int_equal(set.verdict, cases[i].verdict);
+        assert_int_equal(set.pairs, set.verdict == CLN_SET_UNDECIDED ? 0 : cases[i].pairs);
+        assert_int_equal(set.slower, cases[i].slower);
+        assert_true(isnan(cases[i].ratio) ? isnan(set.ratio) : set.ratio == cases[i].ratio);
+        cln_log_set_sink(keep_line, NULL);
+        cln_tune_tell(&set);
+        cln_log_set_sink(fixture_no_log, NULL);
+        snprintf(words, sizeof words, "%s", cases[i].says);
+        for (char *rest = words, *word; (word = strtok_r(rest, "|", &rest));)
+            if (!strstr(told, word))
+                fail_msg("'%s' lacks '%s'", told, word);
+        assert_memory_equal(told, "VW=4: ", 6);
+    }
+}
+
+/* A search decides by its own figures. */
+static void test_decides_by_figures(void **state)
+{
+    cln_tune_desc desc = tuner_desc(NULL, "VW=4");
+    cln_tune_result r;
+    double gain = 1;
+    int taken = 0;
+
+    NEED_DEVICE();
+    desc.max_tries = 4;
+    assert_ok(cln_tune_search(&desc, &r));
+    for (int i = 0; i < r.count; i++) {
+        const cln_tune_try *set = &r.tries[i];
+        const bool timed = set->pairs > 0;
+
+        assert_true(timed || i == 0 || set->verdict == CLN_SET_UNDECIDED);
+        assert_true(timed == (isfinite(set->ratio) != 0));
+        assert_in_range(set->slower, 0, set->pairs);
+        if (!timed)
+            continue;
+        assert_true(set->seconds > 0 && set->against > 0);
+        assert_int_equal(set->verdict,
+                         set->ratio < 0.98 && set->slower <= 2 ? CLN_SET_TAKEN : CLN_SET_SLOWER);
+        if (set->verdict == CLN_SET_TAKEN) {
+            gain /= set->ratio;
+            taken = i;
+        }
+    }
+    assert_int_equal(r.tries[0].verdict, CLN_SET_TAKEN);
+    assert_float_equal(r.gain, gain, 1e-9 * gain);
+    assert_string_equal(r.tune, r.tries[taken].tune); /* the last one that was taken */
+    cln_tune_free(&r);
+}
+
 int test_group_tuner(void)
 {
     const struct CMUnitTest tests[] = {
@@ -120,6 +230,8 @@ int test_group_tuner(void)
         cmocka_unit_test(test_wrong_start),
         cmocka_unit_test(test_nothing_is_right),
         cmocka_unit_test(test_tuner_stops),
+        cmocka_unit_test(test_decides),
+        cmocka_unit_test(test_decides_by_figures),
     };
 
     return cmocka_run_group_tests_name("tuner", tests, fixture_setup, fixture_teardown);

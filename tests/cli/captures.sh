@@ -37,8 +37,8 @@ section_missing() {
     rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
     expect "info with 2 of 27 images missing: a warning" 0 "~2.of.27.images train/r_003" \
         "$cln" info "$work/few" --json
-    check "info counts them" [ "$(json missing)" = 2 ]
-    check "and names them" [ "$(json missing_names.1)" = train/r_005 ]
+    check "info counts the missing images" [ "$(json missing)" = 2 ]
+    check "info names the missing images" [ "$(json missing_names.1)" = train/r_005 ]
     expect "train leaves them out" 0 "~2.of.27.images" \
         "$cln" train "$work/few" -o "$work/few run" "${small[@]}" --steps 2
     check "run.json says so" [ "$("$query" dataset.missing <"$work/few run/run.json")" = 2 ]
@@ -61,10 +61,11 @@ section_missing() {
     expect "--missing skip leaves broken ones out, too" 0 \
         "~2.of.27.images.are.not.there ~2.of.27.cannot.be.read train/r_007" \
         "$cln" info "$work/few" --missing skip --json
-    check "info counts all" [ "$(json missing)" = 4 ]
-    check "and the broken ones" [ "$(json unreadable)" = 2 ]
+    check "info counts missing and broken images" [ "$(json missing)" = 4 ]
+    check "info counts the broken images apart" [ "$(json unreadable)" = 2 ]
     expect "check" 0 "" "$cln" check "$work/few" --missing skip --probe 0
-    check "says so" grep -q "missing: 4 of 27 photos are not there or cannot be read" "$work/out"
+    check "check counts missing and broken photos as one" \
+        grep -q "missing: 4 of 27 photos are not there or cannot be read" "$work/out"
     expect "why: with -v" 0 "r_000 truncated" "$cln" info "$work/few" --missing skip -v
     expect "train leaves them out" 0 "~2.of.27.cannot.be.read" \
         "$cln" train "$work/few" -o "$work/broken run" "${small[@]}" --steps 2 --missing skip
@@ -129,7 +130,7 @@ section_second() {
     before=$(sums "$work/run")
     expect "resumed on another scene: refused" 3 "second ~not.the.scene -o" \
         "$cln" train "$work/second" --resume "$work/run" --skip-selftest --steps +1
-    check "the run is as it was" [ "$(sums "$work/run")" = "$before" ]
+    check "a run resumed on another scene is as it was" [ "$(sums "$work/run")" = "$before" ]
 
     "$cln" train "$work/photos" -o "$work/killed" "${small[@]}" --steps 0 --time-limit 1h \
         2>"$work/err" &
@@ -163,7 +164,7 @@ section_second() {
     expect "a file for programs in no folder: before it, too" 7 "nowhere" \
         "$cln" train "$work/photos" -o "$work/tiny" "${small[@]}" \
         --dump-program "$work/run/run.json/nowhere/x.lp"
-    check "nothing is there" [ ! -e "$work/tiny" ]
+    check "a training whose program file has no folder leaves no run" [ ! -e "$work/tiny" ]
 }
 
 section_orbit() {
@@ -171,7 +172,7 @@ section_orbit() {
     mv "$work/photos" "$work/elsewhere"
     expect "an orbit without the photos" 0 "" "$cln" render "$work/run" --orbit 2 --json \
         -o "$work/orbit"
-    check "its frames are there" [ -s "$work/orbit/orbit_0001.png" ]
+    check "an orbit without the photos leaves its frames" [ -s "$work/orbit/orbit_0001.png" ]
     expect "a split's poses need them" 3 "photos --scene" "$cln" render "$work/run"
     expect "an orbit with the photos" 0 "" "$cln" render "$work/run" --orbit 2 \
         -o "$work/orbit with" --scene "$work/elsewhere"
@@ -182,21 +183,22 @@ section_orbit() {
     expect "a run from before asks for them" 3 "photos --scene" "$cln" render "$work/old" --orbit 2
     mv "$work/elsewhere" "$work/photos"
     expect "and renders with them" 0 "" "$cln" render "$work/old" --orbit 2 -o "$work/orbit old"
-    check "the same" diff -r "$work/orbit" "$work/orbit old"
+    check "an older run's orbit has the same bits" diff -r "$work/orbit" "$work/orbit old"
 }
 
 section_frames() {
     baseline
     cp -r "$work/run" "$work/longer"
     expect "render" 0 "" "$cln" render "$work/longer" --orbit 2 --json
-    check "two frames" [ "$(json rendered)$(json skipped)" = 20 ]
+    check "an orbit of two frames renders both" [ "$(json rendered)$(json skipped)" = 20 ]
     expect "train on" 0 "" "$cln" train --resume "$work/longer" --skip-selftest --progress none \
         --steps +4
     expect "render again: the newer model's, and says so" 0 "~another.model" \
         "$cln" render "$work/longer" --orbit 2 --json
-    check "both" [ "$(json rendered)$(json skipped)" = 20 ]
+    check "a newer model's orbit renders both frames again" \
+        [ "$(json rendered)$(json skipped)" = 20 ]
     expect "once more" 0 "" "$cln" render "$work/longer" --orbit 2 --json
-    check "none" [ "$(json rendered)$(json skipped)" = 02 ]
+    check "the same orbit once more renders no frame" [ "$(json rendered)$(json skipped)" = 02 ]
     check "render.json has their scale of depth" number_above \
         "$("$query" depth_picture.far <"$work/longer/render/orbit/render.json")" \
         "$("$query" depth_picture.near <"$work/longer/render/orbit/render.json")"
@@ -218,8 +220,10 @@ section_evals() {
     expect "eval of all views" 0 "" "$cln" eval "$work/run"
     before=$(md5sum <"$work/run/eval/00000020-test.json")
     expect "eval of one" 0 "" "$cln" eval "$work/run" --max-images 1
-    check "it has a name of its own" [ -s "$work/run/eval/00000020-test-1.json" ]
-    check "so has its picture" [ -s "$work/run/eval/00000020-test-1/test_r_000.png" ]
+    check "an evaluation of one view has a name of its own" \
+        [ -s "$work/run/eval/00000020-test-1.json" ]
+    check "a picture of one view has a folder of its own" \
+        [ -s "$work/run/eval/00000020-test-1/test_r_000.png" ]
     check "the one of all is as it was" [ "$(md5sum <"$work/run/eval/00000020-test.json")" = \
         "$before" ]
     check "and it is in the report" grep -q "3 views of the split" "$work/run/report.html"
@@ -228,12 +232,13 @@ section_evals() {
     before=$(sums "$work/run")
     expect "figures of another scene do not go into the run" 3 "others -o" \
         "$cln" eval "$work/run" --scene "$work/others"
-    check "which is as it was" [ "$(sums "$work/run")" = "$before" ]
+    check "a run evaluated on another scene is as it was" [ "$(sums "$work/run")" = "$before" ]
     expect "but where -o says" 0 "~not.the.one" \
         "$cln" eval "$work/run" --scene "$work/others" -o "$work/figures/others" --json
-    check "the document is there" [ -s "$work/figures/others/00000020-test.json" ]
-    check "and its pictures" [ -s "$work/figures/others/00000020-test/test_r_000.truth.png" ]
-    check "the run is as it was" [ "$(sums "$work/run")" = "$before" ]
+    check "eval -o leaves the figures" [ -s "$work/figures/others/00000020-test.json" ]
+    check "eval -o leaves the pictures" \
+        [ -s "$work/figures/others/00000020-test/test_r_000.truth.png" ]
+    check "a run evaluated with -o is as it was" [ "$(sums "$work/run")" = "$before" ]
 
     # root may write anywhere, but not below a file
     cp -r "$work/run" "$work/closed"
@@ -241,19 +246,20 @@ section_evals() {
     expect "eval with pictures that cannot be written: before it renders" 7 \
         "eval folder ~-o.*--no-save-images" \
         "$cln" eval "$work/closed" --progress none
-    check "stdout is empty" [ ! -s "$work/out" ]
+    check "eval whose pictures cannot be written prints nothing" [ ! -s "$work/out" ]
     expect "eval --no-save-images: figures, then what could not be written" 7 "eval -o" \
         "$cln" eval "$work/closed" --no-save-images --progress none --json
     psnr=$(json mean.psnr)
-    check "the figures" number_above "$psnr" 1
+    check "eval that cannot write into the run prints its figures" number_above "$psnr" 1
     expect "with -o all is well" 0 "" "$cln" eval "$work/closed" -o "$work/figures/closed" --json
-    check "with the same figures" [ "$(json mean.psnr)" = "$psnr" ]
+    check "eval -o has the figures of eval into the run" [ "$(json mean.psnr)" = "$psnr" ]
     sed -i 's/"model_digest": "[0-9a-f]*"/"model_digest": "0123456789abcdef"/' \
         "$work/figures/closed/00000020-test.json"
     before=$(sums "$work/figures/closed")
     expect "another model's figures are not replaced" 7 "0123456789abcdef -o" \
         "$cln" eval "$work/run" -o "$work/figures/closed"
-    check "they are as they were" [ "$(sums "$work/figures/closed")" = "$before" ]
+    check "another model's figures are as they were" \
+        [ "$(sums "$work/figures/closed")" = "$before" ]
 }
 
 section_disk() {
@@ -266,10 +272,10 @@ section_disk() {
         "$cln" train "$work/photos" -o "$work/huge" "${small[@]:1}" --width 256 --depth 8 \
         --view-width 256 --adaptive --max-leaves 262144
     check "asked before the self-test" eval '! said "checking the kernels"'
-    check "nothing is there" [ ! -e "$work/huge" ]
+    check "a model too large for the disk leaves no folder" [ ! -e "$work/huge" ]
     expect "a film too large for the disk" 7 "need free" \
         "$cln" render "$work/run" --orbit 100000 --width 8192 -o "$work/film"
-    check "nothing is there" [ ! -e "$work/film" ]
+    check "a film too large for the disk leaves no file" [ ! -e "$work/film" ]
     expect "export below a file" 7 "file folder" \
         "$cln" export "$work/run" --octree "$work/file/tree.ply"
 
@@ -304,7 +310,7 @@ turn() {
 section_doubts() {
     "$make_scene" "$work/axes" --format nerfstudio --size 16 --train 20 >/dev/null
     expect "info of cameras around an object" 0 "" "$cln" info "$work/axes"
-    check "nothing is doubted" [ ! -s "$work/err" ]
+    check "cameras around an object: nothing is doubted" [ ! -s "$work/err" ]
     turn "$work/axes" "1 -1 -1 1"
     expect "with OpenCV's axes: the likely cause" 0 "~look.apart likely ~negate.the.second" \
         "$cln" info "$work/axes"
@@ -312,7 +318,7 @@ section_doubts() {
         "$cln" train "$work/axes" -o "$work/apart" "${small[@]}" --steps 1
     "$make_scene" "$work/units" --format ngp --size 16 --train 20 >/dev/null
     expect "info of a scene with a cube of its own" 0 "" "$cln" info "$work/units"
-    check "nothing is doubted" [ ! -s "$work/err" ]
+    check "a cube of its own: nothing is doubted" [ ! -s "$work/err" ]
     cp -r "$work/units" "$work/small"
     turn "$work/units" "1 1 1 8"
     expect "translations too large: the likely cause" 0 "~training.rays.meet ~likely.the.scale" \
@@ -325,7 +331,7 @@ section_doubts() {
     check "nothing is nan" eval '! grep -q nan "$work/out"'
     "$make_scene" "$work/room" --kind room --size 16 --train 20 >/dev/null
     expect "info of a room from inside" 0 "" "$cln" info "$work/room"
-    check "nothing is doubted" [ ! -s "$work/err" ]
+    check "a room from inside: nothing is doubted" [ ! -s "$work/err" ]
 }
 
 # planted FAULT WHAT GRADE OPTIONS...: make-scene with this fault; check finds WHAT (a word, spaces
@@ -352,11 +358,12 @@ section_check() {
     # shellcheck disable=SC2086
     "$make_scene" "$work/sound" $front >/dev/null
     expect "check of a sound scene" 0 "" "$cln" check "$work/sound" --probe 0
-    check "nothing is found" grep -q '^0 likely faults, 0 remarks$' "$work/out"
-    check "it says the memory" grep -q '^memory .* on the device' "$work/out"
+    check "check finds nothing in a sound scene" grep -q '^0 likely faults, 0 remarks$' "$work/out"
+    check "check says the memory of a sound scene" grep -q '^memory .* on the device' "$work/out"
     expect "with a probe" 0 "" "$cln" check "$work/sound" --probe 0.1 --json --width 16 --depth 2
-    check "a step has a time" number_above "$(json training.time.step_seconds)" 0
-    check "of less than a minute" number_above 60 "$(json training.time.step_seconds)"
+    check "check --probe times a step" number_above "$(json training.time.step_seconds)" 0
+    check "check --probe: a step takes less than a minute" \
+        number_above 60 "$(json training.time.step_seconds)"
     check "no likely fault as JSON, too" [ -z "$(json findings.0.what)" ]
     check "photos agree with poses" number_above "$(json measures.agreeing_share)" 0.8
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
@@ -409,26 +416,28 @@ section_poses() {
     path=$work/bin:$PATH
     expect "poses without COLMAP: what to install" 1 "apt colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/posed"
-    check "nothing is written" [ ! -e "$work/posed" ]
+    check "poses without COLMAP write nothing" [ ! -e "$work/posed" ]
     expect "no folder to write" 2 "-o" "$cln" poses "$work/photos/train"
     expect "poses of nothing" 3 "not there folder" "$cln" poses "$work/nowhere" -o "$work/x"
     expect "poses: who has none, and what EXIF tells" 0 "~1.of.24.photos r_023 ~of.23.photos" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed" --progress none
-    check "it counts" grep -q "registered  23 of 24" "$work/out"
+    check "poses count the registered photos" grep -q "registered  23 of 24" "$work/out"
     check "it ends with the next command" grep -q "cl-nascent train .*posed'* -o" "$work/out"
     check "all are matched with all" grep -q "colmap exhaustive_matcher" "$work/posed/colmap.log"
-    check "the scene is read" [ "$("$cln" info "$work/posed" --json | "$query" views)" = 23 ]
+    check "the scene that poses wrote is read" \
+        [ "$("$cln" info "$work/posed" --json | "$query" views)" = 23 ]
     expect "a second time: nothing is replaced" 7 "posed sparse -o" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed"
 
     expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
         poses "$work/photos/train" -o "$work/parts" --progress none --json
-    check "its photos" [ "$(json registered)" = 21 ]
+    check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
     expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
         env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
     expect "it can be tried again" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
         -o "$work/hopeless" --match next --progress none
-    check "as it was told" grep -q sequential_matcher "$work/hopeless/colmap.log"
+    check "poses --match next matches in sequence" \
+        grep -q sequential_matcher "$work/hopeless/colmap.log"
     mkdir "$work/many" "$work/two"
     for i in $(seq 1000 1121); do
         ln "$work/photos/train/r_000.png" "$work/many/IMG_$i.png"
@@ -450,7 +459,7 @@ END
     chmod +x "$work/bin/ffprobe" "$work/bin/ffmpeg"
     expect "a video" 0 "" env PATH="$path" "$cln" poses "$work/walk.mp4" -o "$work/walk" \
         --frames 12 --progress none --json
-    check "its frames" [ "$(json registered) $(json photos)" = "3 4" ]
+    check "poses of a video take its frames" [ "$(json registered) $(json photos)" = "3 4" ]
 }
 
 # numbers FILE.npy: of float32, one a line
@@ -517,7 +526,8 @@ section_sparse() {
 
     expect "too few views of a part, and a slab" 0 "~leaves.are.left.out" "$cln" train "$air" \
         -o "$air slab" "${net[@]}" --space cube --slab --seen-by 2 --steps 2
-    check "leave leaves out" number_above 512 "$("$query" result.leaves <"$air slab/run.json")"
+    check "--seen-by and --slab leave leaves out" \
+        number_above 512 "$("$query" result.leaves <"$air slab/run.json")"
     expect "more than all views" 0 "~seen-by.has.no.effect" "$cln" train "$air" \
         -o "$air views" "${net[@]}" --seen-by 100 --steps 1
 
@@ -528,7 +538,7 @@ section_sparse() {
     expect "which gathers now" 0 "" "$cln" train --resume "$air splat" --skip-selftest \
         --stage1 gather --steps +2
     check "it has no shell, and none is told" eval '! said "and a shell"'
-    check "nor recorded" eval '! grep -q "and a shell" "$air splat/run.json"'
+    check "a run without a shell records none" eval '! grep -q "and a shell" "$air splat/run.json"'
 }
 
 # A still life from the front, in normalised device coordinates: depths in the scene's units. Its
@@ -548,7 +558,8 @@ section_forward() {
         "$work/front views/frame_00009.depth.npy" "$work/front/images/frame_00009.depth.npy")"
     expect "the same by splatting" 0 "" "$cln" train "$work/front" -o "$work/front splat" \
         "${net[@]}" --level-at "" --stage1 splat --n1 8 --rays 1024 --steps 40
-    check "it learns" number_above "$("$query" result.psnr_test <"$work/front splat/run.json")" 15
+    check "splatting in a forward space learns" \
+        number_above "$("$query" result.psnr_test <"$work/front splat/run.json")" 15
     expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 402
     expect "eval" 0 "" "$cln" eval "$run" --json
     check "run.json says so" [ "$("$query" dataset.space <"$run/run.json")" = ndc ]
@@ -559,7 +570,7 @@ section_forward() {
     expect "nor a cell's size" 2 "--spacing grow" \
         "$cln" export "$run" --mesh "$work/mesh.ply" --spacing 0.1
     expect "--space cube" 0 "" "$cln" info "$work/front" --space cube --json
-    check "is a cube" [ "$(json space)" = cube ]
+    check "--space cube is a cube" [ "$(json space)" = cube ]
     expect "a box is no near plane" 2 "--bbox --space" \
         "$cln" info "$work/front" --space ndc --bbox=0,0,0,1,1,1
     baseline
@@ -584,7 +595,8 @@ section_beyond() {
     check "it says which colour that is" [ "$(json background)" = mean ]
     expect "train without one" 0 "" "$cln" train "$work/street" -o "$work/street cube" "${net[@]}" \
         --space cube
-    check "which is worse" number_above "$("$query" result.psnr_test <"$run/run.json")" \
+    check "a street without a shell is worse" \
+        number_above "$("$query" result.psnr_test <"$run/run.json")" \
         "$("$query" result.psnr_test <"$work/street cube/run.json")"
     expect "render the test view" 0 "" "$cln" render "$run" -o "$work/street views"
     test=$(basename "$work/street views"/*.depth.npy)
@@ -602,7 +614,7 @@ section_beyond() {
     check "and with the same colour" eval '! said "--background"'
     check "which run.json keeps" [ "$("$query" dataset.background.1 <"$run/run.json")" = "$colour" ]
     expect "info" 0 "" "$cln" info "$run" --json
-    check "info says so, too" [ "$(json checkpoint.space)" = shell ]
+    check "info names the checkpoint's space" [ "$(json checkpoint.space)" = shell ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/street.ply" --count 1000
     expect "a mesh of what is in the cube" 0 "" "$cln" export "$run" --mesh "$work/street-mesh.ply"
     expect "boxes of leaves have no meaning" 2 "boxes --mesh" \

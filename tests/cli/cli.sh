@@ -1,7 +1,7 @@
 #!/bin/bash
 # The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind,
 # its exit codes, and that nothing is lost. Runs on any OpenCL device (PoCL is enough).
-#   tests/cli/cli.sh [SECTION...]      sections: usage devices tune scenes names train structure
+#   tests/cli/cli.sh [SECTION...]      sections: usage devices scenes names train structure
 #                                  resume results damage output memory
 #   BUILD=build/sanitize           the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
@@ -72,6 +72,13 @@ step_rows() {
 
 decision_rows() {
     grep '"event":"structure"' "$1/metrics.jsonl"
+}
+
+# stages_fit RUN SECONDS: the device's time, without that of evaluations, is at most SECONDS
+stages_fit() {
+    sed -n 's/.*"stages":{\([^}]*\)}.*/\1/p' "$1/metrics.jsonl" | tr ',' '\n' |
+        awk -F: -v training="$2" '$1 ~ /evaluation/ { apart += $2; next } { sum += $2 }
+            END { exit !(apart > 0 && sum > 0 && sum <= training) }'
 }
 
 every_step_once() {
@@ -193,56 +200,6 @@ section_devices() {
 
 # Kernel parameters: the tuner's row, where parameters come from, and that wrong kernels are
 # noticed.
-section_tune() {
-    local rows=$work/config/cl-nascent/tune.txt
-    local net=(--width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1)
-    blender
-    expect "tune" 0 "" "$cln" tune "${net[@]}" --budget 2 --progress none
-    check "tune prints the row" grep -q '| W16-D2-V16 | VW=' "$work/out"
-    check "tune writes the row to the user's file" grep -qF "$(tail -1 "$work/out")" "$rows"
-    expect "train uses the row for such networks" 0 "" \
-        "$cln" train "$work/blender" -o "$work/tuned" "${small[@]}" --steps 2 -v
-    check "train names the row" said "$rows, line 3"
-    check "train names the parameters" grep -q "kernel parameters: VW=" "$work/err"
-    check "run.json names the row" eval \
-        '[[ "$("$query" tune_from <"$work/tuned/run.json")" = "$rows, line 3"* ]]'
-    expect "--tune goes before the row" 0 "" \
-        "$cln" train "$work/blender" -o "$work/given" "${small[@]}" --steps 2 --tune VW=4
-    check "run.json: --tune" eval '"$query" tune_from <"$work/given/run.json" | grep -q "^--tune"'
-    echo '* | * | W32-* | VW=4,NV=1,TS=4' >>"$rows"
-    expect "devices" 0 "" "$cln" devices --no-test --json
-    check "devices names the parameters" grep -q '"VW=4,NV=1,LS=1,TS=4,' "$work/out"
-    check "devices names their source" [ "$(json devices.0.tune_from)" = "$rows, line 4" ]
-    expect "tune again, to another file" 0 "" "$cln" tune "${net[@]}" --budget 1 --json \
-        --progress none --tune VW=4,TS=5 -o "$work/rows/mine.txt"
-    check "tune --json is one document" [ "$(json schema)" = cl-nascent.tune/1 ]
-    check "the other file has its row" grep -qF "$(json row)" "$work/rows/mine.txt"
-    check "the first set is the start of the search" grep -q '^VW=4,NV=[0-9]*,LS=1,TS=5,' \
-        <<<"$(json tries.0.tune)"
-
-    echo '* | * | * | VW=8,XX=1' >"$work/wrong.txt"
-    expect "a row that is wrong: file, line, reason" 3 "wrong.txt ~line.1 XX VW" \
-        "$cln" devices --tune-file "$work/wrong.txt"
-    expect "a wrong row by the environment" 3 "wrong.txt" \
-        env CL_NASCENT_TUNE_FILE="$work/wrong.txt" "$cln" selftest --quick
-    expect "a missing file of rows" 3 "nowhere --tune-file" \
-        "$cln" train "$work/blender" -o "$work/never" "${small[@]}" --tune-file "$work/nowhere"
-    check "train with a missing file of rows writes nothing" [ ! -e "$work/never" ]
-
-    # a compiler that gets sums of products wrong
-    mkdir -p "$work/off" && cp kernels/lanes.h "$work/off/"
-    printf '#undef MAD\n#define MAD(a, b, c) (1.001f * fma((a), (b), (c)))\n' >>"$work/off/lanes.h"
-    expect "train on a device that fails the self-test: case, way out" 10 \
-        "~fast.preset:.[a-z]+: ~does.not.compute --skip-selftest" \
-        "$cln" train "$work/blender" -o "$work/refused" "${small[@]:1}" --steps 2 \
-        --kernel-dir "$work/off"
-    check "it names the device" said "$("$cln" devices --no-test --json | "$query" devices.0.name)"
-    check "the refused training wrote nothing" [ ! -e "$work/refused" ]
-    expect "--skip-selftest trains all the same" 0 "" \
-        "$cln" train "$work/blender" -o "$work/forced" "${small[@]}" --steps 2 \
-        --kernel-dir "$work/off"
-}
-
 # bad_scene NAME WORDS: $work/bad must be refused, by info and before train writes anything
 bad_scene() {
     expect "$1" 3 "$2" "$cln" info "$work/bad"
@@ -391,7 +348,7 @@ section_names() {
 }
 
 section_train() {
-    local psnr
+    local last psnr
     baseline
     check "train --json is not printed unasked" grep -q 'model digest' "$work/out"
     run "$cln" info "$work/whole" --json
@@ -430,10 +387,23 @@ section_train() {
     check "--time-limit ends the training" [ $rc = 0 ]
     check "--time-limit ends it after its seconds" eval \
         'number_above "$(json seconds)" 1.9 && number_above 10 "$(json seconds)"'
+    last=$(json step)
+    expect "--epochs +1 of a run whose budget was time" 0 "" "$cln" train --resume "$work/timed" \
+        --skip-selftest --progress none --epochs +1 --json
+    # an epoch has 48 x 48 x 12 / 10 rays, 10.8 steps; those begun count as whole
+    check "it goes on from where the run ended" \
+        [ "$(json step)" -gt $((last + 10)) -a "$(json step)" -le $((last + 23)) ]
     run "$cln" train "$work/blender" -o "$work/target" "${small[@]}" --steps 100000 --eval-every 5 \
         --target-psnr 14 --json
     check "--target-psnr ends the training" eval '[ $rc = 0 ] && number_above 1000 "$(json step)" &&
         number_above "$(json psnr_test)" 14 && number_above "$(json step)" 5'
+
+    # pictures that take far longer than the steps between them
+    scene fine --size 128 --train 4 --test 3
+    run "$cln" train "$work/fine" -o "$work/evaluated" "${small[@]}" --steps 20 \
+        --eval-every 1 --json
+    check "evaluations count apart: all other stages sum to at most the training's seconds" \
+        stages_fit "$work/evaluated" "$(json seconds)"
 
     # the best constant pictures of these scenes reach 15.1, 10.4 and 10.3 dB
     scene room --kind room --size 40 --train 10 --test 2
@@ -978,5 +948,5 @@ section_memory() {
     check "pictures agree" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
 }
 
-all="usage devices tune scenes names train structure regrow resume results damage output memory"
+all="usage devices scenes names train structure regrow resume results damage output memory"
 run_sections "$all" "$@"

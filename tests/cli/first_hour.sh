@@ -283,7 +283,8 @@ section_training() {
         -v c="$("$query" result.start_seconds <"$r/run.json")" \
         -v d="$("$query" result.eval_seconds <"$r/run.json")" \
         'BEGIN { c = a - c; d = b - 1.5 * d; exit !(a > 0 && b > 0 && c * c + d * d < 1e-12) }'
-    check "settings that differ are named" grep -q 'with another width, depth' "$work/out"
+    check "settings that differ are named" grep -q \
+        'with another width, depth, view-width, bands.*, n1, .*, rays, batch-samples' "$work/out"
     expect "--like for a run" 2 "--like SCENE" "$cln" info "$r" --like "$r"
     expect "--like a folder that is not a run" 3 "run.json" "$cln" info "$s" --like "$s"
     expect "bugreport of the run" 0 "" env HOME="$work" "$cln" bugreport --no-test "$r"

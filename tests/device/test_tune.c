@@ -247,17 +247,18 @@ static void test_plain_comes_last(void **state)
     desc.tune = "VW=4";
     assert_ok(cln_device_open(&desc, &device));
     cln_log_set_sink(scratch_count_warnings, &warnings);
-    assert_ok(
-        cln_pipeline_create(device, &config, false, false, &cln_space_unit, CLN_PROGRAMS_ALL, &p));
+    assert_ok(cln_pipeline_create(device, &config, &(cln_pipeline_facts){.space = &cln_space_unit},
+                                  CLN_PROGRAMS_ALL, &p));
     cln_log_set_sink(fixture_no_log, NULL);
     assert_true(warnings > 0);
     assert_int_equal(p.tune.vw, 1);
     assert_non_null(strstr(p.tune_from, "plain"));
     cln_pipeline_free(&p);
     device->tune_exact = true;
-    assert_fails(
-        cln_pipeline_create(device, &config, false, false, &cln_space_unit, CLN_PROGRAMS_ALL, &p),
-        CLN_BUILD, "scan.cl");
+    assert_fails(cln_pipeline_create(device, &config,
+                                     &(cln_pipeline_facts){.space = &cln_space_unit},
+                                     CLN_PROGRAMS_ALL, &p),
+                 CLN_BUILD, "scan.cl");
     cln_device_close(device);
 }
 

@@ -108,8 +108,9 @@ static bool check_history(const tune_set *set, int64_t step, int room)
 
     make_model(step, &host);
     make_model(step, &other);
-    assert_ok(cln_pipeline_create(device, &host.config, false, false, &cln_space_unit,
-                                  CLN_PROGRAMS_ALL, &p));
+    assert_ok(cln_pipeline_create(device, &host.config,
+                                  &(cln_pipeline_facts){.space = &cln_space_unit}, CLN_PROGRAMS_ALL,
+                                  &p));
     assert_true(cln_pipeline_measures(&host.config) > 0);
     device->spoil = true;
     if (room > 0)
@@ -189,8 +190,9 @@ static void test_no_memory(void **state)
 
     (void)state;
     make_model(3, &model);
-    assert_ok(cln_pipeline_create(device, &model.config, false, false, &cln_space_unit,
-                                  CLN_PROGRAMS_ALL, &p));
+    assert_ok(cln_pipeline_create(device, &model.config,
+                                  &(cln_pipeline_facts){.space = &cln_space_unit}, CLN_PROGRAMS_ALL,
+                                  &p));
     assert_ok(cln_pipeline_upload(&p, &model, true));
     assert_ok(cln_octree_split(&model.tree, NULL, &change));
     assert_ok(cln_model_follow(&model, &change));

@@ -39,6 +39,8 @@ static void make_fake(fake *f, const cln_config *config, double max_alloc, const
         (cln_tune){.vw = 8, .nv = 2, .ls = 1, .ts = 6, .nb = 48, .sl = 480, .wg = 16, .chunk = 64};
     f->pipeline.device = &f->device;
     f->pipeline.config = *config;
+    f->pipeline.depth_loss = config->depth_loss;
+    f->pipeline.deepest = cln_config_deepest(config);
     f->pipeline.tune = f->device.tune;
     assert_ok(cln_network_layout(config, &f->pipeline.net));
     for (int i = 0; i < 4; i++) {

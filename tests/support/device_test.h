@@ -103,7 +103,9 @@ static inline cln_pipeline *test_pipeline_in(const tune_set *set, const cln_conf
             return &e->pipeline;
     }
     assert_true(test_pipeline_count < MAX_PIPELINES);
-    assert_ok(cln_pipeline_create(device, config, lenses, alpha, space, test_wanted, &e->pipeline));
+    assert_ok(cln_pipeline_create(
+        device, config, &(cln_pipeline_facts){.lenses = lenses, .alpha = alpha, .space = space},
+        test_wanted, &e->pipeline));
     e->set = set;
     e->config = *config;
     e->lenses = lenses;

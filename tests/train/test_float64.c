@@ -93,8 +93,11 @@ static void open_trainer(const cln_config *config, cln_trainer *t)
     assert_ok(
         cln_alloc(&t->results, (size_t)cln_config_most_rays(config), sizeof *t->results, "test"));
     assert_ok(cln_exposure_start(t->scene, cln_config_most_rays(config), &t->model, &t->exposure));
-    assert_ok(cln_pipeline_create(t->device, config, t->scene->lenses, t->scene->has_alpha,
-                                  &t->model.space, CLN_PROGRAMS_ALL, &t->pipeline));
+    assert_ok(cln_pipeline_create(t->device, config,
+                                  &(cln_pipeline_facts){.lenses = t->scene->lenses,
+                                                        .alpha = t->scene->has_alpha,
+                                                        .space = &t->model.space},
+                                  CLN_PROGRAMS_ALL, &t->pipeline));
     assert_ok(cln_pipeline_share(&t->pipeline));
     plan.scene = t->scene;
     plan.leaves = t->model.tree.leaf_count;

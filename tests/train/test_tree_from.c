@@ -85,6 +85,25 @@ static void test_keeps_a_culled_tree(void **state)
     assert_levels("on-culled", "[0,1,0,0,0,0,0,0,0]");
 }
 
+/* A tree that is deeper than --max-level: it is kept, and so is the setting. */
+static void test_keeps_a_deeper_tree(void **state)
+{
+    cln_config config;
+    cln_train_result result;
+    json_t *run = NULL;
+
+    NEED_DEVICE();
+    config = config_on("whole");
+    config.level_at[0] = 0;
+    config.max_level = 0;
+    config.stage1 = CLN_STAGE1_SPLAT; /* has tables by level */
+    assert_ok(fixture_train("on-deeper", false, &config, NULL, &result));
+    assert_levels("on-deeper", "[0,8,0,0,0,0,0,0,0]");
+    run = fixture_json("on-deeper/run.json");
+    assert_int_equal(json_integer_value(fixture_at(run, "config.max_level")), 0);
+    json_decref(run);
+}
+
 /* With the tree that it would have anyway, and equal settings: the same bits. */
 static void test_same_as_its_own(void **state)
 {
@@ -135,8 +154,11 @@ static void test_refused(void **state)
 int test_group_tree_from(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_keeps_the_tree),  cmocka_unit_test(test_keeps_a_culled_tree),
-        cmocka_unit_test(test_same_as_its_own), cmocka_unit_test(test_resumed),
+        cmocka_unit_test(test_keeps_the_tree),
+        cmocka_unit_test(test_keeps_a_culled_tree),
+        cmocka_unit_test(test_keeps_a_deeper_tree),
+        cmocka_unit_test(test_same_as_its_own),
+        cmocka_unit_test(test_resumed),
         cmocka_unit_test(test_refused),
     };
 
