@@ -112,6 +112,7 @@ void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
 {
     const cln_space *space = &scene->space;
 
+    cln_scene_doubt_turns(scene, findings);
     if (scene->apart_share > APART_MAX)
         cln_found_fault(
             findings, "axes", true, NULL,

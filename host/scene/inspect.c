@@ -635,6 +635,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
     CLN_TRY(cln_agree(scene, &in.agreement));
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
+    cln_scene_tell_turns(scene, in.findings);
     check_agreement(&in);
     check_strays(&in);
     CLN_TRY(check_far(&in));

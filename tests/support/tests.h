@@ -48,6 +48,7 @@ int test_group_model(void);
 int test_group_network(void);
 int test_group_octree(void);
 int test_group_options(void);
+int test_group_orientation(void);
 int test_group_gradient(void);
 int test_group_normals(void);
 int test_group_pictures(void);
