@@ -345,8 +345,8 @@ section_nadir() {
             n = split(box, b, ",")
             for (a = 1; a <= 3; a++) if (b[a + 3] - b[a] > half) exit 1
             for (a = 1; a <= 6; a++) b[a] -= a % 3 == 1 ? 500000 : a % 3 == 2 ? 4600000 : 90
-            exit !(n == 6 && b[1] < -0.8 && b[2] < -0.8 && b[3] < -0.15 && b[4] > 0.8 && b[5] > 0.3 &&
-                b[6] < 1)
+            exit !(n == 6 && b[1] < -0.8 && b[2] < -0.8 && b[3] < -0.15 && b[4] > 0.8 &&
+                b[5] > 0.3 && b[6] < 1)
         }'
     expect "which is taken" 0 "" "$cln" info "$air" --missing skip "$box" --json
     check "without a guess" eval '! said guess'
@@ -393,7 +393,8 @@ section_check() {
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
     check "it shows 14 photos" [ "$(grep -c 'base64,' "$work/page.html")" = 14 ]
     check "and every camera from three sides" [ "$(grep -c '<circle' "$work/page.html")" = 42 ]
-    check "the cube from three sides" [ "$(grep -c "<rect x=.*stroke='#1d2329'" "$work/page.html")" = 3 ]
+    check "the cube from three sides" \
+        [ "$(grep -c "<rect x=.*stroke='#1d2329'" "$work/page.html")" = 3 ]
     run "$cln" check "$work/sound" --probe 0 --json
     points=$(json points)
     check "and every point, or the number of those beyond the picture" [ "$(drawn)" = \
@@ -516,8 +517,8 @@ depth_error() {
         awk '{ all[NR] = $1 } END { print NR ? all[int((NR + 1) / 2)] : "none" }'
 }
 
-# hidden_share RENDERED TRUTH FARTHEST: of the pixels that show something, no farther than that, those
-# before which half of the opacity comes nearer than 9/10 of the way: a floater hides what is there
+# hidden_share RENDERED TRUTH FARTHEST: of the pixels that show something, no farther than that,
+# those of which half of the opacity comes before 9/10 of the way: a floater hides what is there
 hidden_share() {
     paste <(numbers "$1") <(numbers "$2") | awk -v most="$3" '$2 > 0 && $2 < most {
             all++
@@ -669,6 +670,6 @@ section_beyond() {
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
-every="missing moved second orbit frames evals disk doubts nadir check poses depth sparse forward
-    beyond"
+every="missing moved second orbit frames evals disk doubts nadir check poses depth sparse"
+every+=" forward beyond"
 run_sections "$every" "$@"
