@@ -1,6 +1,6 @@
 /* Reads and writes PNG, reads JPEG. The only translation unit with stb_image and stb_image_write.
- * Not a general image library: 8-bit results, no colour profiles, pixels as stored whatever EXIF data
- * say (cln_image_turn turns them).
+ * Not a general image library: 8-bit results, no colour profiles, pixels as stored, whatever EXIF
+ * data say (cln_image_turn turns them).
  *
  * Files are untrusted, so before stb decodes anything:
  *   1. our code reads the size from the header and checks it against the limits,

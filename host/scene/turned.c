@@ -1,6 +1,6 @@
-/* Photos whose EXIF data tell viewers to turn them. COLMAP, OpenSfM, nerfstudio and instant-ngp read
- * pixels as they are stored, so poses belong to these, and so does this program. Where only the
- * turned picture has the shape of its camera, poses were made from turned pixels, and they are
+/* Photos whose EXIF data tell viewers to turn them. COLMAP, OpenSfM, nerfstudio and instant-ngp
+ * read pixels as they are stored, so poses belong to these, and so does this program. Where only
+ * the turned picture has the shape of its camera, poses were made from turned pixels, and they are
  * turned here, too. Mirrors and half turns keep the shape: they follow the other photos. */
 #include "scene/build.h"
 

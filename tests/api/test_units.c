@@ -1,8 +1,8 @@
-/* What a run hands back, in the user's frame and units: depth, points, boxes of leaves, a volume and
- * cameras of a trained ball, in units from 1e-4 to 1e6 and far from the origin. Against the ball
- * itself depth and points are a few hundredths off: the short training has soft surfaces. Against
- * those of the plain frame they are the same: units that are powers of two change no bit of a
- * training, and an offset changes last bits of poses. */
+/* What a run hands back, in the user's frame and units: depth, points, boxes of leaves, a volume
+ * and cameras of a trained ball, in units from 1e-4 to 1e6 and far from the origin. Against the
+ * ball itself depth and points are a few hundredths off: the short training has soft surfaces.
+ * Against those of the plain frame they are the same: units that are powers of two change no bit of
+ * a training, and an offset changes last bits of poses. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

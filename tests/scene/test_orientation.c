@@ -164,8 +164,8 @@ static int findings_of(const cln_scene *scene, const char *word)
     return count;
 }
 
-/* A quarter turn by which photos have the shape of their cameras or lose it; half turns and mirrors,
- * which follow these; and photos of which nothing is known. */
+/* A quarter turn by which photos have the shape of their cameras or lose it; half turns and
+ * mirrors, which follow these; and photos of which nothing is known. */
 static void test_scenes(void **state)
 {
     static const struct {

@@ -243,8 +243,9 @@ static inline void format_colmap(const char *folder, bool binary, const cln_came
     fclose(f);
 }
 
-/* The files that COLMAP 3.12 and newer write beside the three: a rig of two cameras (those of views 0
- * and 1) and one for each other camera; a frame with views 0 and 1, and one for each other view. */
+/* The files that COLMAP 3.12 and newer write beside the three: a rig of two cameras (those of views
+ * 0 and 1) and one for each other camera; a frame with views 0 and 1, and one for each other
+ * view. */
 static inline void format_colmap_rigs(const char *folder, bool binary, const cln_camera *cameras)
 {
     FILE *f = format_open(folder, binary ? "rigs.bin" : "rigs.txt");
