@@ -105,7 +105,10 @@ static void write_point(const colmap_scene *s, FILE *f, int view, int i, int *co
         views += sees(s->world, &s->exact[v], point);
     if (views < 2)
         return;
-    fprintf(f, "%d %.17g %.17g %.17g 128 128 128 0.5", ++*count, point[0], point[1], point[2]);
+    fprintf(f, "%d", ++*count);
+    for (int a = 0; a < 3; a++)
+        fprintf(f, " %.17g", s->unit * point[a] + s->offset[a]);
+    fprintf(f, " 128 128 128 0.5");
     for (int v = 0; v < s->count; v++)
         if (sees(s->world, &s->exact[v], point))
             fprintf(f, " %d 0", v + 1);

@@ -12,6 +12,8 @@ typedef struct colmap_scene {
     int count, seed;
     const cln_camera *exact; /* [count] pinholes that took the photos */
     char *const *names;      /* [count] images/NAME, without ".png" */
+    double unit;             /* written points: unit * the world's + offset */
+    const double *offset;    /* [3] */
 } colmap_scene;
 
 /* cameras: as the model states them, right or wrong. CLN_OUTPUT. */

@@ -24,6 +24,7 @@ typedef struct settings {
     cln_lens lens;
     const char *bent_by; /* text of --distortion; NULL without */
     double distortion[CLN_LENS_PARAMS];
+    double unit, offset[3]; /* written positions: unit * ours + offset */
 } settings;
 
 typedef struct job {
@@ -38,7 +39,7 @@ typedef struct job {
     char error[1024];
 } job;
 
-/* The exact camera of view i of the split. */
+/* The exact camera of view i of the split, in the generator's own units. */
 void job_place(const settings *set, int split, int i, cln_camera *camera);
 
 /* Writes the camera files in the job's format. CLN_OUTPUT. */

@@ -52,6 +52,10 @@ static const char usage[] =
     "                             surface\n"
     "  --masks                    also write masks of the shapes (nerfstudio: black is "
     "ignored)\n"
+    "  --unit U                   every position and depth times this, the number of written units "
+    "in\n"
+    "                             one of the generator's; an object is about 2 of those wide (1)\n"
+    "  --offset X,Y,Z             added to every position after that, such as a survey's (0)\n"
     "  --fault NAME               plant a capture mistake, to test what detects it:\n"
     "                             " FAULT_WORDS "\n"
     "  --seed N                   of camera positions and noise textures (default 1)\n";
@@ -107,6 +111,8 @@ static cln_status render_view(const job *j, int view)
     CLN_TRY(fault_pixels((fault)j->set->fault, trained, size, size,
                          j->set->format == BLENDER ? 4 : 3, rgba));
     CLN_TRY(cln_image_write_png(path, size, size, j->set->format == BLENDER ? 4 : 3, rgba));
+    for (size_t i = 0; i < pixels; i++)
+        depth[i] = (float)(j->set->unit * depth[i]);
     if (j->set->depth)
         CLN_TRY(cln_npy_write_f32(depth_path, 2, sides, depth));
 done:
@@ -275,13 +281,14 @@ static cln_status parse_word(const char *option, const char *text, const char *c
 static cln_status parse(int argc, char **argv, settings *set)
 {
     static const struct option options[] = {
-        {"kind", required_argument, NULL, 'k'}, {"format", required_argument, NULL, 'f'},
-        {"size", required_argument, NULL, 's'}, {"train", required_argument, NULL, 't'},
-        {"val", required_argument, NULL, 'v'},  {"test", required_argument, NULL, 'e'},
-        {"from", required_argument, NULL, 'w'}, {"distortion", required_argument, NULL, 'd'},
-        {"lens", required_argument, NULL, 'l'}, {"depth", no_argument, NULL, 'z'},
-        {"masks", no_argument, NULL, 'm'},      {"fault", required_argument, NULL, 'x'},
-        {"seed", required_argument, NULL, 'r'}, {NULL, 0, NULL, 0}};
+        {"kind", required_argument, NULL, 'k'},   {"format", required_argument, NULL, 'f'},
+        {"size", required_argument, NULL, 's'},   {"train", required_argument, NULL, 't'},
+        {"val", required_argument, NULL, 'v'},    {"test", required_argument, NULL, 'e'},
+        {"from", required_argument, NULL, 'w'},   {"distortion", required_argument, NULL, 'd'},
+        {"lens", required_argument, NULL, 'l'},   {"depth", no_argument, NULL, 'z'},
+        {"masks", no_argument, NULL, 'm'},        {"fault", required_argument, NULL, 'x'},
+        {"seed", required_argument, NULL, 'r'},   {"unit", required_argument, NULL, 'u'},
+        {"offset", required_argument, NULL, 'o'}, {NULL, 0, NULL, 0}};
     cln_status st = CLN_OK;
 
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;)
@@ -326,6 +333,14 @@ static cln_status parse(int argc, char **argv, settings *set)
         case 'x':
             CLN_TRY(parse_word("fault", optarg, fault_names, &set->fault));
             break;
+        case 'u':
+            CLN_TRY(cln_parse_reals(optarg, 1, &set->unit));
+            if (!(set->unit > 0))
+                return cln_fail(CLN_USAGE, "--unit %s: must be above 0", optarg);
+            break;
+        case 'o':
+            CLN_TRY(cln_parse_reals(optarg, 3, set->offset));
+            break;
         case 'r':
             CLN_TRY(parse_int("seed", optarg, 0, 2147483647, &set->seed));
             break;
@@ -345,6 +360,15 @@ static cln_status parse(int argc, char **argv, settings *set)
                         job_formats[set->format]);
     if (set->from != FROM_ALL && set->kind != OBJECT)
         return cln_fail(CLN_USAGE, "--from %s: needs --kind object", job_places[set->from]);
+    if (set->format == NGP && set->unit != 1)
+        return cln_fail(CLN_USAGE,
+                        "--unit: the ngp format has a cube of fixed size; choose another "
+                        "--format");
+    for (int a = 0; a < 3; a++)
+        if (set->offset[a] != 0 && (set->format == NGP || set->format == LLFF))
+            return cln_fail(CLN_USAGE, "--offset: the %s format has %s; choose another --format",
+                            job_formats[set->format],
+                            set->format == NGP ? "a cube of fixed place" : "positions as floats");
     if (set->masks && set->format != NERFSTUDIO)
         return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
     if (set->fault == FAULT_mask && !set->masks)
@@ -359,7 +383,7 @@ done:
 
 int main(int argc, char **argv)
 {
-    settings set = {.size = 200, .seed = 1, .views = {60, 0, 8}};
+    settings set = {.size = 200, .seed = 1, .views = {60, 0, 8}, .unit = 1};
     cln_status st;
     bool help = false;
 

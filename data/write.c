@@ -17,12 +17,15 @@ const char *const job_kinds[] = {"object", "room", "forward", "terrain", "street
 const char *const job_places[] = {"all", "cone", "low", "near", NULL};
 const char *const job_formats[] = {"blender", "nerfstudio", "ngp", "llff", "colmap", NULL};
 
-/* The camera as the files state it, with the planted fault if it concerns cameras. */
+/* The camera as the files state it, with --unit and --offset, and the planted fault if it concerns
+ * cameras. */
 static cln_camera written(const job *j, int view)
 {
     cln_camera camera = j->cameras[view];
 
     fault_camera((fault)j->set->fault, view < j->set->views[0] ? view : -1, &camera);
+    for (int a = 0; a < 3; a++)
+        camera.c2w[4 * a + 3] = j->set->unit * camera.c2w[4 * a + 3] + j->set->offset[a];
     return camera;
 }
 
@@ -182,8 +185,8 @@ static cln_status write_llff(const job *j)
                 row[5 * i + k] = (float)columns[k];
         }
         find_depths(j, v, &near, &far);
-        row[15] = (float)near;
-        row[16] = (float)far;
+        row[15] = (float)(j->set->unit * near);
+        row[16] = (float)(j->set->unit * far);
     }
     CLN_TRY(cln_path_join(&path, j->set->out, "poses_bounds.npy"));
     CLN_TRY(cln_npy_write_f32(path, 2, sides, rows));
@@ -202,6 +205,8 @@ static cln_status write_colmap(const job *j)
                                 .count = j->view_count,
                                 .seed = j->set->seed,
                                 .exact = j->cameras,
+                                .unit = j->set->unit,
+                                .offset = j->set->offset,
                                 .names = j->names};
 
     CLN_TRY(cln_alloc(&cameras, (size_t)j->view_count, sizeof *cameras, "cameras"));
@@ -227,13 +232,13 @@ cln_status job_mark(const settings *set)
 
     for (int i = 0; i < cln_lens_models[set->lens].count; i++)
         json_array_append_new(distortion, json_real(set->distortion[i]));
-    json_t *document =
-        json_pack("{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:s, s:o, s:b, s:b, s:s, s:i}", "generator",
-                  "make-scene", "kind", job_kinds[set->kind], "format", job_formats[set->format],
-                  "size", set->size, "views", set->views[0], set->views[1], set->views[2], "from",
-                  job_places[set->from], "lens", cln_lens_models[set->lens].name, "distortion",
-                  distortion, "depth", set->depth, "masks", set->masks, "fault",
-                  fault_names[set->fault], "seed", set->seed);
+    json_t *document = json_pack(
+        "{s:s, s:s, s:s, s:i, s:[i,i,i], s:s, s:s, s:o, s:b, s:b, s:s, s:i, s:f, s:[f,f,f]}",
+        "generator", "make-scene", "kind", job_kinds[set->kind], "format", job_formats[set->format],
+        "size", set->size, "views", set->views[0], set->views[1], set->views[2], "from",
+        job_places[set->from], "lens", cln_lens_models[set->lens].name, "distortion", distortion,
+        "depth", set->depth, "masks", set->masks, "fault", fault_names[set->fault], "seed",
+        set->seed, "unit", set->unit, "offset", set->offset[0], set->offset[1], set->offset[2]);
     cln_status st = write_json(set->out, "generator.json", document);
     json_decref(document);
     return st;

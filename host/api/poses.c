@@ -46,8 +46,17 @@ typedef struct work {
 
 /* ---- COLMAP's words ---- */
 
+/* Behind the first of two phrases that the line has; NULL if it has neither. */
+static const char *behind(const char *line, const char *phrase, const char *newer)
+{
+    const char *at = strstr(line, phrase), *other = strstr(line, newer);
+
+    return at ? at + strlen(phrase) : other ? other + strlen(newer) : NULL;
+}
+
 /* Progress: "Processed file [3/14]", "Matching block [1/2, 1/2]", "Matching image [3/14]",
- * "Registering image #5 (7)". Newer versions begin lines with time and place. */
+ * "Registering image #5 (7)". COLMAP 3.13 and newer begin lines with time and place, write
+ * "Processing" for "Matching", and "(num_reg_frames=7)". */
 static void read_line(const char *line, void *user)
 {
     work *w = user;
@@ -58,18 +67,18 @@ static void read_line(const char *line, void *user)
     if (strstr(line, "(Prior)"))
         w->result->focal_lengths++;
     if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
-        sscanf(at, "(%d)", &a) == 1) {
+        (sscanf(at, "(%d)", &a) == 1 || sscanf(at, "(num_reg_frames=%d)", &a) == 1)) {
         w->done = a;
-    } else if ((at = strstr(line, "Matching block ["))) {
-        const int found = sscanf(at, "Matching block [%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
+    } else if ((at = behind(line, "Matching block [", "Processing block ["))) {
+        const int found = sscanf(at, "%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
 
         if (found == 4 && of_a > 0 && of_b > 0)
             w->done = (int)((double)((a - 1) * of_b + b - 1) / (of_a * of_b) * w->photos.count);
     } else if ((at = strstr(line, "Processed file [")) &&
                sscanf(at, "Processed file [%d", &a) == 1) {
         w->done = a;
-    } else if ((at = strstr(line, "Matching image [")) &&
-               sscanf(at, "Matching image [%d", &a) == 1) {
+    } else if ((at = behind(line, "Matching image [", "Processing image [")) &&
+               sscanf(at, "%d", &a) == 1) {
         w->done = a;
     } else {
         return;

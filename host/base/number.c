@@ -154,6 +154,15 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
+int cln_reals_digits(int count, const double *values, double least)
+{
+    double largest = 0;
+
+    for (int i = 0; i < count; i++)
+        largest = fmax(largest, fabs(values[i]));
+    return (int)fmin(fmax(3 + ceil(log10(largest / least)), 4), 17); /* NaN: 4 */
+}
+
 void cln_reals_sort(double *values, int count)
 {
     qsort(values, (size_t)count, sizeof *values, by_value);

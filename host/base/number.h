@@ -24,6 +24,10 @@ bool cln_bytes_read(const char *text, double *bytes);
 /* Reads exactly `count` numbers, comma separated. On false *out stays as it is. */
 bool cln_reals_read(const char *text, int count, double *out);
 
+/* Significant digits, for %.*g, with which all values keep lengths of `least` to a thousandth: at
+ * least 4, at most 17. */
+int cln_reals_digits(int count, const double *values, double least);
+
 /* Sorts ascending; no NaN allowed. */
 void cln_reals_sort(double *values, int count);
 

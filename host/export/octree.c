@@ -6,6 +6,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "export/export.h"
+#include "export/surface.h"
 #include "io/disk.h"
 #include "io/palette.h"
 #include "io/ply.h"
@@ -49,6 +50,7 @@ cln_status cln_export_octree(cln_export_job *job)
     const bool by_error = strcmp(colour, "error") == 0;
     cln_ply_box *boxes = NULL;
     char *comment = NULL;
+    double fine = 0;
 
     CLN_TRY(make_boxes(model, by_error, &boxes));
     CLN_TRY(cln_disk_check_file(
@@ -57,7 +59,8 @@ cln_status cln_export_octree(cln_export_job *job)
                          "cl-nascent " CLN_VERSION ": leaves of the octree at step %lld, coloured "
                          "by %s; scene units",
                          (long long)model->step, colour));
-    CLN_TRY(cln_ply_write_boxes(desc->file, model->tree.leaf_count, boxes, comment));
+    fine = cln_space_distance_to_scene(&model->space, cln_surface_cell(model));
+    CLN_TRY(cln_ply_write_boxes(desc->file, model->tree.leaf_count, boxes, fine, comment));
 done:
     free(boxes);
     free(comment);

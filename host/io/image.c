@@ -1,6 +1,6 @@
 /* Reads and writes PNG, reads JPEG. The only translation unit with stb_image and stb_image_write.
- * Not a general image library: 8-bit results, no colour profiles, no EXIF rotation (poses belong to
- * the pixels as stored).
+ * Not a general image library: 8-bit results, no colour profiles, pixels as stored, whatever EXIF
+ * data say (cln_image_turn turns them).
  *
  * Files are untrusted, so before stb decodes anything:
  *   1. our code reads the size from the header and checks it against the limits,
@@ -19,6 +19,7 @@
 #include <zlib.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "io/exif.h"
 
 enum {
     FILE_MAX_BYTES = 1 << 30,
@@ -75,7 +76,7 @@ static unsigned char *compress_png(unsigned char *data, int length, int *out_len
  * the header does (in a whole walk: before the image does). */
 typedef struct header {
     int64_t width, height;
-    int channels;
+    int channels, orientation;
     bool png, cut;
     const char *problem;
 } header;
@@ -225,6 +226,8 @@ static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *hea
             if (!whole)
                 return;
         }
+        if (marker == 0xE1 && head->orientation == 1)
+            head->orientation = cln_exif_orientation(data + at + 2, length - 2);
         if (marker == 0xC4 && !huffman_tables_fit(data + at + 2, length - 2)) {
             head->problem = "damaged JPEG (Huffman tables); copy it again";
             return;
@@ -254,6 +257,7 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
 #undef OTHER
 
     memset(head, 0, sizeof *head);
+    head->orientation = 1;
     if (bytes == 0)
         head->problem = "empty file; copy it again";
     else if (bytes >= 8 && !memcmp(data, png, 8))
@@ -292,7 +296,7 @@ static cln_status check_header(const char *path, const header *head)
     return CLN_OK;
 }
 
-cln_status cln_image_info(const char *path, int *width, int *height, int *channels)
+cln_status cln_image_read_head(const char *path, cln_image_head *out)
 {
     cln_status st = CLN_OK;
     FILE *file = NULL;
@@ -316,14 +320,25 @@ cln_status cln_image_info(const char *path, int *width, int *height, int *channe
         walk((const uint8_t *)all, bytes, false, &head);
     }
     CLN_TRY(check_header(path, &head));
-    *width = (int)head.width;
-    *height = (int)head.height;
-    *channels = head.channels;
+    *out = (cln_image_head){(int)head.width, (int)head.height, head.channels, head.orientation};
 done:
     free(all);
     if (file)
         fclose(file);
     return st;
+}
+
+cln_status cln_image_info(const char *path, int *width, int *height, int *channels)
+{
+    cln_image_head head;
+    const cln_status st = cln_image_read_head(path, &head);
+
+    if (st != CLN_OK)
+        return st;
+    *width = head.width;
+    *height = head.height;
+    *channels = head.channels;
+    return CLN_OK;
 }
 
 cln_status cln_image_check(const char *path)
@@ -435,6 +450,40 @@ cln_status cln_image_downscale(int n, int *width, int *height, int channels, uin
     *width = w;
     *height = h;
     return CLN_OK;
+}
+
+cln_status cln_image_turn(int orientation, int *width, int *height, int channels, uint8_t **pixels)
+{
+    cln_status st = CLN_OK;
+    const size_t w = (size_t)*width, h = (size_t)*height, n = (size_t)channels;
+    const bool swapped = orientation >= 5;
+    const size_t columns = swapped ? h : w, rows = swapped ? w : h;
+    /* where the stored picture's first column and first row come to lie: at the far end? */
+    const bool far_column =
+        orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+    const bool far_row =
+        orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+    uint8_t *turned = NULL, *to = NULL;
+
+    CLN_ASSERT(orientation >= 1 && orientation <= 8);
+    if (orientation == 1)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&turned, w * h, n, "a turned image"));
+    to = turned;
+    for (size_t y = 0; y < rows; y++)
+        for (size_t x = 0; x < columns; x++, to += n) {
+            const size_t column = swapped ? y : x, row = swapped ? x : y;
+            const size_t from_x = far_column ? w - 1 - column : column;
+            const size_t from_y = far_row ? h - 1 - row : row;
+
+            memcpy(to, *pixels + (from_y * w + from_x) * n, n);
+        }
+    free(*pixels);
+    *pixels = turned;
+    *width = (int)columns;
+    *height = (int)rows;
+done:
+    return st;
 }
 
 cln_status cln_image_encode_png(int width, int height, int channels, const uint8_t *pixels,

@@ -12,6 +12,13 @@ enum { CLN_IMAGE_MAX_SIDE = 1 << 17, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 /* Reads size and channels (3, or 4 with alpha; grey counts as 3 or 4) from the header. */
 cln_status cln_image_info(const char *path, int *width, int *height, int *channels);
 
+/* The same, and how EXIF data tell viewers to turn it (io/exif.h; 1: as it is), which decoding does
+ * not do. */
+typedef struct cln_image_head {
+    int width, height, channels, orientation;
+} cln_image_head;
+cln_status cln_image_read_head(const char *path, cln_image_head *out);
+
 /* Decodes to [height][width][channels] u8, channels as cln_image_info says. CLN_INPUT with the path
  * and the decoder's reason; a truncated file is an error. The caller frees *pixels. */
 cln_status cln_image_load(const char *path, int *width, int *height, int *channels,
@@ -28,6 +35,10 @@ cln_status cln_image_check(const char *path);
  * nearest; with 4 channels the mean of premultiplied values, divided by alpha. In place; *pixels is
  * reallocated. */
 cln_status cln_image_downscale(int n, int *width, int *height, int channels, uint8_t **pixels);
+
+/* Turns an image as an EXIF orientation says; from 5 on, width and height change places. *pixels is
+ * replaced. CLN_MEMORY. */
+cln_status cln_image_turn(int orientation, int *width, int *height, int channels, uint8_t **pixels);
 
 /* Writes a PNG of [height][width][channels] u8, channels 1, 3 or 4. */
 cln_status cln_image_write_png(const char *path, int width, int height, int channels,

@@ -127,16 +127,20 @@ bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop 
 
 void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree, cln_crop *crop)
 {
+    double box[6];
+    int n = 0;
+
     if (!cln_crop_is_empty(space, tree, crop))
         return;
+    for (int i = 0; i < 6; i++)
+        box[i] = space->centre[i % 3] + (i < 3 ? -space->half : space->half);
+    n = cln_reals_digits(6, box, 2 * space->half);
     if (space->forward || space->shell)
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it", name);
     else
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it; the scene's "
-                 "cube is %g,%g,%g,%g,%g,%g",
-                 name, space->centre[0] - space->half, space->centre[1] - space->half,
-                 space->centre[2] - space->half, space->centre[0] + space->half,
-                 space->centre[1] + space->half, space->centre[2] + space->half);
+                 "cube is %.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
+                 name, n, box[0], n, box[1], n, box[2], n, box[3], n, box[4], n, box[5]);
 }
 
 /* half +- axis (p - middle) >= 0 */

@@ -156,7 +156,7 @@ static void keep_box(cln_scene *scene, const double low[3], const double high[3]
 /* ---- the rules: each leaves *because NULL if it does not apply ---- */
 
 typedef struct evidence {
-    cln_scene *scene; /* its box may be filled in */
+    cln_scene *scene; /* its box and in_parallel may be filled in */
     const cln_reader_result *result;
     const char *bbox; /* "" = none */
     axes mean;        /* of the training cameras */
@@ -276,6 +276,7 @@ static cln_status before_cameras(const evidence *e, cln_space *space, char **bec
         position_and_axis(&e->scene->views[v].camera, o, d);
         spread = fmax(spread, max_norm_distance(o, e->mean.position));
     }
+    e->scene->in_parallel = spread > 0 && !nearest_point(&e->mean, space->centre);
     space->half =
         spread > 0 ? SPREADS * spread : 1; /* one camera, or all in one place: any scale */
     for (int i = 0; i < 3; i++)

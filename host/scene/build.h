@@ -30,6 +30,16 @@ int cln_natural_compare(const char *a, const char *b);
  * that the others stay in theirs. */
 cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 
+/* turned.c: has the camera the shape of such an image? False if it has no size. */
+bool cln_camera_has_shape(const cln_camera *camera, int width, int height);
+
+/* turned.c: decides which photos with an EXIF orientation are turned, and swaps their file_width
+ * and file_height if it is a quarter turn. Before cameras are brought to the files' size. */
+void cln_scene_find_turns(cln_scene *scene);
+/* Add those of which nothing tells that they are right, and all others, to the findings. */
+void cln_scene_doubt_turns(const cln_scene *scene, json_t *findings);
+void cln_scene_tell_turns(const cln_scene *scene, json_t *findings);
+
 /* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,
  * checked, then brought to the downscaled size. Fills downscale, has_alpha, lenses. */
 cln_status cln_scene_size_views(cln_scene *scene, int downscale);

@@ -112,6 +112,7 @@ void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
 {
     const cln_space *space = &scene->space;
 
+    cln_scene_doubt_turns(scene, findings);
     if (scene->apart_share > APART_MAX)
         cln_found_fault(
             findings, "axes", true, NULL,
@@ -153,4 +154,10 @@ void cln_scene_warn_doubts(const cln_scene *scene)
         cln_warn("%s: %s", scene->folder,
                  json_string_value(json_object_get(json_array_get(findings, i), "text")));
     json_decref(findings);
+    if (scene->in_parallel)
+        cln_warn(
+            "%s: the cube is a guess, half side %g, as the cameras look in parallel: it may be "
+            "several times as large as the scene, and detail is lost then. `cl-nascent check` "
+            "proposes a box for --bbox; sparse points give one, too",
+            scene->folder, scene->space.half);
 }

@@ -40,16 +40,14 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
     }
     if (camera->width == width && camera->height == height)
         return CLN_OK;
-    if (camera->width < 1 || camera->height < 1 ||
-        fabs((double)camera->width * height - (double)camera->height * width) >
-            fmax(camera->width, camera->height) + fmax(width, height))
-        return cln_fail(CLN_INPUT,
-                        "%s: the image has %d x %d pixels, its camera is given for %d x %d; %s",
-                        view->path, width, height, camera->width, camera->height,
-                        camera->width == height && camera->height == width
-                            ? "its EXIF data may tell viewers to turn it, which is not done here: "
-                              "turn its pixels (mogrify -auto-orient), or correct w and h"
-                            : "correct w and h or replace the image");
+    if (!cln_camera_has_shape(camera, width, height))
+        return cln_fail(
+            CLN_INPUT, "%s: the image has %d x %d pixels, its camera is given for %d x %d; %s",
+            view->path, width, height, camera->width, camera->height,
+            cln_camera_has_shape(camera, height, width)
+                ? "its sides are swapped, and no EXIF data tell how it is to be turned: "
+                  "turn its pixels, or correct w and h"
+                : "correct w and h or replace the image");
     if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width))
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
                  "scaled to the images",
@@ -146,6 +144,25 @@ static void name_other_failures(const cln_scene *scene)
     free(first);
 }
 
+static cln_status read_heads(cln_scene *scene)
+{
+    for (int i = 0; i < scene->view_count; i++) {
+        cln_view *view = &scene->views[i];
+        cln_image_head head;
+        const cln_status st = cln_image_read_head(view->path, &head);
+
+        if (st == CLN_INPUT)
+            name_other_failures(scene);
+        if (st != CLN_OK)
+            return st;
+        view->file_width = head.width;
+        view->file_height = head.height;
+        view->channels = head.channels;
+        view->orientation = head.orientation;
+    }
+    return CLN_OK;
+}
+
 cln_status cln_scene_size_views(cln_scene *scene, int downscale)
 {
     cln_status st = CLN_OK;
@@ -153,13 +170,11 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
     int longest = 0, shortest = INT_MAX;
     bool warned = false;
 
+    CLN_TRY(read_heads(scene));
+    cln_scene_find_turns(scene);
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
 
-        st = cln_image_info(view->path, &view->file_width, &view->file_height, &view->channels);
-        if (st == CLN_INPUT)
-            name_other_failures(scene);
-        CLN_TRY(st);
         if (view->alpha_path) {
             CLN_TRY(check_mask(view, view->alpha_path));
             view->channels = 4;
@@ -455,6 +470,8 @@ static cln_status read_view(job *work, int index)
 
     *digest = CLN_DIGEST_START;
     CLN_TRY(decode(view->path, wanted, digest, &width, &height, &channels, &pixels));
+    if (wanted && view->turned)
+        CLN_TRY(cln_image_turn(view->orientation, &width, &height, channels, &pixels));
     if (wanted && (width != view->file_width || height != view->file_height))
         CLN_TRY(changed(view->path));
     if (view->alpha_path)

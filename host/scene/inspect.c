@@ -29,7 +29,7 @@ static const double COPY = 0.004, FLAT = 0.02;
 static const double EXPOSURE_JUMP = 0.7, EXPOSURE_RANGE = 0.6; /* factors of 2 */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12;     /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
-enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800 };
+enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
 
 typedef struct inspection {
     const cln_scene *scene;
@@ -265,6 +265,21 @@ static void check_overlap(inspection *in)
 
 /* ---- the cube ---- */
 
+/* As --bbox takes it. */
+static void write_box(const double low[3], const double high[3], char out[BOX_BYTES])
+{
+    const double box[6] = {low[0], low[1], low[2], high[0], high[1], high[2]};
+    double least = INFINITY;
+    int n = 0;
+
+    for (int a = 0; a < 3; a++)
+        if (high[a] > low[a])
+            least = fmin(least, high[a] - low[a]);
+    n = cln_reals_digits(6, box, least);
+    snprintf(out, BOX_BYTES, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
+             box[3], n, box[4], n, box[5]);
+}
+
 static cln_status check_cube(inspection *in)
 {
     cln_status st = CLN_OK;
@@ -272,6 +287,7 @@ static cln_status check_cube(inspection *in)
     const cln_space *space = &in->scene->space, core = cln_space_core(space);
     const int count = a->point_count;
     double *values = NULL, low[3], high[3], span = 0, inside = 0, cameras = 0;
+    char box[BOX_BYTES];
 
     CLN_TRY(cln_alloc(&values, (size_t)count + 1, sizeof *values, "points"));
     for (int i = 0; i < in->scene->view_count; i++) {
@@ -323,20 +339,18 @@ static cln_status check_cube(inspection *in)
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
+    write_box(low, high, box);
     if (inside < INSIDE_LEAST && !space->shell)
         cln_found_fault(in->findings, "cube", true, NULL,
                         "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "
-                        "A box around all of that: --bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",
-                        space->half, in->scene->bounds_rule, 100 * inside, low[0], low[1], low[2],
-                        high[0], high[1], high[2]);
+                        "A box around all of that: --bbox=%s",
+                        space->half, in->scene->bounds_rule, 100 * inside, box);
     else if (span < SPAN_LEAST || in->scene->cube_guessed)
         cln_found_fault(in->findings, "cube", span < SPAN_LEAST, NULL,
                         "%s (half side %g; %s): it holds %.0f%% of what the photos show, which "
-                        "spans %.0f%% of its side. A tighter box: "
-                        "--bbox=%.4g,%.4g,%.4g,%.4g,%.4g,%.4g",
+                        "spans %.0f%% of its side. A tighter box: --bbox=%s",
                         span < SPAN_LEAST ? "the cube is much too large" : "the cube is a guess",
-                        space->half, in->scene->bounds_rule, 100 * inside, 100 * span, low[0],
-                        low[1], low[2], high[0], high[1], high[2]);
+                        space->half, in->scene->bounds_rule, 100 * inside, 100 * span, box);
 done:
     free(values);
     return st;
@@ -621,6 +635,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
     CLN_TRY(cln_agree(scene, &in.agreement));
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
+    cln_scene_tell_turns(scene, in.findings);
     check_agreement(&in);
     check_strays(&in);
     CLN_TRY(check_far(&in));

@@ -260,6 +260,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
                  cln_dataset_within(scene->folder, result->moved_to),
                  cln_dataset_within(scene->folder, result->moved_from));
     scene->dialect = result->dialect;
+    scene->stored_poses = result->stored_poses;
     scene->ignored = json_incref(result->ignored);
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
                          others ? "; also there, not read: --format " : "", others ? others : ""));

@@ -253,6 +253,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(find_images(path, folder, places[place].depth, model.image_file, result, &images));
     CLN_TRY(give_points(&model, result));
     result->beyond = true;
+    result->stored_poses = true;
     result->dialect = "COLMAP";
     CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s",
                          cln_dataset_within(path, folder), cln_dataset_within(path, images)));

@@ -318,6 +318,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
                                     result, &images));
     result->dialect = "OpenSfM";
     result->beyond = true;
+    result->stored_poses = true;
     CLN_TRY(cln_asprintf(&result->because, "it has %sreconstruction.json; images are from %s",
                          inner ? "opensfm/" : "", cln_dataset_within(path, images)));
 done:

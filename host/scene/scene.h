@@ -67,7 +67,10 @@ typedef struct cln_view {
     cln_camera camera;           /* at the size of `pixels` */
     double near, far;            /* depths that the scene lies between; both 0 = not told */
     int number;                  /* among the views as its reader gave them */
-    int file_width, file_height; /* size before --downscale */
+    int file_width, file_height; /* size before --downscale; of the turned picture, if turned */
+    int orientation;             /* EXIF's (io/exif.h); 1: none */
+    bool turned;                 /* `pixels` are turned as it says; else as stored */
+    bool turn_known;             /* sizes or the format tell which of these the pose is of */
     int channels;                /* 3, or 4 with straight alpha */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not in memory */
     cln_store *store;            /* the scene's, if it has the pixels, at `place`; else NULL */
@@ -92,6 +95,7 @@ typedef struct cln_scene {
     json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
     char *split_rule;    /* how views were split, a phrase */
     bool has_splits;     /* the dataset named the splits */
+    bool stored_poses;   /* its poses are of pixels as stored, whatever EXIF data say */
     int downscale;
     int view_count;
     cln_view *views;       /* train, then val, then test; by name within a split */
@@ -108,6 +112,7 @@ typedef struct cln_scene {
     bool has_box;          /* the cube is around a box, which may be a slab: */
     double box[6];         /* minimum and maximum, scene units */
     bool cube_guessed;     /* from the cameras alone */
+    bool in_parallel;      /* and these look in parallel, so that nothing tells how far it is */
     double cube_share;     /* of the training rays, those that meet the cube */
     double spread;         /* of the training cameras about their middle, half sides */
     double apart_share;    /* of pairs of them, those that look apart; NaN: too few to tell */

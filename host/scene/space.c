@@ -390,12 +390,12 @@ double cln_space_density_to_scene(const cln_space *space, const double scene[3],
     return cube * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / (q[2] * q[2] * space->half);
 }
 
-void cln_space_box_to_scene(const cln_space *space, const float cube[4], float low[3],
-                            float high[3])
+void cln_space_box_to_scene(const cln_space *space, const float cube[4], double low[3],
+                            double high[3])
 {
     for (int a = 0; a < 3; a++) {
-        low[a] = (float)(space->centre[a] + space->half * cube[a]);
-        high[a] = (float)(space->centre[a] + space->half * (cube[a] + cube[3]));
+        low[a] = space->centre[a] + space->half * cube[a];
+        high[a] = space->centre[a] + space->half * (cube[a] + cube[3]);
     }
 }
 

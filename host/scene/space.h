@@ -100,8 +100,8 @@ double cln_space_density_to_scene(const cln_space *space, const double scene[3],
 /* A node's box {x, y, z, side} (model/octree.h) as its lowest and highest corner in the scene.
  * Faces that two nodes share get the same numbers, whatever their levels: positions in the cube are
  * dyadic. Not for a forward space, whose nodes are not boxes in the scene. */
-void cln_space_box_to_scene(const cln_space *space, const float cube[4], float low[3],
-                            float high[3]);
+void cln_space_box_to_scene(const cln_space *space, const float cube[4], double low[3],
+                            double high[3]);
 
 /* A box of the scene, x0, y0, z0, x1, y1, z1, as six half-spaces of the cube: points with
  * plane[0..2] . p + plane[3] >= 0 for all six are those in the box. Straight lines stay straight,

@@ -114,7 +114,7 @@ function changeCrop() {
     $(`crop-turn-${a}`).nextSibling.textContent = `${Number(v.toFixed(1))}°`;
   });
   $('crop-text').textContent = isCropped() ? `--crop ${cropSides().map((v) =>
-    Number(v.toPrecision(9))).join(',')}` : 'the box is off';
+    Number(v.toPrecision(15))).join(',')}` : 'the box is off';
   touch(true);
 }
 

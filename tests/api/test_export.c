@@ -22,7 +22,7 @@
 #include "scratch.h"
 #include "tests.h"
 
-enum { LEAVES = 14, VERTEX_BYTES = 20, FACE_BYTES = 17 };
+enum { LEAVES = 14, VERTEX_BYTES = 20, WIDE_VERTEX_BYTES = 32, FACE_BYTES = 17 };
 
 static void assert_ok(cln_status st)
 {
@@ -88,7 +88,8 @@ static const char *make_run(const char *folder, const cln_model *model)
 /* ---- the file ---- */
 
 typedef struct vertex {
-    float at[3], error;
+    double at[3];
+    float error;
     uint8_t colour[3], level;
 } vertex;
 
@@ -96,6 +97,7 @@ typedef struct mesh {
     char *text; /* the file */
     size_t bytes;
     const char *data; /* after its header */
+    size_t row;       /* bytes of a vertex */
     int vertices, faces;
 } mesh;
 
@@ -108,29 +110,36 @@ static mesh read_mesh(const char *path)
     end = strstr(m.text, "end_header\n");
     assert_non_null(end);
     m.data = end + strlen("end_header\n");
+    m.row = strstr(m.text, "property double x\n") ? WIDE_VERTEX_BYTES : VERTEX_BYTES;
     assert_int_equal(sscanf(strstr(m.text, "element vertex"), "element vertex %d", &m.vertices), 1);
     assert_int_equal(sscanf(strstr(m.text, "element face"), "element face %d", &m.faces), 1);
-    assert_int_equal(m.bytes, (size_t)(m.data - m.text) + (size_t)m.vertices * VERTEX_BYTES +
+    assert_int_equal(m.bytes, (size_t)(m.data - m.text) + (size_t)m.vertices * m.row +
                                   (size_t)m.faces * FACE_BYTES);
     return m;
 }
 
 static vertex vertex_of(const mesh *m, int i)
 {
-    const char *from = m->data + (size_t)i * VERTEX_BYTES;
+    const char *from = m->data + (size_t)i * m->row, *rest = from + m->row - 8;
     vertex v;
 
     assert_in_range(i, 0, m->vertices - 1);
-    memcpy(v.at, from, 12);
-    memcpy(v.colour, from + 12, 3);
-    memcpy(&v.level, from + 15, 1);
-    memcpy(&v.error, from + 16, 4);
+    for (int a = 0; a < 3; a++) {
+        float narrow = 0;
+
+        memcpy(&narrow, from + 4 * a, 4);
+        memcpy(&v.at[a], from + 8 * a, 8);
+        v.at[a] = m->row == VERTEX_BYTES ? narrow : v.at[a];
+    }
+    memcpy(v.colour, rest, 3);
+    memcpy(&v.level, rest + 3, 1);
+    memcpy(&v.error, rest + 4, 4);
     return v;
 }
 
 static void face_of(const mesh *m, int f, int32_t corner[4])
 {
-    const char *from = m->data + (size_t)m->vertices * VERTEX_BYTES + (size_t)f * FACE_BYTES;
+    const char *from = m->data + (size_t)m->vertices * m->row + (size_t)f * FACE_BYTES;
 
     assert_int_equal(from[0], 4);
     memcpy(corner, from + 1, 16);
@@ -201,6 +210,32 @@ static void boxes_are_the_active_leaves(void **state)
             assert_colour(&v, 86, 180, 233);
         assert_true(i < 8 ? v.error == 0.25f : isnan(v.error));
     }
+    free(m.text);
+    cln_model_free(&model);
+}
+
+/* Coordinates of a survey, where floats are half a unit apart: boxes keep their sides. */
+static void boxes_far_away_keep_their_sides(void **state)
+{
+    const char *file = scratch_path(*state, "tree.ply");
+    cln_export_result result;
+    cln_export_desc desc;
+    cln_model model;
+    mesh m;
+
+    make_tree(&model);
+    model.space.centre[0] = 500000.1875;
+    model.space.centre[1] = 4600000.3125;
+    model.space.centre[2] = 90.0625;
+    model.space.half = 0.5;
+    desc = export_desc(make_run(*state, &model), file);
+    assert_ok(cln_export(&desc, &result));
+    m = read_mesh(file);
+    assert_non_null(strstr(m.text, "property double y\n"));
+    assert_box(&m, 0, 2, (double[]){500000.1875, 4599999.8125, 89.5625},
+               (double[]){500000.4375, 4600000.0625, 89.8125});
+    assert_box(&m, 13, 1, (double[]){500000.1875, 4600000.3125, 90.0625},
+               (double[]){500000.6875, 4600000.8125, 90.5625});
     free(m.text);
     cln_model_free(&model);
 }
@@ -539,6 +574,7 @@ int test_group_export(void)
 {
     const struct CMUnitTest tests[] = {
         ON_DISK(boxes_are_the_active_leaves),
+        ON_DISK(boxes_far_away_keep_their_sides),
         ON_DISK(faces_look_outwards),
         ON_DISK(errors_are_coloured_on_a_log_scale),
         ON_DISK(unknown_errors_are_grey),

@@ -19,6 +19,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/rng.h"
 #include "base/text.h"
 #include "scratch.h"
@@ -599,6 +600,21 @@ static void test_shell_quote(void **state)
     assert_string_equal(cln_shell_quote("a b", word, 15), "'a b'");
 }
 
+/* So many that a thousandth of the least length shows in the largest value. */
+static void test_digits(void **state)
+{
+    static const struct {
+        double values[2], least;
+        int digits;
+    } cases[] = {{{-1.5, 1.5}, 3, 4},       {{2, 1}, 1, 4},       {{500000, 4600000}, 1, 10},
+                 {{4600000, -1}, 0.01, 12}, {{1e-4, 0}, 1e-4, 4}, {{1e12, 0}, 1e-9, 17},
+                 {{0, 0}, INFINITY, 4},     {{1e6, 0}, 1e6, 4}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        assert_int_equal(cln_reals_digits(2, cases[i].values, cases[i].least), cases[i].digits);
+}
+
 int test_group_base(void)
 {
     const struct CMUnitTest tests[] = {
@@ -619,6 +635,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_full, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
+        cmocka_unit_test(test_digits),
         cmocka_unit_test(test_digest),
         cmocka_unit_test(test_log),
         cmocka_unit_test(test_utf8),

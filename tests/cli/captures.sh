@@ -334,6 +334,30 @@ section_doubts() {
     check "a room from inside: nothing is doubted" [ ! -s "$work/err" ]
 }
 
+# A village by photos straight down alone, in a survey's coordinates and in a file without points:
+# nothing tells how far it is.
+section_nadir() {
+    local air=$work/nadir half box
+    "$make_scene" "$air" --kind terrain --size 96 --train 24 --test 0 --format nerfstudio \
+        --offset 500000,4600000,90 >/dev/null
+    rm "$air"/images/frame_000{13..24}.png # the oblique ones
+    expect "cameras that look in parallel: the cube is a guess, and what to do" 0 \
+        "~guess.*in.parallel ~cl-nascent.check.*--bbox" "$cln" info "$air" --missing skip --json
+    half=$(json half)
+    expect "check proposes a box" 0 "" "$cln" check "$air" --missing skip --probe 0 --json
+    box=$(grep -o -- '--bbox=[-+.,0-9e]*' "$work/out")
+    check "around the village and not much more: $box, where the guess has half a side of $half" \
+        awk -v box="${box#--bbox=}" -v half="$half" 'BEGIN {
+            n = split(box, b, ",")
+            for (a = 1; a <= 3; a++) if (b[a + 3] - b[a] > half) exit 1
+            for (a = 1; a <= 6; a++) b[a] -= a % 3 == 1 ? 500000 : a % 3 == 2 ? 4600000 : 90
+            exit !(n == 6 && b[1] < -0.8 && b[2] < -0.8 && b[3] < -0.15 && b[4] > 0.8 &&
+                b[5] > 0.3 && b[6] < 1)
+        }'
+    expect "which is taken" 0 "" "$cln" info "$air" --missing skip "$box" --json
+    check "without a guess" eval '! said guess'
+}
+
 # planted FAULT WHAT GRADE OPTIONS...: make-scene with this fault; check finds WHAT (a word, spaces
 # are _) as a likely fault (true) or a remark (false)
 planted() {
@@ -350,7 +374,14 @@ planted() {
     check "planted: $fault, found: $what" [ $rc$found = 0yes ]
 }
 
+# Points that the page draws from three sides, and those that it counts as not in the picture.
+drawn() {
+    perl -0ne '$n += () = /M[-.0-9]+ [-.0-9]+h0/g; $n += $_ for /, ([0-9]+) points/g; print $n' \
+        "$work/page.html"
+}
+
 section_check() {
+    local points
     local front="--kind forward --size 64 --train 12 --test 2"
     local air="--kind terrain --size 64 --train 24 --test 0 --format nerfstudio"
     local all="--size 64 --train 28 --test 1"
@@ -369,6 +400,13 @@ section_check() {
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
     check "it shows 14 photos" [ "$(grep -c 'base64,' "$work/page.html")" = 14 ]
     check "and every camera from three sides" [ "$(grep -c '<circle' "$work/page.html")" = 42 ]
+    check "the cube from three sides" \
+        [ "$(grep -c "<rect x=.*stroke='#1d2329'" "$work/page.html")" = 3 ]
+    run "$cln" check "$work/sound" --probe 0 --json
+    points=$(json points)
+    check "and every point, or the number of those beyond the picture" [ "$(drawn)" = \
+        $((3 * ${points#array })) ]
+    check "which are some" [ "${points#array }" -gt 10 ]
     check "it refers to nothing elsewhere" \
         eval '! grep -qE "(src|href)=.?(http|/)" "$work/page.html"'
     expect "a page that is there" 7 "page.html --overwrite" \
@@ -409,7 +447,7 @@ section_check() {
 }
 
 section_poses() {
-    local path
+    local path how
     baseline
     mkdir "$work/bin" "$work/none"
     cp tests/support/colmap "$work/bin/colmap"
@@ -428,6 +466,17 @@ section_poses() {
         [ "$("$cln" info "$work/posed" --json | "$query" views)" = 23 ]
     expect "a second time: nothing is replaced" 7 "posed sparse -o" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed"
+
+    expect "how far it is" 0 "~registered.photos.23/24" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed 2" --progress line
+    for how in all next; do
+        expect "COLMAP 3.13: other names of options, other lines; matched: $how" 0 \
+            "~registered.photos.23/24 ~EXIF.*of.23.photos" env PATH="$path" STAND_IN=newer \
+            "$cln" poses "$work/photos/train" -o "$work/newer $how" --match $how --progress line
+        check "its options" eval 'grep -q -- "--FeatureExtraction.use_gpu 0" \
+            "$work/newer $how/colmap.log" && grep -q -- "--FeatureMatching.use_gpu 0" \
+            "$work/newer $how/colmap.log"'
+    done
 
     expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
         poses "$work/photos/train" -o "$work/parts" --progress none --json
@@ -475,6 +524,16 @@ depth_error() {
             '$2 > 0 && $2 < most { d = $1 - $2; print (d < 0 ? -d : d) / $2 }' |
         sort -g |
         awk '{ all[NR] = $1 } END { print NR ? all[int((NR + 1) / 2)] : "none" }'
+}
+
+# hidden_share RENDERED TRUTH FARTHEST: of the pixels that show something, no farther than that,
+# those of which half of the opacity comes before 9/10 of the way: a floater hides what is there
+hidden_share() {
+    paste <(numbers "$1") <(numbers "$2") | awk -v most="$3" '$2 > 0 && $2 < most {
+            all++
+            hidden += $1 > 0 && $1 < 0.9 * $2
+        }
+        END { print all ? hidden / all : "none" }'
 }
 
 # A village from the air: its cube begins at two thirds of the way to the ground, so that a model
@@ -581,7 +640,7 @@ section_forward() {
 # A fountain from around, with a town, hills and a sky up to 200 half sides away: what lies beyond
 # the cube is in a shell, and a cube alone paints it onto air.
 section_beyond() {
-    local run="$work/street run" net test colour
+    local run="$work/street run" net test colour shell cube
     net=("${small[@]}" --bands 4 --start-level 2 --rays 1024 --batch-samples 32768 --n1 12
         --no-view-dependence --level-at 3:0.3 --steps 300)
     "$make_scene" "$work/street" --kind street --format nerfstudio --size 40 --train 30 --test 1 \
@@ -602,6 +661,11 @@ section_beyond() {
     test=$(basename "$work/street views"/*.depth.npy)
     check "depth is the exact one to 10 % in the median, up to the trees" number_above 0.1 \
         "$(depth_error "$work/street views/$test" "$work/street/${test/images_/images/}" 6)"
+    expect "render it in the cube" 0 "" "$cln" render "$work/street cube" -o "$work/cube views"
+    shell=$(hidden_share "$work/street views/$test" "$work/street/${test/images_/images/}" 6)
+    cube=$(hidden_share "$work/cube views/$test" "$work/street/${test/images_/images/}" 6)
+    check "few floaters hide what is there: $shell of the pixels, $cube in the cube" \
+        awk -v s="$shell" -v c="$cube" 'BEGIN { exit !(s + 0 < 0.6 && c + 0 > 0.6) }'
     expect "only what is in a box" 0 "" "$cln" render "$run" -o "$work/street crop" \
         --crop=-1.5,-1.5,-1.5,1.5,1.5,1.5
     check "which is another picture" [ "$(cmp -s "$work/street views/$test" \
@@ -628,5 +692,6 @@ section_beyond() {
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
-every="missing moved second orbit frames evals disk doubts check poses depth sparse forward beyond"
+every="missing moved second orbit frames evals disk doubts nadir check poses depth sparse"
+every+=" forward beyond"
 run_sections "$every" "$@"

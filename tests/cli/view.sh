@@ -170,6 +170,8 @@ section_pictures() {
     gets "a point" 200 "/point?view=6&x=24&y=24" "${me[@]}"
     check "the point is opaque" number_above "$(json opacity)" 0.5
     check "the point is in front of the camera" number_above "$(json depth)" 0
+    check "the point has the digits that a survey's coordinates need" \
+        grep -qE '"point": \[[-.0-9e]{15,},' "$work/out"
     for axis in 0 1 2; do # a matrix's columns: right, up, back, place
         check "the point is at its depth along axis $axis" \
             awk -v p="$(json point.$axis)" -v t="$(json depth)" \

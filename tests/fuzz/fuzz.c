@@ -18,6 +18,7 @@
 #include <unistd.h>
 #include "cli/parse.h"
 #include "device/tune.h"
+#include "exif_fixture.h"
 #include "format_fixture.h"
 #include "io/json.h"
 #include "io/npy.h"
@@ -292,12 +293,17 @@ static void make_images(void)
     require(!cln_image_encode_jpeg(9, 5, 3, pixels, 70, &file, &bytes), "a JPEG");
     scratch_put("a.jpg", file, bytes);
     free(file);
+    file = exif_jpeg(9, 5, pixels, 6, &bytes);
+    require(file != NULL, "a JPEG with EXIF data");
+    scratch_put("b.jpg", file, bytes);
+    free(file);
 }
 
 static void read_images(void)
 {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < 3; i++) {
         const char *name = chosen->files[i];
+        cln_image_head head;
         int width = 0, height = 0, channels = 0;
         size_t bytes = 0;
         char *file = contents(name, &bytes);
@@ -309,6 +315,11 @@ static void read_images(void)
                 !refused(cln_image_load(name, &width, &height, &channels, &pixels)) && width > 1 &&
                 height > 1)
                 refused(cln_image_downscale(2, &width, &height, channels, &pixels));
+            if (pixels && !refused(cln_image_read_head(name, &head))) {
+                require(head.orientation >= 1 && head.orientation <= 8, "an orientation");
+                require(!cln_image_turn(head.orientation, &width, &height, channels, &pixels),
+                        "a turned image");
+            }
         }
         free(pixels);
         free(file);
@@ -599,7 +610,7 @@ static const target targets[] = {
     {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
     {"opensfm", {"reconstruction.json", "tracks.csv"}, make_opensfm, read_scene, 2},
     {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},
-    {"image", {"a.png", "a.jpg"}, make_images, read_images, 6},
+    {"image", {"a.png", "a.jpg", "b.jpg"}, make_images, read_images, 12},
     {"json", {"a.json"}, make_json, read_json, 1},
     {"npy", {"a.npy"}, make_npy, read_npy, 2},
     {"safetensors", {"a.safetensors"}, make_safetensors, read_safetensors, 3},

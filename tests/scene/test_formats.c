@@ -90,6 +90,60 @@ static void test_colmap(void **state)
     }
 }
 
+/* Rigs and frames beside the three files, which newer versions write: images keep their own poses,
+ * and nothing is said of the files. */
+static void test_colmap_rigs(void **state)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    bend(cameras);
+    for (int binary = 0; binary < 2; binary++) {
+        const char *folder = scratch_path(*state, binary ? "binary" : "text");
+        const char *model = scratch_path(folder, "sparse/0");
+        cln_scene *scene = NULL;
+        int warnings = 0;
+
+        format_images(scratch_path(folder, "images"), 1);
+        format_colmap(model, binary, cameras, NULL, NULL, 0);
+        format_colmap_rigs(model, binary, cameras);
+        cln_log_set_sink(scratch_count_warnings, &warnings);
+        scene = load(folder, plain());
+        assert_string_equal(scene->dialect, "COLMAP");
+        assert_same_rays(scene, cameras, 1, 1e-9);
+        assert_int_equal(warnings, 0);
+        assert_int_equal(json_array_size(scene->ignored), 0);
+        cln_scene_free(scene);
+    }
+}
+
+static void test_transforms(void **state)
+{
+    static const char *const dialects[] = {"blender", "nerfstudio", "instant-ngp"};
+
+    for (int i = 0; i < 3; i++) {
+        const char *folder = scratch_path(*state, dialects[i]);
+        cln_camera cameras[FORMAT_VIEWS];
+        cln_scene *scene = NULL;
+
+        format_cameras(cameras);
+        if (i > 0)
+            bend(cameras);
+        for (int v = 1; v < FORMAT_VIEWS && i == 2; v++) { /* one lens for all */
+            cln_camera own = cameras[0];
+
+            memcpy(own.c2w, cameras[v].c2w, sizeof own.c2w);
+            cameras[v] = own;
+        }
+        format_images(scratch_path(folder, "images"), 1);
+        format_transforms(folder, dialects[i], cameras);
+        scene = load(folder, plain());
+        assert_string_equal(scene->dialect, dialects[i]);
+        assert_same_rays(scene, cameras, 1, 1e-9);
+        cln_scene_free(scene);
+    }
+}
+
 /* The model's cameras have 16 x 12 pixels, the images other sizes. */
 static void test_colmap_images(void **state)
 {
@@ -679,6 +733,8 @@ int test_group_formats(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_colmap, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colmap_rigs, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_images, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_without_pose, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_models, scratch_make, scratch_remove),

@@ -25,7 +25,8 @@ static void test_by_hand(void **state)
     const float posed[12] = {0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 0, -0.5f};
     const float cube[4] = {-1, 0, 0.5f, 0.5f};
     double p[3], o[3], d[3];
-    float out[12], low[3], high[3];
+    double low[3], high[3];
+    float out[12];
 
     (void)state;
     cln_space_point_to_cube(&space, (double[3]){12, -24, 0.5}, p);
@@ -113,7 +114,7 @@ static void test_faces_and_equality(void **state)
 {
     const cln_space odd = {.centre = {1.0 / 3, -2.0 / 7, 1e-3}, .half = 0.1 / 0.33};
     const float left[4] = {-0.5f, 0.25f, 0, 0.125f}, right[4] = {-0.375f, 0.25f, 0, 0.0625f};
-    float low[2][3], high[2][3];
+    double low[2][3], high[2][3];
     cln_space other = odd;
 
     (void)state;

@@ -243,6 +243,119 @@ static inline void format_colmap(const char *folder, bool binary, const cln_came
     fclose(f);
 }
 
+/* The files that COLMAP 3.12 and newer write beside the three: a rig of two cameras (those of views
+ * 0 and 1) and one for each other camera; a frame with views 0 and 1, and one for each other
+ * view. */
+static inline void format_colmap_rigs(const char *folder, bool binary, const cln_camera *cameras)
+{
+    FILE *f = format_open(folder, binary ? "rigs.bin" : "rigs.txt");
+    const double beside[7] = {1, 0, 0, 0, -0.1, 0, 0};
+
+    if (binary)
+        put_u64(f, FORMAT_VIEWS - 1);
+    else
+        fprintf(f, "# Rig calib list with one line of data per calib:\n"
+                   "#   RIG_ID, NUM_SENSORS, REF_SENSOR_TYPE, REF_SENSOR_ID, SENSORS[] as "
+                   "(SENSOR_TYPE, SENSOR_ID, HAS_POSE, [QW, QX, QY, QZ, TX, TY, TZ])\n");
+    for (int v = 0; v < FORMAT_VIEWS; v += v ? 1 : 2) {
+        if (!binary) {
+            fprintf(f, "%d %d CAMERA %d%s\n", v + 1, v ? 1 : 2, 7 + 3 * v,
+                    v ? "" : " CAMERA 10 1 1 0 0 0 -0.1 0 0");
+            continue;
+        }
+        put_u32(f, (uint32_t)v + 1);
+        put_u32(f, v ? 1 : 2);
+        put_u32(f, 0); /* a camera */
+        put_u32(f, (uint32_t)(7 + 3 * v));
+        if (v)
+            continue;
+        put_u32(f, 0);
+        put_u32(f, 10);
+        fputc(1, f);
+        put_reals(f, 7, beside);
+    }
+    fclose(f);
+    f = format_open(folder, binary ? "frames.bin" : "frames.txt");
+    if (binary)
+        put_u64(f, FORMAT_VIEWS - 1);
+    else
+        fprintf(f, "# Frame list with one line of data per frame:\n");
+    for (int v = 0; v < FORMAT_VIEWS; v += v ? 1 : 2) {
+        double rotation[9], pose[7];
+
+        format_w2c(&cameras[v], rotation, pose + 4);
+        format_quaternion(rotation, pose);
+        if (binary) {
+            put_u32(f, (uint32_t)v + 1);
+            put_u32(f, (uint32_t)v + 1);
+            put_reals(f, 7, pose);
+            put_u32(f, v ? 1 : 2);
+        } else {
+            fprintf(f, "%d %d", v + 1, v + 1);
+            for (int i = 0; i < 7; i++)
+                fprintf(f, " %.17g", pose[i]);
+            fprintf(f, " %d", v ? 1 : 2);
+        }
+        for (int k = v; k < v + (v ? 1 : 2); k++) {
+            if (binary) {
+                put_u32(f, 0);
+                put_u32(f, (uint32_t)(7 + 3 * k));
+                put_u64(f, (uint64_t)k + 1);
+            } else {
+                fprintf(f, " CAMERA %d %d", 7 + 3 * k, k + 1);
+            }
+        }
+        if (!binary)
+            fprintf(f, "\n");
+    }
+    fclose(f);
+}
+
+/* ---- transforms JSON ---- */
+
+/* In Blender's form (one field of view, names without their ending), nerfstudio's (each frame with
+ * its own intrinsics) or instant-ngp's (the first camera's intrinsics for all, a box). Camera axes
+ * are OpenGL's in all three. */
+static inline void format_transforms(const char *folder, const char *dialect,
+                                     const cln_camera *cameras)
+{
+    const bool blender = strcmp(dialect, "blender") == 0, ngp = strcmp(dialect, "instant-ngp") == 0;
+    FILE *f = format_open(folder, blender ? "transforms_train.json" : "transforms.json");
+
+    fprintf(f, "{");
+    if (blender)
+        fprintf(f, "\"camera_angle_x\": %.17g, ", 2 * atan(0.5 * cameras->width / cameras->fx));
+    else
+        fprintf(f, "\"camera_model\": \"OPENCV\", \"w\": %d, \"h\": %d, ", cameras->width,
+                cameras->height);
+    if (ngp)
+        fprintf(f, "\"aabb_scale\": 16, ");
+    for (int v = -1; v < FORMAT_VIEWS; v++) { /* -1: what holds for all */
+        const cln_camera *c = &cameras[v < 0 ? 0 : v];
+
+        if (v >= 0)
+            fprintf(f, "%s\n{\"file_path\": \"./images/view_%02d%s\", ", v ? "," : "", v,
+                    blender ? "" : ".png");
+        if ((ngp && v < 0) || (!ngp && !blender && v >= 0)) {
+            fprintf(f, "\"fl_x\": %.17g, \"fl_y\": %.17g, ", c->fx, c->fy);
+            fprintf(f, "\"cx\": %.17g, \"cy\": %.17g, ", c->cx, c->cy);
+            fprintf(f, "\"k1\": %.17g, \"k2\": %.17g, ", c->k1, c->k2);
+            fprintf(f, "\"p1\": %.17g, \"p2\": %.17g, ", c->p1, c->p2);
+        }
+        if (v < 0) {
+            fprintf(f, "\"frames\": [");
+            continue;
+        }
+        fprintf(f, "\"transform_matrix\": [");
+        for (int row = 0; row < 3; row++)
+            fprintf(f, "[%.17g,%.17g,%.17g,%.17g],", c->c2w[4 * row], -c->c2w[4 * row + 1],
+                    -c->c2w[4 * row + 2], c->c2w[4 * row + 3]);
+        fprintf(f, "[0,0,0,1]]}");
+    }
+    fprintf(f, "]}\n");
+    fclose(f);
+}
+
 /* ---- LLFF and NeuS: arrays ---- */
 
 /* The bytes of a .npy file of rows x columns numbers, float64 or float32; `fortran`: stored column

@@ -47,7 +47,9 @@ int test_group_moved(void);
 int test_group_model(void);
 int test_group_network(void);
 int test_group_octree(void);
+int test_group_opaque(void);
 int test_group_options(void);
+int test_group_orientation(void);
 int test_group_gradient(void);
 int test_group_normals(void);
 int test_group_pictures(void);
@@ -87,6 +89,7 @@ int test_group_tree_from(void);
 int test_group_tune(void);
 int test_group_tuner(void);
 int test_group_view_request(void);
+int test_group_units(void);
 int test_group_watch(void);
 
 /* The table, in the files' order; ends with a NULL name. */

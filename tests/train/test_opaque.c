@@ -1,0 +1,114 @@
+/* --opaque-loss in a training on photos without alpha, a ball before white: without it, rays that
+ * pass the ball stay empty, as the white background explains them; with it, something must stand
+ * there. On photos with alpha it changes nothing. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "run_fixture.h"
+#include "tests.h"
+
+/* The fixture's photos over white, without alpha, as another scene. */
+static void put_photos(void)
+{
+    static const struct {
+        const char *split;
+        int count;
+    } splits[] = {{"train", TRAIN_VIEWS}, {"test", TEST_VIEWS}};
+
+    for (int s = 0; s < 2; s++) {
+        char name[64], *text = NULL;
+        size_t bytes = 0;
+
+        snprintf(name, sizeof name, "photos/%s", splits[s].split);
+        assert_ok(cln_make_dirs(fixture_path(name)));
+        snprintf(name, sizeof name, "scene/transforms_%s.json", splits[s].split);
+        text = scratch_get(fixture_path(name), &bytes);
+        snprintf(name, sizeof name, "photos/transforms_%s.json", splits[s].split);
+        scratch_put(fixture_path(name), text, bytes);
+        free(text);
+        for (int i = 0; i < splits[s].count; i++) {
+            uint8_t *rgba = NULL, rgb[SIDE * SIDE * 3];
+            int width = 0, height = 0, channels = 0;
+
+            snprintf(name, sizeof name, "scene/%s/r_%d.png", splits[s].split, i);
+            assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &rgba));
+            assert_true(width == SIDE && height == SIDE && channels == 4);
+            for (int k = 0; k < SIDE * SIDE; k++)
+                for (int c = 0; c < 3; c++)
+                    rgb[3 * k + c] = rgba[4 * k + 3] ? rgba[4 * k + c] : 255;
+            snprintf(name, sizeof name, "photos/%s/r_%d.png", splits[s].split, i);
+            assert_ok(cln_image_write_png(fixture_path(name), SIDE, SIDE, 3, rgb));
+            free(rgba);
+        }
+    }
+}
+
+/* Mean opacity of the test views after a training with this weight. */
+static double opacity_after(const char *scene, const char *run, double loss)
+{
+    cln_settings settings = {.config = fixture_config(), .preset = "fast"};
+    const cln_train_desc desc = {.scene = fixture_path(scene),
+                                 .run = fixture_path(run),
+                                 .skip_selftest = true,
+                                 .settings = &settings,
+                                 .device = fixture_device(),
+                                 .command = "test"};
+    char name[64];
+    const cln_render_desc pictures = {
+        .run = desc.run,
+        .out = (snprintf(name, sizeof name, "%s views", run), fixture_path(name)),
+        .split = "test",
+        .device = fixture_device()};
+    cln_train_result trained;
+    cln_render_result rendered;
+    double sum = 0;
+
+    settings.config.opaque_loss = loss;
+    settings.config.steps = 150;
+    snprintf(settings.config.background, sizeof settings.config.background, "white");
+    assert_ok(cln_train(&desc, &trained));
+    assert_ok(cln_render(&pictures, &rendered));
+    for (int i = 0; i < TEST_VIEWS; i++) {
+        uint8_t *pixels = NULL;
+        int width = 0, height = 0, channels = 0;
+
+        snprintf(name, sizeof name, "%s views/test_r_%d.opacity.png", run, i);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &pixels));
+        for (int k = 0; k < width * height; k++)
+            sum += pixels[k * channels] / 255.0 / (width * height * TEST_VIEWS);
+        free(pixels);
+    }
+    return sum;
+}
+
+static void photos_without_alpha_end_opaque(void **state)
+{
+    double without = 0, with = 0;
+
+    NEED_DEVICE();
+    put_photos();
+    without = opacity_after("photos", "without", 0);
+    with = opacity_after("photos", "with", 0.01);
+    print_message("    opacity %.3f without the loss, %.3f with it\n", without, with);
+    assert_true(without < 0.65);
+    assert_true(with > without + 0.1);
+}
+
+static void photos_with_alpha_stay_as_they_are(void **state)
+{
+    NEED_DEVICE();
+    assert_true(opacity_after("scene", "alpha without", 0) ==
+                opacity_after("scene", "alpha with", 1));
+}
+
+int test_group_opaque(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(photos_without_alpha_end_opaque),
+        cmocka_unit_test(photos_with_alpha_stay_as_they_are),
+    };
+
+    return cmocka_run_group_tests_name("opaque", tests, fixture_setup, fixture_teardown);
+}
