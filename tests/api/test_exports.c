@@ -81,6 +81,31 @@ static void points_are_on_the_ball(void **state)
     free(text);
 }
 
+/* Normals change within a triangle: of two points on one, next to each other in the file, they are
+ * not the same. */
+static void normals_of_points_are_between(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "normals.ply");
+    cln_export_result mesh, result;
+    const vertex *v = NULL;
+    char *text = NULL;
+    int n = 0, same = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_export(&desc, &mesh));
+    desc.what = "points";
+    desc.file = fixture_path("many.ply");
+    desc.count = 8 * mesh.faces;
+    assert_ok(cln_export(&desc, &result));
+    v = read_ply(desc.file, &text, &n);
+    assert_int_equal(n, desc.count);
+    for (int i = 1; i < n; i++)
+        same += memcmp(v[i].normal, v[i - 1].normal, sizeof v[i].normal) == 0;
+    print_message("    %d points, %d with the one before's normal\n", n, same);
+    assert_true(same < n / 20);
+    free(text);
+}
+
 static void formats_of_a_mesh_agree(void **state)
 {
     static const char *const files[] = {"mesh.ply", "mesh.obj", "mesh.glb"};
@@ -349,10 +374,15 @@ static void a_signal_leaves_no_file(void **state)
 int test_group_exports(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(points_are_on_the_ball),      cmocka_unit_test(formats_of_a_mesh_agree),
-        cmocka_unit_test(a_coarser_and_a_closed_mesh), cmocka_unit_test(a_mesh_of_fewer_triangles),
-        cmocka_unit_test(volumes_are_the_field),       cmocka_unit_test(cameras_come_back),
-        cmocka_unit_test(mistakes_are_named),          cmocka_unit_test(a_signal_leaves_no_file),
+        cmocka_unit_test(points_are_on_the_ball),
+        cmocka_unit_test(normals_of_points_are_between),
+        cmocka_unit_test(formats_of_a_mesh_agree),
+        cmocka_unit_test(a_coarser_and_a_closed_mesh),
+        cmocka_unit_test(a_mesh_of_fewer_triangles),
+        cmocka_unit_test(volumes_are_the_field),
+        cmocka_unit_test(cameras_come_back),
+        cmocka_unit_test(mistakes_are_named),
+        cmocka_unit_test(a_signal_leaves_no_file),
     };
 
     return cmocka_run_group_tests_name("exports", tests, fixture_setup, fixture_teardown);

@@ -596,10 +596,8 @@ static void test_around(void **state)
 int test_group_voxel(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_update),
-        cmocka_unit_test(test_decoder_steps),
-        cmocka_unit_test(test_regrown),
-        cmocka_unit_test(test_split),
+        cmocka_unit_test(test_update),  cmocka_unit_test(test_decoder_steps),
+        cmocka_unit_test(test_regrown), cmocka_unit_test(test_split),
         cmocka_unit_test(test_around),
     };
 
