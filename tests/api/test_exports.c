@@ -158,8 +158,8 @@ static void a_coarser_and_a_closed_mesh(void **state)
     assert_true(closed.faces >= coarse.faces);
 }
 
-/* meshopt_simplify of this program ends at this number of indices, as the library's does where fewer
- * would tear the surface. */
+/* meshopt_simplify of this program ends at this number of indices, as the library's does where
+ * fewer would tear the surface. */
 static size_t least_indices;
 
 size_t meshopt_simplify(unsigned *to, const unsigned *from, size_t indices, const float *at,

@@ -402,8 +402,8 @@ static void test_atomic(void **state)
     free(nowhere);
 }
 
-/* fsync of this program: what was synced while it is watched, and the file that then had the watched
- * path. */
+/* fsync of this program: what was synced while it is watched, and the file that then had the
+ * watched path. */
 static struct {
     const char *path;
     int count;
