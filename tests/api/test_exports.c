@@ -6,6 +6,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <dlfcn.h>
 #include <unistd.h>
 #include "export/reduce.h"
 #include "io/npy.h"
@@ -80,6 +81,31 @@ static void points_are_on_the_ball(void **state)
     free(text);
 }
 
+/* Normals change within a triangle: of two points on one, next to each other in the file, they are
+ * not the same. */
+static void normals_of_points_are_between(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "normals.ply");
+    cln_export_result mesh, result;
+    const vertex *v = NULL;
+    char *text = NULL;
+    int n = 0, same = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_export(&desc, &mesh));
+    desc.what = "points";
+    desc.file = fixture_path("many.ply");
+    desc.count = 8 * mesh.faces;
+    assert_ok(cln_export(&desc, &result));
+    v = read_ply(desc.file, &text, &n);
+    assert_int_equal(n, desc.count);
+    for (int i = 1; i < n; i++)
+        same += memcmp(v[i].normal, v[i - 1].normal, sizeof v[i].normal) == 0;
+    print_message("    %d points, %d with the one before's normal\n", n, same);
+    assert_true(same < n / 20);
+    free(text);
+}
+
 static void formats_of_a_mesh_agree(void **state)
 {
     static const char *const files[] = {"mesh.ply", "mesh.obj", "mesh.glb"};
@@ -132,8 +158,37 @@ static void a_coarser_and_a_closed_mesh(void **state)
     assert_true(closed.faces >= coarse.faces);
 }
 
+/* meshopt_simplify of this program ends at this number of indices, as the library's does where
+ * fewer would tear the surface. */
+static size_t least_indices;
+
+size_t meshopt_simplify(unsigned *to, const unsigned *from, size_t indices, const float *at,
+                        size_t vertices, size_t stride, size_t target, float error,
+                        unsigned options, float *found);
+
+size_t meshopt_simplify(unsigned *to, const unsigned *from, size_t indices, const float *at,
+                        size_t vertices, size_t stride, size_t target, float error,
+                        unsigned options, float *found)
+{
+    size_t (*real)(unsigned *, const unsigned *, size_t, const float *, size_t, size_t, size_t,
+                   float, unsigned, float *) = NULL;
+
+    *(void **)&real = dlsym(RTLD_NEXT, "meshopt_simplify");
+    assert_non_null(real);
+    if (target < least_indices)
+        target = least_indices;
+    return real(to, from, indices, at, vertices, stride, target, error, options, found);
+}
+
+static void keep_warning(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN)
+        snprintf(user, 256, "%s", line);
+}
+
 static void a_mesh_of_fewer_triangles(void **state)
 {
+    char warning[256] = "", expected[64];
     cln_export_desc desc = export_desc("mesh", "few.glb");
     cln_export_result all, few;
 
@@ -151,6 +206,18 @@ static void a_mesh_of_fewer_triangles(void **state)
     assert_in_range(few.faces, 10, desc.triangles);
     assert_true(few.vertices < all.vertices / 2);
     assert_true(few.reduction_error > 0 && few.reduction_error < 0.5);
+    cln_log_set_sink(keep_warning, warning);
+    desc.triangles = 20;
+    assert_ok(cln_export(&desc, &few));
+    assert_in_range(few.faces, 1, 20);
+    assert_string_equal(warning, "");
+    least_indices = 3 * 40;
+    assert_ok(cln_export(&desc, &few));
+    least_indices = 0;
+    assert_in_range(few.faces, 21, 40);
+    snprintf(expected, sizeof expected, "--triangles 20: %lld are left", (long long)few.faces);
+    assert_non_null(strstr(warning, expected));
+    cln_log_set_sink(fixture_no_log, NULL);
     desc.triangles = all.faces;
     assert_ok(cln_export(&desc, &few));
     assert_true(few.faces_before == 0 && few.faces == all.faces);
@@ -307,10 +374,15 @@ static void a_signal_leaves_no_file(void **state)
 int test_group_exports(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(points_are_on_the_ball),      cmocka_unit_test(formats_of_a_mesh_agree),
-        cmocka_unit_test(a_coarser_and_a_closed_mesh), cmocka_unit_test(a_mesh_of_fewer_triangles),
-        cmocka_unit_test(volumes_are_the_field),       cmocka_unit_test(cameras_come_back),
-        cmocka_unit_test(mistakes_are_named),          cmocka_unit_test(a_signal_leaves_no_file),
+        cmocka_unit_test(points_are_on_the_ball),
+        cmocka_unit_test(normals_of_points_are_between),
+        cmocka_unit_test(formats_of_a_mesh_agree),
+        cmocka_unit_test(a_coarser_and_a_closed_mesh),
+        cmocka_unit_test(a_mesh_of_fewer_triangles),
+        cmocka_unit_test(volumes_are_the_field),
+        cmocka_unit_test(cameras_come_back),
+        cmocka_unit_test(mistakes_are_named),
+        cmocka_unit_test(a_signal_leaves_no_file),
     };
 
     return cmocka_run_group_tests_name("exports", tests, fixture_setup, fixture_teardown);

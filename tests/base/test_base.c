@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 #include "base/files.h"
 #include "base/log.h"
@@ -402,6 +403,48 @@ static void test_atomic(void **state)
     free(nowhere);
 }
 
+/* fsync of this program: what was synced while it is watched, and the file that then had the
+ * watched path. */
+static struct {
+    const char *path;
+    int count;
+    struct {
+        struct stat what, at_path;
+    } calls[4];
+} watched;
+
+int fsync(int fd)
+{
+    const int i = watched.count;
+
+    if (watched.path && i < 4 && fstat(fd, &watched.calls[i].what) == 0 &&
+        stat(watched.path, &watched.calls[i].at_path) == 0)
+        watched.count++;
+    return (int)syscall(SYS_fsync, fd);
+}
+
+/* What is committed survives a power cut: the file is synced before it replaces the old one, then
+ * the folder, with its new name in it. */
+static void test_synced(void **state)
+{
+    char *path = in_folder(*state, "model.bin");
+    struct stat old, new, folder;
+
+    assert_int_equal(cln_write_file(path, "old", 3), CLN_OK);
+    assert_int_equal(stat(path, &old), 0);
+    watched.path = path;
+    assert_int_equal(cln_write_file(path, "new", 3), CLN_OK);
+    watched.path = NULL;
+    assert_int_equal(stat(path, &new), 0);
+    assert_int_equal(stat(*state, &folder), 0);
+    assert_int_equal(watched.count, 2);
+    assert_int_equal(watched.calls[0].what.st_ino, new.st_ino);
+    assert_int_equal(watched.calls[0].at_path.st_ino, old.st_ino);
+    assert_int_equal(watched.calls[1].what.st_ino, folder.st_ino);
+    assert_int_equal(watched.calls[1].at_path.st_ino, new.st_ino);
+    free(path);
+}
+
 /* /dev/full simulates a full disk: the temp file's stream is redirected there, so the flush
  * fails. */
 static void test_disk_full(void **state)
@@ -633,6 +676,7 @@ int test_group_base(void)
         cmocka_unit_test(test_huge_pages),
         cmocka_unit_test_setup_teardown(test_read_write, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_synced, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_full, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),

@@ -388,6 +388,13 @@ static void test_not_an_image(void **state)
     assert_refused(path, "not a PNG or JPEG");
     scratch_put(path, "anything", 8);
     assert_refused(path, "not a PNG or JPEG");
+    for (int i = 0; i < 3; i++) { /* two of the three bytes that a JPEG begins with */
+        uint8_t almost[8] = {0xFF, 0xD8, 0xFF};
+
+        almost[i] = 0x01;
+        scratch_put(path, almost, sizeof almost);
+        assert_refused(path, "not a PNG or JPEG");
+    }
     assert_refused(scratch_path(*state, "missing.png"), "No such file");
     assert_refused(*state, "folder");
     assert_int_equal(cln_image_info(*state, &w, &h, &c), CLN_INPUT);

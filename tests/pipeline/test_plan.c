@@ -258,6 +258,27 @@ static void test_slices_fit(void **state)
     }
 }
 
+/* Projected samples take half of what is left: of a CPU's memory, which is the host's, half of what
+ * --host-mem leaves. */
+static void test_entries_of_a_cpu(void **state)
+{
+    cln_config config = preset("fast");
+    fake f;
+    cln_plan cpu, gpu, host;
+
+    (void)state;
+    config.stage1 = CLN_STAGE1_SPLAT;
+    config.host_mem = 2048 * MIB;
+    make_fake(&f, &config, 8192 * MIB, "gpu");
+    cln_plan_device(&f.desc, &gpu);
+    make_fake(&f, &config, 8192 * MIB, "cpu");
+    cln_plan_device(&f.desc, &cpu);
+    assert_true(cpu.max_entries > 1 << 20 && gpu.max_entries > 3 * cpu.max_entries);
+    assert_ok(cln_plan_check(&f.device, &cpu));
+    cln_plan_host(&f.desc, &cpu, &host);
+    assert_ok(cln_plan_check_host(&host));
+}
+
 static void test_limits_by_name(void **state)
 {
     cln_config config = preset("fast");
@@ -618,6 +639,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_ways_out),
         cmocka_unit_test(test_cut_below_the_largest),
         cmocka_unit_test(test_slices_fit),
+        cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_peak_is_planned),
         cmocka_unit_test(test_growth_stops_at_the_limit),

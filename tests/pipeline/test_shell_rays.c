@@ -1,7 +1,7 @@
 /* Rays in a shell space, on the device, against float64: their lines are the host's (space.h), also
  * from a near distance on; leaves, counts, places and rows of samples are the reference's; networks
  * get the place and direction that the scene's ray has there; depths are distances in the scene;
- * cropped rays are what is inside a box of the scene. */
+ * cropped rays are what is inside a box of the scene; cells are in view where cameras see them. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -428,11 +428,85 @@ static void test_field(void **state)
     check_field(4);
 }
 
+/* ---- cells ---- */
+
+/* Is the place in the picture? 1 or 0; -1 near the picture's border. */
+static int in_picture(const cln_camera *c, const double at[3])
+{
+    double q[3] = {0}, u = 0, v = 0;
+
+    for (int k = 0; k < 3; k++)
+        for (int a = 0; a < 3; a++)
+            q[k] += c->c2w[4 * a + k] * (at[a] - c->c2w[4 * a + 3]);
+    if (q[2] < 0)
+        return 0;
+    u = c->fx * q[0] / q[2] + c->cx;
+    v = c->fy * q[1] / q[2] + c->cy;
+    if (u < -0.1 || v < -0.1 || u > WIDTH + 0.1 || v > HEIGHT + 0.1)
+        return 0;
+    return u > 0.1 && v > 0.1 && u < WIDTH - 0.1 && v < HEIGHT - 0.1 ? 1 : -1;
+}
+
+/* Cells around the core are in view where the camera sees their places in the scene. */
+static void test_points(void **state)
+{
+    const cln_config config = config_of();
+    const int n1 = config.n1, cells = n1 * n1 * n1;
+    cln_pipeline *p = test_pipeline_in(&tune_sets[0], &config, 0, false, &space);
+    cln_model model;
+    float *boxes = NULL;
+    int inside = 0, outside = 0;
+
+    (void)state;
+    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(stats)));
+    assert_ok(cln_model_create_shell(&config, &model));
+    assert_ok(cln_pipeline_upload(p, &model, false));
+    assert_ok(cln_octree_boxes(&model.tree, &boxes));
+    for (int v = 0; v < VIEWS; v++) {
+        const size_t all = (size_t)(model.tree.leaf_count * cells);
+        const cln_camera *list = NULL;
+        cln_camera camera;
+        uint8_t *seen = NULL;
+
+        make_camera(v, &camera);
+        list = &camera;
+        assert_ok(cln_pipeline_cameras(p, &list, 1, &space));
+        p->training_views = 1;
+        test_fill(p->device, &p->seen, NULL, all);
+        assert_ok(cln_stage_seen(p));
+        seen = test_read(p->device, &p->seen, all, "seen");
+        for (int i = 0; i < (int)all; i++) {
+            const int xyz[3] = {i % n1, i / n1 % n1, i % cells / (n1 * n1)};
+            const float *box = boxes + 4 * (i / cells);
+            double at[3], cube[3];
+            int want = 0;
+
+            for (int a = 0; a < 3; a++)
+                cube[a] = box[a] + (xyz[a] + 0.5) / n1 * (double)box[3];
+            cln_space_point_to_scene(&space, cube, at);
+            want = in_picture(&camera, at);
+            if (want >= 0 && seen[i] != want)
+                fail_msg("view %d: %g %g %g is %s the picture", v, at[0], at[1], at[2],
+                         want ? "in" : "not in");
+            for (int a = 0; a < 3; a++) /* of those around the core */
+                if (fabs(cube[a]) > 0.5) {
+                    inside += want == 1;
+                    outside += want == 0;
+                    break;
+                }
+        }
+        free(seen);
+    }
+    assert_true(inside > 1000 && outside > 1000);
+    free(boxes);
+    cln_model_free(&model);
+}
+
 int test_group_shell_rays(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_lines), cmocka_unit_test(test_samples), cmocka_unit_test(test_whole),
-        cmocka_unit_test(test_crop),  cmocka_unit_test(test_field),
+        cmocka_unit_test(test_crop),  cmocka_unit_test(test_field),   cmocka_unit_test(test_points),
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(sampling) |

@@ -377,6 +377,76 @@ static void test_update(void **state)
         check_case(&cases[i]);
 }
 
+/* Steps of the decoder after the first, by the gradients that the device has: its second moment
+ * begins as a tenth of the first gradient's square. Weights whose gradient nearly cancels are left
+ * out. */
+static void test_decoder_steps(void **state)
+{
+    enum { STEPS = 3 };
+    const voxel_case *c = &cases[0];
+    const cln_config config = config_of(c);
+    const double lr = 0.01, rate = lr * config.decoder_rate;
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    cln_model model = {0};
+    batch b = {0};
+    double *m = NULL, *v = NULL, *g = NULL, worst = 0;
+    float *before = NULL, *after = NULL, *parts = NULL;
+    uint32_t slices = 0;
+    int n = 0, compared = 0;
+
+    (void)state;
+    make_model(&config, &model);
+    make_batch(&model.tree, false, &b);
+    n = model.net.decoder_params;
+    m = test_alloc((size_t)n, sizeof *m);
+    v = test_alloc((size_t)n, sizeof *v);
+    before = test_alloc((size_t)n, sizeof *before);
+    after = test_alloc((size_t)n, sizeof *after);
+    memcpy(before, model.decoder, (size_t)n * sizeof *before);
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_pipeline_points(p, b.ray_o[0], b.ray_d[0], NULL, b.n));
+    assert_ok(cln_pipeline_samples(p, b.samples, b.n));
+    assert_ok(CLN_RESERVE(p, dout, b.n));
+    assert_ok(cln_buffer_write(p->device, &p->dout, 0, b.dout, b.n * sizeof *b.dout));
+    for (int k = 0; k < STEPS; k++) {
+        const uint32_t key = 0x1234567u + (uint32_t)k;
+        double largest = 0;
+
+        assert_ok(cln_stage_group(p, b.n, &slices));
+        assert_ok(cln_stage_forward(p, b.n, slices, true, key));
+        assert_ok(cln_stage_update(p, b.n, slices, 1, key, lr));
+        parts = test_alloc((size_t)(n * p->decoder_groups), sizeof *parts);
+        g = test_alloc((size_t)n, sizeof *g);
+        assert_ok(cln_buffer_read(p->device, &p->decoder_grads, 0, parts,
+                                  (size_t)(n * p->decoder_groups) * sizeof *parts));
+        assert_ok(CLN_GET(p, decoder_w, after, 1));
+        for (int i = 0; i < n * p->decoder_groups; i++)
+            g[i % n] += parts[i];
+        for (int i = 0; i < n; i++)
+            largest = fmax(largest, fabs(g[i]));
+        for (int i = 0; i < n; i++) {
+            m[i] = 0.9 * m[i] + 0.1 * g[i];
+            v[i] = v[i] > 0 ? 0.99 * v[i] + 0.01 * g[i] * g[i] : 0.1 * g[i] * g[i];
+            if (fabs(g[i]) < 1e-3 * largest || k == 0)
+                continue;
+            worst = fmax(worst, fabs(((double)after[i] - (double)before[i]) / rate +
+                                     m[i] / (sqrt(v[i]) + config.epsilon)));
+            compared++;
+        }
+        memcpy(before, after, (size_t)n * sizeof *before);
+        free(parts);
+        free(g);
+    }
+    print_message("%d weights, a step is off by %.1g\n", compared, worst);
+    assert_true(compared > n && worst < 1e-3);
+    free(m);
+    free(v);
+    free(before);
+    free(after);
+    free_batch(&b);
+    cln_model_free(&model);
+}
+
 /* Culled leaves come back: vertices shared with leaves that stayed have their numbers, the others
  * initial ones. */
 static void test_regrown(void **state)
@@ -526,9 +596,8 @@ static void test_around(void **state)
 int test_group_voxel(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_update),
-        cmocka_unit_test(test_regrown),
-        cmocka_unit_test(test_split),
+        cmocka_unit_test(test_update),  cmocka_unit_test(test_decoder_steps),
+        cmocka_unit_test(test_regrown), cmocka_unit_test(test_split),
         cmocka_unit_test(test_around),
     };
 

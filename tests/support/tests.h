@@ -72,6 +72,7 @@ int test_group_scan_sort(void);
 int test_group_scene(void);
 int test_group_scene_input(void);
 int test_group_seams(void);
+int test_group_selftest(void);
 int test_group_settings(void);
 int test_group_shell(void);
 int test_group_shell_rays(void);
