@@ -4,7 +4,7 @@
 # processes resumes; with stretches they are nearly the same, in fewer bytes. All write one
 # checkpoint. Settings that differ, and a process that dies or cannot write, end all.
 #   tests/cli/ranks.sh [SECTION...]    sections are in the last line
-# Skipped without OpenMPI (libopenmpi-dev openmpi-bin), which neither build nor tests install.
+# Skipped without OpenMPI, which tests/deps.sh installs on Debian.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -125,6 +125,17 @@ section_stretches() {
     check "they have the bits of one process" same "$work/points" "$work/points-one"
 }
 
+# process RANK: its id, of the ranks that $child started
+process() {
+    local of
+    for of in /proc/[0-9]*; do
+        if grep -q "^PPid:[[:space:]]*$child\$" "$of/status" 2>/dev/null &&
+            grep -qzx "OMPI_COMM_WORLD_RANK=$1" "$of/environ" 2>/dev/null; then
+            echo "${of#/proc/}"
+        fi
+    done
+}
+
 # start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
 start() {
     local on=$1 end=$((SECONDS + 300))
@@ -140,7 +151,7 @@ start() {
 section_resume() {
     baseline
     start "$work/on" "${samples[@]}" --steps 200
-    kill -TERM "$(pgrep -P "$child" | tail -n 1)" # any of them
+    kill -TERM "$(process 1)" # any of them
     wait "$child"
     check "a signal to one stops all, after a checkpoint" said "stopped by a signal"
     check "it stopped before the end" [ "$(digest "$work/on")" != "$(digest "$work/one")" ]
@@ -148,7 +159,7 @@ section_resume() {
         --resume "$work/on" --skip-selftest --progress none
     check "the model is that of one process" same "$work/one" "$work/on"
     start "$work/by-stretches" --steps 200
-    kill -TERM "$(pgrep -P "$child" | tail -n 1)"
+    kill -TERM "$(process 0)"
     wait "$child"
     expect "one process resumes a run by stretches" 0 "resumed" "$cln" train \
         --resume "$work/by-stretches" --skip-selftest --progress none
@@ -196,18 +207,61 @@ section_checkpoints() {
         --skip-selftest --progress none --steps +20
 }
 
-section_dies() {
+# start_saving RUN: as start, once it has a checkpoint
+start_saving() {
     local end=$((SECONDS + 300))
-    baseline
-    start "$work/dies" --steps 1000000 --save-every 1
-    until [ -e "$work/dies/checkpoint/latest" ] || ! kill -0 "$child" || [ $SECONDS -ge $end ]; do
+    start "$1" --steps 1000000 --save-every 1
+    until [ -e "$1/checkpoint/latest" ] || ! kill -0 "$child" || [ $SECONDS -ge $end ]; do
         sleep 0.02
     done
-    kill -9 "$(pgrep -P "$child" | tail -n 1)"
+}
+
+section_dies() {
+    baseline
+    start_saving "$work/dies"
+    kill -9 "$(process 1)"
     wait "$child"
     check "a rank that dies ends all" [ $? != 0 ]
-    check "the dead rank is named" grep -qE 'process rank [01] with PID' "$work/err" "$work/out"
+    check "the dead rank is named" grep -q 'process rank 1 with PID' "$work/err" "$work/out"
     expect "the last checkpoint is intact" 0 "" "$cln" info "$work/dies"
+}
+
+# A rank that stands still ends all, with its name, when the others have waited long enough; not if
+# it goes on before, nor if all stood still.
+section_hangs() {
+    local rank pids rows end on=$work/hangs
+    export CL_NASCENT_RANK_WAIT=soon
+    baseline
+    expect "a wait that is no time is refused" 2 "CL_NASCENT_RANK_WAIT ~10m.*0" "${mpi[@]}" -n 2 \
+        "$ranked" train "$work/scene" -o "$on" "${small[@]}" --steps 20
+    CL_NASCENT_RANK_WAIT=8
+    for rank in 1 0; do
+        start_saving "$on-$rank"
+        if [ "$rank" = 1 ]; then
+            pids=("$(process 0)" "$(process 1)")
+            kill -STOP "${pids[0]}"
+            sleep 4
+            kill -STOP "${pids[1]}" # now all: this time counts for nobody
+            sleep 8
+            rows=$(wc -l <"$on-1/metrics.jsonl")
+            kill -CONT "${pids[@]}"
+            sleep 4
+            check "ranks that stood still go on" [ "$(wc -l <"$on-1/metrics.jsonl")" -gt "$rows" ]
+        fi
+        kill -STOP "$(process "$rank")"
+        end=$((SECONDS + 120))
+        while kill -0 "$child" && [ $SECONDS -lt $end ]; do
+            sleep 0.1
+        done 2>/dev/null
+        kill -9 "$child" 2>/dev/null # it waits for ever
+        wait "$child"
+        check "a rank $rank that hangs ends all" [ $? = 1 ]
+        check "rank $rank is named, with its host and what to do" \
+            said "~error: rank $((1 - rank)) of 2 .*: rank $rank of 2 on $(hostname) .*--resume"
+        check "one sentence says so" [ "$(grep -c 'kept others waiting' "$work/err")" = 1 ]
+        expect "the last checkpoint is intact" 0 "" "$cln" info "$on-$rank"
+    done
+    unset CL_NASCENT_RANK_WAIT
 }
 
 section_differ() {
@@ -270,4 +324,4 @@ section_scale() {
     expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same stretches resume checkpoints dies differ pictures scale" "$@"
+run_sections "same stretches resume checkpoints dies hangs differ pictures scale" "$@"
