@@ -136,6 +136,51 @@ process() {
     done
 }
 
+# tensors RUN: the file of its last checkpoint
+tensors() {
+    ls "$1"/checkpoint/*.safetensors | tail -n 1
+}
+
+# floats RUN NAME: the numbers of that tensor of 32 bits, one a line
+floats() {
+    local file header length from to
+    file=$(tensors "$1")
+    length=$(($(od -An -tu8 -N8 "$file")))
+    header=$(tail -c +9 "$file" | head -c $length)
+    from=$("$query" "$2.data_offsets.0" <<<"$header")
+    to=$("$query" "$2.data_offsets.1" <<<"$header")
+    tail -c +$((9 + length + from)) "$file" | head -c $((to - from)) | od -An -v -tf4 -w4
+}
+
+# equal RUN RUN NAME PARAMS: in each leaf of PARAMS numbers, the tensors differ by less than 1e-5 of
+# the root of the sum of squares; some are not 0
+equal() {
+    paste <(floats "$1" "$3") <(floats "$2" "$3") | awk -v each="$4" '
+        { a += $1 * $1; d += ($1 - $2) * ($1 - $2) }
+        NR % each == 0 { some += a > 0; if (d > 1e-10 * a) bad++; a = d = 0 }
+        END { exit !(some > 4 && !bad && NR && NR % each == 0) }'
+}
+
+# One step has the gradients of one process, thus the weights: by samples to the bit, by stretches
+# within rounding. Adam turns a gradient of rounding errors into a whole step: weights, whose
+# gradient is much smaller than the leaf's, may differ by that.
+section_step() {
+    local n params step=(--steps 1 --start-level 2 --level-at "" --no-adaptive --moments float32
+        --roulette 0 --rrelu-lower -0.2 --rrelu-upper -0.2)
+    baseline
+    run "$cln" train "$work/scene" -o "$work/step-1" "${small[@]}" "${step[@]}"
+    params=$("$query" params_per_leaf <"$(ls "$work/step-1"/checkpoint/*.json)")
+    for n in 2 3; do
+        expect "a step by $n ranks" 0 "" "${mpi[@]}" -n $n "$ranked" train "$work/scene" \
+            -o "$work/step-$n" "${small[@]}" "${step[@]}"
+        check "its gradients are those of one" equal "$work/step-1" "$work/step-$n" adam_m "$params"
+        check "its weights are those of one" equal "$work/step-1" "$work/step-$n" params "$params"
+        run "${mpi[@]}" -n $n "$ranked" train "$work/scene" -o "$work/step-samples-$n" \
+            "${small[@]}" "${step[@]}" "${samples[@]}"
+        check "by samples its bits are those of one" same "$work/step-1" "$work/step-samples-$n"
+    done
+}
+
 # start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
 start() {
     local on=$1 end=$((SECONDS + 300))
@@ -163,10 +208,6 @@ section_resume() {
     wait "$child"
     expect "one process resumes a run by stretches" 0 "resumed" "$cln" train \
         --resume "$work/by-stretches" --skip-selftest --progress none
-}
-
-tensors() {
-    ls "$1"/checkpoint/*.safetensors | tail -n 1
 }
 
 # faulty HOW K: two ranks train on and write a checkpoint; rank 1's K-th write fails, HOW
@@ -264,12 +305,39 @@ section_hangs() {
     unset CL_NASCENT_RANK_WAIT
 }
 
+# each ONE TWO: two ranks, with other options and of other programs. ONE, TWO: names of arrays with
+# program and options
+each() {
+    local -n one=$1 two=$2
+    "${mpi[@]}" -n 1 "${one[@]}" : -n 1 "${two[@]}"
+}
+
+# What differs between ranks is found before the first step.
 section_differ() {
     baseline
-    expect "ranks of different settings are refused" 2 "rank settings" "${mpi[@]}" -n 1 "$ranked" \
-        train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 : -n 1 "$ranked" \
-        train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 --seed 7
-    check "different settings write nothing" [ ! -e "$work/no" ]
+    local here there version on=$work/differ
+    local go=(train "$work/scene" -o "$on" "${small[@]}" --steps 20)
+    here=("$ranked" "${go[@]}")
+    there=("$ranked" "${go[@]}" --seed 7)
+    expect "ranks of different settings are refused" 2 "~rank.1.has.another.choice.of.settings" \
+        each here there
+    "$make_scene" "$work/other" --size 48 --train 8 --test 2 --fault shaken >/dev/null
+    there=("$ranked" train "$work/other" "${go[@]:2}")
+    expect "ranks of different scenes are refused" 2 "~rank.1.has.another.scene" each here there
+    # this program, but for the digits of its version
+    version=$("$ranked" --version | grep -oE '[0-9.]+$')
+    sed "s/${version//./\\.}\x00/$(tr 0-9 1-90 <<<"$version")\x00/g" "$ranked" >"$work/newer"
+    chmod +x "$work/newer"
+    there=("$work/newer" "${go[@]}")
+    expect "ranks of different versions are refused" 2 "~rank.1.has.another.version" each here there
+    check "different ranks write nothing" [ ! -e "$on" ]
+    cp -r "$work/one" "$on"
+    run "$cln" train --resume "$on" --skip-selftest --progress none --steps +1
+    go=(--skip-selftest --progress none --steps 300)
+    here=("$ranked" train --resume "$work/one" "${go[@]}")
+    there=("$ranked" train --resume "$on" "${go[@]}")
+    expect "ranks of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \
+        each here there
 }
 
 # Pictures by ranks: files equal to one process's, and a model too large for one is shown by four.
