@@ -208,6 +208,52 @@ section_resume() {
     wait "$child"
     expect "one process resumes a run by stretches" 0 "resumed" "$cln" train \
         --resume "$work/by-stretches" --skip-selftest --progress none
+    local n
+    expect "four ranks train" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/scene" -o "$work/four" \
+        "${small[@]}" "${samples[@]}" --steps 12
+    for n in 1 2 8; do
+        cp -r "$work/four" "$work/four-$n"
+        expect "$n go on with the run of four" 0 "resumed" "${mpi[@]}" -n $n "$ranked" train \
+            --resume "$work/four-$n" --skip-selftest --progress none --steps 24
+        check "to the same model" same "$work/four-1" "$work/four-$n"
+    done
+    check "which is not that of four" [ "$(digest "$work/four")" != "$(digest "$work/four-1")" ]
+}
+
+# What does not fit --device-mem of one process is trained by four, each within it.
+section_memory() {
+    local limit on=$work/full
+    local large=(--skip-selftest --progress none --width 64 --depth 8 --start-level 2 --level-at ""
+        --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
+    baseline
+    run "$cln" train "$work/scene" -o "$on" "${large[@]}" --device-mem 1M
+    limit=$(grep -oE '= [0-9.]+ MiB of' "$work/err" | awk '{ printf "%.1fM", 0.88 * $2 }')
+    expect "a training too large for one process" 5 "~network.weights device-mem" "$cln" train \
+        "$work/scene" -o "$on" "${large[@]}" --device-mem "$limit"
+    check "it writes nothing" [ ! -e "$on" ]
+    expect "four ranks train it" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/scene" -o "$on" \
+        "${large[@]}" --device-mem "$limit"
+    check "of more than 56 leaves" [ "$("$query" result.leaves <"$on/run.json")" -gt 56 ]
+    check "rank 0 in that memory" number_above "$(awk -v m="${limit%M}" 'BEGIN { print m * 1048576 }')" \
+        "$("$query" result.device_peak <"$on/run.json")"
+}
+
+# Ranks of a machine take the devices that match in turn: here two of different kinds, which one
+# training cannot have; unless the choice leaves only one of them.
+section_devices() {
+    local go=(train "$work/scene" -o "$work/devices" "${small[@]}" --steps 2)
+    baseline
+    if [ "$(POCL_DEVICES="pthread basic" "$cln" devices --json 2>/dev/null |
+        grep -cE '"name": "(pthread|basic)')" != 2 ]; then
+        skip "devices of ranks" "no two devices by POCL_DEVICES"
+        return
+    fi
+    export POCL_DEVICES="pthread basic"
+    expect "two ranks take two devices" 2 "~rank.1.has.another.device" "${mpi[@]}" -n 2 "$ranked" \
+        "${go[@]}"
+    expect "ranks share a device that alone matches" 0 "" "${mpi[@]}" -n 2 "$ranked" "${go[@]}" \
+        -d pthread
+    unset POCL_DEVICES
 }
 
 # faulty HOW K: two ranks train on and write a checkpoint; rank 1's K-th write fails, HOW
@@ -392,4 +438,5 @@ section_scale() {
     expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same stretches resume checkpoints dies hangs differ pictures scale" "$@"
+run_sections "same stretches step resume checkpoints dies hangs differ memory devices pictures \
+scale" "$@"
