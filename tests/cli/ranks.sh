@@ -61,6 +61,10 @@ section_same() {
     check "the model is that of one process" same "$work/one" "$work/two"
     check "one rank prints the run" [ "$(grep -c '^run ' "$work/out")" = 1 ]
     check "rows have the bytes sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
+    check "and the idlest and the busiest rank's seconds in messages" awk -F'"messages":[[]' '
+        NF == 2 { split($2, ends, "[],]"); n++; if (!(ends[1] > 0 && ends[1] < ends[2])) bad++ }
+        END { exit !(n > 100 && bad < 2) }' "$work/two/metrics.jsonl"
+    check "the report shows them" grep -q '<tr><td>messages<td class=n>' "$work/two/report.html"
     "$make_scene" "$work/shaken" --size 48 --train 8 --test 2 --fault shaken >/dev/null
     run "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" --steps 400 --refine-poses
     check "one process refines poses" said "training cameras were turned by"
