@@ -238,7 +238,8 @@ section_memory() {
     expect "four ranks train it" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/scene" -o "$on" \
         "${large[@]}" --device-mem "$limit"
     check "of more than 56 leaves" [ "$("$query" result.leaves <"$on/run.json")" -gt 56 ]
-    check "rank 0 in that memory" number_above "$(awk -v m="${limit%M}" 'BEGIN { print m * 1048576 }')" \
+    check "rank 0 in that memory" \
+        number_above "$(awk -v m="${limit%M}" 'BEGIN { print m * 1048576 }')" \
         "$("$query" result.device_peak <"$on/run.json")"
 }
 
@@ -363,6 +364,7 @@ each() {
 }
 
 # What differs between ranks is found before the first step.
+# shellcheck disable=SC2034 # here, there: `each` takes their names
 section_differ() {
     baseline
     local here there version on=$work/differ
