@@ -1,7 +1,7 @@
 /* The log: sentences for a person. They go to the sink that cln_log_to sets; without one they are
- * dropped. Levels: error is for main() only, warn for what changes a result, info for train's
- * normal lines, debug for -v. Not for results (stdout) or the live progress line (io/progress.h),
- * which clears itself before a line of the log. */
+ * dropped. Levels: error is for main() and for a rank that ends all (ranks/ranks.c), warn for what
+ * changes a result, info for train's normal lines, debug for -v. Not for results (stdout) or the
+ * live progress line (io/progress.h), which clears itself before a line of the log. */
 #ifndef CLN_LOG_H
 #define CLN_LOG_H
 

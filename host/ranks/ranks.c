@@ -1,13 +1,17 @@
 /* Ranks by MPI, or one rank. See ranks.h. Compiled with CLN_WITH_MPI by `make MPI=1`. */
 #include "ranks/ranks.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 
+#include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
+#include "io/progress.h"
 
 static struct {
     int count, me, me_here;
@@ -81,19 +85,125 @@ static MPI_Datatype type_of(size_t row_bytes)
     return type;
 }
 
+/* ---- a rank that does not come ---- */
+
+enum { HOST_BYTES = 64, QUESTION = 1, ANSWER = 2 };
+
+/* Questions and answers without content. A rank that waits long asks the others whether they live;
+ * each answers when it begins to wait, or while it waits. So who does not answer works, hangs, or
+ * is stopped. */
+static struct {
+    MPI_Comm comm;                /* for these alone */
+    double clock;                 /* seconds that this rank has waited in all */
+    double heard[CLN_RANKS_MOST]; /* on this clock */
+    bool asked[CLN_RANKS_MOST];   /* and not yet answered */
+    double patience;
+    char hosts[CLN_RANKS_MOST][HOST_BYTES];
+} roll;
+
+static void send_roll(int rank, int tag)
+{
+    MPI_Request request;
+
+    MPI_Isend(NULL, 0, MPI_BYTE, rank, tag, roll.comm, &request);
+    MPI_Request_free(&request);
+}
+
+static void listen_roll(void)
+{
+    MPI_Status status;
+    int there = 1;
+
+    while (there) {
+        MPI_Iprobe(MPI_ANY_SOURCE, MPI_ANY_TAG, roll.comm, &there, &status);
+        if (!there)
+            return;
+        MPI_Recv(NULL, 0, MPI_BYTE, status.MPI_SOURCE, status.MPI_TAG, roll.comm,
+                 MPI_STATUS_IGNORE);
+        if (status.MPI_TAG == QUESTION) {
+            send_roll(status.MPI_SOURCE, ANSWER);
+        } else {
+            roll.asked[status.MPI_SOURCE] = false;
+            roll.heard[status.MPI_SOURCE] = roll.clock;
+        }
+    }
+}
+
+/* For how long a rank has not answered, at most since this wait began. */
+static double silence(int rank, double began)
+{
+    return rank == self.me ? 0 : roll.clock - fmax(roll.heard[rank], began);
+}
+
+/* Ends all. Who has not answered for almost as long is missing, too. */
+static void give_up(double began)
+{
+    const struct timespec turn = {.tv_sec = 3};
+    int missing = 0, first = 0, speaker = self.count;
+    char text[HOST_BYTES + 512], others[32] = "", waited[32];
+
+    for (int r = self.count - 1; r >= 0; r--)
+        if (silence(r, began) > 0.75 * roll.patience) {
+            missing++;
+            first = r;
+        } else {
+            speaker = r;
+        }
+    if (missing > 1)
+        snprintf(others, sizeof others, " (and %d more)", missing - 1);
+    cln_format_duration(roll.patience, waited);
+    snprintf(text, sizeof text,
+             "rank %d of %d on %s%s has kept others waiting for %s without an answer: it hangs, is "
+             "stopped or cut off; look for the reason there, then start all again, a training from "
+             "its last checkpoint by --resume; CL_NASCENT_RANK_WAIT=SECONDS waits longer",
+             first, self.count, roll.hosts[first], others, waited);
+    if (speaker < self.me) /* it finds the same in a moment, and one sentence is enough */
+        nanosleep(&turn, NULL);
+    cln_log(CLN_LOG_ERROR, "%s%s", self.name, text);
+    MPI_Abort(MPI_COMM_WORLD, cln_status_exit_code(CLN_FAILED));
+}
+
+/* In a wait since `began`, on the waits' clock: asks those who have not answered lately, and gives
+ * up if one does not for too long. */
+static void call_roll(double began)
+{
+    for (int r = 0; r < self.count; r++)
+        if (silence(r, began) > roll.patience)
+            give_up(began);
+        else if (r != self.me && !roll.asked[r]) {
+            roll.asked[r] = true;
+            send_roll(r, QUESTION);
+        }
+}
+
 /* Waits for a message without holding the core for long: OpenMPI itself would poll, at the cost of
  * other ranks on the same core, and of this one's device if that is the processor. */
 static void await(MPI_Request *request)
 {
     const struct timespec rest = {.tv_nsec = 50000};
+    const double began = roll.clock;
+    double last = 0, called = began;
     int done = 0;
 
+    if (self.count > 1)
+        listen_roll();
     for (int tries = 0; !done; tries++) {
         MPI_Test(request, &done, MPI_STATUS_IGNORE);
-        if (!done && tries < 1000)
+        if (!done && tries < 1000) {
             sched_yield();
-        else if (!done)
+        } else if (!done) {
+            const double before = last;
+
             nanosleep(&rest, NULL);
+            listen_roll();
+            last = now();
+            if (before > 0) /* a longer while is one in which this rank stood still itself */
+                roll.clock += fmin(last - before, 1);
+            if (roll.patience > 0 && roll.clock - called > roll.patience / 8) {
+                called = roll.clock;
+                call_roll(began);
+            }
+        }
     }
 }
 
@@ -103,11 +213,36 @@ static void account(double began, double bytes)
     self.sent.bytes += bytes;
 }
 
+/* All learn each other's hosts and rank 0's patience. */
+static cln_status meet_first(const char *host)
+{
+    const char *patience = getenv("CL_NASCENT_RANK_WAIT");
+    int first[CLN_RANKS_MOST + 1];
+
+    snprintf(self.name, sizeof self.name, "rank %d of %d on %s: ", self.me, self.count, host);
+    roll.patience = CLN_RANKS_PATIENCE;
+    if (self.me == 0 && patience && *patience &&
+        (!cln_seconds_read(patience, &roll.patience, NULL) ||
+         (roll.patience > 0 && roll.patience < 5)))
+        return cln_fail(CLN_USAGE,
+                        "CL_NASCENT_RANK_WAIT: '%s' is not a time of 5 seconds or more; give 600 "
+                        "or 10m, 0 to wait for ever, or unset it",
+                        patience);
+    MPI_Comm_dup(MPI_COMM_WORLD, &roll.comm);
+    for (int r = 0; r <= self.count; r++)
+        first[r] = r;
+    memcpy(roll.hosts[self.me], host, HOST_BYTES);
+    cln_ranks_gather(roll.hosts, HOST_BYTES, first, true);
+    cln_ranks_tell(&roll.patience, sizeof roll.patience);
+    self.sent = (cln_ranks_traffic){0};
+    return CLN_OK;
+}
+
 /* MPI's own errors end all ranks with a sentence of MPI's (MPI_ERRORS_ARE_FATAL, the default). */
 cln_status cln_ranks_open(void)
 {
     int there = 0, level = 0;
-    char host[64] = "";
+    char host[HOST_BYTES] = "";
     MPI_Comm here;
 
     MPI_Initialized(&there);
@@ -124,20 +259,21 @@ cln_status cln_ranks_open(void)
     MPI_Comm_rank(here, &self.me_here);
     MPI_Comm_free(&here);
     gethostname(host, sizeof host - 1);
-    if (self.count > 1)
-        snprintf(self.name, sizeof self.name, "rank %d of %d on %s: ", self.me, self.count, host);
-    return CLN_OK;
+    return self.count > 1 ? meet_first(host) : CLN_OK;
 }
 
 void cln_ranks_close(bool failed, int exit_code)
 {
     int there = 0;
+    MPI_Request request;
 
     MPI_Initialized(&there);
     if (!there)
         return;
     if (failed && self.count > 1)
         MPI_Abort(MPI_COMM_WORLD, exit_code);
+    MPI_Ibarrier(MPI_COMM_WORLD, &request); /* MPI_Finalize would wait without answering */
+    await(&request);
     MPI_Finalize();
 }
 

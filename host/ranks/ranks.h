@@ -3,7 +3,8 @@
  * or started alone, there is one rank, and every function here is trivial. No OpenCL, no model.
  *
  * All ranks call these in the same order with the same sizes. If one fails, it says so and ends all
- * (cln_ranks_close); a rank that dies without a word is named by mpirun. */
+ * (cln_ranks_close); a rank that dies without a word is named by mpirun, and one that does not come
+ * to where the others wait for it by one of them (CLN_RANKS_PATIENCE). */
 #ifndef CLN_RANKS_H
 #define CLN_RANKS_H
 
@@ -14,8 +15,15 @@
 
 enum { CLN_RANKS_MOST = 1024 };
 
+/* Seconds for which a rank waits for one that does nothing that others could notice; then it logs a
+ * sentence that names that one, and ends all with CLN_FAILED's exit code. Time in which the waiting
+ * rank itself was stopped does not count. Nothing that a rank does alone takes as long, on slow
+ * machines and with large scenes. Rank 0's variable CL_NASCENT_RANK_WAIT has another time for all,
+ * 0 for ever. */
+enum { CLN_RANKS_PATIENCE = 1800 };
+
 /* Joins the ranks that this process was started with (mpirun, srun); once per process. CLN_USAGE
- * with more than CLN_RANKS_MOST. */
+ * with more than CLN_RANKS_MOST, or another CL_NASCENT_RANK_WAIT. */
 cln_status cln_ranks_open(void);
 
 /* Leaves them at the end of the process. With an error it ends all ranks with this exit code, and

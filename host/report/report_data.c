@@ -113,6 +113,28 @@ static cln_report_decision decision_of(const json_t *row)
                                  .over_budget = json_is_true(json_object_get(row, "infeasible"))};
 }
 
+static void add_ranks_stages(cln_report_ranks_sum *sum, const json_t *stages)
+{
+    const char *name = NULL;
+    json_t *ends = NULL;
+
+    json_object_foreach((json_t *)stages, name, ends)
+    {
+        int i = 0;
+
+        while (i < sum->stage_count && strncmp(sum->stages[i].name, name, 47) != 0)
+            i++;
+        if (i == CLN_REPORT_STAGES)
+            continue;
+        if (i == sum->stage_count) {
+            strncpy(sum->stages[i].name, name, 47);
+            sum->stage_count++;
+        }
+        sum->stages[i].least += json_number_value(json_array_get(ends, 0));
+        sum->stages[i].most += json_number_value(json_array_get(ends, 1));
+    }
+}
+
 /* Adds the bytes that ranks had sent by this row; call it after add_row of the row. */
 static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
 {
@@ -138,6 +160,7 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
         }
         sum->last_bytes = bytes;
         sum->last_message_seconds = waited;
+        add_ranks_stages(sum, json_object_get(row, "ranks_stages"));
     }
     sum->last_step = step;
     sum->last_seconds = seconds;

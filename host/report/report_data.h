@@ -42,6 +42,11 @@ typedef struct cln_report_ranks_sum {
     double steps, rays, seconds, bytes, message_seconds;
     double balanced, balance_weight; /* sums of balance x steps, and of steps */
     double last_step, last_seconds, last_bytes, last_message_seconds;
+    int stage_count;
+    struct {
+        char name[48];
+        double least, most; /* seconds: sums of each interval's idlest and busiest rank */
+    } stages[CLN_REPORT_STAGES];
 } cln_report_ranks_sum;
 
 /* One eval/NNNNNNNN-SPLIT.json. */

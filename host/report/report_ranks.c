@@ -1,10 +1,11 @@
 /* The report's section "Processes": messages between the processes of one training, and how even
- * their work was before and after leaves moved. The figures are those of rank 0, which wrote the
- * rows. */
+ * their work was before and after leaves moved. The figures of the first table are those of rank 0,
+ * which wrote the rows. */
 #include "report/report_sections.h"
 
 #include <math.h>
 #include "io/progress.h"
+#include "report/html.h"
 
 bool cln_report_has_ranks(const cln_report_data *data)
 {
@@ -28,6 +29,26 @@ static void put_moves(FILE *to, const cln_report_data *data)
     fputs("</table>\n", to);
 }
 
+static void put_stages(FILE *to, const cln_report_ranks_sum *r)
+{
+    fputs(
+        "<table><tr><th>stage<th class=n>ms per step, the idlest process<th class=n>the busiest\n",
+        to);
+    for (int i = 0; i < r->stage_count; i++) {
+        fputs("<tr><td>", to);
+        cln_html_text(to, r->stages[i].name);
+        fputs("<td class=n>", to);
+        cln_report_number(to, 1000 * r->stages[i].least / r->steps, 2);
+        fputs("<td class=n>", to);
+        cln_report_number(to, 1000 * r->stages[i].most / r->steps, 2);
+        fputs("\n", to);
+    }
+    fputs("</table>\n<p class=soft>Of all processes, since one row of metrics.jsonl to the next; "
+          "messages include waiting: the process that waits least is the one that others wait "
+          "for.</p>\n",
+          to);
+}
+
 cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
 {
     const cln_report_ranks_sum *r = &data->ranks;
@@ -46,6 +67,8 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
           to);
     cln_report_number(to, r->balanced / r->balance_weight, 2);
     fputs("\n</table>\n", to);
+    if (r->stage_count > 0)
+        put_stages(to, r);
     if (data->move_count > 0)
         put_moves(to, data);
     else

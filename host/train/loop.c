@@ -458,6 +458,7 @@ cln_status cln_loop_run(cln_trainer *t)
     CLN_TRY(cln_watch_start(t));
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;
+    t->window.ranked_seconds[CLN_STAGES] = cln_ranks_sent().seconds;
     t->saved_at = cln_now();
     t->clock = t->model.train_seconds;
     while (cln_step_fraction(t) < 1 && t->signal == 0) {

@@ -244,16 +244,38 @@ static void add_balance(cln_trainer *t, json_t *row)
     t->window.samples_all = p->samples_all;
 }
 
+/* Each stage's seconds of the idlest and of the busiest rank since the previous row, and the same
+ * for messages: all ranks call it. NULL without memory. */
+static json_t *find_ends(cln_trainer *t)
+{
+    double now[CLN_STAGES + 1], ends[2][CLN_STAGES + 1];
+    json_t *stages = json_object();
+
+    memcpy(now, t->device->stage_seconds, sizeof t->device->stage_seconds);
+    now[CLN_STAGES] = cln_ranks_sent().seconds;
+    for (int i = 0; i <= CLN_STAGES; i++) {
+        ends[0][i] = t->window.ranked_seconds[i] - now[i];
+        ends[1][i] = now[i] - t->window.ranked_seconds[i];
+    }
+    memcpy(t->window.ranked_seconds, now, sizeof now);
+    cln_ranks_largest(ends[0], 2 * (CLN_STAGES + 1));
+    for (int i = 0; i <= CLN_STAGES; i++)
+        if (ends[1][i] > 0)
+            json_object_set_new(stages, i < CLN_STAGES ? cln_stage_names[i] : "messages",
+                                json_pack("[f, f]", 0 - ends[0][i], ends[1][i]));
+    return stages;
+}
+
 cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
 {
     cln_status st = CLN_OK;
     const double spent = t->model.train_seconds - t->window.began_seconds;
     const double waits = (double)(t->device->waits - t->window.waits);
     double leaf_samples = 0, padding = 0;
-    json_t *stages = NULL, *row = NULL;
+    json_t *stages = NULL, *row = NULL, *ends = cln_ranks_count() > 1 ? find_ends(t) : NULL;
 
     if (!t->writes)
-        return CLN_OK;
+        goto done;
     if (!evaluated && !t->signal) /* else the newest grouping may be a picture's */
         CLN_TRY(cln_stage_fill(&t->pipeline, &leaf_samples, &padding));
     stages = json_object();
@@ -282,6 +304,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         json_object_set_new(row, "ranks", json_integer(cln_ranks_count()));
         json_object_set_new(row, "sent_bytes", json_real(cln_ranks_sent().bytes));
         json_object_set_new(row, "message_seconds", json_real(cln_ranks_sent().seconds));
+        json_object_set(row, "ranks_stages", ends);
         add_balance(t, row);
     }
     if (evaluated) {
@@ -294,6 +317,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
     memcpy(t->window.stage_seconds, t->device->stage_seconds, sizeof t->window.stage_seconds);
     t->window.waits = t->device->waits;
 done:
+    json_decref(ends);
     json_decref(row);
     return st;
 }

@@ -72,6 +72,7 @@ typedef struct cln_trainer {
         uint64_t waits;                                   /* likewise */
         double samples_own, samples_busiest, samples_all; /* the pipeline's, likewise */
         double stretches_own, stretches_all;
+        double ranked_seconds[CLN_STAGES + 1]; /* stages, and messages to other ranks, likewise */
     } window;
 } cln_trainer;
 

@@ -4,7 +4,7 @@
 # processes resumes; with stretches they are nearly the same, in fewer bytes. All write one
 # checkpoint. Settings that differ, and a process that dies or cannot write, end all.
 #   tests/cli/ranks.sh [SECTION...]    sections are in the last line
-# Skipped without OpenMPI (libopenmpi-dev openmpi-bin), which neither build nor tests install.
+# Skipped without OpenMPI, which tests/deps.sh installs on Debian.
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
@@ -61,6 +61,10 @@ section_same() {
     check "the model is that of one process" same "$work/one" "$work/two"
     check "one rank prints the run" [ "$(grep -c '^run ' "$work/out")" = 1 ]
     check "rows have the bytes sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
+    check "and the idlest and the busiest rank's seconds in messages" awk -F'"messages":[[]' '
+        NF == 2 { split($2, ends, "[],]"); n++; if (!(ends[1] > 0 && ends[1] < ends[2])) bad++ }
+        END { exit !(n > 100 && bad < 2) }' "$work/two/metrics.jsonl"
+    check "the report shows them" grep -q '<tr><td>messages<td class=n>' "$work/two/report.html"
     "$make_scene" "$work/shaken" --size 48 --train 8 --test 2 --fault shaken >/dev/null
     run "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" --steps 400 --refine-poses
     check "one process refines poses" said "training cameras were turned by"
@@ -125,6 +129,62 @@ section_stretches() {
     check "they have the bits of one process" same "$work/points" "$work/points-one"
 }
 
+# process RANK: its id, of the ranks that $child started
+process() {
+    local of
+    for of in /proc/[0-9]*; do
+        if grep -q "^PPid:[[:space:]]*$child\$" "$of/status" 2>/dev/null &&
+            grep -qzx "OMPI_COMM_WORLD_RANK=$1" "$of/environ" 2>/dev/null; then
+            echo "${of#/proc/}"
+        fi
+    done
+}
+
+# tensors RUN: the file of its last checkpoint
+tensors() {
+    ls "$1"/checkpoint/*.safetensors | tail -n 1
+}
+
+# floats RUN NAME: the numbers of that tensor of 32 bits, one a line
+floats() {
+    local file header length from to
+    file=$(tensors "$1")
+    length=$(($(od -An -tu8 -N8 "$file")))
+    header=$(tail -c +9 "$file" | head -c $length)
+    from=$("$query" "$2.data_offsets.0" <<<"$header")
+    to=$("$query" "$2.data_offsets.1" <<<"$header")
+    tail -c +$((9 + length + from)) "$file" | head -c $((to - from)) | od -An -v -tf4 -w4
+}
+
+# equal RUN RUN NAME PARAMS: in each leaf of PARAMS numbers, the tensors differ by less than 1e-5 of
+# the root of the sum of squares; some are not 0
+equal() {
+    paste <(floats "$1" "$3") <(floats "$2" "$3") | awk -v each="$4" '
+        { a += $1 * $1; d += ($1 - $2) * ($1 - $2) }
+        NR % each == 0 { some += a > 0; if (d > 1e-10 * a) bad++; a = d = 0 }
+        END { exit !(some > 4 && !bad && NR && NR % each == 0) }'
+}
+
+# One step has the gradients of one process, thus the weights: by samples to the bit, by stretches
+# within rounding. Adam turns a gradient of rounding errors into a whole step: weights, whose
+# gradient is much smaller than the leaf's, may differ by that.
+section_step() {
+    local n params step=(--steps 1 --start-level 2 --level-at "" --no-adaptive --moments float32
+        --roulette 0 --rrelu-lower -0.2 --rrelu-upper -0.2)
+    baseline
+    run "$cln" train "$work/scene" -o "$work/step-1" "${small[@]}" "${step[@]}"
+    params=$("$query" params_per_leaf <"$(ls "$work/step-1"/checkpoint/*.json)")
+    for n in 2 3; do
+        expect "a step by $n ranks" 0 "" "${mpi[@]}" -n $n "$ranked" train "$work/scene" \
+            -o "$work/step-$n" "${small[@]}" "${step[@]}"
+        check "its gradients are those of one" equal "$work/step-1" "$work/step-$n" adam_m "$params"
+        check "its weights are those of one" equal "$work/step-1" "$work/step-$n" params "$params"
+        run "${mpi[@]}" -n $n "$ranked" train "$work/scene" -o "$work/step-samples-$n" \
+            "${small[@]}" "${step[@]}" "${samples[@]}"
+        check "by samples its bits are those of one" same "$work/step-1" "$work/step-samples-$n"
+    done
+}
+
 # start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
 start() {
     local on=$1 end=$((SECONDS + 300))
@@ -140,7 +200,7 @@ start() {
 section_resume() {
     baseline
     start "$work/on" "${samples[@]}" --steps 200
-    kill -TERM "$(pgrep -P "$child" | tail -n 1)" # any of them
+    kill -TERM "$(process 1)" # any of them
     wait "$child"
     check "a signal to one stops all, after a checkpoint" said "stopped by a signal"
     check "it stopped before the end" [ "$(digest "$work/on")" != "$(digest "$work/one")" ]
@@ -148,14 +208,57 @@ section_resume() {
         --resume "$work/on" --skip-selftest --progress none
     check "the model is that of one process" same "$work/one" "$work/on"
     start "$work/by-stretches" --steps 200
-    kill -TERM "$(pgrep -P "$child" | tail -n 1)"
+    kill -TERM "$(process 0)"
     wait "$child"
     expect "one process resumes a run by stretches" 0 "resumed" "$cln" train \
         --resume "$work/by-stretches" --skip-selftest --progress none
+    local n
+    expect "four ranks train" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/scene" -o "$work/four" \
+        "${small[@]}" "${samples[@]}" --steps 12
+    for n in 1 2 8; do
+        cp -r "$work/four" "$work/four-$n"
+        expect "$n go on with the run of four" 0 "resumed" "${mpi[@]}" -n $n "$ranked" train \
+            --resume "$work/four-$n" --skip-selftest --progress none --steps 24
+        check "to the same model" same "$work/four-1" "$work/four-$n"
+    done
+    check "which is not that of four" [ "$(digest "$work/four")" != "$(digest "$work/four-1")" ]
 }
 
-tensors() {
-    ls "$1"/checkpoint/*.safetensors | tail -n 1
+# What does not fit --device-mem of one process is trained by four, each within it.
+section_memory() {
+    local limit on=$work/full
+    local large=(--skip-selftest --progress none --width 64 --depth 8 --start-level 2 --level-at ""
+        --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
+    baseline
+    run "$cln" train "$work/scene" -o "$on" "${large[@]}" --device-mem 1M
+    limit=$(grep -oE '= [0-9.]+ MiB of' "$work/err" | awk '{ printf "%.1fM", 0.88 * $2 }')
+    expect "a training too large for one process" 5 "~network.weights device-mem" "$cln" train \
+        "$work/scene" -o "$on" "${large[@]}" --device-mem "$limit"
+    check "it writes nothing" [ ! -e "$on" ]
+    expect "four ranks train it" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/scene" -o "$on" \
+        "${large[@]}" --device-mem "$limit"
+    check "of more than 56 leaves" [ "$("$query" result.leaves <"$on/run.json")" -gt 56 ]
+    check "rank 0 in that memory" \
+        number_above "$(awk -v m="${limit%M}" 'BEGIN { print m * 1048576 }')" \
+        "$("$query" result.device_peak <"$on/run.json")"
+}
+
+# Ranks of a machine take the devices that match in turn: here two of different kinds, which one
+# training cannot have; unless the choice leaves only one of them.
+section_devices() {
+    local go=(train "$work/scene" -o "$work/devices" "${small[@]}" --steps 2)
+    baseline
+    if [ "$(POCL_DEVICES="pthread basic" "$cln" devices --json 2>/dev/null |
+        grep -cE '"name": "(pthread|basic)')" != 2 ]; then
+        skip "devices of ranks" "no two devices by POCL_DEVICES"
+        return
+    fi
+    export POCL_DEVICES="pthread basic"
+    expect "two ranks take two devices" 2 "~rank.1.has.another.device" "${mpi[@]}" -n 2 "$ranked" \
+        "${go[@]}"
+    expect "ranks share a device that alone matches" 0 "" "${mpi[@]}" -n 2 "$ranked" "${go[@]}" \
+        -d pthread
+    unset POCL_DEVICES
 }
 
 # faulty HOW K: two ranks train on and write a checkpoint; rank 1's K-th write fails, HOW
@@ -196,26 +299,97 @@ section_checkpoints() {
         --skip-selftest --progress none --steps +20
 }
 
-section_dies() {
+# start_saving RUN: as start, once it has a checkpoint
+start_saving() {
     local end=$((SECONDS + 300))
-    baseline
-    start "$work/dies" --steps 1000000 --save-every 1
-    until [ -e "$work/dies/checkpoint/latest" ] || ! kill -0 "$child" || [ $SECONDS -ge $end ]; do
+    start "$1" --steps 1000000 --save-every 1
+    until [ -e "$1/checkpoint/latest" ] || ! kill -0 "$child" || [ $SECONDS -ge $end ]; do
         sleep 0.02
     done
-    kill -9 "$(pgrep -P "$child" | tail -n 1)"
+}
+
+section_dies() {
+    baseline
+    start_saving "$work/dies"
+    kill -9 "$(process 1)"
     wait "$child"
     check "a rank that dies ends all" [ $? != 0 ]
-    check "the dead rank is named" grep -qE 'process rank [01] with PID' "$work/err" "$work/out"
+    check "the dead rank is named" grep -q 'process rank 1 with PID' "$work/err" "$work/out"
     expect "the last checkpoint is intact" 0 "" "$cln" info "$work/dies"
 }
 
+# A rank that stands still ends all, with its name, when the others have waited long enough; not if
+# it goes on before, nor if all stood still.
+section_hangs() {
+    local rank pids rows end on=$work/hangs
+    export CL_NASCENT_RANK_WAIT=soon
+    baseline
+    expect "a wait that is no time is refused" 2 "CL_NASCENT_RANK_WAIT ~10m.*0" "${mpi[@]}" -n 2 \
+        "$ranked" train "$work/scene" -o "$on" "${small[@]}" --steps 20
+    CL_NASCENT_RANK_WAIT=8
+    for rank in 1 0; do
+        start_saving "$on-$rank"
+        if [ "$rank" = 1 ]; then
+            pids=("$(process 0)" "$(process 1)")
+            kill -STOP "${pids[0]}"
+            sleep 4
+            kill -STOP "${pids[1]}" # now all: this time counts for nobody
+            sleep 8
+            rows=$(wc -l <"$on-1/metrics.jsonl")
+            kill -CONT "${pids[@]}"
+            sleep 4
+            check "ranks that stood still go on" [ "$(wc -l <"$on-1/metrics.jsonl")" -gt "$rows" ]
+        fi
+        kill -STOP "$(process "$rank")"
+        end=$((SECONDS + 120))
+        while kill -0 "$child" && [ $SECONDS -lt $end ]; do
+            sleep 0.1
+        done 2>/dev/null
+        kill -9 "$child" 2>/dev/null # it waits for ever
+        wait "$child"
+        check "a rank $rank that hangs ends all" [ $? = 1 ]
+        check "rank $rank is named, with its host and what to do" \
+            said "~error: rank $((1 - rank)) of 2 .*: rank $rank of 2 on $(hostname) .*--resume"
+        check "one sentence says so" [ "$(grep -c 'kept others waiting' "$work/err")" = 1 ]
+        expect "the last checkpoint is intact" 0 "" "$cln" info "$on-$rank"
+    done
+    unset CL_NASCENT_RANK_WAIT
+}
+
+# each ONE TWO: two ranks, with other options and of other programs. ONE, TWO: names of arrays with
+# program and options
+each() {
+    local -n one=$1 two=$2
+    "${mpi[@]}" -n 1 "${one[@]}" : -n 1 "${two[@]}"
+}
+
+# What differs between ranks is found before the first step.
+# shellcheck disable=SC2034 # here, there: `each` takes their names
 section_differ() {
     baseline
-    expect "ranks of different settings are refused" 2 "rank settings" "${mpi[@]}" -n 1 "$ranked" \
-        train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 : -n 1 "$ranked" \
-        train "$work/scene" -o "$work/no" "${small[@]}" --steps 20 --seed 7
-    check "different settings write nothing" [ ! -e "$work/no" ]
+    local here there version on=$work/differ
+    local go=(train "$work/scene" -o "$on" "${small[@]}" --steps 20)
+    here=("$ranked" "${go[@]}")
+    there=("$ranked" "${go[@]}" --seed 7)
+    expect "ranks of different settings are refused" 2 "~rank.1.has.another.choice.of.settings" \
+        each here there
+    "$make_scene" "$work/other" --size 48 --train 8 --test 2 --fault shaken >/dev/null
+    there=("$ranked" train "$work/other" "${go[@]:2}")
+    expect "ranks of different scenes are refused" 2 "~rank.1.has.another.scene" each here there
+    # this program, but for the digits of its version
+    version=$("$ranked" --version | grep -oE '[0-9.]+$')
+    sed "s/${version//./\\.}\x00/$(tr 0-9 1-90 <<<"$version")\x00/g" "$ranked" >"$work/newer"
+    chmod +x "$work/newer"
+    there=("$work/newer" "${go[@]}")
+    expect "ranks of different versions are refused" 2 "~rank.1.has.another.version" each here there
+    check "different ranks write nothing" [ ! -e "$on" ]
+    cp -r "$work/one" "$on"
+    run "$cln" train --resume "$on" --skip-selftest --progress none --steps +1
+    go=(--skip-selftest --progress none --steps 300)
+    here=("$ranked" train --resume "$work/one" "${go[@]}")
+    there=("$ranked" train --resume "$on" "${go[@]}")
+    expect "ranks of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \
+        each here there
 }
 
 # Pictures by ranks: files equal to one process's, and a model too large for one is shown by four.
@@ -270,4 +444,5 @@ section_scale() {
     expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same stretches resume checkpoints dies differ pictures scale" "$@"
+run_sections "same stretches step resume checkpoints dies hangs differ memory devices pictures \
+scale" "$@"

@@ -505,16 +505,20 @@ static void processes_are_summed_up(void **state)
     put_run(run, "done", "nothing");
     put_text(run, "metrics.jsonl",
              "{\"step\":10,\"seconds\":2,\"rays_per_s\":500,\"ranks\":2,\"sent_bytes\":9000,"
-             "\"message_seconds\":0.5,\"balance\":1.5}\n"
+             "\"message_seconds\":0.5,\"balance\":1.5,\"ranks_stages\":{\"adam\":[0.1,0.3],"
+             "\"messages\":[0.2,0.5]}}\n"
              "{\"event\":\"balance\",\"step\":10,\"moved\":7,\"before\":1.5,\"after\":1.02}\n"
              "{\"step\":20,\"seconds\":4,\"rays_per_s\":1000,\"ranks\":4,\"sent_bytes\":6000,"
-             "\"message_seconds\":0.3,\"balance\":1.1}\n");
+             "\"message_seconds\":0.3,\"balance\":1.1,\"ranks_stages\":{\"messages\":[0.1,0.2]}}"
+             "\n");
     page = page_of(run);
     assert_has(page, "<td>processes<td class=n>4\n");
     assert_has(page, "sent, per step<td class=n>750\n");
     assert_has(page, "the same, per ray<td class=n>5.0\n");
     assert_has(page, " (20.0&thinsp;% of training)");
     assert_has(page, "over the mean<td class=n>1.30\n");
+    assert_has(page, "<tr><td>adam<td class=n>5.00<td class=n>15.00\n");
+    assert_has(page, "<tr><td>messages<td class=n>15.00<td class=n>35.00\n");
     assert_has(page, "<td class=n>10<td class=n>7<td class=n>1.50<td class=n>1.02\n");
     free(page);
 }

@@ -5,7 +5,7 @@
 query=$PWD/build/json-query
 passed=0 failed=0 skipped=0
 export LC_ALL=C
-unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE CI NO_COLOR
+unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE CL_NASCENT_RANK_WAIT CI NO_COLOR
 export TERM=xterm
 export XDG_CONFIG_HOME=$work/config # without the user's rows
 
