@@ -321,16 +321,6 @@ done:
 
 /* ---- the first word ---- */
 
-static cln_status fail_before_command(const char *argument)
-{
-    const char *name = argument + strspn(argument, "-");
-
-    if (cln_command_find(name))
-        return cln_fail(CLN_USAGE, "%s: commands have no dashes; did you mean `cl-nascent %s`?",
-                        argument, name);
-    return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
-}
-
 /* "cl-nascent photos/" */
 static cln_status fail_folder_first(const char *folder)
 {
@@ -390,10 +380,10 @@ static cln_status parse_first(parser *p)
             else if (strcmp(argument, "--verbose") == 0 || strcmp(argument, "-v") == 0)
                 out->verbose++;
             else
-                return fail_before_command(argument);
+                return cln_fail_before_command(argument);
         }
         if (!out->help && !out->version)
-            return fail_before_command(first);
+            return cln_fail_before_command(first);
         if (out->help && p->at < p->argc) /* "--help train" */
             out->command = cln_command_find(p->argv[p->at++]);
         if (p->at < p->argc)
