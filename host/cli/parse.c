@@ -572,13 +572,18 @@ static cln_status settle(parser *p)
 
     settle_progress(p);
     CLN_TRY(settle_tune_file(p));
+    if (out->output && strcmp(out->output, "-") == 0)
+        CLN_TRY(cln_fail(
+            CLN_USAGE, "-o -: %s does not write to standard output; name a file or folder%s",
+            out->command->name, bit & CLN_EVAL ? ", or take the numbers with --json" : ""));
     if (bit == CLN_TRAIN)
         CLN_TRY(check_train(p));
     else if (bit == CLN_RENDER)
         CLN_TRY(check_render(p));
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(p->dashed ? fail_dashed(p->dashed)
-                          : cln_fail(CLN_USAGE, "%s: %s is missing", out->command->name,
+                          : cln_fail(CLN_USAGE, "%s: %s is missing: `cl-nascent %s %s`",
+                                     out->command->name, out->command->operand, out->command->name,
                                      out->command->operand));
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
