@@ -307,8 +307,8 @@ static cln_status say_where(const char *file, bool json, const cln_scene *scene)
         *end = 0;
     bytes = strlen(folder);
     if (strncmp(path, folder, bytes) != 0 || (json ? path[bytes] != 0 : path[bytes] != '/'))
-        cln_info("%s: it names the photos as %s has them; to train with it, put it there", file,
-                 scene->folder);
+        cln_info("cameras: photos are named as %s has them; to train with these, put the %s there",
+                 scene->folder, json ? "file" : "folder");
 done:
     free(path);
     free(folder);
