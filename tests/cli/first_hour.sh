@@ -59,6 +59,12 @@ section_words() {
         "$cln" train s -o r --no-steps
     expect "an off switch with a value" 2 "--no-adaptive ~takes.no.value" \
         "$cln" train s -o r --no-adaptive=true
+    expect "a number of steps with an exponent" 3 "nowhere" \
+        "$cln" train "$work/nowhere" -o "$work/r" --steps 2e4
+    for c in "train s" "render r" "eval r" "check s"; do
+        # shellcheck disable=SC2086 # two words
+        expect "${c% *} to standard output" 2 "~-o.-: ~name.a.file.or.folder" "$cln" $c -o -
+    done
     expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
     expect "a wrong time in clock form" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
     for c in train render tune; do
@@ -111,6 +117,12 @@ section_words() {
     expect "bugreport" 0 "sent" "$cln" bugreport --no-test
     check "bugreport has the devices" grep -qE "^ 0  " "$work/out"
     check "bugreport has the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
+    "$cln" bugreport --no-test >"$work/both" 2>&1
+    check "bugreport into one file: the advice is last" eval \
+        '[ "$(grep -n "^Nothing was sent" "$work/both" | cut -d: -f1)" -gt "$(grep -n "^OpenCL" \
+        "$work/both" | cut -d: -f1)" ] && ! sed "1,/^Nothing was sent/d" "$work/both" |
+        grep -q "^ 0 "'
+    expect "a run is missing: how to give it" 2 "~missing:.*cl-nascent.eval.RUN" "$cln" eval
     expect "bugreport of a missing run" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" bugreport \
         "$work/none"
     check "it says that the run is missing" printed "no such folder"
@@ -155,6 +167,14 @@ section_scenes() {
     expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
     expect "that folder with --no-conf" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
+
+    # what other programs write otherwise: the model in lower case, null for what they do not know
+    "$make_scene" "$work/others" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
+    sed -i -e '1,/"fl_x"/ s/"fl_x"/"camera_model": "opencv", "aabb_scale": null, "offset": null, "fl_x"/' \
+        -e '0,/"file_path"/ s/"file_path"/"mask_path": null, &/' "$work/others/transforms.json"
+    check "the scene is as others write it" grep -q '"opencv", "aabb_scale": null' \
+        "$work/others/transforms.json"
+    expect "a camera model in lower case, and null" 0 "" "$cln" info "$work/others"
 
     # lists of splits whose names have other folders or endings than the frames
     "$make_scene" "$work/listed" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
@@ -454,6 +474,14 @@ section_edges() {
         "$cln" export "$r" --octree "$work/${long:0:246}.ply"
     expect "a film with such a name" 7 "~too.long.*shorter" \
         "$cln" render "$r" --orbit 2 -o "$work/${long:0:246}.gif"
+    cp -r "$s" "$work/named"
+    mv "$work/named/images/frame_00001.png" "$work/named/images/${long:0:246}.png"
+    sed -i "s/frame_00001/${long:0:246}/" "$work/named/transforms.json"
+    expect "a photo with a long name" 0 "" "$cln" train "$work/named" -o "$work/named run" \
+        "${small[@]}" --steps 3 --holdout 0
+    expect "its render is saved" 0 "" "$cln" eval "$work/named run" --split train
+    check "under a shorter name" eval \
+        'find "$work/named run/eval" -name "*nnnn*.png" | grep -q .'
     expect "output folder that is a file" 7 "folder" \
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }
@@ -502,12 +530,12 @@ section_results() {
     "$cln" train "$work/colmap" -o "$work/colmap run" "${small[@]}" --steps 3 >/dev/null 2>&1
     expect "cameras of a COLMAP scene, beside it" 0 "" \
         "$cln" export "$work/colmap run" --cameras "$work/colmap/cameras.json"
-    check "nothing about another place" not_said "put it there"
+    check "nothing about another place" not_said "put the file there"
     expect "they are a scene there" 0 "" "$cln" info "$work/colmap/cameras.json" --json
     check "with all photos" [ "$(json splits.train)$(json splits.test)" = 51 ]
-    expect "cameras elsewhere: where they are a scene" 0 "~put.it.there $work/colmap" \
+    expect "cameras elsewhere: where they are a scene" 0 "~put.the.file.there $work/colmap" \
         "$cln" export "$work/colmap run" --cameras "$work/cameras.json"
-    expect "COLMAP's files elsewhere" 0 "~put.it.there $work/colmap" \
+    expect "COLMAP's files elsewhere" 0 "~put.the.folder.there $work/colmap" \
         "$cln" export "$work/colmap run" --cameras "$work/cameras"
     mv "$work/cameras" "$work/colmap"
     expect "they are a scene in its folder" 0 "" "$cln" info "$work/colmap/cameras" --json
