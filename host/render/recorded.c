@@ -124,7 +124,7 @@ static cln_status find_scene(const char *run, const json_t *dataset, char **path
     CLN_TRY(
         cln_fail(CLN_INPUT,
                  "%s: the scene of %s is not there, nor beside the run; say where it is now with "
-                 "--scene SCENE (train: --resume RUN SCENE)",
+                 "--scene SCENE, or train --resume RUN SCENE",
                  saved, run));
 done:
     return st;
