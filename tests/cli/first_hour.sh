@@ -170,7 +170,8 @@ section_scenes() {
 
     # what other programs write otherwise: the model in lower case, null for what they do not know
     "$make_scene" "$work/others" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
-    sed -i -e '1,/"fl_x"/ s/"fl_x"/"camera_model": "opencv", "aabb_scale": null, "offset": null, "fl_x"/' \
+    sed -i -e '1,/"fl_x"/ s/"fl_x"/"camera_model": "opencv", "aabb_scale": null, &/' \
+        -e '1,/"fl_x"/ s/"fl_x"/"offset": null, &/' \
         -e '0,/"file_path"/ s/"file_path"/"mask_path": null, &/' "$work/others/transforms.json"
     check "the scene is as others write it" grep -q '"opencv", "aabb_scale": null' \
         "$work/others/transforms.json"
