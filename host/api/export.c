@@ -132,6 +132,19 @@ static cln_status check_options(const cln_export_desc *desc)
 
 /* ---- the work ---- */
 
+/* Cells or distances that a surface falls through: fewer than two of them across the cube. */
+static cln_status check_spacing(const cln_export_desc *desc, const cln_model *model)
+{
+    const double side = 2 * model->space.half;
+
+    if (desc->spacing > side / 2)
+        return cln_fail(CLN_USAGE,
+                        "--spacing %g: too large for the scene, whose cube has a side of %.4g; "
+                        "give less, such as %.2g, or leave it out",
+                        desc->spacing, side, side / 256);
+    return CLN_OK;
+}
+
 /* Boxes and a grid of equal cells have no meaning in a forward or shell space (scene/space.h). */
 static cln_status check_space(const export_row *row, const cln_export_desc *desc,
                               const cln_model *model)
@@ -145,7 +158,7 @@ static cln_status check_space(const export_row *row, const cln_export_desc *desc
                         "cube, or export --points or --mesh of what is in the cube",
                         desc->run, cells, desc->what);
     if (!model->space.forward)
-        return CLN_OK;
+        return check_spacing(desc, model);
     if (row->needs & CLN_EXPORT_BOXES)
         return cln_fail(CLN_USAGE,
                         "%s: trained in normalised device coordinates (--space ndc), where %s are "

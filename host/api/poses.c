@@ -319,10 +319,11 @@ static cln_status check_folder(const work *w)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
                          w->desc->photos));
     if (!cln_command_found("colmap"))
-        CLN_TRY(cln_fail(CLN_FAILED,
-                         "finding poses needs COLMAP, which is not installed; install it "
-                         "(Debian: apt install colmap; others: https://colmap.github.io), "
-                         "or bring poses of another program (`cl-nascent help`)"));
+        CLN_TRY(cln_fail(
+            CLN_FAILED,
+            "finding poses needs COLMAP, which is not installed; install it "
+            "(Debian: apt install colmap; others: https://colmap.github.io), "
+            "or bring poses of another program (transforms JSON, LLFF, NeuS, NSVF, OpenSfM)"));
 done:
     return st;
 }

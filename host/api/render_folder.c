@@ -171,8 +171,10 @@ cln_status cln_render_check_folder(const char *out, json_t **before)
         goto done;
     }
     dir = opendir(out);
-    if (!dir && errno == ENOENT)
+    if (!dir && (errno == ENOENT || errno == ENAMETOOLONG)) {
+        st = cln_disk_check(out, 0, "");
         goto done;
+    }
     if (!dir)
         CLN_TRY(
             cln_fail(CLN_OUTPUT, "%s: %s; choose another folder with -o", out, strerror(errno)));

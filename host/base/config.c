@@ -4,6 +4,8 @@
  * and the small languages inside TEXT rows. */
 #include "base/config.h"
 
+#include <math.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -279,6 +281,21 @@ const char *cln_config_nearest(const char *option)
 
 /* ---- values from and to text ---- */
 
+/* "20000" or "2e4". */
+static bool read_whole(const char *text, long long *value)
+{
+    const char *end = NULL;
+    double real = 0;
+
+    if (cln_integer_read(text, value))
+        return true;
+    if (!strpbrk(text, "eE") || !cln_number_read(text, &real, &end) || *end != 0 ||
+        real != floor(real) || fabs(real) > 1e15)
+        return false;
+    *value = (long long)real;
+    return true;
+}
+
 static bool read_bool(const char *text, bool *value)
 {
     int index = word_index("no|yes|false|true|0|1", text);
@@ -310,7 +327,7 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
     case CLN_ROW_INT:
         if (row->flags & CLN_ROW_AUTO && strcmp(text, "auto") == 0)
             integer = 0;
-        else if (!cln_integer_read(text, &integer) || !in_range(row, (double)integer))
+        else if (!read_whole(text, &integer) || !in_range(row, (double)integer))
             return fail_value(CLN_USAGE, row, text);
         *(int *)field = (int)integer;
         break;

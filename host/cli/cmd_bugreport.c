@@ -168,6 +168,7 @@ cln_status cln_cmd_bugreport(const cln_options *options)
     if (fclose(to) != 0)
         CLN_TRY(cln_fail(CLN_MEMORY, "bugreport: no memory for its text"));
     print_without_homes(text);
+    CLN_TRY(cln_flush_stdout()); /* the text comes first where both go to one file */
     fprintf(stderr,
             "Nothing was sent. Please remove from this text what you do not want to show, and put "
             "it into your\nreport, with what you did, what happened, and what you expected%s.\n",

@@ -124,10 +124,18 @@ static void print_measures(const json_t *document)
     print_overlap(measures);
 }
 
+/* Milliseconds with three digits, but without an exponent. */
+static const char *in_ms(double seconds, char text[32])
+{
+    snprintf(text, 32, 1e3 * seconds < 999.5 ? "%.3g" : "%.0f", 1e3 * seconds);
+    return text;
+}
+
 static void print_training(const json_t *training)
 {
     const json_t *time = json_object_get(training, "time");
     char line[768], need[2][32], limit[2][32], duration[2][32], range[128] = "";
+    char step[3][32];
 
     if (json_is_string(json_object_get(training, "no_device"))) {
         print_wrapped(printf("training "), 9, text_of(training, "no_device"));
@@ -156,9 +164,10 @@ static void print_training(const json_t *training)
     if (!isnan(number(time, "steps_in_time_limit")))
         snprintf(range, sizeof range, "at most about %.0f steps within --time-limit, ",
                  number(time, "steps_in_time_limit"));
-    snprintf(line, sizeof line, "%s%.3g ms a step (%.3g to %.3g in %.0f steps). This is %s", range,
-             1e3 * number(time, "step_seconds"), 1e3 * number(time, "step_seconds_least"),
-             1e3 * number(time, "step_seconds_most"), number(time, "steps_timed"),
+    snprintf(line, sizeof line, "%s%s ms a step (%s to %s in %.0f steps). This is %s", range,
+             in_ms(number(time, "step_seconds"), step[0]),
+             in_ms(number(time, "step_seconds_least"), step[1]),
+             in_ms(number(time, "step_seconds_most"), step[2]), number(time, "steps_timed"),
              text_of(time, "how_good"));
     print_wrapped(printf("time     "), 9, line);
 }

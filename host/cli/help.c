@@ -198,7 +198,7 @@ static void put_program(FILE *to)
                 "\n"
                 "For example:\n"
                 "  cl-nascent devices\n"
-                "  cl-nascent train photos/ -o run/ --time-limit 10m\n"
+                "  cl-nascent train scene/ -o run/ --time-limit 10m\n"
                 "  cl-nascent eval run/\n"
                 "  cl-nascent render run/ --orbit 60\n"
                 "\n"

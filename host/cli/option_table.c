@@ -545,3 +545,35 @@ cln_status cln_fail_command(const char *name)
         return cln_fail(CLN_USAGE, "unknown command '%s'; did you mean '%s'?", name, best);
     return cln_fail(CLN_USAGE, "unknown command '%s'; `cl-nascent help` lists them", name);
 }
+
+/* Is it an option of some command? */
+static bool is_option(const char *name)
+{
+    const size_t length = strcspn(name, "=");
+
+    for (int i = 0; i < cln_command_count; i++)
+        if (cln_arg_find(&cln_commands[i], name, length) ||
+            cln_row_find(&cln_commands[i], name, length))
+            return true;
+    return false;
+}
+
+cln_status cln_fail_before_command(const char *argument)
+{
+    static const char *const alone[] = {"version", "help", "verbose"};
+    const char *name = argument + strspn(argument, "-"), *option = NULL, *command = NULL;
+    int distance = limit_for(strlen(name));
+
+    if (is_option(name))
+        return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
+    for (size_t i = 0; i < sizeof alone / sizeof alone[0]; i++)
+        consider(name, alone[i], &distance, &option);
+    for (int i = 0; i < cln_command_count; i++)
+        consider(name, cln_commands[i].name, &distance, &command);
+    if (command)
+        return cln_fail(CLN_USAGE, "%s: commands have no dashes; did you mean `cl-nascent %s`?",
+                        argument, command);
+    if (option)
+        return cln_fail(CLN_USAGE, "unknown option %s; did you mean --%s?", argument, option);
+    return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
+}

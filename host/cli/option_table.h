@@ -88,4 +88,8 @@ const cln_config_row *cln_row_find(const cln_command *command, const char *name,
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length);
 cln_status cln_fail_command(const char *name);
 
+/* Fails for an argument with dashes where the command belongs: says which command, or which of the
+ * options that need none, it resembles. */
+cln_status cln_fail_before_command(const char *argument);
+
 #endif

@@ -321,16 +321,6 @@ done:
 
 /* ---- the first word ---- */
 
-static cln_status fail_before_command(const char *argument)
-{
-    const char *name = argument + strspn(argument, "-");
-
-    if (cln_command_find(name))
-        return cln_fail(CLN_USAGE, "%s: commands have no dashes; did you mean `cl-nascent %s`?",
-                        argument, name);
-    return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
-}
-
 /* "cl-nascent photos/" */
 static cln_status fail_folder_first(const char *folder)
 {
@@ -390,10 +380,10 @@ static cln_status parse_first(parser *p)
             else if (strcmp(argument, "--verbose") == 0 || strcmp(argument, "-v") == 0)
                 out->verbose++;
             else
-                return fail_before_command(argument);
+                return cln_fail_before_command(argument);
         }
         if (!out->help && !out->version)
-            return fail_before_command(first);
+            return cln_fail_before_command(first);
         if (out->help && p->at < p->argc) /* "--help train" */
             out->command = cln_command_find(p->argv[p->at++]);
         if (p->at < p->argc)
@@ -582,13 +572,18 @@ static cln_status settle(parser *p)
 
     settle_progress(p);
     CLN_TRY(settle_tune_file(p));
+    if (out->output && strcmp(out->output, "-") == 0)
+        CLN_TRY(cln_fail(
+            CLN_USAGE, "-o -: %s does not write to standard output; name a file or folder%s",
+            out->command->name, bit & CLN_EVAL ? ", or take the numbers with --json" : ""));
     if (bit == CLN_TRAIN)
         CLN_TRY(check_train(p));
     else if (bit == CLN_RENDER)
         CLN_TRY(check_render(p));
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(p->dashed ? fail_dashed(p->dashed)
-                          : cln_fail(CLN_USAGE, "%s: %s is missing", out->command->name,
+                          : cln_fail(CLN_USAGE, "%s: %s is missing: `cl-nascent %s %s`",
+                                     out->command->name, out->command->operand, out->command->name,
                                      out->command->operand));
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));

@@ -7,6 +7,7 @@
 #include <strings.h>
 
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "export/export.h"
 #include "io/disk.h"
@@ -28,25 +29,27 @@ static cln_camera camera_of(const cln_view *view)
     return c;
 }
 
-/* The path of a view's file from the scene's folder; the view's name may lack the ending, and be a
- * path of another machine. */
-static cln_status name_of(const cln_scene *scene, const cln_view *view, char **name)
-{
-    const size_t folder = strlen(scene->folder);
-    const char *last = strrchr(view->name, '/'), *file = strrchr(view->path, '/');
-    size_t bytes = 0;
-
-    if (view->leads_out && strncmp(view->path, scene->folder, folder) == 0 &&
-        view->path[folder] == '/')
-        return cln_strdup(name, view->path + folder + 1);
-    last = last ? last + 1 : view->name;
-    file = file ? file + 1 : view->path;
-    bytes = strlen(last);
-    return cln_asprintf(name, "%s%s", view->name,
-                        strncmp(last, file, bytes) == 0 ? file + bytes : "");
-}
-
 /* ---- transforms JSON ---- */
+
+/* The path of a file of the scene from its folder. */
+static cln_status path_from(const cln_scene *scene, const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t folder = strlen(scene->folder);
+    char *from = NULL, *to = NULL;
+
+    while (folder > 0 && scene->folder[folder - 1] == '/')
+        folder--;
+    if (strncmp(path, scene->folder, folder) == 0 && path[folder] == '/')
+        return cln_strdup(out, path + folder + strspn(path + folder, "/"));
+    CLN_TRY(cln_path_absolute(&from, scene->folder));
+    CLN_TRY(cln_path_absolute(&to, path));
+    CLN_TRY(cln_path_relative(out, from, to));
+done:
+    free(from);
+    free(to);
+    return st;
+}
 
 static json_t *frame_of(const cln_view *view, const char *name)
 {
@@ -82,12 +85,20 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         lists[split] = json_array();
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
+        json_t *frame = NULL;
 
         free(name);
         name = NULL;
-        CLN_TRY(name_of(scene, view, &name));
-        json_array_append_new(frames, frame_of(view, name));
+        CLN_TRY(path_from(scene, view->path, &name));
+        frame = frame_of(view, name);
+        json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
+        if (!view->mask_path || view->mask_black) /* black counts: no key says so */
+            continue;
+        free(name);
+        name = NULL;
+        CLN_TRY(path_from(scene, view->mask_path, &name));
+        json_object_set_new(frame, "mask_path", json_string(name));
     }
     for (int split = 0; split < CLN_SPLITS; split++)
         if (json_array_size(lists[split]) > 0)
@@ -109,6 +120,22 @@ done:
 
 enum { CAMERAS, IMAGES, POINTS, FILES };
 static const char *const names[FILES] = {"cameras.txt", "images.txt", "points3D.txt"};
+
+/* What a view's file is called from the folder of images; the view's name may lack the ending, and
+ * be a path of another machine. */
+static cln_status name_of(const cln_scene *scene, const cln_view *view, char **name)
+{
+    const char *last = strrchr(view->name, '/'), *file = strrchr(view->path, '/');
+    size_t bytes = 0;
+
+    if (view->leads_out)
+        return path_from(scene, view->path, name);
+    last = last ? last + 1 : view->name;
+    file = file ? file + 1 : view->path;
+    bytes = strlen(last);
+    return cln_asprintf(name, "%s%s", view->name,
+                        strncmp(last, file, bytes) == 0 ? file + bytes : "");
+}
 
 /* Finds the COLMAP model with the fewest parameters that describes a camera, and their values;
  * CLN_INPUT if COLMAP has none. */
@@ -264,17 +291,40 @@ done:
     return st;
 }
 
+/* ---- either ---- */
+
+/* Says where the cameras are a scene, if they are not where they are written. */
+static cln_status say_where(const char *file, bool json, const cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *folder = NULL, *end = NULL;
+    size_t bytes = 0;
+
+    CLN_TRY(cln_path_absolute(&path, file));
+    CLN_TRY(cln_path_absolute(&folder, scene->folder));
+    end = strrchr(path, '/');
+    if (json && end)
+        *end = 0;
+    bytes = strlen(folder);
+    if (strncmp(path, folder, bytes) != 0 || (json ? path[bytes] != 0 : path[bytes] != '/'))
+        cln_info("cameras: photos are named as %s has them; to train with these, put the %s there",
+                 scene->folder, json ? "file" : "folder");
+done:
+    free(path);
+    free(folder);
+    return st;
+}
+
 cln_status cln_export_cameras(cln_export_job *job)
 {
     cln_status st = CLN_OK;
     const cln_scene *scene = job->opened.scene;
     const double bytes = (double)FRAME_BYTES * scene->view_count;
+    const bool json = cln_export_ends(job->desc->file, ".json");
 
     CLN_TRY(cln_disk_check_file(job->desc->file, bytes, "the cameras"));
-    if (cln_export_ends(job->desc->file, ".json"))
-        CLN_TRY(write_transforms(job, scene));
-    else
-        CLN_TRY(write_colmap(job, scene));
+    CLN_TRY(json ? write_transforms(job, scene) : write_colmap(job, scene));
+    CLN_TRY(say_where(job->desc->file, json, scene));
     job->result->views = scene->view_count;
     job->result->refined = job->opened.refined;
 done:

@@ -266,6 +266,11 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
     CLN_TRY(cln_fusion_make(desc->opened, desc->callbacks, &fusion));
     CLN_TRY(cln_surface_trace(&fusion, (int)wanted, cln_surface_cell(model), desc->closed,
                               desc->callbacks, out));
+    if (out->faces == 0 && spacing > 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--spacing %g: no surface is found with %.0f cells across the cube of "
+                         "side %.4g; give less, such as %.2g, or leave it out",
+                         spacing, wanted, side, side / 256));
     if (out->faces == 0)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: no training view sees a surface in its field; train it longer",

@@ -9,7 +9,13 @@
 #include <unistd.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/progress.h"
+
+enum {
+    NAME_WHILE_WRITTEN = 24, /* bytes that base/files.c adds to a file's name */
+    NAMES_IN_FOLDER = 256    /* bytes of a path below a folder of results */
+};
 
 /* The path itself, or its nearest ancestor that exists. */
 static cln_status nearest(const char *path, char **out)
@@ -46,7 +52,42 @@ done:
     return st;
 }
 
-/* subject: what is to be written; begins the error sentence. */
+/* Bytes of the first characters of a long name, for a message. */
+static int beginning_of(const char *name)
+{
+    int used = 0;
+
+    for (int next = 1; used < 40 && name[used] && next > 0; used += next)
+        next = cln_utf8_bytes(name + used);
+    return used;
+}
+
+/* Checks the lengths of the path and of the names in it. The last one needs room for `suffix` more
+ * bytes: of a file's name while it is written, or of names in the folder. */
+static cln_status check_lengths(const char *path, const char *there, size_t suffix)
+{
+    const long name = pathconf(there, _PC_NAME_MAX), whole = pathconf(there, _PC_PATH_MAX);
+
+    for (const char *at = path + strspn(path, "/"); *at && name > 0;) {
+        const size_t bytes = strcspn(at, "/"), gap = strspn(at + bytes, "/");
+        const size_t most = (size_t)name - (at[bytes + gap] ? 0 : suffix);
+
+        if (bytes > most)
+            return cln_fail(CLN_OUTPUT,
+                            "%.*s...: this name is too long: it has %zu bytes, and at most %zu "
+                            "are possible here; choose a shorter one",
+                            beginning_of(at), at, bytes, most);
+        at += bytes + gap;
+    }
+    if (whole > 0 && strlen(path) + NAMES_IN_FOLDER > (size_t)whole)
+        return cln_fail(CLN_OUTPUT,
+                        "%.*s...: this path is too long: it has %zu bytes, and at most %ld are "
+                        "possible here; choose a shorter one",
+                        beginning_of(path), path, strlen(path), whole - NAMES_IN_FOLDER);
+    return CLN_OK;
+}
+
+/* subject: what is to be written, in `folder` or the folder itself; begins the error sentence. */
 static cln_status check(const char *subject, const char *folder, double bytes, const char *what)
 {
     cln_status st = CLN_OK;
@@ -55,6 +96,7 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
     double room = 0;
 
     CLN_TRY(nearest(folder, &there));
+    CLN_TRY(check_lengths(subject, there, folder == subject ? 0 : NAME_WHILE_WRITTEN));
     if (!cln_is_dir(there))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s is not a folder; choose another place", subject,
                          strcmp(there, subject) == 0 ? "this" : there));

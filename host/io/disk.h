@@ -8,7 +8,8 @@
 
 /* Checks that `bytes` can be written in a folder, which need not exist yet: CLN_OUTPUT if it, or
  * its nearest ancestor that exists, is not a folder, cannot be written to, or has less room on its
- * disk. what: subject of the latter sentence, "2 checkpoints". */
+ * disk, or if a name in the path is too long. what: subject of the sentence about room, "2
+ * checkpoints". */
 cln_status cln_disk_check(const char *folder, double bytes, const char *what);
 
 /* The same for a file in its folder. */

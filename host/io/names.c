@@ -8,6 +8,25 @@
 #include <strings.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/text.h"
+
+/* Bytes of a view's part of a file's name: file systems have 255, of which others add split, kind,
+ * ending and what a file is called while it is written. */
+enum { LONGEST = 180 };
+
+/* How many bytes of the name stay: whole characters. */
+static int length_of(const char *file)
+{
+    int used = 0;
+
+    for (int next = 0; file[used]; used += next) {
+        next = cln_utf8_bytes(file + used);
+        next = next ? next : 1;
+        if (used + next > LONGEST)
+            break;
+    }
+    return used;
+}
 
 /* Extensions of images. Any other dot belongs to the name, as in "frame.0001". */
 static bool is_extension(const char *dot)
@@ -70,10 +89,10 @@ cln_status cln_view_file_names(int count, const char *const *names, char **files
         const uint64_t digest =
             cln_digest(CLN_DIGEST_START, sorted[i].name, strlen(sorted[i].name));
 
-        if (!sorted[i].shared)
+        if (!sorted[i].shared && strlen(sorted[i].file) <= LONGEST)
             continue;
-        CLN_TRY(cln_asprintf(&files[sorted[i].index], "%s-%08" PRIx32, sorted[i].file,
-                             (uint32_t)digest));
+        CLN_TRY(cln_asprintf(&files[sorted[i].index], "%.*s-%08" PRIx32, length_of(sorted[i].file),
+                             sorted[i].file, (uint32_t)digest));
         free(sorted[i].file);
     }
 done:

@@ -121,10 +121,11 @@ static cln_status find_scene(const char *run, const json_t *dataset, char **path
     *place = "beside the run, by its name";
     if (is_there(*path))
         goto done;
-    CLN_TRY(cln_fail(CLN_INPUT,
-                     "%s: the scene of %s is not there, nor beside the run; tell where it is now: "
-                     "--scene SCENE, or of train --resume RUN SCENE",
-                     saved, run));
+    CLN_TRY(
+        cln_fail(CLN_INPUT,
+                 "%s: the scene of %s is not there, nor beside the run; say where it is now with "
+                 "--scene SCENE, or train --resume RUN SCENE",
+                 saved, run));
 done:
     return st;
 }

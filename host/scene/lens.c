@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <string.h>
+#include <strings.h>
 
 static const double PI = 3.14159265358979323846;
 
@@ -261,11 +262,11 @@ void cln_colmap_split(const cln_colmap_model *model, const double *values, doubl
 cln_lens cln_lens_find(const char *name)
 {
     for (int i = 0; i < CLN_COLMAP_MODELS; i++)
-        if (!strcmp(name, cln_colmap_models[i].name))
+        if (!strcasecmp(name, cln_colmap_models[i].name))
             return cln_colmap_models[i].lens;
-    if (!strcmp(name, "PERSPECTIVE"))
+    if (!strcasecmp(name, "PERSPECTIVE"))
         return CLN_LENS_OPENCV;
-    if (!strcmp(name, "FISHEYE624"))
+    if (!strcasecmp(name, "FISHEYE624"))
         return CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE;
     return CLN_LENSES;
 }

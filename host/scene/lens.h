@@ -39,7 +39,7 @@ typedef struct cln_lens_model {
 extern const cln_lens_model cln_lens_models[CLN_LENSES];
 
 /* The model of that name, or the one that covers it: COLMAP's names, and what nerfstudio calls
- * PERSPECTIVE and FISHEYE624; CLN_LENSES if there is none. */
+ * PERSPECTIVE and FISHEYE624, in any case; CLN_LENSES if there is none. */
 cln_lens cln_lens_find(const char *name);
 
 /* Do these parameters make the lens a pinhole, without distortion? */

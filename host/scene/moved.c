@@ -52,6 +52,12 @@ static int by_stem(const void *a, const void *b)
     return order ? order : strcmp(x, y);
 }
 
+void cln_moved_sort(cln_names *names)
+{
+    if (names->count)
+        qsort(names->name, (size_t)names->count, sizeof *names->name, by_stem);
+}
+
 void cln_moved_free(cln_moved *moved)
 {
     cln_dataset_free_names(&moved->files);
@@ -72,20 +78,19 @@ static cln_status list(cln_moved *moved)
         st = CLN_OK;
     }
     moved->listed = st == CLN_OK;
-    if (moved->files.count)
-        qsort(moved->files.name, (size_t)moved->files.count, sizeof *moved->files.name, by_stem);
+    cln_moved_sort(&moved->files);
     return st;
 }
 
 /* The first file whose name has at least the stem of this one. */
-static int first_like(const cln_moved *moved, const char *base)
+static int first_like(const cln_names *files, const char *base)
 {
-    int low = 0, high = moved->files.count;
+    int low = 0, high = files->count;
 
     while (low < high) {
         const int middle = low + (high - low) / 2;
 
-        if (compare_stems(base_of(moved->files.name[middle]), base) < 0)
+        if (compare_stems(base_of(files->name[middle]), base) < 0)
             low = middle + 1;
         else
             high = middle;
@@ -124,7 +129,7 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
 
     *out = NULL;
     CLN_TRY(list(moved));
-    for (int i = first_like(moved, base); i < moved->files.count; i++) {
+    for (int i = first_like(&moved->files, base); i < moved->files.count; i++) {
         const char *file = moved->files.name[i];
         bool same = false;
         size_t end = 0;
@@ -151,6 +156,41 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
         CLN_TRY(cln_path_join(out, moved->folder, best));
 done:
     return st;
+}
+
+/* How well two names of an image agree: 0 if they do not; less if one has more folders before it,
+ * or if they differ in case. An ending may be lacking in one of them. */
+static int agreement(const char *a, const char *b)
+{
+    const bool ended = cln_dataset_is_image(a) && cln_dataset_is_image(b);
+    const size_t x = ended ? strlen(a) : stem_of(a), y = ended ? strlen(b) : stem_of(b);
+    const size_t end = x < y ? x : y;
+    const char *longer = x < y ? b : a, *rest = longer + (x < y ? y : x) - end;
+    const char *shorter = x < y ? a : b;
+
+    if (strncasecmp(rest, shorter, end) != 0 || (x != y && rest[-1] != '/'))
+        return 0;
+    return (x == y ? 3 : 1) + (strncmp(rest, shorter, end) == 0);
+}
+
+void cln_moved_meant(const cln_names *names, const char *name, const char *found[2])
+{
+    const char *base = base_of(name);
+    int best = 0;
+
+    found[0] = found[1] = NULL;
+    for (int i = first_like(names, base); i < names->count; i++) {
+        const char *candidate = names->name[i];
+        const int agrees = agreement(candidate, name);
+
+        if (compare_stems(base_of(candidate), base) != 0)
+            break;
+        if (!agrees || agrees < best || (found[0] && strcmp(candidate, found[0]) == 0))
+            continue;
+        found[1] = agrees == best ? candidate : NULL;
+        found[0] = agrees == best ? found[0] : candidate;
+        best = agrees;
+    }
 }
 
 /* ---- of all views ---- */
@@ -287,7 +327,7 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
     int likes = 0;
 
     CLN_TRY(list(moved));
-    for (int i = first_like(moved, base); i < moved->files.count; i++) {
+    for (int i = first_like(&moved->files, base); i < moved->files.count; i++) {
         const char *file = moved->files.name[i];
 
         if (compare_stems(base_of(file), base) != 0)

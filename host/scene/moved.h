@@ -28,6 +28,13 @@ bool cln_path_leads_out(const char *path);
  * path, which the caller frees; NULL if there is none, or more than one. */
 cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, char **out);
 
+/* For lists that name frames in another way than the frames do: which of the names is meant by
+ * `name`, that has folders before it which the other lacks, or lacks them, or the ending, or
+ * differs in case. found: NULL twice if none is; two names if there is no telling which. The names
+ * are sorted by cln_moved_sort. */
+void cln_moved_sort(cln_names *names);
+void cln_moved_meant(const cln_names *names, const char *name, const char *found[2]);
+
 /* Gives the views whose file is not at their path the path of the file that is meant, and counts
  * these in the result, with an example. */
 cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result);

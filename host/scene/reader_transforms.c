@@ -29,6 +29,35 @@ static bool ends_with(const char *text, const char *tail)
     return length >= wanted && !strcmp(text + length - wanted, tail);
 }
 
+/* Members that are null count as absent: other programs write them for what they do not know. */
+static void drop_nulls(json_t *object)
+{
+    const char *key = NULL;
+    json_t *value = NULL;
+    void *next = NULL;
+
+    json_object_foreach_safe(object, next, key, value)
+    {
+        if (json_is_null(value))
+            json_object_del(object, key);
+    }
+}
+
+/* Reads a document of frames. */
+static cln_status read_document(const char *file, json_t **root)
+{
+    cln_status st = CLN_OK;
+    const json_t *frames = NULL;
+
+    CLN_TRY(cln_json_read(file, true, root));
+    drop_nulls(*root);
+    frames = json_object_get(*root, "frames");
+    for (size_t i = 0; i < json_array_size(frames); i++)
+        drop_nulls(json_array_get(frames, i));
+done:
+    return st;
+}
+
 /* Appends the frames of one document to the result, as `split`; finish_frames follows. */
 static cln_status read_frames(const char *folder, const char *file, const json_t *root,
                               cln_split split, cln_reader_result *result)
@@ -97,41 +126,93 @@ static void free_view(cln_view *view)
     memset(view, 0, sizeof *view);
 }
 
-/* Adds views for the frames that one list names. `index` maps names to positions in `frames`. */
-static cln_status take_listed(const char *file, const char *key, const json_t *list,
-                              const json_t *index, const cln_view *frames, cln_split split,
+/* The frames of a document, by name. */
+typedef struct frames {
+    const char *file;
+    cln_view *views;
+    int count;
+    json_t *index;   /* positions in views, by name */
+    cln_names names; /* of all of them, sorted by cln_moved_sort */
+    int meant;       /* names in lists that are written otherwise than the frame's */
+} frames;
+
+static cln_status index_frames(frames *f)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_alloc(&f->names.name, (size_t)f->count, sizeof *f->names.name, "names"));
+    for (; f->names.count < f->count; f->names.count++) {
+        const char *name = f->views[f->names.count].name;
+
+        CLN_TRY(cln_strdup(&f->names.name[f->names.count], name));
+        json_object_set_new(f->index, name, json_integer(f->names.count));
+    }
+    cln_moved_sort(&f->names);
+done:
+    return st;
+}
+
+/* Finds the frame that a list means: by its name, or by one that differs from it in folders before
+ * it, in the ending or in case, if no other frame can be meant. */
+static cln_status find_listed(frames *f, const char *key, const char *entry, const char *name,
+                              const cln_view **out)
+{
+    cln_status st = CLN_OK;
+    const char *found[2] = {name, NULL};
+    const json_t *position = json_object_get(f->index, name);
+
+    if (!position) {
+        cln_moved_meant(&f->names, name, found);
+        if (!found[0])
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: %s names '%s', which no frame has (the first frame is '%s'); "
+                             "name a frame as its file_path does, or remove the name",
+                             f->file, key, entry, f->count ? f->views[0].name : ""));
+        if (found[1])
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: %s names '%s', which may be the frame '%s' or '%s'; name the one "
+                             "that is meant as its file_path does",
+                             f->file, key, entry, found[0], found[1]));
+        if (f->meant++ == 0)
+            cln_info("%s: its %s has other names than its frames: '%s' is taken for '%s', and "
+                     "others like it",
+                     f->file, key, entry, found[0]);
+        position = json_object_get(f->index, found[0]);
+    }
+    *out = &f->views[json_integer_value(position)];
+done:
+    return st;
+}
+
+/* Adds views for the frames that one list names. */
+static cln_status take_listed(frames *f, const char *key, const json_t *list, cln_split split,
                               cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     const json_t *entry = NULL;
+    const cln_view *frame = NULL;
     char *name = NULL;
     size_t i = 0;
 
     if (list && !json_is_array(list))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s must be an array of file names", file, key));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s must be an array of file names", f->file, key));
     json_array_foreach(list, i, entry)
     {
         cln_view *view = &result->views[result->view_count];
-        const json_t *position = NULL;
 
         if (!json_is_string(entry))
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s[%zu] must be a string", file, key, i));
-        CLN_TRY(cln_dataset_name(file, json_string_value(entry), &name));
-        position = json_object_get(index, name);
-        if (!position)
-            CLN_TRY(
-                cln_fail(CLN_INPUT,
-                         "%s: %s names '%s', which no frame has; add the frame, or remove the name",
-                         file, key, json_string_value(entry)));
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s[%zu] must be a string", f->file, key, i));
+        CLN_TRY(cln_dataset_name(f->file, json_string_value(entry), &name));
+        CLN_TRY(find_listed(f, key, json_string_value(entry), name, &frame));
         free(name);
         name = NULL;
-        *view = frames[json_integer_value(position)];
+        *view = *frame;
         view->name = view->path = view->mask_path = NULL;
         view->split = split;
         result->view_count++;
-        CLN_TRY(cln_strdup(&view->name, frames[json_integer_value(position)].name));
-        CLN_TRY(cln_strdup(&view->path, frames[json_integer_value(position)].path));
-        CLN_TRY(cln_strdup(&view->mask_path, frames[json_integer_value(position)].mask_path));
+        CLN_TRY(cln_strdup(&view->name, frame->name));
+        CLN_TRY(cln_strdup(&view->path, frame->path));
+        CLN_TRY(cln_strdup(&view->mask_path, frame->mask_path));
     }
 done:
     free(name);
@@ -145,40 +226,36 @@ static cln_status apply_lists(const char *file, const json_t *root, cln_reader_r
     static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
                                                  "test_filenames"};
     cln_status st = CLN_OK;
-    json_t *index = json_object();
-    cln_view *frames = result->views;
-    const int frame_count = result->view_count;
+    frames f = {.file = file, .views = result->views, .count = result->view_count};
     size_t listed = 0;
 
     for (int s = 0; s < CLN_SPLITS; s++) {
         result->named_splits |= json_object_get(root, keys[s]) != NULL;
         listed += json_array_size(json_object_get(root, keys[s]));
     }
-    if (!result->named_splits) {
-        json_decref(index);
+    if (!result->named_splits)
         return CLN_OK;
-    }
     result->views = NULL;
     result->view_count = 0;
     if (listed > CLN_MAX_VIEWS)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: more than %d names in the lists of splits; leave some out",
                          file, CLN_MAX_VIEWS));
     CLN_TRY(cln_alloc(&result->views, listed, sizeof *result->views, "views"));
-    for (int i = 0; i < frame_count; i++)
-        json_object_set_new(index, frames[i].name, json_integer(i));
+    f.index = json_object();
+    CLN_TRY(index_frames(&f));
     for (int s = 0; s < CLN_SPLITS; s++)
-        CLN_TRY(take_listed(file, keys[s], json_object_get(root, keys[s]), index, frames,
-                            (cln_split)s, result));
+        CLN_TRY(take_listed(&f, keys[s], json_object_get(root, keys[s]), (cln_split)s, result));
     for (int i = 0; i < result->view_count; i++)
-        json_object_del(index, result->views[i].name);
-    if (json_object_size(index))
+        json_object_del(f.index, result->views[i].name);
+    if (json_object_size(f.index))
         cln_warn("%s: %zu of %d frames are in none of its lists of file names and left out", file,
-                 json_object_size(index), frame_count);
+                 json_object_size(f.index), f.count);
 done:
-    for (int i = 0; i < frame_count; i++)
-        free_view(&frames[i]);
-    free(frames);
-    json_decref(index);
+    for (int i = 0; i < f.count; i++)
+        free_view(&f.views[i]);
+    free(f.views);
+    cln_dataset_free_names(&f.names);
+    json_decref(f.index);
     return st;
 }
 
@@ -257,7 +334,7 @@ static cln_status read_blender(const char *folder, cln_reader_result *result)
                              files[s]));
         if (!cln_is_file(files[s]))
             continue;
-        CLN_TRY(cln_json_read(files[s], true, &roots[s]));
+        CLN_TRY(read_document(files[s], &roots[s]));
         CLN_TRY(read_frames(folder, files[s], roots[s], (cln_split)s, result));
         if (s == CLN_SPLIT_TRAIN)
             CLN_TRY(read_bounds(files[s], roots[s], result));
@@ -320,7 +397,7 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
     cln_status st = CLN_OK;
     json_t *root = NULL;
 
-    CLN_TRY(cln_json_read(file, true, &root));
+    CLN_TRY(read_document(file, &root));
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
     CLN_TRY(finish_frames(folder, (char *const[1]){(char *)file}, &root, 1, result));
     CLN_TRY(apply_lists(file, root, result));

@@ -31,8 +31,8 @@ cln_status cln_transforms_number(const char *where, const json_t *object, const 
 {
     const json_t *value = json_object_get(object, key);
 
-    *found = value != NULL;
-    if (!value)
+    *found = value && !json_is_null(value);
+    if (!*found)
         return CLN_OK;
     if (!json_is_number(value))
         return cln_fail(CLN_INPUT, "%s: %s must be a number", where, key);

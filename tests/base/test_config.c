@@ -328,7 +328,8 @@ static void test_bad_texts(void **state)
     static const char *const not_real[] = {"",      " 1",    "1 ",    "nan",  "inf", "-inf",
                                            "0x1p3", "1,5",   "1e",    "1e5x", "--1", "e5",
                                            ".",     "1.2.3", "1e999", "abc",  "0.5s"};
-    static const char *const not_int[] = {"", " 1", "1 ", "1.5", "1e3", "0x10", "ten", "-", "16k"};
+    static const char *const not_int[] = {"",     " 1",  "1 ", "1.5", "1.5e0", "2e4x",
+                                          "0x10", "ten", "-",  "16k", "1e-3",  "1e30"};
     static const char *const not_bool[] = {"", "Yes", "2", "on ", "y", "yes|no", "truefalse"};
 
     (void)state;
@@ -364,6 +365,8 @@ static void test_words_and_flags(void **state)
         assert_int_equal(cln_config_set(&config, row_of("skip"), no[i]), CLN_OK);
         assert_false(config.skip);
     }
+    assert_int_equal(cln_config_set(&config, row_of("steps"), "2e4"), CLN_OK);
+    assert_int_equal(config.steps, 20000);
     assert_int_equal(cln_config_set(&config, row_of("rrelu-scope"), "element"), CLN_OK);
     assert_int_equal(config.rrelu_scope, CLN_RRELU_ELEMENT);
     assert_int_equal(cln_config_set(&config, row_of("rrelu-scope"), "neuron"), CLN_OK);

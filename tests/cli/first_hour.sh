@@ -59,6 +59,12 @@ section_words() {
         "$cln" train s -o r --no-steps
     expect "an off switch with a value" 2 "--no-adaptive ~takes.no.value" \
         "$cln" train s -o r --no-adaptive=true
+    expect "a number of steps with an exponent" 3 "nowhere" \
+        "$cln" train "$work/nowhere" -o "$work/r" --steps 2e4
+    for c in "train s" "render r" "eval r" "check s"; do
+        # shellcheck disable=SC2086 # two words
+        expect "${c% *} to standard output" 2 "~-o.-: ~name.a.file.or.folder" "$cln" $c -o -
+    done
     expect "one dash too few" 2 "--steps ~two.dashes" "$cln" train s -o r -steps 5
     expect "a wrong time in clock form" 2 "1:75 1:30" "$cln" train s -o r --time-limit 1:75
     for c in train render tune; do
@@ -67,6 +73,11 @@ section_words() {
             '! sed -n "/--output/,/^  [^ ]/p" "$work/out" | grep -qE "train:|tune:|render:"'
     done
     expect "a command with dashes" 2 "~cl-nascent.train" "$cln" --train s -o r
+    expect "a mistyped option, no command" 2 "~did.you.mean.--version" "$cln" --verion
+    expect "another, with one dash" 2 "~did.you.mean.--help" "$cln" -hlep
+    expect "a mistyped command with dashes" 2 "~cl-nascent.train" "$cln" --trian
+    expect "an option before the command" 2 "~after.the.command" "$cln" --quiet train
+    check "an option that is known has no suggestion" not_said "did you mean"
     expect "--o for -o" 2 "~did.you.mean.-o" "$cln" train s --o r
     expect "a name like no command" 2 "me" "$cln" me
     check "a name like no command has no suggestion" not_said "did you mean"
@@ -106,6 +117,12 @@ section_words() {
     expect "bugreport" 0 "sent" "$cln" bugreport --no-test
     check "bugreport has the devices" grep -qE "^ 0  " "$work/out"
     check "bugreport has the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
+    "$cln" bugreport --no-test >"$work/both" 2>&1
+    check "bugreport into one file: the advice is last" eval \
+        '[ "$(grep -n "^Nothing was sent" "$work/both" | cut -d: -f1)" -gt "$(grep -n "^OpenCL" \
+        "$work/both" | cut -d: -f1)" ] && ! sed "1,/^Nothing was sent/d" "$work/both" |
+        grep -q "^ 0 "'
+    expect "a run is missing: how to give it" 2 "~missing:.*cl-nascent.eval.RUN" "$cln" eval
     expect "bugreport of a missing run" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" bugreport \
         "$work/none"
     check "it says that the run is missing" printed "no such folder"
@@ -150,6 +167,40 @@ section_scenes() {
     expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
     expect "that folder with --no-conf" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
+
+    # what other programs write otherwise: the model in lower case, null for what they do not know
+    "$make_scene" "$work/others" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
+    sed -i -e '1,/"fl_x"/ s/"fl_x"/"camera_model": "opencv", "aabb_scale": null, &/' \
+        -e '1,/"fl_x"/ s/"fl_x"/"offset": null, &/' \
+        -e '0,/"file_path"/ s/"file_path"/"mask_path": null, &/' "$work/others/transforms.json"
+    check "the scene is as others write it" grep -q '"opencv", "aabb_scale": null' \
+        "$work/others/transforms.json"
+    expect "a camera model in lower case, and null" 0 "" "$cln" info "$work/others"
+
+    # lists of splits whose names have other folders or endings than the frames
+    "$make_scene" "$work/listed" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
+    cp "$work/listed/transforms.json" "$work/frames.json"
+    sed -i '/"file_path"/! s|"images/|"|' "$work/listed/transforms.json"
+    expect "lists without folders" 0 "~frame_00001.png.*taken.for.*images/frame_00001.png" \
+        "$cln" info "$work/listed" --json
+    check "their frames are found" [ "$(json splits.train)$(json splits.test)" = 63 ]
+    sed 's|"images/\(.*\)\.png"|"IMAGES/\1"|' "$work/frames.json" |
+        sed '/"file_path"/ s|IMAGES|images|' >"$work/listed/transforms.json"
+    expect "neither has endings, and case differs" 0 "~taken.for" \
+        "$cln" info "$work/listed" --json
+    check "their frames are found, too" [ "$(json splits.train)$(json splits.test)" = 63 ]
+    sed '/"file_path"/! s|"images/frame_00002.png"|"frame_2"|' "$work/frames.json" \
+        >"$work/listed/transforms.json"
+    expect "a name that no frame has" 3 "~'frame_2'.*first.frame.is.'images/frame_00001.png'" \
+        "$cln" info "$work/listed"
+    mkdir "$work/listed/more"
+    cp "$work/listed/images/frame_00003.png" "$work/listed/more/frame_00002.png"
+    sed -e '/"file_path"/ s|images/frame_00003|more/frame_00002|' \
+        -e '/"file_path"/! s|"images/frame_0000[23].png"|"frame_00002"|' "$work/frames.json" \
+        >"$work/listed/transforms.json"
+    expect "a name that two frames may have" 3 \
+        "~'frame_00002'.*'images/frame_00002.png'.or.'more/frame_00002.png'" \
+        "$cln" info "$work/listed"
 
     "$make_scene" "$work/windows" --format colmap --size 32 --train 6 --test 0 >/dev/null
     sed -i 's/$/\r/; 1s/^/\xef\xbb\xbf/; s/ frame_/ sub\\frame_/' "$work"/windows/sparse/0/*.txt
@@ -372,7 +423,7 @@ section_training() {
 
 # Scenes and places that are at the edge.
 section_edges() {
-    local s=$work/one r="$work/one run"
+    local s=$work/one r="$work/one run" long
     "$make_scene" "$s" --format nerfstudio --size 32 --train 1 --test 0 >/dev/null
     sed -i 's/_filenames/_names/' "$s/transforms.json"
     expect "a scene of one photo, which is held out" 3 "--holdout" "$cln" info "$s"
@@ -409,13 +460,37 @@ section_edges() {
     rm "$work/half/run.json"
     expect "a run without run.json" 3 "~run.without.its.run.json ~copy.the.run.again" \
         "$cln" info "$work/half"
+    long=$(printf 'n%.0s' {1..300})
+    expect "an output name that is too long" 7 "~too.long.*300.*255.*shorter" \
+        "$cln" train "$s" -o "$work/$long" "${small[@]}" --steps 3 --holdout 0
+    check "no device was opened for it" not_said "device:"
+    expect "a folder on the way that is" 7 "~too.long.*shorter" \
+        "$cln" train "$s" -o "$work/$long/run" "${small[@]}" --steps 3 --holdout 0
+    expect "in a path that is too long" 7 "~path.is.too.long" \
+        "$cln" train "$s" -o "$work/$(printf 'nnn/%.0s' {1..1000})" "${small[@]}" --steps 3
+    expect "render to it" 7 "~too.long.*shorter" "$cln" render "$r" --orbit 2 -o "$work/$long"
+    expect "eval to it" 7 "~too.long.*shorter" "$cln" eval "$r" --split train -o "$work/$long"
+    check "no device was opened for them" not_said "device:"
+    # a name of 250 bytes is possible, but not while the file is written
+    expect "export to a name that is nearly too long" 7 "~too.long.*shorter" \
+        "$cln" export "$r" --octree "$work/${long:0:246}.ply"
+    expect "a film with such a name" 7 "~too.long.*shorter" \
+        "$cln" render "$r" --orbit 2 -o "$work/${long:0:246}.gif"
+    cp -r "$s" "$work/named"
+    mv "$work/named/images/frame_00001.png" "$work/named/images/${long:0:246}.png"
+    sed -i "s/frame_00001/${long:0:246}/" "$work/named/transforms.json"
+    expect "a photo with a long name" 0 "" "$cln" train "$work/named" -o "$work/named run" \
+        "${small[@]}" --steps 3 --holdout 0
+    expect "its render is saved" 0 "" "$cln" eval "$work/named run" --split train
+    check "under a shorter name" eval \
+        'find "$work/named run/eval" -name "*nnnn*.png" | grep -q .'
     expect "output folder that is a file" 7 "folder" \
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }
 
 # Pictures and files of a run.
 section_results() {
-    local r="$work/run's 1"
+    local r="$work/run's 1" c
     [ -d "$r" ] || section_training
     expect "a file of a run instead of the run" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
     expect "export into a missing folder: refused at once" 7 "$work/none ~no.folder" \
@@ -449,6 +524,24 @@ section_results() {
         "$cln" render "$r" --poses "$work/free.json" -o "$work/whole"
     check "it gives another picture" \
         eval '! cmp -s "$work/boxed/path_0000.png" "$work/whole/path_0000.png"'
+    for c in mesh.ply points.ply volume.npy; do
+        expect "${c%.*} with a spacing larger than the scene" 2 "~--spacing.1000: ~side.of ~less" \
+            "$cln" export "$r" --${c%.*} "$work/far.${c#*.}" --spacing 1000
+    done
+    "$make_scene" "$work/colmap" --format colmap --size 32 --train 6 --test 0 >/dev/null
+    "$cln" train "$work/colmap" -o "$work/colmap run" "${small[@]}" --steps 3 >/dev/null 2>&1
+    expect "cameras of a COLMAP scene, beside it" 0 "" \
+        "$cln" export "$work/colmap run" --cameras "$work/colmap/cameras.json"
+    check "nothing about another place" not_said "put the file there"
+    expect "they are a scene there" 0 "" "$cln" info "$work/colmap/cameras.json" --json
+    check "with all photos" [ "$(json splits.train)$(json splits.test)" = 51 ]
+    expect "cameras elsewhere: where they are a scene" 0 "~put.the.file.there $work/colmap" \
+        "$cln" export "$work/colmap run" --cameras "$work/cameras.json"
+    expect "COLMAP's files elsewhere" 0 "~put.the.folder.there $work/colmap" \
+        "$cln" export "$work/colmap run" --cameras "$work/cameras"
+    mv "$work/cameras" "$work/colmap"
+    expect "they are a scene in its folder" 0 "" "$cln" info "$work/colmap/cameras" --json
+    check "with all photos, too" [ "$(json splits.train)$(json splits.test)" = 51 ]
     run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"
     check "a file beyond its limit is an error, and leaves nothing" eval \
         '[ "$rc" = 7 ] && ! ls "$work"/large.ply* 2>/dev/null'

@@ -317,6 +317,32 @@ static void test_view_file_name(void **state)
     }
 }
 
+/* Two names with the same beginning, of "ü", which has two bytes: files have whole characters of
+ * it, and differ. */
+static void test_long_file_names(void **state)
+{
+    char a[301], b[301];
+    const char *const names[] = {a, b};
+    char *files[2] = {NULL};
+
+    (void)state;
+    a[0] = 'x'; /* so that a character spans the last byte */
+    for (int i = 1; i < 299; i += 2)
+        memcpy(a + i, "ü", 3);
+    a[299] = 0;
+    memcpy(b, a, sizeof b);
+    b[298] = (char)(b[298] + 1);
+    assert_int_equal(cln_view_file_names(2, names, files), CLN_OK);
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(strlen(files[i]), 179 + 9);
+        assert_int_equal(memcmp(files[i], a, 179), 0);
+        assert_int_equal(files[i][179], '-');
+    }
+    assert_string_not_equal(files[0], files[1]);
+    for (int i = 0; i < 2; i++)
+        free(files[i]);
+}
+
 /* Names that give the same file name get their digest as a suffix; the others, and one that is in
  * two splits, stay as they are. */
 static void test_view_file_names(void **state)
@@ -401,6 +427,7 @@ int test_group_run_folder(void)
         cmocka_unit_test(test_machine),
         cmocka_unit_test(test_view_file_name),
         cmocka_unit_test(test_view_file_names),
+        cmocka_unit_test(test_long_file_names),
         cmocka_unit_test_setup_teardown(test_disk_check, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_check_new, scratch_make, scratch_remove),
     };

@@ -517,6 +517,7 @@ static void test_models(void **state)
     assert_int_equal(cln_lens_find("PERSPECTIVE"), CLN_LENS_OPENCV);
     assert_int_equal(cln_lens_find("FISHEYE624"), CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE);
     assert_int_equal(cln_lens_find("OMNIDIRECTIONALSTEREO_L"), CLN_LENSES);
+    assert_int_equal(cln_lens_find("opencv_Fisheye"), CLN_LENS_OPENCV_FISHEYE);
     assert_int_equal(cln_lens_find(""), CLN_LENSES);
     assert_true(cln_lens_is_pinhole(CLN_LENS_OPENCV, (double[CLN_LENS_PARAMS]){0}));
     assert_true(cln_lens_is_pinhole(CLN_LENS_FULL_OPENCV, (double[CLN_LENS_PARAMS]){0}));

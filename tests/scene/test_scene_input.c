@@ -134,7 +134,7 @@ static const broken documents[] = {
      {"test_filenames", "array"}},
     {"list names nothing",
      KEYS("\"fl_x\":20,\"train_filenames\":[\"z.png\"]"),
-     {"train_filenames", "'z.png'"}},
+     {"train_filenames", "'z.png'", "'a.png'"}},
     {"no training view", KEYS("\"fl_x\":20,\"test_filenames\":[\"a.png\"]"), {"no training view"}},
     {"aabb_scale zero",
      "{\"fl_x\":20,\"aabb_scale\":0,\"frames\":[" FRAME("a.png", POSE_FRONT) "]}",
