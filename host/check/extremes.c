@@ -115,11 +115,29 @@ static void with_dead_slopes(cln_config *config)
     config->view_l2 = 0;
 }
 
+static void with_grid(cln_config *config)
+{
+    with_dead_slopes(config);
+    config->encoding = CLN_ENCODING_GRID;
+    config->grid_cells = 4;
+    config->grid_features = 4;
+}
+
 static void with_voxels(cln_config *config)
 {
     config->encoding = CLN_ENCODING_VOXEL;
     config->grid_cells = 4;
     config->harmonics = 2;
+    config->density_rate = 4;
+    config->harmonic_rate = 0.2;
+}
+
+static void with_decoder(cln_config *config)
+{
+    with_voxels(config);
+    config->decoder_width = 16;
+    config->moments = CLN_MOMENTS_FLOAT32;
+    config->beta1 = 0;
 }
 
 static void with_exponential(cln_config *config)
@@ -144,6 +162,12 @@ static void with_measures(cln_config *config)
     config->adaptive = true;
 }
 
+static void with_many_cells(cln_config *config)
+{
+    with_measures(config);
+    config->n1 = 16;
+}
+
 static void with_splatting(cln_config *config)
 {
     config->stage1 = CLN_STAGE1_SPLAT;
@@ -156,6 +180,27 @@ static cln_status all_networks(cln_checks *c)
     CLN_TRY(cln_extremes_networks(c));
     CLN_TRY(cln_extremes_large_weights(c));
     CLN_TRY(cln_extremes_adam(c));
+done:
+    return st;
+}
+
+static cln_status all_grid_networks(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_extremes_networks(c));
+    CLN_TRY(cln_extremes_large_weights(c));
+done:
+    return st;
+}
+
+static cln_status all_voxels(cln_checks *c)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_extremes_networks(c));
+    CLN_TRY(cln_extremes_large_weights(c));
+    CLN_TRY(cln_extremes_voxels(c));
 done:
     return st;
 }
@@ -177,12 +222,13 @@ typedef struct subject {
     cln_status (*quick)(cln_checks *c); /* NULL: run */
     uint32_t programs;
     unsigned lenses;
-    bool alpha, forward;
+    bool alpha, forward, shell;
 } subject;
 
 #define BIT(program) CLN_PROGRAM_BIT(program)
 #define RAYS         (BIT(rays) | BIT(scan) | BIT(sampling))
-#define VOXELS       (BIT(scan) | BIT(group) | BIT(voxel_train) | BIT(voxel_eval) | BIT(roulette))
+#define VOXELS \
+    (BIT(scan) | BIT(group) | BIT(voxel_train) | BIT(voxel_eval) | BIT(roulette) | BIT(carry))
 #define NETWORKS                                                                           \
     (BIT(scan) | BIT(group) | BIT(mlp_forward_train) | BIT(roulette) | BIT(mlp_backward) | \
      BIT(adam))
@@ -199,16 +245,22 @@ static const subject subjects[] = {
     {"rays", .run = cln_extremes_intervals, .programs = BIT(scan) | BIT(sampling)},
     {"forward space", .run = cln_extremes_forward, .programs = RAYS | BIT(composite),
      .lenses = 1u << CLN_LENS_OPENCV, .forward = true},
+    {"shell space", .run = cln_extremes_shell, .programs = RAYS, .shell = true},
     {"networks", .change = with_dead_slopes, .run = all_networks,
      .programs = NETWORKS | BIT(mlp_density)},
     {"networks, exp, HALF=1", .tune = "HALF=1", .change = with_exponential,
      .run = cln_extremes_large_weights, .programs = NETWORKS},
-    {"voxels", .change = with_voxels, .run = cln_extremes_networks, .programs = VOXELS},
+    {"grid", .change = with_grid, .run = all_grid_networks,
+     .programs = NETWORKS | BIT(mlp_density)},
+    {"voxels", .change = with_voxels, .run = all_voxels, .programs = VOXELS},
+    {"decoder", .change = with_decoder, .run = all_voxels, .programs = VOXELS | BIT(decoder)},
     {"Adam, float moments", .change = with_wide_moments, .run = cln_extremes_adam,
      .programs = BIT(adam)},
     {"distillation", .change = with_measures, .run = cln_extremes_distil, .programs = BIT(distil)},
     {"regularisers", .change = with_points, .run = cln_extremes_regularisers,
      .programs = BIT(regularise)},
+    {"sums over leaves", .change = with_many_cells, .run = cln_extremes_leaves,
+     .programs = BIT(scan) | BIT(group) | BIT(stats)},
     {"scan and sort", .change = with_splatting, .run = sort_all, .quick = sort_quick,
      .programs = BIT(scan) | BIT(sort64)},
 };
@@ -218,7 +270,10 @@ static cln_status run_subject(cln_device *device, const subject *s, bool quick, 
     cln_status st = CLN_OK;
     const cln_tune kept = device->tune;
     const bool exact = device->tune_exact;
-    const cln_space space = s->forward ? cln_check_forward_space(1) : cln_space_unit;
+    const cln_space shell = {.half = 1, .shell = true};
+    const cln_space space = s->forward ? cln_check_forward_space(1)
+                            : s->shell ? shell
+                                       : cln_space_unit;
     cln_pipeline pipeline = {0};
     cln_config config;
 

@@ -54,6 +54,9 @@ cln_status cln_extremes_forward(cln_checks *c);       /* a forward space */
 cln_status cln_extremes_networks(cln_checks *c);      /* dead slopes (0), see extremes.c */
 cln_status cln_extremes_large_weights(cln_checks *c); /* any network */
 cln_status cln_extremes_adam(cln_checks *c);
+cln_status cln_extremes_voxels(cln_checks *c);           /* voxels, decoder or none */
+cln_status cln_extremes_leaves(cln_checks *c);           /* measures of leaves */
+cln_status cln_extremes_shell(cln_checks *c);            /* a shell space */
 cln_status cln_extremes_distil(cln_checks *c);           /* measures of leaves */
 cln_status cln_extremes_regularisers(cln_checks *c);     /* sparsity and edge */
 cln_status cln_extremes_sort(cln_checks *c, bool quick); /* splatting */

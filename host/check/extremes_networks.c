@@ -99,6 +99,8 @@ static cln_status make_data(cln_checks *c, double factor, data **out)
         fill_leaf(&p->net, factor > 1 ? ORDINARY : s, d->model.params + s * params);
     for (int i = 0; i < LEAVES * params && factor > 1; i++)
         d->model.params[i] = (float)(factor * (double)d->model.params[i]);
+    for (int i = 0; i < p->net.decoder_params; i++)
+        d->model.decoder[i] = (float)(factor * cln_check_uniform(96, (uint32_t)i, -0.25, 0.25));
     CLN_TRY(cln_octree_boxes(&d->model.tree, (float **)&d->boxes));
     for (uint32_t i = 0; i < SAMPLES; i++) {
         const uint32_t s = i % LEAVES;
@@ -133,6 +135,10 @@ static cln_status launch(cln_pipeline *p, data *d)
     CLN_TRY(cln_stage_group(p, SAMPLES, &d->slices));
     CLN_TRY(cln_stage_slices(p, &d->slices));
     floats = d->slices * params;
+    free(d->slice); /* of the launch before */
+    free(d->grads);
+    d->slice = NULL;
+    d->grads = NULL;
     CLN_TRY(cln_alloc(&d->slice, d->slices, sizeof *d->slice, "self-test"));
     CLN_TRY(cln_alloc(&d->grads, floats, sizeof *d->grads, "self-test"));
     CLN_TRY(cln_buffer_read(p->device, &p->slices, 0, d->slice, d->slices * sizeof *d->slice));
@@ -191,6 +197,8 @@ static int blocks_of(const cln_network *net, int starts[32])
     }
     starts[n++] = net->colour_w;
     starts[n++] = net->colour_b;
+    if (net->encoding == CLN_ENCODING_GRID)
+        starts[n++] = net->grid_w;
     starts[n] = net->params;
     return n;
 }
@@ -235,6 +243,75 @@ static void compare_gradients(const cln_network *net, const data *d, cln_extreme
                              leaves[s].name, b, i);
         }
     }
+}
+
+/* Compares the decoder's gradient from the samples of leaf s alone, as all leaves share it; `dout`:
+ * of all samples. Scales are as of compare_gradients. */
+static cln_status check_decoder_of(cln_checks *c, data *d, int s, const float (*dout)[4],
+                                   cln_extreme *row)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    const cln_network *net = &p->net;
+    const int n = net->decoder_params, width = net->decoder, biases = n - 4 * width;
+    double *want = NULL, *got = NULL, *unused = NULL, most[3] = {0};
+    float *parts = NULL;
+
+    CLN_TRY(cln_alloc(&want, (size_t)n, sizeof *want, "self-test"));
+    CLN_TRY(cln_alloc(&got, (size_t)n, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&unused, (size_t)net->params, sizeof *unused, "self-test"));
+    for (uint32_t i = 0; i < SAMPLES; i++) {
+        const bool mine = d->samples[i].slot == s;
+        ref_network r = cln_check_network(&p->config, &d->model, s);
+        double local[3], dir[3], wide[4];
+
+        for (int k = 0; k < 4; k++)
+            wide[k] = d->dout[i][k] = mine ? dout[i][k] : 0;
+        for (int a = 0; a < 3; a++) {
+            local[a] = 2 * ((double)d->ray_o[i][a] - d->boxes[s][a]) / d->boxes[s][3] - 1;
+            dir[a] = d->ray_d[i][a];
+        }
+        r.decoder_grad = want;
+        if (mine)
+            ref_backward(&r, d->model.params + s * net->params, local, dir, NULL, 0, wide, unused);
+    }
+    CLN_TRY(launch(p, d));
+    CLN_TRY(cln_alloc(&parts, (size_t)(n * p->decoder_groups), sizeof *parts, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->decoder_grads, 0, parts,
+                            (size_t)(n * p->decoder_groups) * sizeof *parts));
+    for (int i = 0; i < n * p->decoder_groups; i++)
+        got[i % n] += parts[i];
+    for (int i = 0; i < n; i++) {
+        const int block = (i >= biases) + (i >= biases + width);
+
+        most[block] = fmax(most[block], fabs(want[i]));
+    }
+    for (int i = 0; i < n; i++) {
+        const int block = (i >= biases) + (i >= biases + width);
+
+        cln_extreme_meet(row, got[i], want[i], most[block], 1e-4, "%s, parameter %d",
+                         leaves[s].name, i);
+    }
+done:
+    free(want);
+    free(got);
+    free(unused);
+    free(parts);
+    return st;
+}
+
+static cln_status check_decoder(cln_checks *c, data *d, const char *range)
+{
+    cln_status st = CLN_OK;
+    cln_extreme row = cln_extreme_row(c, "gradients of the decoder", range);
+    float dout[SAMPLES][4];
+
+    memcpy(dout, d->dout, sizeof dout);
+    for (int s = 0; s < LEAVES; s++)
+        CLN_TRY(check_decoder_of(c, d, s, (const float(*)[4])dout, &row));
+    cln_extreme_report(&row);
+done:
+    return st;
 }
 
 static cln_status check_densities(cln_checks *c, const data *d, cln_extreme *row)
@@ -295,6 +372,8 @@ cln_status cln_extremes_networks(cln_checks *c)
     cln_extreme_report(&density);
     cln_extreme_report(&gradient);
     cln_extreme_report(&cached);
+    if (c->p->net.decoder)
+        CLN_TRY(check_decoder(c, d, range));
 done:
     free_data(d);
     return st;

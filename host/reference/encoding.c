@@ -58,6 +58,18 @@ void ref_grid(int cells, int features, const float *grid, const double x[3], dou
     }
 }
 
+void ref_grid_wide(int cells, int features, const double *grid, const double x[3], double *out)
+{
+    corner corners[8];
+
+    corners_at(cells, x, corners);
+    for (int f = 0; f < features; f++) {
+        out[f] = 0;
+        for (int i = 0; i < 8; i++)
+            out[f] += corners[i].weight * grid[corners[i].vertex * features + f];
+    }
+}
+
 void ref_grid_backward(int cells, int features, const double x[3], const double *dout, double *grad)
 {
     corner corners[8];

@@ -130,19 +130,21 @@ void ref_ray_samples(const ref_way *way, int r, const float *o, const float *d, 
 
 typedef struct ref_network {
     cln_network net;
-    int density;            /* CLN_DENSITY_* */
-    double kappa, bias;     /* sigma = kappa * softplus(s + bias), etc. */
-    double level_bands[10]; /* weight of band k (bands_by_level), else 1 */
-    const double *wide;     /* if not NULL, used instead of params, which may be NULL then;
-                               not with a grid */
-    const float *decoder;   /* voxels': its weights; NULL without one */
-    double *decoder_grad;   /* ref_backward adds to it; NULL: not wanted */
+    int density;                /* CLN_DENSITY_* */
+    double kappa, bias;         /* sigma = kappa * softplus(s + bias), etc. */
+    double level_bands[10];     /* weight of band k (bands_by_level), else 1 */
+    const double *wide;         /* if not NULL, used instead of params, which may be NULL then;
+                               not with a network on a grid */
+    const float *decoder;       /* voxels': its weights; NULL without one */
+    const double *wide_decoder; /* if not NULL, used instead of decoder */
+    double *decoder_grad;       /* ref_backward adds to it; NULL: not wanted */
 } ref_network;
 
 /* Encodings. Frequency: x[3] -> out[enc_pad]; zero padding. Grid: linear between the vertices of
  * grid [cells + 1]^3 (z, y, x) [features] over [-1,1]^3; out, dout [features]; adds to grad. */
 void ref_encode(int bands, const double x[3], const double *weights, int pad, double *out);
 void ref_grid(int cells, int features, const float *grid, const double x[3], double *out);
+void ref_grid_wide(int cells, int features, const double *grid, const double x[3], double *out);
 void ref_grid_backward(int cells, int features, const double x[3], const double *dout,
                        double *grad);
 /* Voxels: raw colours and density at a leaf's local position in a direction, and the gradient of

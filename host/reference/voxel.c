@@ -37,6 +37,21 @@ typedef struct decoder {
     double x[FEATURES + CLN_DECODER_HARMONICS], h[64];
 } decoder;
 
+/* Weights as float32 or, for a trainer in double, as double. */
+static double decoder_at(const ref_network *r, int i)
+{
+    return r->wide_decoder ? r->wide_decoder[i] : (double)r->decoder[i];
+}
+
+static void features_at(const ref_network *r, const float *params, const double local[3],
+                        double at[FEATURES])
+{
+    if (r->wide)
+        ref_grid_wide(r->net.cells, r->net.features, r->wide, local, at);
+    else
+        ref_grid(r->net.cells, r->net.features, params, local, at);
+}
+
 static decoder run_decoder(const ref_network *r, const double at[FEATURES],
                            const double y[HARMONICS])
 {
@@ -49,9 +64,9 @@ static decoder run_decoder(const ref_network *r, const double at[FEATURES],
     for (int k = 1; k < HARMONICS; k++)
         d.x[features - 2 + k] = y[k];
     for (int j = 0; j < d.width; j++) {
-        d.h[j] = r->decoder[d.in * d.width + j];
+        d.h[j] = decoder_at(r, d.in * d.width + j);
         for (int i = 0; i < d.in; i++)
-            d.h[j] += r->decoder[i * d.width + j] * d.x[i];
+            d.h[j] += decoder_at(r, i * d.width + j) * d.x[i];
     }
     return d;
 }
@@ -69,7 +84,7 @@ void ref_voxel(const ref_network *r, const float *params, const double local[3],
     double at[FEATURES], y[HARMONICS];
     const int count = harmonics(net->features, dir, y);
 
-    ref_grid(net->cells, net->features, params, local, at);
+    features_at(r, params, local, at);
     raw[3] = at[3];
     for (int c = 0; c < 3; c++) {
         raw[c] = 0;
@@ -81,7 +96,7 @@ void ref_voxel(const ref_network *r, const float *params, const double local[3],
 
         for (int c = 0; c < 3; c++)
             for (int j = 0; j < d.width; j++)
-                raw[c] += r->decoder[out_of(&d, c, j)] * fmax(d.h[j], 0);
+                raw[c] += decoder_at(r, out_of(&d, c, j)) * fmax(d.h[j], 0);
     }
 }
 
@@ -91,7 +106,7 @@ double ref_decoder_margin(const ref_network *r, const float *params, const doubl
     double margin = INFINITY, at[FEATURES], y[HARMONICS];
 
     harmonics(r->net.features, dir, y);
-    ref_grid(r->net.cells, r->net.features, params, local, at);
+    features_at(r, params, local, at);
     if (r->net.decoder) {
         const decoder d = run_decoder(r, at, y);
 
@@ -111,7 +126,7 @@ static void decoder_back(const ref_network *r, const double at[FEATURES], const 
         double dh = 0;
 
         for (int c = 0; c < 3; c++) {
-            dh += draw[c] * r->decoder[out_of(&d, c, j)];
+            dh += draw[c] * decoder_at(r, out_of(&d, c, j));
             if (grad)
                 grad[out_of(&d, c, j)] += draw[c] * fmax(d.h[j], 0);
         }
@@ -123,7 +138,7 @@ static void decoder_back(const ref_network *r, const double at[FEATURES], const 
             if (grad)
                 grad[i * d.width + j] += d.x[i] * dh;
             if (i < r->net.features - 1)
-                dat[i < 3 ? i : i + 1] += r->decoder[i * d.width + j] * dh;
+                dat[i < 3 ? i : i + 1] += decoder_at(r, i * d.width + j) * dh;
         }
     }
 }
@@ -140,7 +155,7 @@ void ref_voxel_backward(const ref_network *r, const float *params, const double 
         for (int k = 0; k < count; k++)
             d[number_of(k, c)] = y[k] * draw[c];
     if (net->decoder) {
-        ref_grid(net->cells, net->features, params, local, at);
+        features_at(r, params, local, at);
         decoder_back(r, at, y, draw, d, r->decoder_grad);
     }
     ref_grid_backward(net->cells, net->features, local, d, grad);

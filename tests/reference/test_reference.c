@@ -288,7 +288,10 @@ static void test_decoder(void **state)
     static double grad[PARAMS], decoder_grad[MOST];
     cln_config config;
     ref_network r = {.decoder = decoder, .decoder_grad = decoder_grad};
-    double raw[4], worst = 0;
+    static double wide[PARAMS], wide_decoder[MOST], wide_grad[PARAMS], wide_decoder_grad[MOST];
+    double raw[4], wide_raw[4], worst = 0;
+    ref_network in_double = {
+        .wide = wide, .wide_decoder = wide_decoder, .decoder_grad = wide_decoder_grad};
 
     (void)state;
     assert_int_equal(cln_config_preset("voxel", &config), CLN_OK);
@@ -319,6 +322,18 @@ static void test_decoder(void **state)
     }
     assert_true(ref_decoder_margin(&r, params, at, dir) > 3 * step); /* no kink in between */
     assert_true(worst < 1e-4);
+    /* the same numbers as double */
+    in_double.net = r.net;
+    for (int i = 0; i < PARAMS; i++)
+        wide[i] = params[i];
+    for (int i = 0; i < r.net.decoder_params; i++)
+        wide_decoder[i] = decoder[i];
+    ref_voxel(&r, params, at, dir, raw);
+    ref_voxel(&in_double, NULL, at, dir, wide_raw);
+    ref_voxel_backward(&in_double, NULL, at, dir, draw, wide_grad);
+    assert_memory_equal(wide_raw, raw, sizeof raw);
+    assert_memory_equal(wide_grad, grad, sizeof grad);
+    assert_memory_equal(wide_decoder_grad, decoder_grad, sizeof decoder_grad);
 }
 
 /* A network with six nonzero weights, calculated by hand: x -> 2x -> 3h -> heads. */
