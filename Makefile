@@ -262,6 +262,14 @@ $B/obj/pages_embed.o: $B/pages_embed.c
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
     tests/export/test_reduce.o): $B/optional
+# The kernels' bench names its commit.
+COMMIT = $(or $(shell [ ! -e .git ] || git describe --always --dirty --abbrev=12 2>/dev/null),unknown)
+$B/obj/bench/kernels/bench_output.o: override CFLAGS += -DBENCH_COMMIT='"$(COMMIT)"'
+$B/obj/bench/kernels/bench_output.o: $B/commit
+$B/commit: FORCE
+	@mkdir -p $(@D)
+	@echo '$(COMMIT)' | cmp -s - $@ || echo '$(COMMIT)' > $@
+
 OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER)
 $B/optional: FORCE
 	@mkdir -p $(@D)

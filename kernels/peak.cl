@@ -1,13 +1,20 @@
 /* The two ceilings beside which benches show a kernel's rate: arithmetic with vectors of VW floats,
  * and memory bandwidth. Not part of training.
  *
+ *   VW      floats of a vector     (lanes.h)
+ *   CHAINS  1 | 2 | ...            independent accumulators
+ *
  * Rules that keep the figures honest:
- *   CHAINS independent accumulators hide the latency of an FMA; the stored result depends on all of
- *   them; the factor is not a constant, or the compiler would fold the loop
+ *   CHAINS accumulators hide the latency of an FMA, if they are enough and fit into the registers:
+ *   which shape is fastest depends on the processor, so the benches try several and take the best;
+ *   the stored result depends on all of them; the factor is not a constant, or the compiler would
+ *   fold the loop
  *   the copy goes through more memory than any cache holds (the host ensures it); neighbouring
  *   work-items touch neighbouring vectors, a lone one goes straight through memory
  */
+#ifndef CHAINS
 #define CHAINS 12
+#endif
 
 __kernel void peak_fma(__global float *restrict out, float factor, int rounds)
 {

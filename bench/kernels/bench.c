@@ -11,7 +11,7 @@
 #include "base/number.h"
 #include "device/tune.h"
 
-enum { REPEATS = 5, LONG_REPEATS = 3, ROWS = 1024 };
+enum { REPEATS = 5, LONG_REPEATS = 3, MORE_PROBES = 5, ROWS = 1024 };
 
 /* ---- ceilings ---- */
 
@@ -21,59 +21,73 @@ static size_t copy_bytes(const bench *b)
     return (size_t)(b->usual.ls == 1 ? 64 : 256) << 20;
 }
 
-typedef struct probe {
-    bench *b;
-    cl_int rounds;
-    size_t groups, local;
-} probe;
-
-static cln_status fma_body(void *context)
+/* Builds the shapes of the FMA probe. The usual width is first; half of it needs fewer registers
+ * for as many chains, twice of it fewer instructions. */
+static cln_status build_probes(bench *b)
 {
+    static const struct {
+        int numerator, denominator, chains; /* of the usual vector width */
+    } shapes[BENCH_PROBES] = {{1, 1, 12}, {1, 1, 8},  {1, 1, 16}, {1, 1, 24},
+                              {1, 2, 12}, {1, 2, 24}, {2, 1, 6},  {2, 1, 12}};
     cln_status st = CLN_OK;
-    const probe *p = context;
-    const cl_float factor = 0.999999f;
 
-    CLN_TRY(CLN_LAUNCH(p->b->device, p->b->peak_fma, CLN_STAGE_OTHER, p->groups, p->local,
-                       CLN_ARG(p->b->out.mem), CLN_ARG(factor), CLN_ARG(p->rounds)));
-    CLN_TRY(cln_device_finish(p->b->device));
+    for (int i = 0; i < BENCH_PROBES; i++) {
+        bench_probe *probe = &b->probes[b->probe_count];
+        const int vw = b->usual.vw * shapes[i].numerator / shapes[i].denominator;
+        char defines[64];
+
+        if (vw < 1 || vw > 16)
+            continue;
+        probe->vw = vw;
+        probe->chains = shapes[i].chains;
+        b->probe_count++; /* before what may fail, for bench_close */
+        snprintf(defines, sizeof defines, "#define VW %d\n#define CHAINS %d\n", vw, probe->chains);
+        CLN_TRY(cln_program_build(b->device, "peak", defines, &probe->program));
+        CLN_TRY(cln_kernel_create(&probe->program, "peak_fma", &probe->kernel));
+    }
+    CLN_TRY(cln_kernel_create(&b->probes[0].program, "peak_copy", &b->peak_copy));
 done:
     return st;
 }
 
-static cln_status copy_body(void *context)
+/* Device seconds of all launches so far that count for no stage of the method. */
+static double other_seconds(const bench *b)
 {
-    cln_status st = CLN_OK;
-    const probe *p = context;
-
-    CLN_TRY(CLN_LAUNCH(p->b->device, p->b->peak_copy, CLN_STAGE_OTHER, p->groups, p->local,
-                       CLN_ARG(p->b->in.mem), CLN_ARG(p->b->out.mem), CLN_ARG(p->rounds)));
-    CLN_TRY(cln_device_finish(p->b->device));
-done:
-    return st;
+    return b->device->stage_seconds[CLN_STAGE_OTHER];
 }
 
-/* Launches each probe once and keeps the best rates. */
+/* Launches each probe once and raises *fma and *copy to the best rates. By events, like the rows:
+ * the time of a launch itself would lower the ceiling. */
 static cln_status probe_ceilings(bench *b, double *fma, double *copy)
 {
     cln_status st = CLN_OK;
     const bool cpu = b->usual.ls == 1;
+    const cl_float factor = 0.999999f;
+    const size_t local = cpu ? 1 : 256;
+    const size_t groups = (size_t)b->device->info.compute_units * (cpu ? 8 : 32);
     const size_t vector = (size_t)b->usual.vw * sizeof(float);
-    probe f = {.b = b,
-               .rounds = cpu ? 1000000 : 20000,
-               .groups = (size_t)b->device->info.compute_units * (cpu ? 8 : 32),
-               .local = cpu ? 1 : 256};
-    probe c = {.b = b, .local = f.local, .rounds = cpu ? 2048 : 16};
-    double start = 0, middle = 0;
+    const cl_int copies = cpu ? 2048 : 16;
+    const size_t copy_groups = copy_bytes(b) / (vector * local * (size_t)copies);
+    double before = 0;
 
-    c.groups = copy_bytes(b) / (vector * c.local * (size_t)c.rounds);
-    start = cln_now();
-    CLN_TRY(fma_body(&f));
-    middle = cln_now();
-    CLN_TRY(copy_body(&c));
-    *fma = fmax(*fma, 2.0 * 12 * b->usual.vw * (double)f.rounds * (double)(f.groups * f.local) /
-                          (middle - start));
-    *copy = fmax(*copy, 2.0 * (double)(c.groups * c.local * (size_t)c.rounds * vector) /
-                            (cln_now() - middle));
+    for (int i = 0; i < b->probe_count; i++) {
+        const bench_probe *probe = &b->probes[i];
+        const int width = probe->vw * probe->chains; /* floats in flight */
+        const cl_int rounds = (cpu ? 1 << 25 : 1 << 18) / width;
+
+        before = other_seconds(b);
+        CLN_TRY(CLN_LAUNCH(b->device, probe->kernel, CLN_STAGE_OTHER, groups, local,
+                           CLN_ARG(b->out.mem), CLN_ARG(factor), CLN_ARG(rounds)));
+        CLN_TRY(cln_device_finish(b->device));
+        *fma = fmax(*fma, 2.0 * width * (double)rounds * (double)(groups * local) /
+                              (other_seconds(b) - before));
+    }
+    before = other_seconds(b);
+    CLN_TRY(CLN_LAUNCH(b->device, b->peak_copy, CLN_STAGE_OTHER, copy_groups, local,
+                       CLN_ARG(b->in.mem), CLN_ARG(b->out.mem), CLN_ARG(copies)));
+    CLN_TRY(cln_device_finish(b->device));
+    *copy = fmax(*copy, 2.0 * (double)(copy_groups * local * (size_t)copies * vector) /
+                            (other_seconds(b) - before));
 done:
     return st;
 }
@@ -81,17 +95,13 @@ done:
 cln_status bench_open(bench *b, const cln_device_desc *desc)
 {
     cln_status st = CLN_OK;
-    char defines[32];
 
     CLN_TRY(cln_device_open(&(cln_device_desc){.spec = desc->spec, .kernel_dir = desc->kernel_dir},
                             &b->device));
     b->usual = b->device->tune;
     CLN_TRY(cln_tune_parse(desc->tune ? desc->tune : "", &b->device->tune));
     CLN_TRY(cln_alloc(&b->rows, ROWS, sizeof *b->rows, "rows"));
-    snprintf(defines, sizeof defines, "#define VW %d\n", b->usual.vw);
-    CLN_TRY(cln_program_build(b->device, "peak", defines, &b->peak));
-    CLN_TRY(cln_kernel_create(&b->peak, "peak_fma", &b->peak_fma));
-    CLN_TRY(cln_kernel_create(&b->peak, "peak_copy", &b->peak_copy));
+    CLN_TRY(build_probes(b));
     CLN_TRY(cln_buffer_reserve(b->device, &b->in, copy_bytes(b), "copy probe"));
     CLN_TRY(cln_buffer_reserve(b->device, &b->out, copy_bytes(b), "copy probe"));
     CLN_TRY(cln_buffer_zero(b->device, &b->in, copy_bytes(b)));
@@ -102,9 +112,11 @@ done:
 void bench_close(bench *b)
 {
     cln_pipeline_free(&b->pipeline);
-    cln_kernel_free(&b->peak_fma);
     cln_kernel_free(&b->peak_copy);
-    cln_program_free(&b->peak);
+    for (int i = 0; i < b->probe_count; i++) {
+        cln_kernel_free(&b->probes[i].kernel);
+        cln_program_free(&b->probes[i].program);
+    }
     if (b->device) {
         cln_buffer_free(b->device, &b->in);
         cln_buffer_free(b->device, &b->out);
@@ -203,7 +215,13 @@ done:
     return st;
 }
 
-/* Fills the times of `row`, probing the ceilings before each series. */
+static double fma_share(const bench_row *row)
+{
+    return row->work.flop / row->fma / row->time.min;
+}
+
+/* Fills the times of `row`, probing the ceilings around each series. A row above the FMA ceiling
+ * gets further probes before that counts: the machine may have been slow in the earlier ones. */
 static cln_status measure(bench *b, bench_body *body, bench_body *before, void *context,
                           cln_stage stage, bench_row *row)
 {
@@ -219,13 +237,17 @@ static cln_status measure(bench *b, bench_body *body, bench_body *before, void *
     else if (probed > 0)
         calls = (int)fmin(fmax(1, b->budget / REPEATS / probed), 100000);
     row->fma = row->copy = 0; /* warm-up */
+    CLN_TRY(probe_ceilings(b, &row->fma, &row->copy));
     for (int r = 0; r < repeats; r++) {
-        CLN_TRY(probe_ceilings(b, &row->fma, &row->copy));
         CLN_TRY(time_calls(b, body, before, context, stage, calls, &times[r]));
+        CLN_TRY(probe_ceilings(b, &row->fma, &row->copy));
         times[r] /= calls;
     }
     cln_reals_sort(times, repeats);
     row->time = (bench_time){times[0], times[repeats / 2], times[repeats - 1]};
+    for (int i = 0; i < MORE_PROBES && fma_share(row) > 1; i++)
+        CLN_TRY(probe_ceilings(b, &row->fma, &row->copy));
+    row->above = !(fma_share(row) <= BENCH_MOST_SHARE);
 done:
     return st;
 }
@@ -284,6 +306,11 @@ done:
     if (st != CLN_OK)
         cln_note("timing %s", row->name);
     return st;
+}
+
+bool bench_ok(const bench_row *row)
+{
+    return !row->errors.failed && !row->above;
 }
 
 double bench_share(const bench_row *row, const char **bound)

@@ -33,6 +33,10 @@ typedef struct bench_errors {
 
 enum { BENCH_NAME = 96 };
 
+/* A row above this share of the FMA ceiling shows that the probe, or the row's FLOP, are wrong. The
+ * part above 1 is for noise: row and probe are not timed in the same instant. */
+#define BENCH_MOST_SHARE 1.05
+
 typedef struct bench_row {
     char name[BENCH_NAME], shape[64]; /* KERNEL/SHAPE without blanks; SHAPE */
     const char *family, *kernel, *kernels;
@@ -40,6 +44,7 @@ typedef struct bench_row {
     bench_work work;
     bench_errors errors;
     double fma, copy; /* ceilings: FLOP/s, bytes/s */
+    bool above;       /* above BENCH_MOST_SHARE of the FMA ceiling */
     char tune[256];
 } bench_row;
 
@@ -57,15 +62,23 @@ typedef struct bench_family {
     cln_status (*run)(struct bench *b, int shape);
 } bench_family;
 
-enum { BENCH_PARTS = 8 }; /* most parts of a family */
+enum { BENCH_PARTS = 8, BENCH_PROBES = 8 }; /* most parts of a family; most shapes of the probe */
+
+/* A shape of the FMA probe: `chains` accumulators of `vw` floats. */
+typedef struct bench_probe {
+    cln_program program;
+    cl_kernel kernel;
+    int vw, chains;
+} bench_probe;
 
 typedef struct bench {
     cln_device *device;
     double budget; /* seconds of timing per row */
-    /* probes of the ceilings: always with the device's usual vector width, ignoring --tune */
+    /* probes of the ceilings: by the device's usual vector width, ignoring --tune */
     cln_tune usual;
-    cln_program peak;
-    cl_kernel peak_fma, peak_copy;
+    bench_probe probes[BENCH_PROBES];
+    int probe_count;
+    cl_kernel peak_copy; /* of the first probe's program */
     cln_buffer in, out;
     /* current shape */
     const bench_family *family;
@@ -105,9 +118,9 @@ void bench_equal(bench_errors *errors, size_t wrong, size_t n);
 void bench_name(const bench_family *family, int part, const char *shape, char out[BENCH_NAME]);
 
 /* Measures a part and adds its row: warm-up, one probe, then five series of calls that fill the
- * budget (three single calls if one exceeds it). Both ceilings are probed before each series,
- * because the load of the machine may change; the row keeps the best of five. `before` (or NULL)
- * runs untimed before every call. The time is that of `stage` by events, or the wall clock's if
+ * budget (three single calls if one exceeds it). Both ceilings are probed around each series,
+ * because the load of the machine may change; the row keeps the best. `before` (or NULL) runs
+ * untimed before every call. The time is that of `stage` by events, or the wall clock's if
  * stage is CLN_STAGES. */
 typedef cln_status bench_body(void *context);
 cln_status bench_add(bench *b, int part, bench_body *body, bench_body *before, void *context,
@@ -116,6 +129,9 @@ cln_status bench_add(bench *b, int part, bench_body *body, bench_body *before, v
 /* Share of the binding ceiling: the least seconds that it allows over the row's best. *bound: its
  * name. */
 double bench_share(const bench_row *row, const char **bound);
+
+/* Are the row's results right, and is its rate possible? */
+bool bench_ok(const bench_row *row);
 
 /* ---- work (bench_work.c) of n samples, leaves with samples, slices ---- */
 

@@ -9,6 +9,10 @@
 #include "bench.h"
 #include "common/csv.h"
 
+#ifndef BENCH_COMMIT /* make gives git's description of the checkout */
+#define BENCH_COMMIT "unknown"
+#endif
+
 static double gflops(const bench_row *row)
 {
     return row->work.flop / row->time.min * 1e-9;
@@ -29,7 +33,10 @@ void bench_print_row(const bench *b, const bench_row *row)
                "GB/s", "of ceiling", "NMSE", "worst");
     printf("%-20s %-32s %10.4g %9.4g %8.4g %7.1f %% %-4s %9.2g %9.2g%s\n", row->kernel, row->shape,
            row->time.min * 1e3, gflops(row), gbps(row), 100 * share, bound, row->errors.nmse,
-           row->errors.worst, row->errors.failed ? "  WRONG" : "");
+           row->errors.worst,
+           row->errors.failed ? "  WRONG"
+           : row->above       ? "  ABOVE THE CEILING"
+                              : "");
     fflush(stdout);
 }
 
@@ -59,14 +66,14 @@ void bench_print_json(const bench *b, const bench_row *row)
     json_t *seconds = json_pack("{s:o,s:o,s:o}", "min", number(row->time.min), "median",
                                 number(row->time.median), "max", number(row->time.max));
     json_t *object = json_pack(
-        "{s:s,s:s,s:s,s:o,s:s,s:o,s:o,s:o,s:o,s:o,s:o,s:s,s:o,s:o,s:b,s:I,s:b,s:s,s:s,s:s}", "name",
-        row->name, "family", row->family, "kernel", row->kernel, "kernels", kernels_of(row),
+        "{s:s,s:s,s:s,s:o,s:s,s:o,s:o,s:o,s:o,s:o,s:o,s:s,s:o,s:o,s:b,s:I,s:b,s:s,s:s,s:s,s:s}",
+        "name", row->name, "family", row->family, "kernel", row->kernel, "kernels", kernels_of(row),
         "shape", row->shape, "seconds", seconds, "gflops", number(gflops(row)), "gbps",
         number(gbps(row)), "fma_gflops", number(row->fma * 1e-9), "copy_gbps",
         number(row->copy * 1e-9), "share", number(share), "bound", bound, "nmse",
         number(row->errors.nmse), "worst", number(row->errors.worst), "exact", row->errors.exact,
-        "compared", (json_int_t)row->errors.compared, "ok", !row->errors.failed, "tune", row->tune,
-        "device", b->device->info.name, "driver", b->device->info.driver);
+        "compared", (json_int_t)row->errors.compared, "ok", bench_ok(row), "tune", row->tune,
+        "device", b->device->info.name, "driver", b->device->info.driver, "commit", BENCH_COMMIT);
 
     if (object && json_dumpf(object, stdout, JSON_REAL_PRECISION(6)) == 0)
         putchar('\n');
@@ -83,7 +90,7 @@ cln_status bench_write_csv(const bench *b, const char *path)
     CLN_TRY(cln_atomic_open(path, &file));
     to = cln_atomic_stream(file);
     fputs("name,kernel,shape,seconds_min,seconds_median,seconds_max,gflops,gbps,fma_gflops,"
-          "copy_gbps,share,bound,nmse,worst,exact,compared,ok,tune,device,driver,version\n",
+          "copy_gbps,share,bound,nmse,worst,exact,compared,ok,tune,device,driver,version,commit\n",
           to);
     for (int i = 0; i < b->row_count; i++) {
         const bench_row *row = &b->rows[i];
@@ -95,11 +102,11 @@ cln_status bench_write_csv(const bench *b, const char *path)
                 row->name, row->kernel, row->shape, row->time.min, row->time.median, row->time.max,
                 gflops(row), gbps(row), row->fma * 1e-9, row->copy * 1e-9, share, bound,
                 row->errors.nmse, row->errors.worst, row->errors.exact, row->errors.compared,
-                !row->errors.failed, row->tune);
+                bench_ok(row), row->tune);
         csv_text(to, b->device->info.name);
         fputc(',', to);
         csv_text(to, b->device->info.driver);
-        fprintf(to, ",%s\n", CLN_VERSION);
+        fprintf(to, ",%s,%s\n", CLN_VERSION, BENCH_COMMIT);
     }
     CLN_TRY(cln_atomic_commit(&file));
 done:
