@@ -87,7 +87,7 @@ part install tests/cli/install.sh
 part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
 part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no_samples \
-    mlp/test_in_parts
+    mlp/test_in_parts mlp/test_small_networks
 part captures tests/cli/captures.sh
 part ranks tests/cli/ranks.sh
 part lint tests/lint.sh
