@@ -87,11 +87,11 @@ part install tests/cli/install.sh
 part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
 part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no_samples \
-    mlp/test_in_parts
+    mlp/test_in_parts mlp/test_small_networks
 part captures tests/cli/captures.sh
 part ranks tests/cli/ranks.sh
 part lint tests/lint.sh
-part faults env FAULTS=1 tests/faults.sh kill disk memory device clock
+part faults env FAULTS=1 tests/faults.sh kill disk memory device nan clock changing
 part viewer tests/cli/view.sh
 part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage scenes resume
 part leaks tests/cli/leaks.sh

@@ -1,11 +1,12 @@
 #!/bin/bash
-# Faults: the program is killed, the disk is full, memory or the device fails, files vanish, signals
-# storm, clocks jump; each at the k-th call of the function that it concerns (support/faults.c).
+# Faults: the program is killed, the disk is full, memory or the device fails, a kernel's results are
+# NaN, files vanish or change while they are read, signals storm, clocks jump; each at the k-th call
+# of the function that it concerns (support/faults.c).
 # After each there must be an exit code and a sentence, an intact last checkpoint, and a training
 # that resumes from it to the same weights as an undisturbed one.
 #
-#   tests/faults.sh [SECTION...]   sections: kill disk memory device files signals clock
-#                                  results small
+#   tests/faults.sh [SECTION...]   sections: kill disk memory device nan files changing signals
+#                                  clock results small
 #   FAULTS=50                      moments for each kind of fault; make test takes 1
 #   FAULT_SEED=1                   chooses them
 # Every check is one line of the count in the last line; the output of a failed one is shown.
@@ -29,7 +30,7 @@ small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --vi
     --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --split-samples 0
     --distil-steps 5 --save-every 1)
 steps=40
-whole="" total=0 rc=0 query=""
+whole="" total=0 rc=0 query="" what=""
 fresh=("$cln" train "$work/scene" -o "$work/run" "${small[@]}" --steps "$steps")
 again=("$cln" train --resume "$work/run" --skip-selftest --progress none)
 
@@ -173,9 +174,91 @@ section_device() {
         each_moment device once full
 }
 
+# A kernel leaves NaN in one of its outputs. Either it is overwritten before it does harm, and all
+# losses and the last weights are numbers; or the training ends as diverged, and its last checkpoint
+# is none of the harmed: the training goes on from there.
+section_nan() {
+    local i at name
+    count_calls launch || return
+    for ((i = 0; i < moments; i++)); do
+        rm -rf "$work/run"
+        at=$(one_of "$total")
+        faulty launch "$at" nan "${fresh[@]}"
+        name="NaN after launch $at of $total ($(cut -d' ' -f2- "$work/log")): exit code $rc"
+        if [ $rc != 0 ]; then
+            if ! { [ $rc = 6 ] && said "diverged" && said "--lr"; }; then
+                bad "$name: diverged, with a way out"
+                continue
+            fi
+            if ls "$work/run"/checkpoint/*.json >/dev/null 2>&1; then
+                run "${again[@]}"
+                name="$name, resumed"
+            fi
+        fi
+        if [ $rc != 0 ] && ls "$work/run"/checkpoint/*.json >/dev/null 2>&1; then
+            bad "$name: the last checkpoint is intact" "exit code $rc"
+        elif [ $rc = 0 ] && { ! cmp -s <(step_rows | "$query" -l step) <(seq $steps) ||
+            step_rows | grep -q '"loss":null' ||
+            ! number_above "$("$query" result.psnr_train <"$work/run/run.json")" 3; }; then
+            bad "$name: all losses are numbers" "$(step_rows | grep -m 1 null)"
+        else
+            ok "$name"
+        fi
+    done
+}
+
 section_files() {
     count_calls read &&
         each_moment read once full
+}
+
+# changing NAME FOLDER RUN COMMAND...: files below FOLDER change while a command reads them. RUN ends
+# as it does without that, or the command says which file it cannot read; a warning is enough for
+# one that matters only to the report.
+changing() {
+    local name=$1 under=$2 ends=$3 how i at same
+    shift 3
+    export FAULT_UNDER=$under FAULT_WITH=$work/other/train/r_000.png
+    renew
+    faulty file 0 once "$@"
+    check "$name: undisturbed" [ $rc = 0 ]
+    same=$(digest "$ends")
+    read -r total _ <"$work/log"
+    check "$name: files are read" [ "$total" -gt 2 ]
+    for how in cut garble swap; do
+        for ((i = 0; i < moments; i++)); do
+            at=$(one_of "$total")
+            renew
+            faulty file "$at" "$how" "$@"
+            what="$name, $how of file $at of $total ($(cut -d' ' -f2- "$work/log"))"
+            if [ $rc = 0 ] && [ "$(digest "$ends")" = "$same" ]; then
+                ok "$what: no harm"
+            elif ended_well && said "$(cut -d' ' -f2- "$work/log")"; then
+                ok "$what: exit code $rc"
+            else
+                bad "$what: no harm, or a sentence names the file" "exit code $rc"
+            fi
+        done
+    done
+    unset FAULT_UNDER FAULT_WITH
+}
+
+# The scene, and the undisturbed run on it.
+renew() {
+    rm -rf "$work/now"
+    mkdir "$work/now"
+    cp -r "$work/scene" "$work/now/scene"
+    cp -r "$work/whole" "$work/now/run"
+}
+
+section_changing() {
+    [ -d "$work/other" ] || "$make_scene" "$work/other" --size 16 --train 1 --test 1 >/dev/null
+    changing "a training's photos" "$work/now/scene" "$work/now/new" "$cln" train \
+        "$work/now/scene" -o "$work/now/new" "${small[@]}" --steps 2
+    changing "a run that is resumed" "$work/now/run" "$work/now/run" "$cln" train \
+        --resume "$work/now/run" --skip-selftest --progress none --steps $((steps + 1))
+    changing "a run that is measured" "$work/now/run" "$work/now/run" "$cln" eval \
+        "$work/now/run" --progress none
 }
 
 section_signals() {
@@ -262,6 +345,6 @@ section_small() {
     done
 }
 
-all="kill disk memory device files signals clock results small"
+all="kill disk memory device nan files changing signals clock results small"
 whole_run
 run_sections "$all" "$@"

@@ -240,9 +240,10 @@ done:
 
 /* ---- coloured samples of every kind ---- */
 
-enum { KINDS = 6, EACH = 12, MIXED_RAYS = KINDS * EACH, MIXED_MOST = 61 };
+enum { KINDS = 7, EACH = 12, MIXED_RAYS = KINDS * EACH, MIXED_MOST = 61 };
 static const char *const kinds[KINDS] = {"random depths", "opaque first", "a thin surface",
-                                         "depths mixed",  "equal t",      "deltas of 0"};
+                                         "depths mixed",  "equal t",      "deltas of 0",
+                                         "far away"};
 
 static void fill_mixed(batch *b)
 {
@@ -250,11 +251,12 @@ static void fill_mixed(batch *b)
 
     for (uint32_t r = 0; r < MIXED_RAYS; r++) {
         const uint32_t kind = r % KINDS, n = 1 + r * 13 % (MIXED_MOST - 1);
-        double t = cln_check_uniform(51, r, 0, 4);
+        const bool far = kind == 6; /* t near 1e3, where floats are 6e-5 apart */
+        double t = cln_check_uniform(51, r, 0, 4) + (far ? 1000 : 0);
 
         b->starts[r] = b->n;
         for (uint32_t i = 0; i < n; i++, b->n++) {
-            const double delta = pow(10, cln_check_uniform(52, b->n, -4, -1));
+            const double delta = pow(10, cln_check_uniform(52, b->n, far ? -2 : -4, -1));
             double x = pow(10, cln_check_uniform(53, b->n, -4, 0.5));
 
             if (kind == 1)
@@ -283,7 +285,8 @@ static void fill_mixed(batch *b)
             b->ray_d[r][k] = k == 1 ? 0 : k ? 0.8f : 0.6f;
             b->shown[r][k] = (float)cln_check_uniform(58, 4 * r + k, -1, 3);
         }
-        b->shown[r][3] = r % 5 ? (float)cln_check_uniform(59, r, 0, 1) : 0;
+        /* far from a point, its pull would hide all other gradients */
+        b->shown[r][3] = r % 5 && !far ? (float)cln_check_uniform(59, r, 0, 1) : 0;
     }
     b->starts[MIXED_RAYS] = b->n;
 }
@@ -292,7 +295,8 @@ static void fill_mixed(batch *b)
  * reaches behind the sample times the largest dL/dw that the losses can have. */
 cln_status cln_extremes_regularised(cln_checks *c)
 {
-    static const char range[] = "sigma delta 0 to 1e6, 1 to 60 samples, equal t, deltas of 0";
+    static const char range[] =
+        "sigma delta 0 to 1e6, 1 to 60 samples, equal t, t of 1e3, deltas of 0";
     cln_status st = CLN_OK;
     const cln_config *config = &c->p->config;
     ref_loss loss = {config->loss,

@@ -98,6 +98,7 @@ struct cln_pipeline {
 
     int deepest;                    /* level that its tree may have */
     int leaves, depth;              /* of the uploaded tree */
+    uint32_t leaf_levels;           /* bit l: it has leaves of level l */
     int most_intervals;             /* of a ray with its leaves */
     int decoder_groups;             /* of slices, in the last backward pass */
     int first, own;                 /* leaves whose weights are here: all, unless shared by ranks */
@@ -128,6 +129,7 @@ struct cln_pipeline {
     size_t max_entries;
     uint64_t max_counted;
     int64_t splat_entries;
+    bool splat_short;       /* it was said that lists have fewer samples than --splat-per-ray */
     cln_pixel *host_pixels; /* [ray] */
     int host_rays, batch_view_count, list_total;
     int antialias;          /* n: n x n rays for a picture's pixel at an edge (0 or 1: one) */

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/config.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "pipeline/stages.h"
 
@@ -18,8 +19,9 @@ enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
  * distance z with focal length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that must
  * reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every s^3 f^2
  * / (k t)^2 of a ray on average. In a forward space, a pixel has the same size at any t: about
- * scale / f, that of the mean camera. */
-static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level)
+ * scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees a whole leaf. */
+static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level,
+                          double *reached)
 {
     const double n1 = p->config.n1, spacing = 2.0 / (1 << level) / n1;
     double o[3];
@@ -36,6 +38,7 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
     /* a power of two, so that bands of rows never cut a coarse pixel */
     while (k < MAX_COARSENING && k * k * per_pixel < p->config.splat_per_ray)
         k *= 2;
+    *reached = k * k * per_pixel;
     const double spread = per_area / (k * k);
     const bool far = c->start > 0; /* t begins at the cube */
     const double at = forward ? 1 : distance;
@@ -44,6 +47,18 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
                       .row = ((cl_uint)c->width + k - 1) / k,
                       .cell = (float)(far || forward ? fmax(spacing, spread / (at * at)) : spacing),
                       .spread = far || forward ? 0 : (float)spread};
+}
+
+/* A result that is worse than asked for, once. */
+static void say_short(cln_pipeline *p, int level, double reached)
+{
+    if (p->splat_short || reached >= p->config.splat_per_ray || !(p->leaf_levels >> level & 1))
+        return;
+    p->splat_short = true;
+    cln_warn("splatting: in some views %d x %d pixels, the most that share their samples, have "
+             "%.2g of a leaf of level %d, not --splat-per-ray %g; rays without any place theirs "
+             "evenly: raise --n1 or --downscale, or use --stage1 gather",
+             MAX_COARSENING, MAX_COARSENING, reached, level, p->config.splat_per_ray);
 }
 
 /* grids[batch view][level] for all views of the batch; returns the number of lists. */
@@ -63,8 +78,10 @@ static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
         for (int level = 0; level < levels; level++) {
             const cln_device_camera *c = &p->host_cameras[views[v]];
             cln_grid *grid = &(*grids)[v * levels + level];
+            double reached = 0;
 
-            *grid = make_grid(p, c, level);
+            *grid = make_grid(p, c, level, &reached);
+            say_short(p, level, reached);
             grid->first = (cl_uint)next;
             next += (uint64_t)grid->row * (((cl_uint)c->height + grid->coarse - 1) / grid->coarse);
         }

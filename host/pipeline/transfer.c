@@ -84,6 +84,9 @@ cln_status cln_pipeline_tree(cln_pipeline *p, const cln_octree *tree)
     p->leaves = (int)leaves;
     CLN_TRY(cln_share_begin(p));
     p->depth = cln_octree_depth(tree);
+    p->leaf_levels = 0;
+    for (size_t i = 0; i < leaves; i++)
+        p->leaf_levels |= 1u << tree->level[tree->leaf[i]];
     if (p->space.shell)
         CLN_TRY(cln_shell_tree_most_intervals(tree, &p->most_intervals));
     else

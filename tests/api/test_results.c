@@ -7,7 +7,9 @@
 #include <cmocka.h>
 #include "run_fixture.h"
 #include "render/depth_picture.h"
+#include "render/open_run.h"
 #include "render/orbit.h"
+#include "render/view.h"
 #include "check/selftest.h"
 #include "io/npy.h"
 #include "tests.h"
@@ -65,6 +67,121 @@ static void test_eval_equals_training(void **state)
     json_decref(of_train);
     json_decref(of_eval);
     json_decref(printed);
+}
+
+/* Opacity of a test view of a run, as pictures have it. */
+static cln_picture picture_of(const char *run, int number)
+{
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    cln_open_run v;
+    cln_picture picture;
+    int view = 0;
+
+    assert_ok(cln_open_run_open(fixture_path(run), NULL, pixels, &v));
+    while (v.scene->views[view].split != CLN_SPLIT_TEST)
+        view++;
+    assert_ok(cln_open_run_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(
+        cln_render_view(&v.pipeline, view + number, v.scene->background, false, NULL, &picture));
+    cln_open_run_close(&v);
+    return picture;
+}
+
+/* Opacity beside the photos' alpha, by hand: its RMS error, and how much of the transparent part is
+ * opaque. After one step there is fog all over, thick in the cube's middle and thin at its rim. */
+static void test_eval_measures_opacity(void **state)
+{
+    cln_config config = fixture_config();
+    cln_train_result trained;
+    cln_eval_result result;
+    double all_error = 0, all_air = 0;
+
+    NEED_DEVICE();
+    config.steps = 1;
+    config.initial_depth = 0.7;
+    assert_ok(fixture_train("fog", false, &config, NULL, &trained));
+    assert_ok(evaluate("fog", "test", NULL, &result));
+    assert_int_equal(result.count, TEST_VIEWS);
+    for (int i = 0; i < TEST_VIEWS; i++) {
+        cln_picture picture = picture_of("fog", i);
+        uint8_t *photo = NULL;
+        int width = 0, height = 0, channels = 0, air = 0, opaque = 0;
+        double square = 0, want_air = 0;
+        char name[64];
+
+        snprintf(name, sizeof name, "scene/test/r_%d.png", i);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &photo));
+        assert_int_equal(channels, 4);
+        assert_int_equal(picture.width * picture.height, SIDE * SIDE);
+        for (int k = 0; k < SIDE * SIDE; k++) {
+            const double alpha = photo[4 * k + 3] / 255.0;
+
+            square += pow((double)picture.opacity[k] - alpha, 2);
+            air += alpha == 0;
+            opaque += alpha == 0 && picture.opacity[k] > 0.5f;
+        }
+        want_air = (double)opaque / air;
+        print_message("opacity off by %.4f, %.1f %% of the air is opaque\n",
+                      sqrt(square / (SIDE * SIDE)), 100 * want_air);
+        assert_true(want_air > 0.05 && want_air < 0.95);
+        assert_true(fabs(result.images[i].opacity_error - sqrt(square / (SIDE * SIDE))) < 1e-9);
+        assert_true(fabs(result.images[i].opaque_air - want_air) < 1e-9);
+        all_error += result.images[i].opacity_error / TEST_VIEWS;
+        all_air += result.images[i].opaque_air / TEST_VIEWS;
+        cln_picture_free(&picture);
+        free(photo);
+    }
+    assert_true(fabs(result.opacity_error - all_error) < 1e-9);
+    assert_true(fabs(result.opaque_air - all_air) < 1e-9);
+    cln_eval_free(&result);
+}
+
+/* The scene with photos of another kind: of test view 0 they have no alpha, of view 1 no
+ * transparent pixel. */
+static void test_eval_without_alpha(void **state)
+{
+    cln_eval_result result;
+    json_t *document = NULL;
+    char *text = NULL, copy[2 * PATH_MAX];
+
+    NEED_DEVICE();
+    snprintf(copy, sizeof copy, "cp -r '%s' '%s'", fixture_path("scene"), fixture_path("solid"));
+    assert_int_equal(system(copy), 0);
+    for (int i = 0; i < TEST_VIEWS; i++) {
+        uint8_t *photo = NULL;
+        int width = 0, height = 0, channels = 0;
+        char name[64];
+
+        snprintf(name, sizeof name, "solid/test/r_%d.png", i);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &photo));
+        for (int k = 0; k < SIDE * SIDE; k++)
+            if (i == 0)
+                memmove(photo + 3 * k, photo + 4 * k, 3);
+            else
+                photo[4 * k + 3] = photo[4 * k + 3] / 2 + 1;
+        assert_ok(cln_image_write_png(fixture_path(name), width, height, i == 0 ? 3 : 4, photo));
+        free(photo);
+    }
+    const cln_eval_desc desc = {.run = fixture_path("whole"),
+                                .scene = fixture_path("solid"),
+                                .split = "test",
+                                .out = fixture_path("solid eval"),
+                                .device = fixture_device()};
+
+    assert_ok(cln_eval(&desc, &result));
+    assert_true(isnan(result.images[0].opacity_error) && isnan(result.images[0].opaque_air));
+    assert_true(result.images[1].opacity_error > 0 && isnan(result.images[1].opaque_air));
+    assert_true(result.opacity_error == result.images[1].opacity_error);
+    assert_true(isnan(result.opaque_air));
+    assert_ok(cln_eval_json(&result, &text));
+    document = fixture_parse(text);
+    assert_true(json_is_null(fixture_at(document, "mean.opaque_air")));
+    assert_true(json_is_real(fixture_at(document, "mean.opacity_error")));
+    json_decref(document);
+    cln_eval_free(&result);
 }
 
 static void test_eval_of_other_splits(void **state)
@@ -661,6 +778,8 @@ int test_group_results(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_eval_equals_training),
+        cmocka_unit_test(test_eval_measures_opacity),
+        cmocka_unit_test(test_eval_without_alpha),
         cmocka_unit_test(test_eval_of_other_splits),
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_files),

@@ -99,6 +99,9 @@ static const struct {
     /* the last gradients are of the light behind */
     {"composite, every loss", "loss.h", "delta * (kept.z * gain", "delta * (kept.x * gain",
      "composite, every loss: density gradient"},
+    /* the distortion's moments are about t = 0 */
+    {"composite, every loss", "composite.cl", "begin < end ? samples[begin].t : 0.0f", "0.0f",
+     "composite, every loss: density gradient"},
     /* far cameras see from their plane's middle; what is beyond a fold is seen */
     {"cameras", "camera.h", "if (c.start > 0.0f) {", "if (c.start > 5e4f) {",
      "cameras: place near the cube"},

@@ -25,6 +25,7 @@
 #include "io/run_folder.h"
 #include "io/safetensors.h"
 #include "model/model.h"
+#include "render/frames.h"
 #include "report/report.h"
 #include "scene/dataset.h"
 #include "view/request.h"
@@ -270,6 +271,55 @@ static void make_transforms(void)
                                                              "\"images/view_02.png\"],\n"
                                                              "\"test_filenames\": "
                                                              "[\"images/view_01.png\"]}\n");
+}
+
+/* ---- poses ---- */
+
+static void make_poses(void)
+{
+    make_transforms();
+    put("path.json",
+        "{\"camera_type\": \"perspective\", \"render_width\": 64, \"render_height\": 48.0, "
+        "\"fps\": 24, \"seconds\": 2, \"crop\": {\"crop_center\": [0, 0.5, 1], \"crop_scale\": "
+        "[2, 2, 1.5], \"crop_rot\": [0, 0.25, -1], \"crop_bg_color\": {\"r\": 38, \"g\": 42, "
+        "\"b\": 255}}, \"camera_path\": [{\"fov\": 50, \"aspect\": 1.5, \"camera_to_world\": [1, "
+        "0, "
+        "0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1]}, {\"fov\": 75.5, \"camera_to_world\": [[0, 0, "
+        "1, 4], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]]}]}\n");
+}
+
+static void check_frames(const cln_frames *f)
+{
+    require(f->count > 0 && f->fps >= 0 && f->fps <= 1000, "frames without number or pace");
+    for (int a = 0; a < 3 && f->crop.on; a++)
+        require(f->crop.box[a] < f->crop.box[3 + a], "a crop's box");
+    for (int i = 0; i < f->count; i++) {
+        const cln_camera *c = &f->frame[i].camera;
+
+        require(f->frame[i].name && *f->frame[i].name && !strchr(f->frame[i].name, '/'),
+                "a frame's name");
+        require(c->width > 0 && c->height > 0, "a frame without pixels");
+        for (int k = 0; k < 12; k++)
+            require(isfinite(c->c2w[k]), "a frame's pose");
+        require(isfinite(c->fx) && c->fx > 0 && isfinite(c->fy) && c->fy > 0,
+                "a frame's focal length");
+    }
+}
+
+/* What `render --poses` reads, and a path through them. */
+static void read_poses(void)
+{
+    for (int i = 0; i < 2; i++) {
+        cln_frames keys = {0}, path = {0};
+
+        if (!refused(cln_frames_read(chosen->files[i], 80, 60, &keys))) {
+            check_frames(&keys);
+            if (keys.count < 100 && !refused(cln_frames_through(&keys, 7, NULL, &path)))
+                check_frames(&path);
+        }
+        cln_frames_free(&keys);
+        cln_frames_free(&path);
+    }
 }
 
 /* ---- files ---- */
@@ -609,6 +659,7 @@ static const target targets[] = {
     {"neus", {"cameras_sphere.npz"}, make_neus, read_scene, 2},
     {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
     {"opensfm", {"reconstruction.json", "tracks.csv"}, make_opensfm, read_scene, 2},
+    {"poses", {"path.json", "transforms.json"}, make_poses, read_poses, 4},
     {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},
     {"image", {"a.png", "a.jpg", "b.jpg"}, make_images, read_images, 12},
     {"json", {"a.json"}, make_json, read_json, 1},

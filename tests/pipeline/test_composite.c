@@ -1,7 +1,7 @@
 /* composite.cl, and stretch.cl with three ranks, against the float64 reference: pictures, losses
  * and gradients of rays from none to many samples, with optical depths from 1e-12 to 1e6, opaque
- * first samples, and every loss and regulariser. Bounds as in each comparison;
- * tests/check/test_extremes.c has relative ones. */
+ * first samples, and every loss and regulariser. Errors are compared over all rays, and each with
+ * the scale of its own element: a faint ray's opacity, a hidden sample's gradient. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -167,10 +167,17 @@ static void check_pictures(cln_pipeline *p, const batch *b, bool per_ray, unsign
         got[4][r] = results[r].opacity;
         assert_true(results[r].opacity >= 0 && results[r].opacity <= 1.00001f);
     }
-    for (int k = 0; k < 3; k++)
-        compare("colour", got[k], want[k], RAYS, (bounds){1e-12, 1e-5});
-    compare("depth", got[3], want[3], RAYS, (bounds){1e-11, 1e-5});
-    compare("opacity", got[4], want[4], RAYS, (bounds){1e-12, 1e-5});
+    /* all are sums of numbers above 0, so their scale is their value */
+    for (int k = 0; k < 5; k++) {
+        compare(k < 3    ? "colour"
+                : k == 3 ? "depth"
+                         : "opacity",
+                got[k], want[k], RAYS, (bounds){k == 3 ? 1e-11 : 1e-12, 1e-5});
+        compare_scaled(k < 3    ? "colour"
+                       : k == 3 ? "depth"
+                                : "opacity",
+                       got[k], want[k], want[k], RAYS, 1e-5);
+    }
     free(results);
 }
 
@@ -337,6 +344,32 @@ static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4
     free(got);
 }
 
+/* Scales of the gradients of a ray's samples: of dL/dc the sample's weight; of dL/dsigma delta
+ * times the light that reaches behind the sample times the largest dL/dw that the losses can have,
+ * and Cauchy's own. The bound's share that grows with the optical depth before is in them, too. */
+static void scale_gradients(const ref_loss *loss, const wide_ray *w, double *colour,
+                            double *density)
+{
+    const int n = w->n;
+    const double span = n ? w->t[n - 1] - w->t[0] + w->delta[n - 1] : 0;
+    const double most = 3 + loss->opacity_entropy / 0.11 + 4 * loss->distortion * span +
+                        2 * loss->alpha +
+                        loss->depth * (1 + fabs(loss->reach) + (n ? w->t[n - 1] : 0));
+    double tau = 0;
+
+    for (int i = 0; i < n; i++) {
+        const double sigma = w->out[i][3], x = fmin(sigma * w->delta[i], 80);
+        const double weight = exp(-tau) * -expm1(-x);
+
+        tau += x;
+        for (int k = 0; k < 3; k++)
+            colour[3 * i + k] = weight * (1 + 0.03 * tau) / RAYS;
+        density[i] = (most * w->delta[i] * exp(-tau) * (1 + 0.1 * tau) +
+                      loss->cauchy * 4 * sigma / (1 + 2 * sigma * sigma)) /
+                     RAYS;
+    }
+}
+
 /* By one rank, or by several. */
 static void check_losses(const loss_case *c, const tune_set *set, const batch *b, bool stretches)
 {
@@ -347,6 +380,9 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     double(*want)[4] = test_alloc(b->samples + 1, sizeof *want), want_loss[RAYS], want_square[RAYS];
     double *want_colour = test_alloc(3 * b->samples, sizeof(double));
     double *want_density = test_alloc(b->samples, sizeof(double));
+    double *colour_scale = test_alloc(3 * b->samples, sizeof(double));
+    double *density_scale = test_alloc(b->samples, sizeof(double));
+    double loss_scale[RAYS], square_scale[RAYS];
     cln_pipeline *p = NULL;
 
     config.loss = c->loss.kind;
@@ -382,6 +418,9 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
         want_square[r] = 0;
         for (int k = 0; k < 3; k++)
             want_square[r] += (rgb[k] - w.target[k]) * (rgb[k] - w.target[k]) / 3;
+        scale_gradients(&rule, &w, colour_scale + 3 * b->starts[r], density_scale + b->starts[r]);
+        loss_scale[r] = fmax(fabs(want_loss[r]), 1e-2);
+        square_scale[r] = sqrt(want_square[r]); /* of a difference, whose error is the colours' */
         loss[r] = results[r].loss;
         square[r] = results[r].square_error;
         assert_true(results[r].opacity >= 0 && results[r].opacity <= 1.00001f);
@@ -398,6 +437,14 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     compare("square error", square, want_square, RAYS, (bounds){1e-11, 1e-5});
     compare("colour gradient", colour_gradient, want_colour, 3 * b->samples, (bounds){1e-10, 1e-4});
     compare("density gradient", density_gradient, want_density, b->samples, (bounds){1e-9, 1e-3});
+    compare_scaled(c->name, loss, want_loss, loss_scale, RAYS, 1e-4);
+    compare_scaled("square error", square, want_square, square_scale, RAYS, 1e-5);
+    compare_scaled("colour gradient", colour_gradient, want_colour, colour_scale, 3 * b->samples,
+                   1e-5);
+    compare_scaled("density gradient", density_gradient, want_density, density_scale, b->samples,
+                   1e-5);
+    free(colour_scale);
+    free(density_scale);
     free(results);
     free(dout);
     free(colour_gradient);

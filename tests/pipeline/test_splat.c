@@ -8,6 +8,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include "base/log.h"
 #include "device_test.h"
 #include "check/forward_scene.h"
 #include "pipeline/splat.h"
@@ -697,6 +698,60 @@ static void test_slab(void **state)
     check_slab(0);
 }
 
+/* A log sink. */
+static void count_short(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN && strstr(line, "--splat-per-ray"))
+        ++*(int *)user;
+}
+
+/* Warnings of two batches with lists of at most 64 x 64 pixels. */
+static int warnings_with(double per_ray)
+{
+    const float white[4] = {1, 1, 1, 1};
+    const cln_camera *list[VIEWS];
+    cln_camera cameras[VIEWS];
+    cln_pixel pixels[RAYS];
+    cln_config config = config_of(2, CLN_LISTS_CSR);
+    cln_model model;
+    cln_pipeline *p = NULL;
+    int warnings = 0;
+
+    config.splat_per_ray = per_ray;
+    p = test_pipeline(&tune_sets[0], &config, 0, false);
+    assert_ok(cln_model_create(&config, &model));
+    assert_int_equal(model.tree.leaf_count, 8);
+    make_cameras(PINHOLES, cameras);
+    make_pixels(cameras, pixels);
+    for (int v = 0; v < VIEWS; v++)
+        list[v] = &cameras[v];
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_pipeline_cameras(p, list, VIEWS, &cln_space_unit));
+    p->max_entries = 1 << 24;
+    cln_log_set_sink(count_short, &warnings);
+    for (int batch = 0; batch < 2; batch++) {
+        cln_ray_group *groups = NULL;
+        int count = 0;
+
+        assert_ok(cln_pipeline_batch(p, pixels, RAYS, NULL, white));
+        assert_ok(cln_splat_cut(p, &p->density, RAYS, &groups, &count));
+        free(groups);
+    }
+    cln_log_set_sink(NULL, NULL);
+    cln_model_free(&model);
+    return warnings;
+}
+
+/* The camera in the cube, 142 pixels of focal length from its middle at 0.5, has 8 (0.5 / 142)^2 of
+ * a level-1 leaf's samples a pixel, 0.41 in 64 x 64: more is not reached, and said once. Level 0,
+ * where 0.25 is not reached either, has no leaves. */
+static void test_too_few_are_told(void **state)
+{
+    (void)state;
+    assert_int_equal(warnings_with(0.25), 0);
+    assert_int_equal(warnings_with(0.5), 1);
+}
+
 /* stats.cl: cells seen by a training view, and mean and peak of each leaf over them. */
 static void check_stats(const tune_set *set)
 {
@@ -782,6 +837,7 @@ int test_group_splat(void)
         cmocka_unit_test(test_counts),
         cmocka_unit_test(test_splat_like_gather),
         cmocka_unit_test(test_slab),
+        cmocka_unit_test(test_too_few_are_told),
         cmocka_unit_test(test_stats),
     };
 

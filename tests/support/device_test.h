@@ -244,6 +244,24 @@ static inline void compare(const char *what, const float *got, const double *wan
     test_share = fmax(test_share, fmax(error / square / b.nmse, worst / rms / b.worst));
 }
 
+/* The same with a scale for each element, so that small ones count as much as large ones: the error
+ * must be at most bound * scale. Differences below 1e-36 count as none: a device may flush
+ * denormals. */
+static inline void compare_scaled(const char *what, const float *got, const double *want,
+                                  const double *scale, size_t n, double bound)
+{
+    for (size_t i = 0; i < n; i++) {
+        const double e = fabs((double)got[i] - want[i]);
+
+        if (!(e <= fmax(bound * scale[i], 1e-36)))
+            fail_msg("%s: element %zu of %zu is %.9g, the reference has %.9g: off by %.3g of its "
+                     "scale %.3g, allowed %.3g",
+                     what, i, n, (double)got[i], want[i], e / scale[i], scale[i], bound);
+        if (e > 1e-36)
+            test_share = fmax(test_share, e / scale[i] / bound);
+    }
+}
+
 /* Prints the share of its bounds that a test used, which reveals drift before a failure. */
 static inline void test_report(const char *name)
 {

@@ -3,10 +3,14 @@
  * (drivers, compilers) do not count and do not fail, except those of jansson and zlib for the
  * program.
  *
- *   FAULT_CALL=write|read|memory|device|clock|any   which calls; any: the first four
+ *   FAULT_CALL=write|read|memory|device|clock|launch|file|any   which calls; any: the first four
  *   FAULT_AT=K      the K-th of them; 0 or none: they are only counted
  *   FAULT_DO=once   it fails: EIO, no memory, an error of OpenCL                (the default)
  *            full   it and all after it fail: the disk is full, the device is lost
+ *            nan    one of the arrays of floats that the kernel writes is NaN after the K-th
+ *                   launch of those that write any (FAULT_CALL=launch)
+ *            cut, garble, swap   the file that is read, below the folder FAULT_UNDER, has lost its
+ *                   second half, has other bytes there, or has become FAULT_WITH (FAULT_CALL=file)
  *            kill   kill -9     term, int   that signal     storm   all that the program handles
  *            jump   the clock jumps by an hour, and the calendar by ten years, back and forth from
  *                   then on (FAULT_CALL=clock)
@@ -34,8 +38,13 @@
 #include <unistd.h>
 #include "cl.h"
 
-enum { WRITE = 1, READ = 2, MEMORY = 4, DEVICE = 8, CLOCK = 16 };
-enum { MOST_RANGES = 16, ERROR_FLAG = 0x20 /* _IO_ERR_SEEN of glibc */ };
+enum { WRITE = 1, READ = 2, MEMORY = 4, DEVICE = 8, CLOCK = 16, LAUNCH = 32, CHANGE = 64 };
+enum {
+    MOST_RANGES = 16,
+    MOST_ARGS = 64,
+    MOST_KERNELS = 256,
+    ERROR_FLAG = 0x20 /* _IO_ERR_SEEN of glibc */
+};
 
 extern void *__libc_malloc(size_t bytes);
 extern void *__libc_calloc(size_t count, size_t bytes);
@@ -74,8 +83,9 @@ static int note_object(struct dl_phdr_info *info, size_t size, void *user)
 
 __attribute__((constructor)) static void begin(void)
 {
-    static const char *const names[] = {"write", "read", "memory", "device", "clock", "any"};
-    static const unsigned kinds[] = {WRITE, READ, MEMORY, DEVICE, CLOCK, 15};
+    static const char *const names[] = {"write", "read",   "memory", "device",
+                                        "clock", "launch", "file",   "any"};
+    static const unsigned kinds[] = {WRITE, READ, MEMORY, DEVICE, CLOCK, LAUNCH, CHANGE, 15};
     const char *call = getenv("FAULT_CALL"), *at = getenv("FAULT_AT"), *how = getenv("FAULT_DO");
     int objects = 0;
 
@@ -127,7 +137,7 @@ static bool fails(unsigned kind, const char *name, const void *caller)
         return false;
     if (now == fault_at)
         strncpy(failed, name, sizeof failed - 1);
-    if (full || strcmp(fault_do, "once") == 0)
+    if (full || kind == LAUNCH || kind == CHANGE || strcmp(fault_do, "once") == 0)
         return true;
     if (strcmp(fault_do, "kill") == 0)
         kill(getpid(), SIGKILL);
@@ -190,9 +200,60 @@ FILE *fopen(const char *path, const char *mode)
     return real(path, mode);
 }
 
+/* Is it a file below FAULT_UNDER? path: its name. */
+static bool is_under(int fd, char path[4096])
+{
+    const char *folder = getenv("FAULT_UNDER");
+    char link[40];
+    ssize_t length = 0;
+
+    if (!folder || wanted != CHANGE)
+        return false;
+    snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
+    length = readlink(link, path, 4095);
+    path[length > 0 ? length : 0] = 0;
+    return length > 0 && strncmp(path, folder, strlen(folder)) == 0;
+}
+
+/* Changes a file that is open for reading. */
+static void change(const char *path)
+{
+    static char bytes[1 << 20];
+    const bool swap = strcmp(fault_do, "swap") == 0;
+    const int from = swap ? open(getenv("FAULT_WITH"), O_RDONLY) : -1;
+    const int to = open(path, O_WRONLY | (swap ? O_TRUNC : 0));
+    const off_t half = to < 0 ? -1 : lseek(to, 0, SEEK_END) / 2;
+    ssize_t count = 0;
+    bool done = half >= 0 && (from >= 0 || !swap);
+
+    snprintf(failed, sizeof failed, "%s", strrchr(path, '/') + 1);
+    if (swap) {
+        while (done && (count = read(from, bytes, sizeof bytes)) > 0)
+            done = write(to, bytes, (size_t)count) == count;
+    } else if (strcmp(fault_do, "cut") == 0) {
+        done = done && ftruncate(to, half) == 0;
+    } else {
+        memset(bytes, 'Z', sizeof bytes);
+        for (off_t at = half; done && at < 2 * half; at += count) {
+            const off_t left = 2 * half - at;
+
+            count = pwrite(to, bytes, left < 1 << 20 ? (size_t)left : 1 << 20, at);
+            done = count > 0;
+        }
+    }
+    if (!done)
+        abort();
+    close(from);
+    close(to);
+}
+
 ssize_t read(int fd, void *out, size_t bytes)
 {
+    char path[4096];
+
     REAL(read);
+    if (is_under(fd, path) && FAILS(CHANGE))
+        change(path);
     if (!standard(fd) && FAILS(READ)) {
         errno = EIO;
         return -1;
@@ -455,20 +516,9 @@ RETURNS(clGetDeviceIDs,
 RETURNS(clGetDeviceInfo,
         (cl_device_id device, cl_device_info what, size_t bytes, void *out, size_t *needed),
         (device, what, bytes, out, needed), CL_OUT_OF_RESOURCES)
-RETURNS(clBuildProgram,
-        (cl_program program, cl_uint count, const cl_device_id *devices, const char *options,
-         void (*notify)(cl_program, void *), void *user),
-        (program, count, devices, options, notify, user), CL_BUILD_PROGRAM_FAILURE)
 RETURNS(clGetKernelInfo,
         (cl_kernel kernel, cl_kernel_info what, size_t bytes, void *out, size_t *needed),
         (kernel, what, bytes, out, needed), CL_OUT_OF_RESOURCES)
-RETURNS(clSetKernelArg, (cl_kernel kernel, cl_uint at, size_t bytes, const void *value),
-        (kernel, at, bytes, value), CL_OUT_OF_RESOURCES)
-RETURNS(clEnqueueNDRangeKernel,
-        (cl_command_queue queue, cl_kernel kernel, cl_uint dims, const size_t *offset,
-         const size_t *global, const size_t *local, cl_uint count, const cl_event *events,
-         cl_event *event),
-        (queue, kernel, dims, offset, global, local, count, events, event), CL_OUT_OF_RESOURCES)
 RETURNS(clEnqueueReadBuffer,
         (cl_command_queue queue, cl_mem buffer, cl_bool blocking, size_t offset, size_t bytes,
          void *out, cl_uint count, const cl_event *events, cl_event *event),
@@ -507,3 +557,114 @@ MAKES(cl_program, clCreateProgramWithSource,
       (context, count, texts, lengths, status), CL_OUT_OF_HOST_MEMORY)
 MAKES(cl_kernel, clCreateKernel, (cl_program program, const char *name, cl_int *status),
       (program, name, status), CL_OUT_OF_RESOURCES)
+
+/* Kernels with their buffers by the arguments' places (of other arguments, any bytes), and the
+ * places of the arrays of floats, or of vectors of them, that they may write. */
+typedef struct kernel_args {
+    cl_kernel kernel;
+    cl_mem buffers[MOST_ARGS];
+    cl_uint outputs[MOST_ARGS], count;
+} kernel_args;
+
+static bool is_output(cl_kernel kernel, cl_uint at)
+{
+    cl_kernel_arg_address_qualifier space = 0;
+    cl_kernel_arg_type_qualifier more = 0;
+    char type[64] = "";
+
+    return clGetKernelArgInfo(kernel, at, CL_KERNEL_ARG_ADDRESS_QUALIFIER, sizeof space, &space,
+                              NULL) == CL_SUCCESS &&
+           space == CL_KERNEL_ARG_ADDRESS_GLOBAL &&
+           clGetKernelArgInfo(kernel, at, CL_KERNEL_ARG_TYPE_QUALIFIER, sizeof more, &more, NULL) ==
+               CL_SUCCESS &&
+           !(more & CL_KERNEL_ARG_TYPE_CONST) &&
+           clGetKernelArgInfo(kernel, at, CL_KERNEL_ARG_TYPE_NAME, sizeof type, type, NULL) ==
+               CL_SUCCESS &&
+           strncmp(type, "float", 5) == 0;
+}
+
+static kernel_args *args_of(cl_kernel kernel)
+{
+    static kernel_args all[MOST_KERNELS];
+    static int kernels;
+    kernel_args *args = all;
+    cl_uint count = 0;
+
+    for (int i = 0; i < kernels; i++, args++)
+        if (args->kernel == kernel)
+            return args;
+    if (kernels++ == MOST_KERNELS ||
+        clGetKernelInfo(kernel, CL_KERNEL_NUM_ARGS, sizeof count, &count, NULL) != CL_SUCCESS)
+        abort();
+    args->kernel = kernel;
+    for (cl_uint i = 0; i < count && i < MOST_ARGS; i++)
+        if (is_output(kernel, i))
+            args->outputs[args->count++] = i;
+    return args;
+}
+
+/* Fills one of the kernel's outputs. */
+static void fill_with_nan(cl_command_queue queue, const kernel_args *args)
+{
+    const cl_uint nan = 0x7fc00000;
+    const cl_mem one = args->buffers[args->outputs[(cl_uint)fault_at % args->count]];
+    size_t bytes = 0;
+    char name[48] = "";
+
+    clGetKernelInfo(args->kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, NULL);
+    snprintf(failed, sizeof failed, "%s, output %u of %u", name,
+             (cl_uint)fault_at % args->count + 1, args->count);
+    if (!one) { /* an array of which this launch has no part */
+        snprintf(failed, sizeof failed, "%s, an output that is not there", name);
+        return;
+    }
+    if (clGetMemObjectInfo(one, CL_MEM_SIZE, sizeof bytes, &bytes, NULL) != CL_SUCCESS ||
+        clEnqueueFillBuffer(queue, one, &nan, sizeof nan, 0, bytes / 4 * 4, 0, NULL, NULL) !=
+            CL_SUCCESS)
+        abort();
+}
+
+CL_API_ENTRY cl_int CL_API_CALL clBuildProgram(cl_program program, cl_uint count,
+                                               const cl_device_id *devices, const char *options,
+                                               void (*notify)(cl_program, void *), void *user)
+{
+    char more[1024];
+
+    REAL(clBuildProgram);
+    if (FAILS(DEVICE))
+        return CL_BUILD_PROGRAM_FAILURE;
+    snprintf(more, sizeof more, "%s%s", options ? options : "",
+             wanted == LAUNCH ? " -cl-kernel-arg-info" : ""); /* for is_output */
+    return real(program, count, devices, more, notify, user);
+}
+
+CL_API_ENTRY cl_int CL_API_CALL clSetKernelArg(cl_kernel kernel, cl_uint at, size_t bytes,
+                                               const void *value)
+{
+    REAL(clSetKernelArg);
+    if (FAILS(DEVICE))
+        return CL_OUT_OF_RESOURCES;
+    if (wanted == LAUNCH && at < MOST_ARGS)
+        args_of(kernel)->buffers[at] =
+            value && bytes == sizeof(cl_mem) ? *(const cl_mem *)value : NULL;
+    return real(kernel, at, bytes, value);
+}
+
+CL_API_ENTRY cl_int CL_API_CALL clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel,
+                                                       cl_uint dims, const size_t *offset,
+                                                       const size_t *global, const size_t *local,
+                                                       cl_uint count, const cl_event *events,
+                                                       cl_event *event)
+{
+    cl_int code = CL_SUCCESS;
+    bool spoils = false;
+
+    REAL(clEnqueueNDRangeKernel);
+    if (FAILS(DEVICE))
+        return CL_OUT_OF_RESOURCES;
+    spoils = wanted == LAUNCH && args_of(kernel)->count > 0 && FAILS(LAUNCH);
+    code = real(queue, kernel, dims, offset, global, local, count, events, event);
+    if (spoils && code == CL_SUCCESS)
+        fill_with_nan(queue, args_of(kernel));
+    return code;
+}

@@ -24,6 +24,7 @@ int test_group_crop(void);
 int test_group_doubts(void);
 int test_group_export(void);
 int test_group_exports(void);
+int test_group_extreme_scenes(void);
 int test_group_extremes(void);
 int test_group_features(void);
 int test_group_field(void);
