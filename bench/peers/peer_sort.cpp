@@ -105,12 +105,13 @@ class device_sort
     device_sort(cln_device *opened)
     {
         cln_config config;
+        cln_pipeline_facts facts = {};
 
         device = opened;
         must(cln_config_preset("fast", &config));
         config.stage1 = CLN_STAGE1_SPLAT; /* only splatting builds the 64-bit sort */
-        must(cln_pipeline_create(device, &config, 0, false, &cln_space_unit, CLN_PROGRAMS_ALL,
-                                 &pipeline));
+        facts.space = &cln_space_unit;
+        must(cln_pipeline_create(device, &config, &facts, CLN_PROGRAMS_ALL, &pipeline));
     }
     ~device_sort()
     {

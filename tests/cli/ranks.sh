@@ -420,11 +420,11 @@ section_pictures() {
         --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \
         --n1 8 --steps 1
     expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
-        "$work/large" -o "$work/four" --device-mem 13M
+        "$work/large" -o "$work/views of four" --device-mem 13M
     expect "four ranks render that model" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
-        -o "$work/four" --device-mem 13M
+        -o "$work/views of four" --device-mem 13M
     run "$cln" render "$work/large" -o "$work/alone"
-    check "the pictures are those of one process with room" diff -r "$work/alone" "$work/four"
+    check "the pictures are those of one process with room" diff -r "$work/alone" "$work/views of four"
 }
 
 # bench/scale computes the bytes that a training counted.
