@@ -263,8 +263,8 @@ $B/obj/pages_embed.o: $B/pages_embed.c
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
     tests/export/test_reduce.o): $B/optional
 # The kernels' bench names its commit.
-COMMIT = $(or $(shell [ ! -e .git ] || git describe --always --dirty --abbrev=12 2>/dev/null),\
-    unknown)
+COMMIT = $(or $(shell [ ! -e .git ] || git describe --always --dirty --abbrev=12 2>/dev/null), \
+               unknown)
 $B/obj/bench/kernels/bench_output.o: override CFLAGS += -DBENCH_COMMIT='"$(COMMIT)"'
 $B/obj/bench/kernels/bench_output.o: $B/commit
 $B/commit: FORCE

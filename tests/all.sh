@@ -93,7 +93,9 @@ part ranks tests/cli/ranks.sh
 part lint tests/lint.sh
 part faults env FAULTS=1 tests/faults.sh kill disk memory device nan clock changing
 part viewer tests/cli/view.sh
-part "sanitized command line" env BUILD=build/sanitize tests/cli/cli.sh usage scenes resume
+# leaks.sh looks for leaks: looking for them while the driver's threads end now and then crashes
+part "sanitized command line" env BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0" \
+    tests/cli/cli.sh usage scenes resume
 part leaks tests/cli/leaks.sh
 part tree tests/cli/tree.sh
 part tune tests/cli/tune.sh

@@ -1,7 +1,7 @@
 #!/bin/bash
-# Faults: the program is killed, the disk is full, memory or the device fails, a kernel's results are
-# NaN, files vanish or change while they are read, signals storm, clocks jump; each at the k-th call
-# of the function that it concerns (support/faults.c).
+# Faults: the program is killed, the disk is full, memory or the device fails, a kernel returns NaN,
+# files vanish or change while they are read, signals storm, clocks jump; each at the k-th call of
+# the function that it concerns (support/faults.c).
 # After each there must be an exit code and a sentence, an intact last checkpoint, and a training
 # that resumes from it to the same weights as an undisturbed one.
 #
@@ -212,9 +212,9 @@ section_files() {
         each_moment read once full
 }
 
-# changing NAME FOLDER RUN COMMAND...: files below FOLDER change while a command reads them. RUN ends
-# as it does without that, or the command says which file it cannot read; a warning is enough for
-# one that matters only to the report.
+# changing NAME FOLDER RUN COMMAND...: files below FOLDER change while a command reads them. RUN
+# ends as it does without that, or the command says which file it cannot read; a warning is enough
+# for one that matters only to the report.
 changing() {
     local name=$1 under=$2 ends=$3 how i at same
     shift 3

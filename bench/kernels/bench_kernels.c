@@ -1,7 +1,7 @@
 /* build/bench-kernels: every kernel of the pipeline, through the stages that training calls, from
  * tiny to large: time, GFLOP/s and GB/s beside ceilings measured in the same run, error against
- * float64. Exit code 10 if a result is wrong or faster than the ceiling. docs/benches.md explains
- * the columns. */
+ * float64. Exit code 10 if a result is wrong or a row is above the FMA ceiling. docs/benches.md
+ * explains the columns. */
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>

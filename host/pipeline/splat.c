@@ -19,7 +19,8 @@ enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
  * distance z with focal length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that must
  * reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every s^3 f^2
  * / (k t)^2 of a ray on average. In a forward space, a pixel has the same size at any t: about
- * scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees a whole leaf. */
+ * scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees a whole leaf.
+ */
 static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level,
                           double *reached)
 {

@@ -179,24 +179,24 @@ section_scenes() {
 
     # lists of splits whose names have other folders or endings than the frames
     "$make_scene" "$work/listed" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
-    cp "$work/listed/transforms.json" "$work/frames.json"
+    cp "$work/listed/transforms.json" "$work/frames.saved"
     sed -i '/"file_path"/! s|"images/|"|' "$work/listed/transforms.json"
     expect "lists without folders" 0 "~frame_00001.png.*taken.for.*images/frame_00001.png" \
         "$cln" info "$work/listed" --json
     check "their frames are found" [ "$(json splits.train)$(json splits.test)" = 63 ]
-    sed 's|"images/\(.*\)\.png"|"IMAGES/\1"|' "$work/frames.json" |
+    sed 's|"images/\(.*\)\.png"|"IMAGES/\1"|' "$work/frames.saved" |
         sed '/"file_path"/ s|IMAGES|images|' >"$work/listed/transforms.json"
     expect "neither has endings, and case differs" 0 "~taken.for" \
         "$cln" info "$work/listed" --json
     check "their frames are found, too" [ "$(json splits.train)$(json splits.test)" = 63 ]
-    sed '/"file_path"/! s|"images/frame_00002.png"|"frame_2"|' "$work/frames.json" \
+    sed '/"file_path"/! s|"images/frame_00002.png"|"frame_2"|' "$work/frames.saved" \
         >"$work/listed/transforms.json"
     expect "a name that no frame has" 3 "~'frame_2'.*first.frame.is.'images/frame_00001.png'" \
         "$cln" info "$work/listed"
     mkdir "$work/listed/more"
     cp "$work/listed/images/frame_00003.png" "$work/listed/more/frame_00002.png"
     sed -e '/"file_path"/ s|images/frame_00003|more/frame_00002|' \
-        -e '/"file_path"/! s|"images/frame_0000[23].png"|"frame_00002"|' "$work/frames.json" \
+        -e '/"file_path"/! s|"images/frame_0000[23].png"|"frame_00002"|' "$work/frames.saved" \
         >"$work/listed/transforms.json"
     expect "a name that two frames may have" 3 \
         "~'frame_00002'.*'images/frame_00002.png'.or.'more/frame_00002.png'" \
