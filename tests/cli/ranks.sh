@@ -424,7 +424,8 @@ section_pictures() {
     expect "four ranks render that model" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
         -o "$work/views of four" --device-mem 13M
     run "$cln" render "$work/large" -o "$work/alone"
-    check "the pictures are those of one process with room" diff -r "$work/alone" "$work/views of four"
+    check "the pictures are those of one process with room" \
+        diff -r "$work/alone" "$work/views of four"
 }
 
 # bench/scale computes the bytes that a training counted.

@@ -57,7 +57,8 @@ section_resume() {
     expect "the tree of another run" 0 "" "$cln" train "$work/demo" -o "$work/taken" "${net[@]}" \
         --tree-from "$work/three" --start-level 1 --max-level 2 --level-at "" --stage1 splat \
         --steps 2
-    check "its depth is its tree's, the setting stays as given" grep -q '"max_level": 2' "$work/taken/run.json"
+    check "--max-level stays as given, whatever the tree has" \
+        grep -q '"max_level": 2' "$work/taken/run.json"
 }
 
 # scaled FACTOR NUMBER: their product
