@@ -44,7 +44,7 @@ typedef enum cln_lens {
 #define CLN_LENS_PARAMS 12 /* the most that a model has */
 
 /* Rays of cameras further than this from the cube's centre, in normalised units, begin at a
- * `start`. */
+ * `start`, but in forward and shell spaces. */
 #define CLN_FAR 32.0f
 
 /* A view's camera in normalised space (scene/scene.h has the model and the units). Rays begin where

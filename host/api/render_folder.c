@@ -15,6 +15,7 @@
 #include "io/image.h"
 #include "io/npy.h"
 #include "io/run_folder.h"
+#include "ranks/ranks.h"
 
 #define SCHEMA "cl-nascent.frames/1"
 
@@ -347,6 +348,7 @@ cln_status cln_render_draw_depths(const cln_render_job *j)
             const cln_render_frame *f = &j->frames[i];
             const size_t n = (size_t)cln_render_width(j, f) * (size_t)f->camera.height;
 
+            cln_ranks_answer(); /* the others wait while this one draws */
             CLN_TRY(read_frame(j, f, &depth, &opacity));
             if (pass == 0) {
                 CLN_TRY(cln_depth_scale_add(&scale, n, depth, opacity));

@@ -5,7 +5,6 @@
 #include "base/config.h"
 
 #include <math.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

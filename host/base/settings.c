@@ -76,7 +76,8 @@ static double budget_of(const cln_config *run, const cln_config_row *row)
 static cln_status extend(cln_settings *settings, const cln_config_row *row, const char *more)
 {
     cln_status st = CLN_OK;
-    const double slack = row->flags & CLN_ROW_SECONDS ? 10 : 0;
+    /* what a whole budget may end beyond: a last step is not cut, and epochs are rounded up */
+    const double slack = row->flags & CLN_ROW_SECONDS ? 10 : strcmp(row->option, "epochs") == 0;
     const double budget = budget_of(&settings->base, row);
     const double used = number_of(&settings->used, row);
     cln_config added = settings->base;

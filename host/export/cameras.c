@@ -275,6 +275,13 @@ static cln_status write_colmap(const cln_export_job *job, const cln_scene *scene
                              "%s: already exists; choose another folder, or give --overwrite",
                              paths[i]));
     }
+    for (int i = 0, told = 0; i < scene->view_count && !told; i++) {
+        told = scene->views[i].turned;
+        if (told)
+            cln_warn("%s: the pose is of '%s' as its EXIF data turn it, which COLMAP does not; "
+                     "turn such photos first: mogrify -auto-orient",
+                     job->desc->file, scene->views[i].name);
+    }
     CLN_TRY(cln_make_dirs(job->desc->file));
     for (int i = 0; i < FILES; i++) {
         CLN_TRY(cln_atomic_open(paths[i], &files[i]));

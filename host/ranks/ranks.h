@@ -35,6 +35,10 @@ int cln_ranks_me(void);           /* 0 .. count - 1 */
 int cln_ranks_me_here(void);      /* among the ranks of this machine, 0 .. */
 const char *cln_ranks_name(void); /* "rank 1 of 2 on HOST: "; "" if alone */
 
+/* Answers ranks that ask whether this one is still there. For long work that it does alone, while
+ * others wait. */
+void cln_ranks_answer(void);
+
 /* Each of n values becomes the largest of all ranks' values, on all ranks. */
 void cln_ranks_largest(double *values, int n);
 

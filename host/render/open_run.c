@@ -59,6 +59,8 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
     memcpy(desc.pixels, pixels, sizeof desc.pixels);
     CLN_TRY(cln_open_run_model(run, out));
     CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
+    memcpy(out->scene->background, out->model.background, sizeof out->scene->background);
+    out->scene->background_known = true;
     if (out->same_scene)
         out->scene->space = out->model.space; /* as it was found when the run began */
     out->refined = out->same_scene && out->model.motions &&

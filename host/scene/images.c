@@ -67,8 +67,9 @@ static cln_status check_mask(const cln_view *view, const char *path)
     CLN_TRY(cln_image_info(path, &width, &height, &channels));
     if (width != view->file_width || height != view->file_height)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: the mask has %d x %d pixels, its image %d x %d; make them equal",
-                         path, width, height, view->file_width, view->file_height));
+                         "%s: the mask has %d x %d pixels, its image%s %d x %d; make them equal",
+                         path, width, height, view->turned ? ", turned as its EXIF data say," : "",
+                         view->file_width, view->file_height));
 done:
     return st;
 }

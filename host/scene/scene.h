@@ -69,6 +69,7 @@ typedef struct cln_view {
     int number;                  /* among the views as its reader gave them */
     int file_width, file_height; /* size before --downscale; of the turned picture, if turned */
     int orientation;             /* EXIF's (io/exif.h); 1: none */
+    bool sized_by_file;          /* its format gives no size, so the camera has the stored file's */
     bool turned;                 /* `pixels` are turned as it says; else as stored */
     bool turn_known;             /* sizes or the format tell which of these the pose is of */
     int channels;                /* 3, or 4 with straight alpha */

@@ -165,7 +165,8 @@ done:
 }
 
 /* Reads the intrinsics. If no size is given anywhere, the camera keeps its own, if it has one. */
-static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera)
+static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera,
+                                  bool *by_file)
 {
     cln_status st = CLN_OK;
     const int own[2] = {camera->width, camera->height};
@@ -177,6 +178,7 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
     if (!camera->width || !camera->height) {
         camera->width = own[0];
         camera->height = own[1];
+        *by_file = !own[0] || cln_is_file(image);
         if (!own[0] || cln_is_file(image))
             st = cln_image_info(image, &camera->width, &camera->height, &channels);
         if (st == CLN_INPUT && src->read_later && cln_is_file(image)) {
@@ -350,7 +352,7 @@ cln_status cln_transforms_finish(const char *folder, const char *file, const jso
     CLN_TRY(cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index,
                          json_string_value(json_object_get(src.frame, "file_path"))));
     CLN_TRY(find_mask(&src, moved, view));
-    CLN_TRY(read_intrinsics(&src, view->path, &view->camera));
+    CLN_TRY(read_intrinsics(&src, view->path, &view->camera, &view->sized_by_file));
 done:
     free(src.where);
     return st;
@@ -362,6 +364,7 @@ cln_status cln_transforms_camera(const char *folder, const char *file, const jso
     cln_status st = CLN_OK;
     source src = {.folder = folder, .root = root};
     const json_t *file_path = NULL;
+    bool by_file = false; /* of a camera without a photo */
     char *image = NULL;
 
     src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
@@ -377,7 +380,7 @@ cln_status cln_transforms_camera(const char *folder, const char *file, const jso
         CLN_TRY(cln_strdup(&image, ""));
     }
     CLN_TRY(read_pose(&src, camera->c2w));
-    CLN_TRY(read_intrinsics(&src, image, camera));
+    CLN_TRY(read_intrinsics(&src, image, camera, &by_file));
     CLN_TRY(cln_camera_check(camera, src.where));
 done:
     free(src.where);

@@ -21,7 +21,7 @@ static int told_by_size(const cln_view *v)
     const bool stored = cln_camera_has_shape(&v->camera, v->file_width, v->file_height);
     const bool turned = cln_camera_has_shape(&v->camera, v->file_height, v->file_width);
 
-    return v->orientation < 5 || stored == turned ? 0 : turned ? 1 : -1;
+    return v->orientation < 5 || v->sized_by_file || stored == turned ? 0 : turned ? 1 : -1;
 }
 
 void cln_scene_find_turns(cln_scene *scene)

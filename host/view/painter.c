@@ -271,6 +271,8 @@ static cln_status paint_photo(const cln_painter *painter, cln_painting *g)
     uint8_t *pixels = NULL;
 
     CLN_TRY(cln_image_load(view->path, &width, &height, &channels, &pixels));
+    if (view->turned)
+        CLN_TRY(cln_image_turn(view->orientation, &width, &height, channels, &pixels));
     longer = width > height ? width : height;
     if (longer > g->ask.side) {
         const int n = (longer + g->ask.side - 1) / g->ask.side;

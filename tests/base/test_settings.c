@@ -152,6 +152,10 @@ static void test_extend_epochs(void **state)
     settings->used.epochs = 30;
     set(settings, "epochs", "+5");
     assert_int_equal(settings->config.epochs, 35);
+    settings->used.epochs = 31; /* its last step ended a little beyond the 30 */
+    set(settings, "epochs", "+5");
+    assert_int_equal(settings->config.epochs, 35);
+    settings->used.epochs = 30;
     settings->base.epochs = 2; /* lowered below what was trained */
     set(settings, "epochs", "+5");
     assert_int_equal(settings->config.epochs, 35);

@@ -528,19 +528,19 @@ section_results() {
         expect "${c%.*} with a spacing larger than the scene" 2 "~--spacing.1000: ~side.of ~less" \
             "$cln" export "$r" --${c%.*} "$work/far.${c#*.}" --spacing 1000
     done
-    "$make_scene" "$work/colmap" --format colmap --size 32 --train 6 --test 0 >/dev/null
-    "$cln" train "$work/colmap" -o "$work/colmap run" "${small[@]}" --steps 3 >/dev/null 2>&1
+    "$make_scene" "$work/model" --format colmap --size 32 --train 6 --test 0 >/dev/null
+    "$cln" train "$work/model" -o "$work/model run" "${small[@]}" --steps 3 >/dev/null 2>&1
     expect "cameras of a COLMAP scene, beside it" 0 "" \
-        "$cln" export "$work/colmap run" --cameras "$work/colmap/cameras.json"
+        "$cln" export "$work/model run" --cameras "$work/model/cameras.json"
     check "nothing about another place" not_said "put the file there"
-    expect "they are a scene there" 0 "" "$cln" info "$work/colmap/cameras.json" --json
+    expect "they are a scene there" 0 "" "$cln" info "$work/model/cameras.json" --json
     check "with all photos" [ "$(json splits.train)$(json splits.test)" = 51 ]
-    expect "cameras elsewhere: where they are a scene" 0 "~put.the.file.there $work/colmap" \
-        "$cln" export "$work/colmap run" --cameras "$work/cameras.json"
-    expect "COLMAP's files elsewhere" 0 "~put.the.folder.there $work/colmap" \
-        "$cln" export "$work/colmap run" --cameras "$work/cameras"
-    mv "$work/cameras" "$work/colmap"
-    expect "they are a scene in its folder" 0 "" "$cln" info "$work/colmap/cameras" --json
+    expect "cameras elsewhere: where they are a scene" 0 "~put.the.file.there $work/model" \
+        "$cln" export "$work/model run" --cameras "$work/cameras.json"
+    expect "COLMAP's files elsewhere" 0 "~put.the.folder.there $work/model" \
+        "$cln" export "$work/model run" --cameras "$work/cameras"
+    mv "$work/cameras" "$work/model"
+    expect "they are a scene in its folder" 0 "" "$cln" info "$work/model/cameras" --json
     check "with all photos, too" [ "$(json splits.train)$(json splits.test)" = 51 ]
     run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"
     check "a file beyond its limit is an error, and leaves nothing" eval \

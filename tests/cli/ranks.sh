@@ -326,7 +326,7 @@ section_hangs() {
     baseline
     expect "a wait that is no time is refused" 2 "CL_NASCENT_RANK_WAIT ~10m.*0" "${mpi[@]}" -n 2 \
         "$ranked" train "$work/scene" -o "$on" "${small[@]}" --steps 20
-    CL_NASCENT_RANK_WAIT=8
+    CL_NASCENT_RANK_WAIT=20
     for rank in 1 0; do
         start_saving "$on-$rank"
         if [ "$rank" = 1 ]; then
@@ -334,10 +334,14 @@ section_hangs() {
             kill -STOP "${pids[0]}"
             sleep 4
             kill -STOP "${pids[1]}" # now all: this time counts for nobody
-            sleep 8
+            sleep 20
             rows=$(wc -l <"$on-1/metrics.jsonl")
             kill -CONT "${pids[@]}"
-            sleep 4
+            end=$((SECONDS + 120))
+            while kill -0 "$child" && [ "$(wc -l <"$on-1/metrics.jsonl")" -le "$rows" ] &&
+                [ $SECONDS -lt $end ]; do
+                sleep 0.1
+            done 2>/dev/null
             check "ranks that stood still go on" [ "$(wc -l <"$on-1/metrics.jsonl")" -gt "$rows" ]
         fi
         kill -STOP "$(process "$rank")"
