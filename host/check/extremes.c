@@ -173,23 +173,23 @@ static void with_splatting(cln_config *config)
     config->stage1 = CLN_STAGE1_SPLAT;
 }
 
-static cln_status all_networks(cln_checks *c)
+/* Of every encoding: the passes, also with large weights. */
+static cln_status all_passes(cln_checks *c)
 {
     cln_status st = CLN_OK;
 
     CLN_TRY(cln_extremes_networks(c));
     CLN_TRY(cln_extremes_large_weights(c));
-    CLN_TRY(cln_extremes_adam(c));
 done:
     return st;
 }
 
-static cln_status all_grid_networks(cln_checks *c)
+static cln_status all_networks(cln_checks *c)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_extremes_networks(c));
-    CLN_TRY(cln_extremes_large_weights(c));
+    CLN_TRY(all_passes(c));
+    CLN_TRY(cln_extremes_adam(c));
 done:
     return st;
 }
@@ -198,8 +198,7 @@ static cln_status all_voxels(cln_checks *c)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_extremes_networks(c));
-    CLN_TRY(cln_extremes_large_weights(c));
+    CLN_TRY(all_passes(c));
     CLN_TRY(cln_extremes_voxels(c));
 done:
     return st;
@@ -250,8 +249,7 @@ static const subject subjects[] = {
      .programs = NETWORKS | BIT(mlp_density)},
     {"networks, exp, HALF=1", .tune = "HALF=1", .change = with_exponential,
      .run = cln_extremes_large_weights, .programs = NETWORKS},
-    {"grid", .change = with_grid, .run = all_grid_networks,
-     .programs = NETWORKS | BIT(mlp_density)},
+    {"grid", .change = with_grid, .run = all_passes, .programs = NETWORKS | BIT(mlp_density)},
     {"voxels", .change = with_voxels, .run = all_voxels, .programs = VOXELS},
     {"decoder", .change = with_decoder, .run = all_voxels, .programs = VOXELS | BIT(decoder)},
     {"Adam, float moments", .change = with_wide_moments, .run = cln_extremes_adam,

@@ -37,6 +37,12 @@ cln_extreme cln_extreme_row(cln_checks *c, const char *name, const char *range);
 void cln_extreme_meet(cln_extreme *e, double got, double want, double scale, double bound,
                       const char *fmt, ...) __attribute__((format(printf, 6, 7)));
 
+/* Makes the rays of pixels of these cameras and reads them back, `bytes` of origins and of
+ * directions, which were NaNs before. CLN_MEMORY, CLN_CL. */
+cln_status cln_extremes_shoot(cln_pipeline *p, const cln_space *space, const cln_camera *cameras,
+                              int views, const cln_pixel *pixels, int rays, size_t bytes, void *o,
+                              void *d);
+
 /* Counts a number without an oracle: it must be finite. */
 void cln_extreme_finite(cln_extreme *e, double got, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));

@@ -23,30 +23,18 @@ typedef struct batch {
 
 static cln_status shoot(cln_pipeline *p, const cln_space *space, batch *b)
 {
-    cln_status st = CLN_OK;
-    const cln_camera *list[CLN_FORWARD_VIEWS];
-    const float white[4] = {1, 1, 1, 1};
-
     for (int v = 0; v < CLN_FORWARD_VIEWS; v++) {
         cln_check_forward_camera(v, space, WIDTH, HEIGHT, &b->cameras[v]);
         if (p->lenses)
             b->cameras[v].k1 = 0.05 * (v - 1);
-        list[v] = &b->cameras[v];
     }
     for (uint32_t r = 0; r < RAYS; r++) {
         b->pixels[r] = (cln_pixel){.view = r % CLN_FORWARD_VIEWS};
         b->pixels[r].x = (uint32_t)cln_check_uniform(81, r, 0, WIDTH);
         b->pixels[r].y = (uint32_t)cln_check_uniform(82, r, 0, HEIGHT);
     }
-    CLN_TRY(cln_pipeline_cameras(p, list, CLN_FORWARD_VIEWS, space));
-    CLN_TRY(cln_pipeline_batch(p, b->pixels, RAYS, NULL, white));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_o, sizeof b->o));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_d, sizeof b->d));
-    CLN_TRY(cln_stage_rays(p, RAYS));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, b->o, sizeof b->o));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, b->d, sizeof b->d));
-done:
-    return st;
+    return cln_extremes_shoot(p, space, b->cameras, CLN_FORWARD_VIEWS, b->pixels, RAYS, sizeof b->o,
+                              b->o, b->d);
 }
 
 /* Puts an opaque sample of known depth on each ray: compositing must give that depth. */

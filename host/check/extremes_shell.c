@@ -45,28 +45,16 @@ static void make_camera(int v, const cln_space *space, cln_camera *c)
 
 static cln_status shoot(cln_pipeline *p, const cln_space *space, batch *b)
 {
-    cln_status st = CLN_OK;
-    const cln_camera *list[VIEWS];
-    const float white[4] = {1, 1, 1, 1};
-
     for (int v = 0; v < VIEWS; v++) {
         make_camera(v, space, &b->cameras[v]);
-        list[v] = &b->cameras[v];
     }
     for (uint32_t r = 0; r < RAYS; r++) {
         b->pixels[r] = (cln_pixel){.view = r % VIEWS};
         b->pixels[r].x = (uint32_t)cln_check_uniform(121, r, 0, SIZE);
         b->pixels[r].y = (uint32_t)cln_check_uniform(122, r, 0, SIZE);
     }
-    CLN_TRY(cln_pipeline_cameras(p, list, VIEWS, space));
-    CLN_TRY(cln_pipeline_batch(p, b->pixels, RAYS, NULL, white));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_o, sizeof b->o));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_d, sizeof b->d));
-    CLN_TRY(cln_stage_rays(p, RAYS));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, b->o, sizeof b->o));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, b->d, sizeof b->d));
-done:
-    return st;
+    return cln_extremes_shoot(p, space, b->cameras, VIEWS, b->pixels, RAYS, sizeof b->o, b->o,
+                              b->d);
 }
 
 typedef struct rows {
