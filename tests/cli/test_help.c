@@ -7,6 +7,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -104,6 +105,21 @@ static void help_fits_eighty_columns(void **state)
     }
 }
 
+/* Whether a text has --NAME, and not only as the beginning of a longer option. */
+static bool has_option(const char *text, const char *name)
+{
+    char wanted[64];
+
+    snprintf(wanted, sizeof wanted, "--%s", name);
+    for (const char *at = text; (at = strstr(at, wanted)); at++) {
+        const char after = at[strlen(wanted)];
+
+        if (after != '-' && !isalnum((unsigned char)after))
+            return true;
+    }
+    return false;
+}
+
 static void manual_names_every_option(void **state)
 {
     char *page = NULL, *to = NULL;
@@ -120,13 +136,14 @@ static void manual_names_every_option(void **state)
     }
     *to = 0;
     for (int i = 0; i < cln_arg_count; i++) {
-        char wanted[64];
-        snprintf(wanted, sizeof wanted, "--%s", cln_args[i].name);
-        if (!strstr(page, wanted))
-            fail_msg("docs/cl-nascent.1: no %s", wanted);
+        if (!has_option(page, cln_args[i].name))
+            fail_msg("docs/cl-nascent.1: no --%s", cln_args[i].name);
         if (cln_args[i].env && !strstr(page, cln_args[i].env))
             fail_msg("docs/cl-nascent.1: no %s", cln_args[i].env);
     }
+    for (int i = 0; i < cln_config_row_count; i++)
+        if (!has_option(page, cln_config_rows[i].option))
+            fail_msg("docs/cl-nascent.1: no --%s", cln_config_rows[i].option);
     free(page);
 }
 
