@@ -19,6 +19,7 @@
  *   PARAMS          of a leaf: [CELLS + 1]^3 vertices (z, y, x) of FEATURES, padded
  *   SMOOTH 0 | 1, SMOOTH_DENSITY SMOOTH_COLOUR   weights of half of (p - q)^2 of neighbouring
  *                   vertices' numbers, in leaves of side 1/16
+ *   BEND_DENSITY BEND_COLOUR   1 / delta^2, where these squares turn linear; 0: never
  *   MOMENTUM 0 | 1  no first moment (beta1 is 0) | Adam's
  *   EACH            leaves that a work-group of voxel_update takes one after another
  *   DENSITY_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
@@ -37,6 +38,8 @@
 #define HARMONIC_RATE  0.2f
 #define SMOOTH_DENSITY 4e-9f
 #define SMOOTH_COLOUR  4e-9f
+#define BEND_DENSITY   1.0f
+#define BEND_COLOUR    10.0f
 #endif
 
 #define SIDE      (CELLS + 1)
@@ -255,6 +258,12 @@ HELPER float edge_share(int3 at, int a)
     return (a != 0 && x ? 0.5f : 1.0f) * (a != 1 && y ? 0.5f : 1.0f) * (a != 2 && z ? 0.5f : 1.0f);
 }
 
+/* The slope of delta^2 (sqrt(1 + (d / delta)^2) - 1), which is half of d^2 while d is small. */
+HELPER vf smooth_slope(vf d, vf bend)
+{
+    return d / sqrt(MAD(bend * d, d, (vf)(1.0f)));
+}
+
 /* The gradient of a slice to grads [slice][PARAMS], of the vertices that samples are near: met
  * [slice][z][y], bit x. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
@@ -379,17 +388,21 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
             continue;
         UNROLL (f, FEATURES / VW) {
             vf sum = (vf)(0.0f);
-            float weight[VW];
+            float weight[VW], bends[VW];
 
-            UNROLL (i, VW)
+            UNROLL (i, VW) {
                 weight[i] = area * (f * VW + i == 3 ? SMOOTH_DENSITY : SMOOTH_COLOUR);
+                bends[i] = f * VW + i == 3 ? BEND_DENSITY : BEND_COLOUR;
+            }
+            const vf here = VLOAD(p + f * VW), bend = VLOAD(bends);
+
             for (int a = 0; a < 3; a++) {
                 const float share = edge_share(at, a);
 
                 if (c[a] > 0)
-                    sum += share * (VLOAD(p + f * VW) - VLOAD(p + f * VW - step[a]));
+                    sum += share * smooth_slope(here - VLOAD(p + f * VW - step[a]), bend);
                 if (c[a] < CELLS)
-                    sum += share * (VLOAD(p + f * VW) - VLOAD(p + f * VW + step[a]));
+                    sum += share * smooth_slope(here - VLOAD(p + f * VW + step[a]), bend);
             }
             VSTORE_IN(__global, MAD(VLOAD(weight), sum, VLOAD(g + f * VW)), g + f * VW);
         }

@@ -156,6 +156,8 @@ static const setting voxel[] = {
     {"harmonics-lr", "0.2"},
     {"smooth-density", "4e-9"},
     {"smooth-colour", "4e-9"},
+    {"smooth-density-delta", "1"},
+    {"smooth-colour-delta", "0.3"},
 };
 
 static const struct {

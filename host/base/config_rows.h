@@ -299,6 +299,12 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(smooth_colour, "smooth-colour", 0, 0, 0, 1,                                               \
          "voxel: weight of half the squared differences of neighbours' colours",                   \
          .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
+    REAL(smooth_density_delta, "smooth-density-delta", 0, 0, 0, 1e6,                               \
+         "voxel: where the squares of --smooth-density turn linear (0: never)",                    \
+         .flags = CLN_ROW_LATER)                                                                   \
+    REAL(smooth_colour_delta, "smooth-colour-delta", 0, 0, 0, 1e6,                                 \
+         "voxel: where the squares of --smooth-colour turn linear (0: never)",                     \
+         .flags = CLN_ROW_LATER)                                                                   \
     REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "weight of the norm of the view layer")                 \
     INT(precrop_steps, "precrop-steps", 0, 0, 0, 1000000,                                          \
         "first steps that draw rays from the middle half of the images only")

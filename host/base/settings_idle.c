@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 44 };
+enum { IDLE_ROWS = 46 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -45,7 +45,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          !cln_leaf_kind_of(c->encoding)->network,
          "voxels have no network; give --encoding frequency"},
         {"harmonics decoder-width decoder-lr density-lr harmonics-lr smooth-density smooth-colour "
-         "cell-pixels",
+         "smooth-density-delta smooth-colour-delta cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
         {"harmonics-lr", c->harmonics == 0, "there are no harmonics; give --harmonics 1"},
         {"cell-pixels", tree, "--tree-from keeps that run's tree; leave one out"},
@@ -66,6 +66,10 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "without view dependence there is no view layer; give --view-dependence"},
         {"lr-final", c->lr_schedule == CLN_SCHEDULE_STEP,
          "--lr-schedule step only divides --lr by ten, twice; give --lr-schedule exp"},
+        {"smooth-density-delta", c->smooth_density <= 0,
+         "densities are not smoothed; give --smooth-density 4e-9"},
+        {"smooth-colour-delta", c->smooth_colour <= 0,
+         "colours are not smoothed; give --smooth-colour 4e-9"},
         {"huber-delta", c->loss != CLN_LOSS_HUBER, "the loss is l2; give --loss huber"},
         {"alpha-loss", c->alpha_loss > 0 && !facts->has_alpha,
          "the images have no alpha; give --opaque-loss"},

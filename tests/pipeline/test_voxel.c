@@ -18,17 +18,18 @@ typedef struct voxel_case {
     const char *name;
     int set, harmonics, decoder;
     double beta1, smooth_density, smooth_colour, density_lr, harmonics_lr;
+    double density_delta, colour_delta; /* where the squares turn linear; 0: never */
 } voxel_case;
 
 static const voxel_case cases[] = {
     {"default", 0, 1, 32, 0, 0, 0, 4, 0.2},
-    {"smooth, no decoder", 0, 1, 0, 0, 3e-5, 1e-5, 4, 0.2},
+    {"smooth, no decoder", 0, 1, 0, 0, 3e-5, 1e-5, 4, 0.2, 0.2, 0.1},
     {"slices", 1, 1, 16, 0, 0, 0, 4, 0.2},
     {"plain, momentum", 1, 2, 48, 0.9, 1e-5, 3e-5, 1, 1},
     {"wide vectors", 2, 2, 16, 0, 1e-5, 0, 2, 0.5},
     {"items, no view", 3, 0, 0, 0, 0, 1e-5, 1, 1},
-    {"items", 3, 1, 16, 0, 0, 1e-5, 1, 1},
-    {"gpu", 4, 1, 32, 0.9, 1e-5, 1e-5, 4, 0.2},
+    {"items", 3, 1, 16, 0, 0, 1e-5, 1, 1, 0, 0.1},
+    {"gpu", 4, 1, 32, 0.9, 1e-5, 1e-5, 4, 0.2, 0.2, 0},
 };
 
 static cln_config config_of(const voxel_case *c)
@@ -49,6 +50,8 @@ static cln_config config_of(const voxel_case *c)
     config.roulette = 1e-6; /* samples without a gradient take no part, all others do */
     config.smooth_density = c->smooth_density;
     config.smooth_colour = c->smooth_colour;
+    config.smooth_density_delta = c->density_delta;
+    config.smooth_colour_delta = c->colour_delta;
     config.density_rate = c->density_lr;
     config.harmonic_rate = c->harmonics_lr;
     return config;
@@ -181,8 +184,14 @@ static void backward(const cln_config *config, const cln_model *model, const bat
     free(boxes);
 }
 
-/* Adds the smoothness' gradient: of half the weighted squares over a leaf's edges. Edges on its
- * faces count in every leaf that has them. */
+/* The slope of delta^2 (sqrt(1 + (d / delta)^2) - 1), or of half of d^2 where delta is 0. */
+static double slope(double d, double delta)
+{
+    return delta > 0 ? d / sqrt(1 + d / delta * (d / delta)) : d;
+}
+
+/* Adds the smoothness' gradient over a leaf's edges. Edges on its faces count in every leaf that has
+ * them. */
 static void smooth(const cln_config *config, const cln_model *model, uint32_t key, double *grads,
                    const uint8_t *met)
 {
@@ -207,7 +216,9 @@ static void smooth(const cln_config *config, const cln_model *model, uint32_t ke
                     for (int f = 0; f < features; f++)
                         grads[s * model->net.params + v * features + f] +=
                             share * (f == 3 ? config->smooth_density : config->smooth_colour) *
-                            ((double)p[v * features + f] - p[w * features + f]);
+                            slope((double)p[v * features + f] - p[w * features + f],
+                                  f == 3 ? config->smooth_density_delta
+                                         : config->smooth_colour_delta);
                 }
     }
 }

@@ -388,9 +388,13 @@ static void smooth(twin *w, int slot, const uint8_t *near)
             for (int b = 0; b < 3; b++)
                 if (b != a && v / stride[b] % side % cells == 0)
                     share /= 2;
-            for (int f = 0; f < features; f++)
+            for (int f = 0; f < features; f++) {
+                const double delta = f == 3 ? c->smooth_density_delta : c->smooth_colour_delta;
+                const double d = p[v * features + f] - p[other * features + f];
+
                 grad[v * features + f] += share * (f == 3 ? c->smooth_density : c->smooth_colour) *
-                                          (p[v * features + f] - p[other * features + f]);
+                                          (delta > 0 ? d / sqrt(1 + d * d / (delta * delta)) : d);
+            }
         }
 }
 
