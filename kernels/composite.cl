@@ -48,24 +48,40 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
 
     if (r >= n)
         return;
-    for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++) {
-        const float4 o = out[i];
-        const float depth_here = OPTICAL_DEPTH(o.w * samples[i].delta);
-        const float alpha = ONE_MINUS_EXP(float, depth_here);
-        const float weight = through * alpha;
+    const uint begin = sample_starts[r], end = sample_starts[r + 1u];
 
-        colour = MAD((float4)(weight), o, colour);
-        moment = MAD(weight, samples[i].t, moment);
-        opacity += weight;
-        tau += depth_here;
-        through = EXP(-tau);
+    for (uint at = begin; at < end; at += VW) { /* lanes over samples where that has no order */
+        const uint count = min((uint)VW, end - at);
+        float depths[VW], alphas[VW], behind[VW];
+
+        for (uint l = 0; l < VW; l++) {
+            const uint i = at + min(l, count - 1u);
+
+            depths[l] = l < count ? out[i].w * samples[i].delta : 0.0f;
+        }
+        /* floats, whose exp may differ from a vector's; the compiler finds the lanes */
+        for (uint l = 0; l < VW; l++) {
+            depths[l] = OPTICAL_DEPTH(depths[l]);
+            alphas[l] = ONE_MINUS_EXP(float, depths[l]);
+        }
+        for (uint l = 0; l < VW; l++)
+            behind[l] = tau += depths[l];
+        for (uint l = 0; l < VW; l++)
+            behind[l] = EXP(-behind[l]);
+        for (uint l = 0; l < count; l++) {
+            const float weight = through * alphas[l];
+
+            colour = MAD((float4)(weight), out[at + l], colour);
+            moment = MAD(weight, samples[at + l].t, moment);
+            opacity += weight;
+            through = behind[l];
+        }
     }
     colour = MAD((float4)(through), BACKGROUND(r), colour);
     /* the ray's start counts by the opacity: not at all without weights */
     const float share = opacity / fmax(opacity, 1e-10f);
     const float t = depth & CLN_DEPTH_MEAN ? moment / fmax(opacity, 1e-10f)
-                                           : median_depth(samples, out, sample_starts[r],
-                                                          sample_starts[r + 1u], opacity);
+                                           : median_depth(samples, out, begin, end, opacity);
     const cln_ray_result result = {
         colour.x, colour.y,
         colour.z, ray_depth(t, ray_o, ray_d, r, share, depth & CLN_DEPTH_AXIS),

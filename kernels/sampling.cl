@@ -237,11 +237,15 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             const vf own = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
             const vi number = sample_numbers(own, before, b, VLOAD(t->of.level), per_leaf,
                                              per_ray, empty_weight);
-            uint draws[VW];
+            vf chance = (vf)(0.0f);
 
-            for (int l = 0; l < VW; l++)
-                draws[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
-            const vf chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(draws), 0u);
+            if (empty_share > 0.0f && empty_share < 1.0f) { /* else it decides nothing */
+                uint draws[VW];
+
+                for (int l = 0; l < VW; l++)
+                    draws[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
+                chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(draws), 0u);
+            }
             const vi drawn = select((vi)(0), (vi)(1), chance < (vf)(empty_share));
 
             VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
@@ -464,8 +468,11 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
 
         /* a sample ends half way to the next one, so it is written once that is known */
         for (uint k = 0; k <= now->most; k++) {
-            const vf random = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
-            const vf u = ((float)k + (jitter ? random : (vf)(0.5f))) / V_TO_FLOAT(number);
+            vf within = (vf)(0.5f);
+
+            if (jitter)
+                within = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
+            const vf u = ((float)k + within) / V_TO_FLOAT(number);
             const vi here = (vi)((int)k) < number, ends = (vi)((int)k) <= number;
             vi move = here & (u >= w.border[w.bins]);
 
