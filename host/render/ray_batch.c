@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "pipeline/plan.h"
+
 /* Halves the samples of a ray or, if chords allocate them, of a leaf. An interval gets none if it
  * adds less than a hundredth of the ray's light, or if less reaches it. */
 void cln_render_faster(cln_config *config)
@@ -20,7 +22,7 @@ void cln_render_faster(cln_config *config)
 cln_sampling cln_render_sampling(const cln_pipeline *p)
 {
     const cln_config *c = &p->config;
-    const size_t wanted = (size_t)c->batch_samples;
+    const size_t wanted = CLN_RENDER_BATCHES * (size_t)c->batch_samples;
 
     return (cln_sampling){
         .jitter = false,
