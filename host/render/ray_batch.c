@@ -39,13 +39,12 @@ cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *b, cln_ray_resu
                            int *rendered)
 {
     cln_status st = CLN_OK;
-    uint32_t samples = 0, slices = 0;
+    uint32_t samples = 0;
 
     CLN_TRY(cln_pipeline_batch(p, b->pixels, b->n, NULL, b->backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, b->n));
     CLN_TRY(cln_stage_sample(p, b->n, &b->sampling, rendered, &samples));
-    CLN_TRY(cln_stage_group(p, samples, &slices));
-    CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
+    CLN_TRY(cln_stage_evaluate(p, samples));
     CLN_TRY(cln_stage_composite(p, *rendered, b->depth));
     CLN_TRY(
         cln_buffer_read(p->device, &p->results, 0, results, (size_t)*rendered * sizeof *results));
