@@ -34,6 +34,9 @@ HELPER float median_depth(const __global cln_sample *samples, const __global flo
     return t;
 }
 
+/* Samples whose optical depths and transmittances are found at once. */
+#define PIECE (VW == 1 ? 1 : 32)
+
 __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1] */
                         const __global cln_sample *restrict samples, /* [sample] */
                         const __global float4 *restrict out,         /* [sample] r, g, b, sigma */
@@ -50,23 +53,23 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
         return;
     const uint begin = sample_starts[r], end = sample_starts[r + 1u];
 
-    for (uint at = begin; at < end; at += VW) { /* lanes over samples where that has no order */
-        const uint count = min((uint)VW, end - at);
-        float depths[VW], alphas[VW], behind[VW];
+    for (uint at = begin; at < end; at += PIECE) { /* what has no order, side by side */
+        const uint count = min((uint)PIECE, end - at);
+        float depths[PIECE], alphas[PIECE], behind[PIECE];
 
-        for (uint l = 0; l < VW; l++) {
+        for (uint l = 0; l < PIECE; l++) {
             const uint i = at + min(l, count - 1u);
 
             depths[l] = l < count ? out[i].w * samples[i].delta : 0.0f;
         }
-        /* floats, whose exp may differ from a vector's; the compiler finds the lanes */
-        for (uint l = 0; l < VW; l++) {
+        /* floats, as a vector's exp may differ; the compiler finds the lanes */
+        for (uint l = 0; l < PIECE; l++) {
             depths[l] = OPTICAL_DEPTH(depths[l]);
             alphas[l] = ONE_MINUS_EXP(float, depths[l]);
         }
-        for (uint l = 0; l < VW; l++)
+        for (uint l = 0; l < PIECE; l++)
             behind[l] = tau += depths[l];
-        for (uint l = 0; l < VW; l++)
+        for (uint l = 0; l < PIECE; l++)
             behind[l] = EXP(-behind[l]);
         for (uint l = 0; l < count; l++) {
             const float weight = through * alphas[l];
