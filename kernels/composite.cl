@@ -34,6 +34,9 @@ HELPER float median_depth(const __global cln_sample *samples, const __global flo
     return t;
 }
 
+/* Samples whose optical depths and transmittances are found at once. */
+#define PIECE (VW == 1 ? 1 : 32)
+
 __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1] */
                         const __global cln_sample *restrict samples, /* [sample] */
                         const __global float4 *restrict out,         /* [sample] r, g, b, sigma */
@@ -48,24 +51,40 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
 
     if (r >= n)
         return;
-    for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++) {
-        const float4 o = out[i];
-        const float depth_here = OPTICAL_DEPTH(o.w * samples[i].delta);
-        const float alpha = ONE_MINUS_EXP(float, depth_here);
-        const float weight = through * alpha;
+    const uint begin = sample_starts[r], end = sample_starts[r + 1u];
 
-        colour = MAD((float4)(weight), o, colour);
-        moment = MAD(weight, samples[i].t, moment);
-        opacity += weight;
-        tau += depth_here;
-        through = EXP(-tau);
+    for (uint at = begin; at < end; at += PIECE) { /* what has no order, side by side */
+        const uint count = min((uint)PIECE, end - at);
+        float depths[PIECE], alphas[PIECE], behind[PIECE];
+
+        for (uint l = 0; l < PIECE; l++) {
+            const uint i = at + min(l, count - 1u);
+
+            depths[l] = l < count ? out[i].w * samples[i].delta : 0.0f;
+        }
+        /* floats, as a vector's exp may differ; the compiler finds the lanes */
+        for (uint l = 0; l < PIECE; l++) {
+            depths[l] = OPTICAL_DEPTH(depths[l]);
+            alphas[l] = ONE_MINUS_EXP(float, depths[l]);
+        }
+        for (uint l = 0; l < PIECE; l++)
+            behind[l] = tau += depths[l];
+        for (uint l = 0; l < PIECE; l++)
+            behind[l] = EXP(-behind[l]);
+        for (uint l = 0; l < count; l++) {
+            const float weight = through * alphas[l];
+
+            colour = MAD((float4)(weight), out[at + l], colour);
+            moment = MAD(weight, samples[at + l].t, moment);
+            opacity += weight;
+            through = behind[l];
+        }
     }
     colour = MAD((float4)(through), BACKGROUND(r), colour);
     /* the ray's start counts by the opacity: not at all without weights */
     const float share = opacity / fmax(opacity, 1e-10f);
     const float t = depth & CLN_DEPTH_MEAN ? moment / fmax(opacity, 1e-10f)
-                                           : median_depth(samples, out, sample_starts[r],
-                                                          sample_starts[r + 1u], opacity);
+                                           : median_depth(samples, out, begin, end, opacity);
     const cln_ray_result result = {
         colour.x, colour.y,
         colour.z, ray_depth(t, ray_o, ray_d, r, share, depth & CLN_DEPTH_AXIS),

@@ -27,14 +27,11 @@
 #if SHELL
 #define LINE_ARGUMENT , const __global float4 *ray_o
 #define LINE_PASS     , ray_o
-#define FIND_ROW(of, l) \
-    ((of)->row[l] = line_row(ray_o, (of)->ray[l], 0.5f * ((of)->t_in[l] + (of)->t_out[l])))
-#define ROW_AS_FIRST(of, l) ((of)->row[l] = (of)->row[0])
+#define SET_ROW(of, l, to) ((of)->row[l] = (to))
 #else
 #define LINE_ARGUMENT
 #define LINE_PASS
-#define FIND_ROW(of, l)
-#define ROW_AS_FIRST(of, l)
+#define SET_ROW(of, l, to)
 #endif
 
 /* ---- intervals ---- */
@@ -53,6 +50,9 @@
 typedef struct walked {
     float t_in[RAYS * AHEAD], t_out[RAYS * AHEAD];
     int entry[RAYS * AHEAD];
+#if SHELL
+    uint row[RAYS * AHEAD]; /* of their lines */
+#endif
     uint found[RAYS];
 } walked;
 
@@ -78,6 +78,9 @@ HELPER void walk_ahead(walk *w, const __global int *map, int depth, walked *p, u
             p->t_in[at[i]] = t_in[i];
             p->t_out[at[i]] = t_out[i];
             p->entry[at[i]] = entry[i];
+#if SHELL
+            p->row[at[i]] = w->row[i];
+#endif
             at[i] += (entry[i] >= 16) & (t_out[i] - t_in[i] > CLN_MIN_CHORD);
         }
     }
@@ -124,7 +127,7 @@ typedef struct places {
 /* Takes every lane's next interval: a lane finishes a ray, then takes the next ray. False if none
  * is left. */
 HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, float max_depth,
-                      uint begin, uint count LINE_ARGUMENT)
+                      uint begin, uint count)
 {
     bool any = false;
 
@@ -149,12 +152,12 @@ HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, fl
             t->of.level[l] = CLN_MAP_LEVEL(p->entry[k]);
             t->whose[l] = o->whose[l];
             any = true;
-            FIND_ROW(&t->of, l);
+            SET_ROW(&t->of, l, p->row[k]);
         } else { /* an empty one */
             t->of.t_in[l] = t->of.t_out[l] = 0.0f;
             t->of.ray[l] = begin;
             t->of.slot[l] = t->of.level[l] = 0;
-            FIND_ROW(&t->of, l);
+            SET_ROW(&t->of, l, begin * CLN_LINE_ROWS + 1u);
             t->whose[l] = RAYS;
         }
     }
@@ -216,7 +219,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             walk_ahead(&walks[g], map, depth, &p, g * VW);
         for (int l = 0; l < VW; l++)
             at.at[l] = at.upto[l] = at.whose[l] = 0u;
-        next = turn_take(&turns[0], &at, &p, taus, max_depth, begin, count LINE_PASS);
+        next = turn_take(&turns[0], &at, &p, taus, max_depth, begin, count);
         if (next) {
             bundle_open(&turns[0].points, STAGE1_PASS, &turns[0].of, ray_o, ray_d LIST_PASS);
             bundle_fetch(&turns[0].points, STAGE1_PASS);
@@ -227,7 +230,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             float tau[VW], mass[VW];
             int numbers[VW];
 
-            next = turn_take(behind, &at, &p, taus, max_depth, begin, count LINE_PASS);
+            next = turn_take(behind, &at, &p, taus, max_depth, begin, count);
             if (next) {
                 bundle_open(&behind->points, STAGE1_PASS, &behind->of, ray_o, ray_d LIST_PASS);
                 bundle_fetch(&behind->points, STAGE1_PASS);
@@ -237,11 +240,15 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             const vf own = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
             const vi number = sample_numbers(own, before, b, VLOAD(t->of.level), per_leaf,
                                              per_ray, empty_weight);
-            uint draws[VW];
+            vf chance = (vf)(0.0f);
 
-            for (int l = 0; l < VW; l++)
-                draws[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
-            const vf chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(draws), 0u);
+            if (empty_share > 0.0f && empty_share < 1.0f) { /* else it decides nothing */
+                uint draws[VW];
+
+                for (int l = 0; l < VW; l++)
+                    draws[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
+                chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(draws), 0u);
+            }
             const vi drawn = select((vi)(0), (vi)(1), chance < (vf)(empty_share));
 
             VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
@@ -351,7 +358,22 @@ typedef struct batch {
 /* The next interval and its first sample. */
 typedef struct cursor {
     uint ray, interval, sample;
+#if SHELL
+    uint line; /* of the ray, from 1; they ascend along it */
+#endif
 } cursor;
+
+#if SHELL
+/* The row of the line that the ray's next interval is on. */
+HELPER uint cursor_row(cursor *c, const __global float4 *ray_o, cln_interval v)
+{
+    const __global float4 *o = ray_o + c->ray * CLN_LINE_ROWS;
+
+    while (c->line + 1u < CLN_LINE_ROWS && o[c->line + 1u].w <= 0.5f * (v.t_in + v.t_out))
+        c->line++;
+    return c->ray * CLN_LINE_ROWS + c->line;
+}
+#endif
 
 /* Takes the next VW intervals of rays up to `end`. Lanes without one repeat the first. */
 HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *intervals,
@@ -362,6 +384,9 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         if (c->interval == used[c->ray]) {
             c->ray++;
             c->interval = 0;
+#if SHELL
+            c->line = 1u;
+#endif
             continue;
         }
         const cln_interval v = intervals[c->interval * rays + c->ray];
@@ -378,7 +403,7 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         b->of.ray[l] = c->ray;
         b->of.slot[l] = v.slot;
         b->of.level[l] = (int)CLN_INTERVAL_LEVEL(v.count);
-        FIND_ROW(&b->of, l);
+        SET_ROW(&b->of, l, cursor_row(c, ray_o, v));
         b->mass[l] = v.mass;
         b->number[l] = (int)count;
         b->start[l] = c->sample;
@@ -392,7 +417,7 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
         b->of.ray[l] = b->of.ray[0];
         b->of.slot[l] = b->of.slot[0];
         b->of.level[l] = b->of.level[0];
-        ROW_AS_FIRST(&b->of, l);
+        SET_ROW(&b->of, l, b->of.row[0]);
         b->mass[l] = b->mass[0];
         b->number[l] = b->number[0];
         b->start[l] = b->start[0];
@@ -415,7 +440,7 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
     const uint begin = first + (uint)get_global_id(0) * RAYS;
     uint end = min(begin + RAYS, first + n);
     batch batches[2];
-    cursor c = {begin, 0u, 0u};
+    cursor c = {.ray = begin};
 
     while (begin < end && sample_starts[end] > most)
         end--;
@@ -424,6 +449,9 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
     const uint key = stream_key(seed, STREAM_SAMPLES, step);
 
     c.sample = sample_starts[begin];
+#if SHELL
+    c.line = 1u;
+#endif
     batch_fill(&batches[0], &c, intervals, used, end, rays LINE_PASS);
     if (batches[0].filled) {
         bundle_open(&batches[0].points, STAGE1_PASS, &batches[0].of, ray_o, ray_d LIST_PASS);
@@ -464,8 +492,11 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
 
         /* a sample ends half way to the next one, so it is written once that is known */
         for (uint k = 0; k <= now->most; k++) {
-            const vf random = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
-            const vf u = ((float)k + (jitter ? random : (vf)(0.5f))) / V_TO_FLOAT(number);
+            vf within = (vf)(0.5f);
+
+            if (jitter)
+                within = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
+            const vf u = ((float)k + within) / V_TO_FLOAT(number);
             const vi here = (vi)((int)k) < number, ends = (vi)((int)k) <= number;
             vi move = here & (u >= w.border[w.bins]);
 

@@ -129,11 +129,19 @@ HELPER float ray_depth(float t, const __global float4 *ray_o, const __global flo
 
 /* ---- cube and leaf; box: min x, y, z, side ---- */
 
+HELPER float leaf_scale(float4 box)
+{
+    return 2.0f / box.w;
+}
+
+HELPER float4 leaf_scaled(float4 p, float4 box, float scale)
+{
+    return (p - box) * scale - 1.0f;
+}
+
 HELPER float4 leaf_local(float4 p, float4 box)
 {
-    const float scale = 2.0f / box.w;
-
-    return (p - box) * scale - 1.0f;
+    return leaf_scaled(p, box, leaf_scale(box));
 }
 
 HELPER int leaf_level(float4 box)

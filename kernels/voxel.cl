@@ -11,7 +11,8 @@
  * Vertices on faces are stored in each leaf that has them. Leaves of one size keep them equal: the
  * first of those around a vertex sums the gradients of all, steps, and writes the result to all.
  *
- *   voxel_density   as mlp_density.cl        voxel_forward   as mlp_forward.cl
+ *   voxel_density   as mlp_density.cl        voxel_forward   as mlp_forward.cl, to train
+ *   voxel_samples   voxel_forward for pictures, without groups
  *   voxel_backward  gradients of slices, from roulette.cl's of the heads, and of the smoothness
  *   voxel_update    Adam's steps             voxel_split, voxel_join   after a change of the tree
  *
@@ -47,7 +48,8 @@
 #define HARMONICS (FEATURES == 4 ? 1 : FEATURES == 16 ? 4 : 9)
 #define STEP_Y    (SIDE * FEATURES)
 #define STEP_Z    (SIDE * STEP_Y)
-#define BLOCK     (LS == 1 ? 32 : VW) /* samples that a work-item takes at a time (fetch_place) */
+#define BLOCK     (LS == 1 ? 32 : VW) /* samples that a work-item takes at a time (fetch_cell) */
+#define UP_TO(n)  (((n) + VW - 1) / VW * VW) /* whole vectors */
 #define SMOOTH_EVERY 4u /* of so many leaves that samples met, one is smoothed, so much more */
 #define SMOOTH_KEY   0x632BE5ABu
 #define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
@@ -73,22 +75,47 @@ HELPER place place_of(float3 at)
     return p;
 }
 
+/* The places of VW samples: of each, its cell's first number, and the weights [8][BLOCK]. */
+HELPER void places_of(const float *at_x, const float *at_y, const float *at_z, int *first,
+                      float *weight)
+{
+    const float *const at[3] = {at_x, at_y, at_z};
+    vi cell[3];
+    vf far[3], near[3];
+
+    UNROLL (a, 3) {
+        const vf x = fmin(fmax((VLOAD(at[a]) + 1.0f) * (0.5f * CELLS), (vf)(0.0f)), (vf)(CELLS));
+        const vf whole = fmin(floor(x), (vf)(CELLS - 1));
+
+        far[a] = x - whole;
+        near[a] = 1.0f - far[a];
+        cell[a] = V_TO_INT(whole);
+    }
+    VSTORE(((cell[2] * SIDE + cell[1]) * SIDE + cell[0]) * FEATURES, first);
+    UNROLL (i, 4) {
+        const vf yz = (i & 1 ? far[1] : near[1]) * (i & 2 ? far[2] : near[2]);
+
+        VSTORE(near[0] * yz, weight + 2 * i * BLOCK);
+        VSTORE(far[0] * yz, weight + (2 * i + 1) * BLOCK);
+    }
+}
+
 /* Numbers from a cell's first vertex to its corner c. */
 HELPER int corner_at(int c)
 {
     return (c >> 2) * STEP_Z + (c >> 1 & 1) * STEP_Y + (c & 1) * FEATURES;
 }
 
-/* Fetches a place's numbers: a block's places are all known before the first is read. */
-HELPER void fetch_place(place p, const __global float *row, bool write)
+/* Fetches the numbers of a cell: a block's places are all known before the first is read. */
+HELPER void fetch_cell(int first, const __global float *row, bool write)
 {
 #if FETCHES
     UNROLL (yz, 4)
         for (int f = 0; f < 2 * FEATURES; f += CACHE_LINE / 4)
             if (write)
-                FETCH_WRITE(row + p.first + corner_at(2 * yz) + f);
+                FETCH_WRITE(row + first + corner_at(2 * yz) + f);
             else
-                FETCH(row + p.first + corner_at(2 * yz) + f);
+                FETCH(row + first + corner_at(2 * yz) + f);
 #endif
 }
 
@@ -98,13 +125,19 @@ typedef struct sample_source {
     const __global float4 *ray_o, *ray_d; /* [ray], [row] in a shell space */
 } sample_source;
 
-HELPER place place_of_sample(sample_source from, uint id, float4 box, float3 *along)
+/* The sample's place, -1 .. 1. */
+HELPER float3 local_of_sample(sample_source from, uint id, float4 box, float3 *along)
 {
     const cln_sample s = from.samples[id];
     const float4 o = from.ray_o[s.ray], d = from.ray_d[s.ray];
 
     *along = view_direction(o, d, box);
-    return place_of(leaf_local(MAD((float4)(s.t), d, o), box).xyz);
+    return leaf_local(MAD((float4)(s.t), d, o), box).xyz;
+}
+
+HELPER place place_of_sample(sample_source from, uint id, float4 box, float3 *along)
+{
+    return place_of(local_of_sample(from, id, box, along));
 }
 
 /* Group g takes cells [g % per_leaf * cells, ...) of leaf first + g / per_leaf (mlp_density.cl). */
@@ -146,6 +179,101 @@ voxel_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], row 0: le
     (void)boxes;
 }
 
+/* A block of samples: places in their leaves, directions; of each, its leaf's numbers, its cell's
+ * first one there, and the corners' weights. */
+typedef struct block {
+    float at[3][BLOCK];
+    float3 along[BLOCK];
+    const __global float *row[BLOCK];
+    int first[BLOCK];
+    float weight[8 * BLOCK];
+} block;
+
+/* Finds the cells of the first `count` samples, and fetches their numbers. */
+HELPER void block_places(block *b, int count)
+{
+    for (int i = 0; i < count; i += VW)
+        places_of(b->at[0] + i, b->at[1] + i, b->at[2] + i, b->first + i, b->weight + i);
+    for (int i = 0; i < count; i++)
+        fetch_cell(b->first[i], b->row[i], false);
+}
+
+/* Colours and densities of samples ids[i], or first_id + i if ids is 0. features: the block's rows,
+ * kept to train. */
+HELPER void block_forward(const block *b, int count, const __global uint *ids, uint first_id,
+                          const __global float *net, __global float *features, uint step_key,
+                          __global float4 *out)
+{
+    float raw[4][BLOCK];
+#if DECODER
+    float inputs[DECODER_IN * BLOCK];
+#endif
+
+    for (int i = 0; i < count; i++) {
+        float f[FEATURES], y[HARMONICS];
+        vf sum[FEATURES / VW];
+
+        UNROLL (v, FEATURES / VW)
+            sum[v] = (vf)(0.0f);
+        UNROLL (c, 8)
+            UNROLL (v, FEATURES / VW)
+                sum[v] = MAD((vf)(b->weight[c * BLOCK + i]),
+                             VLOAD(b->row[i] + b->first[i] + corner_at(c) + v * VW), sum[v]);
+        UNROLL (v, FEATURES / VW)
+            VSTORE(sum[v], f + v * VW);
+#if DECODER
+        decoder_inputs(f, b->along[i], BLOCK, inputs + i);
+#if TRAIN
+        UNROLL (v, FEATURES / VW)
+            VSTORE_IN(__global, sum[v], features + (size_t)i * FEATURES + v * VW);
+#endif
+#endif
+        harmonics_of(b->along[i], HARMONICS, 1, y);
+        UNROLL (k, HARMONICS - 1)
+            UNROLL (a, 3)
+                f[a] = MAD(y[k + 1], f[4 + 3 * k + a], f[a]);
+        UNROLL (a, 4)
+            raw[a][i] = f[a];
+#if TRAIN && NOISE_ON
+        raw[3][i] += NOISE * normal_number(step_key, ids[i]);
+#endif
+    }
+    for (int i = count; i < BLOCK; i++) {
+        UNROLL (a, 4)
+            raw[a][i] = 0.0f;
+#if DECODER
+        for (int k = 0; k < DECODER_IN; k++)
+            inputs[k * BLOCK + i] = 0.0f;
+#endif
+    }
+    for (int i = 0; i < count; i += VW) {
+#if DECODER
+        vf x[DECODER_IN], h[DECODER], sum[3];
+
+        for (int k = 0; k < DECODER_IN; k++)
+            x[k] = VLOAD(inputs + k * BLOCK + i);
+        decoder_hidden(net, x, h);
+        UNROLL (a, 3)
+            sum[a] = VLOAD(raw[a] + i);
+        for (int j = 0; j < DECODER; j++)
+            UNROLL (a, 3)
+                sum[a] = MAD((vf)(net[DECODER_OUT + a * DECODER + j]), h[j], sum[a]);
+        UNROLL (a, 3)
+            VSTORE(sum[a], raw[a] + i);
+#endif
+        UNROLL (a, 3)
+            VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw[a] + i))), raw[a] + i);
+        VSTORE(density_value(VLOAD(raw[3] + i)), raw[3] + i);
+    }
+    for (int i = 0; i < count; i++)
+        out[ids ? ids[i] : first_id + (uint)i] =
+            (float4)(raw[0][i], raw[1][i], raw[2][i], raw[3][i]);
+    (void)net;
+    (void)features;
+    (void)step_key;
+}
+
+#if TRAIN
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row 0: leaf first */
               const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
@@ -170,82 +298,71 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
 
     for (uint done = get_local_id(0) * BLOCK; done < slice.count; done += LS * BLOCK) {
         const int count = (int)min((uint)BLOCK, slice.count - done);
-        const __global uint *ids = order + slice.start + done;
-        float raw[4][BLOCK];
-        float3 along[BLOCK];
-        place p[BLOCK];
-#if DECODER
-        float inputs[DECODER_IN * BLOCK];
-#endif
+        const uint start = slice.start + done;
+        const __global uint *ids = order + start;
+        block b;
 
-        for (int i = 0; i < count; i++) {
-            p[i] = place_of_sample(source, ids[i], box, &along[i]);
-            fetch_place(p[i], w, false);
-        }
-        for (int i = 0; i < count; i++) {
-            float f[FEATURES], y[HARMONICS];
-            vf sum[FEATURES / VW];
+        for (int i = 0; i < UP_TO(count); i++) {
+            const float3 at = local_of_sample(source, ids[min(i, count - 1)], box, &b.along[i]);
 
-            UNROLL (v, FEATURES / VW)
-                sum[v] = (vf)(0.0f);
-            UNROLL (c, 8)
-                UNROLL (v, FEATURES / VW)
-                    sum[v] = MAD((vf)(p[i].weight[c]),
-                                 VLOAD(w + p[i].first + corner_at(c) + v * VW), sum[v]);
-            UNROLL (v, FEATURES / VW)
-                VSTORE(sum[v], f + v * VW);
-#if DECODER
-            decoder_inputs(f, along[i], BLOCK, inputs + i);
-#if TRAIN
-            UNROLL (v, FEATURES / VW)
-                VSTORE_IN(__global, sum[v],
-                          features + (size_t)(slice.start + done + (uint)i) * FEATURES + v * VW);
-#endif
-#endif
-            harmonics_of(along[i], HARMONICS, 1, y);
-            UNROLL (k, HARMONICS - 1)
-                UNROLL (a, 3)
-                    f[a] = MAD(y[k + 1], f[4 + 3 * k + a], f[a]);
-            UNROLL (a, 4)
-                raw[a][i] = f[a];
-#if TRAIN && NOISE_ON
-            raw[3][i] += NOISE * normal_number(step_key, ids[i]);
-#endif
+            b.at[0][i] = at.x;
+            b.at[1][i] = at.y;
+            b.at[2][i] = at.z;
+            b.row[i] = w;
         }
-        for (int i = count; i < BLOCK; i++) {
-            UNROLL (a, 4)
-                raw[a][i] = 0.0f;
-#if DECODER
-            for (int k = 0; k < DECODER_IN; k++)
-                inputs[k * BLOCK + i] = 0.0f;
-#endif
-        }
-        for (int i = 0; i < count; i += VW) {
-#if DECODER
-            vf x[DECODER_IN], h[DECODER], sum[3];
-
-            for (int k = 0; k < DECODER_IN; k++)
-                x[k] = VLOAD(inputs + k * BLOCK + i);
-            decoder_hidden(net, x, h);
-            UNROLL (a, 3)
-                sum[a] = VLOAD(raw[a] + i);
-            for (int j = 0; j < DECODER; j++)
-                UNROLL (a, 3)
-                    sum[a] = MAD((vf)(net[DECODER_OUT + a * DECODER + j]), h[j], sum[a]);
-            UNROLL (a, 3)
-                VSTORE(sum[a], raw[a] + i);
-#endif
-            UNROLL (a, 3)
-                VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw[a] + i))), raw[a] + i);
-            VSTORE(density_value(VLOAD(raw[3] + i)), raw[3] + i);
-        }
-        for (int i = 0; i < count; i++)
-            out[ids[i]] = (float4)(raw[0][i], raw[1][i], raw[2][i], raw[3][i]);
+        block_places(&b, count);
+        block_forward(&b, count, ids, 0u, net, features + (size_t)start * FEATURES, step_key, out);
     }
-    (void)net;
-    (void)features;
-    (void)step_key;
 }
+#else
+/* The same without training, of samples as they lie along rays: neighbours are in few leaves, so
+ * nothing is gained by grouping them first. Group g takes samples [g each, (g + 1) each). */
+__kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
+voxel_samples(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row 0: leaf first */
+              const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
+              const __global cln_sample *restrict samples, /* [sample] */
+              const __global float4 *restrict ray_o,       /* [ray] */
+              const __global float4 *restrict ray_d,       /* [ray] */
+              __global float4 *restrict out,               /* [sample] r, g, b, sigma */
+              const __global float *restrict net,          /* [DECODER_SIZE] */
+              uint n, uint each, int first)
+{
+    const uint begin = get_group_id(0) * each, end = min(begin + each, n);
+
+    for (uint start = begin + get_local_id(0) * BLOCK; start < end; start += LS * BLOCK) {
+        const int count = (int)min((uint)BLOCK, end - start);
+        cln_sample last = {0.0f, 0.0f, 0u, -1}; /* of the same ray and leaf? */
+        float4 o, d, box;
+        float3 along;
+        float scale = 0.0f;
+        const __global float *w = 0;
+        block b;
+
+        for (int i = 0; i < UP_TO(count); i++) {
+            const cln_sample s = samples[start + (uint)min(i, count - 1)];
+
+            if (s.slot != last.slot || s.ray != last.ray) {
+                o = ray_o[s.ray];
+                d = ray_d[s.ray];
+                box = boxes[s.slot];
+                scale = leaf_scale(box);
+                along = view_direction(o, d, box);
+                w = LEAF_ROW(params, s.slot - first, PARAMS);
+                last = s;
+            }
+            const float3 at = leaf_scaled(MAD((float4)(s.t), d, o), box, scale).xyz;
+
+            b.at[0][i] = at.x;
+            b.at[1][i] = at.y;
+            b.at[2][i] = at.z;
+            b.along[i] = along;
+            b.row[i] = w;
+        }
+        block_places(&b, count);
+        block_forward(&b, count, 0, start, net, 0, 0u, out);
+    }
+}
+#endif
 
 /* ---- backward ---- */
 
@@ -315,7 +432,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
             for (uint b = 0; b < min((uint)BLOCK, all - i); b++) {
                 p[b] = place_of_sample(source, order[slice.start + chosen[slice.start + i + b]],
                                        box, &along[b]);
-                fetch_place(p[b], grad, true);
+                fetch_cell(p[b].first, grad, true);
             }
         const float4 head = heads[slice.start + i];
         float d[FEATURES], y[HARMONICS];

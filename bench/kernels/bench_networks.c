@@ -71,7 +71,7 @@ static const bench_part parts[] = {
 };
 static const bench_part voxel_parts[] = {
     {"voxel_density", "voxel_density"},
-    {"voxel_forward_eval", "voxel_forward_eval"},
+    {"voxel_samples", "voxel_samples"},
     {"voxel_training", "voxel_forward_train roulette decoder_backward voxel_backward"},
     {"voxel_forward_train", "voxel_forward_train"},
     {"voxel_roulette", "roulette"},

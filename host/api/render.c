@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/frame_writer.h"
 #include "api/render_folder.h"
 #include "base/files.h"
 #include "base/log.h"
@@ -69,14 +70,13 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
 {
     const cln_model *model = &j->opened.model;
     const cln_camera *c = &f->camera;
-    const uint64_t digest = cln_model_digest(model);
     const double lengths[4] = {c->fx, c->fy, c->cx, c->cy};
     /* 0 and 1 are the mean, as in files from before there was a median */
     const int32_t kind = j->desc->z_depth | (j->desc->mean_depth ? 0 : 4);
     const int32_t numbers[4] = {c->width, c->height, (int32_t)c->lens, kind};
     uint64_t d = CLN_DIGEST_START;
 
-    d = cln_digest(d, &digest, sizeof digest);
+    d = cln_digest(d, &j->model_digest, sizeof j->model_digest);
     d = cln_digest(d, model->background, sizeof model->background);
     d = cln_digest(d, numbers, sizeof numbers);
     d = cln_digest(d, c->c2w, sizeof c->c2w);
@@ -156,21 +156,6 @@ done:
     return st;
 }
 
-static cln_status add_frame(cln_film *film, const cln_picture *p)
-{
-    cln_status st = CLN_OK;
-    const size_t n = 3 * (size_t)p->width * (size_t)p->height;
-    uint8_t *rgb = NULL;
-
-    CLN_TRY(cln_alloc(&rgb, n, 1, "picture"));
-    for (size_t i = 0; i < n; i++)
-        rgb[i] = cln_to_u8(p->rgb[i]);
-    CLN_TRY(cln_film_add(film, rgb));
-done:
-    free(rgb);
-    return st;
-}
-
 /* Copies `part` to columns [at, at + width) of `whole`, which has `of` columns; a pixel has
  * `channels` floats. */
 static void put_beside(const float *part, int width, int height, int channels, int at, int of,
@@ -242,44 +227,66 @@ done:
     return st;
 }
 
+/* What the device's time of all frames was spent on. */
+static void tell_stages(const cln_device *device)
+{
+    char text[1024] = "";
+    size_t used = 0;
+
+    for (int i = 0; i < CLN_STAGES; i++)
+        if (device->stage_seconds[i] > 0 && used < sizeof text)
+            used +=
+                (size_t)snprintf(text + used, sizeof text - used, "%s%s %.3f", used > 0 ? ", " : "",
+                                 cln_stage_names[i], device->stage_seconds[i]);
+    cln_debug("seconds of the device: %s", text);
+}
+
 /* Renders all frames but those that are kept. film: gets the pictures instead of files, or NULL. */
 static cln_status render_frames(cln_render_job *j, cln_film *film, cln_render_result *result)
 {
-    cln_status st = CLN_OK;
+    cln_status st = CLN_OK, written = CLN_OK;
     const cln_callbacks *callbacks = &j->desc->callbacks;
+    const double began = cln_now();
+    cln_frame_writer writer = {.job = j, .film = film};
     cln_picture picture = {0};
     float *normals = NULL;
+    int rendered = 0, done = 0;
 
     for (int i = 0; i < j->count; i++) {
-        const double began = cln_now();
-
         if (j->frames[i].there)
             continue;
         if (callbacks->work)
-            callbacks->work("render", result->skipped + result->rendered, j->count,
-                            callbacks->user);
-        st = render_frame(j, i, &picture, &normals);
-        if ((st == CLN_SIGINT || st == CLN_SIGTERM) && film)
-            cln_note("rendering %s: %d of %d frames were done; a film is made anew each time",
-                     j->desc->out, i, j->count);
-        else if (st == CLN_SIGINT || st == CLN_SIGTERM)
-            cln_note(
-                "rendering into %s: %d of %d frames are there, the same command renders the others",
-                j->desc->out, result->skipped + result->rendered, j->count);
-        CLN_TRY(st);
-        if (film)
-            CLN_TRY(add_frame(film, &picture));
-        else if (j->writes)
-            CLN_TRY(cln_render_write_frame(j, &j->frames[i], &picture, normals));
+            callbacks->work("render", result->skipped + rendered, j->count, callbacks->user);
+        CLN_TRY(render_frame(j, i, &picture, &normals));
+        CLN_TRY(cln_frame_writer_wait(&writer, &done));
+        result->rendered += done;
+        rendered++;
+        if (film || j->writes) {
+            cln_frame_writer_give(&writer, i, &picture, &normals);
+            continue;
+        }
         cln_picture_free(&picture);
         free(normals);
         normals = NULL;
         result->rendered++;
-        result->seconds += cln_now() - began;
     }
-    if (callbacks->work)
-        callbacks->work("render", j->count, j->count, callbacks->user);
 done:
+    written = cln_frame_writer_wait(&writer, &done);
+    result->rendered += done;
+    result->seconds += cln_now() - began;
+    if ((st == CLN_SIGINT || st == CLN_SIGTERM) && film)
+        cln_note("rendering %s: %d of %d frames were done; a film is made anew each time",
+                 j->desc->out, result->rendered, j->count);
+    else if (st == CLN_SIGINT || st == CLN_SIGTERM)
+        cln_note(
+            "rendering into %s: %d of %d frames are there, the same command renders the others",
+            j->desc->out, result->skipped + result->rendered, j->count);
+    if (st == CLN_OK)
+        st = written;
+    if (st == CLN_OK && callbacks->work)
+        callbacks->work("render", j->count, j->count, callbacks->user);
+    if (st == CLN_OK)
+        tell_stages(j->opened.device);
     cln_picture_free(&picture);
     free(normals);
     return st;
@@ -351,6 +358,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
                       &j.opened.model.tree, &j.crop);
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
+    j.model_digest = cln_model_digest(&j.opened.model);
     for (int i = 0; i < j.count; i++)
         find_identity(&j, &j.frames[i]);
     CLN_TRY(check_ranks(&j));

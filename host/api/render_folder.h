@@ -21,6 +21,7 @@ typedef struct cln_render_job {
     const cln_render_desc *desc;
     bool writes; /* rank 0 (ranks/ranks.h) */
     cln_open_run opened;
+    uint64_t model_digest; /* once: it takes half a second for many voxels */
     cln_frames cameras;
     cln_crop crop;
     cln_render_frame *frames;

@@ -42,14 +42,18 @@ static void *decoder_realloc(void *p, size_t bytes)
     return bytes <= decoder_limit ? realloc(p, bytes) : NULL;
 }
 
-/* zlib compresses better and faster than the coder inside stb_image_write. */
+/* zlib compresses better and faster than the coder inside stb_image_write. Beyond this level it
+ * takes twice the time and more for a tenth of the bytes (docs/results.md, "Large pictures"). */
+enum { PNG_LEVEL = 4, PNG_FILTER_UP = 2 };
+
 static unsigned char *compress_png(unsigned char *data, int length, int *out_length, int quality)
 {
     uLongf bytes = compressBound((uLong)length);
     unsigned char *out = malloc(bytes);
 
     (void)quality;
-    if (out && (compress2(out, &bytes, data, (uLong)length, 6) != Z_OK || bytes > INT_MAX)) {
+    if (out &&
+        (compress2(out, &bytes, data, (uLong)length, PNG_LEVEL) != Z_OK || bytes > INT_MAX)) {
         free(out);
         out = NULL;
     }
@@ -498,6 +502,7 @@ cln_status cln_image_encode_png(int width, int height, int channels, const uint8
         ((int64_t)width * channels + 1) * height > INT_MAX / 2)
         return cln_fail(CLN_OUTPUT, "cannot make a PNG of %d x %d pixels; the limit is %d a side",
                         width, height, CLN_IMAGE_MAX_SIDE);
+    stbi_write_force_png_filter = PNG_FILTER_UP; /* the best of five, by row, gains nothing */
     *out = stbi_write_png_to_mem(pixels, 0, width, height, channels, &length);
     if (!*out)
         return cln_fail(CLN_MEMORY, "no memory to encode a PNG of %d x %d pixels", width, height);

@@ -15,7 +15,7 @@ static cln_status ask(cln_pipeline *p, const cln_octree *tree, size_t n,
                       cln_sample *samples, float (*answers)[4], float (*out)[4])
 {
     cln_status st = CLN_OK;
-    uint32_t count = 0, slices = 0;
+    uint32_t count = 0;
 
     for (size_t i = 0; i < n; i++) {
         const double point[3] = {positions[i][0], positions[i][1], positions[i][2]};
@@ -29,8 +29,7 @@ static cln_status ask(cln_pipeline *p, const cln_octree *tree, size_t n,
         return CLN_OK;
     CLN_TRY(cln_pipeline_points(p, positions[0], directions[0], NULL, (uint32_t)n));
     CLN_TRY(cln_pipeline_samples(p, samples, count));
-    CLN_TRY(cln_stage_group(p, count, &slices));
-    CLN_TRY(cln_stage_forward(p, count, slices, false, 0));
+    CLN_TRY(cln_stage_evaluate(p, count));
     CLN_TRY(cln_buffer_read(p->device, &p->out, 0, answers, count * sizeof *answers));
     for (uint32_t i = 0; i < count; i++)
         memcpy(out[samples[i].ray], answers[i], sizeof answers[i]);

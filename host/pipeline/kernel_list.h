@@ -68,7 +68,7 @@
     X(mlp_forward_eval, mlp_forward, mlp_forward_eval, ALWAYS)      \
     X(mlp_backward, mlp_backward, mlp_backward, ALWAYS)             \
     X(voxel_density, voxel_density, voxel_eval, ALWAYS)             \
-    X(voxel_forward_eval, voxel_forward, voxel_eval, ALWAYS)        \
+    X(voxel_samples, voxel_samples, voxel_eval, ALWAYS)             \
     X(voxel_forward_train, voxel_forward, voxel_train, ALWAYS)      \
     X(voxel_backward, voxel_backward, voxel_train, ALWAYS)          \
     X(voxel_update, voxel_update, voxel_train, ALWAYS)              \

@@ -95,17 +95,25 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const cl_uint slices = slice_count, key = step_key;
+    const cl_uint count = sample_count, each = (cl_uint)p->tune.sl;
     const cl_int first = p->first;
 
     CLN_TRY(CLN_RESERVE(p, out, sample_count));
     CLN_TRY(CLN_RESERVE(p, acts, training ? sample_count : 0));
-    if (is_voxel(p))
-        CLN_TRY(CLN_LAUNCH(device, training ? p->k.voxel_forward_train : p->k.voxel_forward_eval,
-                           CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
-                           CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
+    if (is_voxel(p) && training)
+        CLN_TRY(CLN_LAUNCH(device, p->k.voxel_forward_train, CLN_STAGE_FORWARD, slices,
+                           (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
+                           CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
                            CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
                            CLN_ARG(p->out.mem), CLN_ARG(p->decoder_w.mem), CLN_ARG(p->acts.mem),
                            CLN_ARG(slices), CLN_ARG(key), CLN_ARG(first)));
+    else if (is_voxel(p))
+        CLN_TRY(CLN_LAUNCH(device, p->k.voxel_samples, CLN_STAGE_FORWARD,
+                           cln_groups(sample_count, each), (size_t)p->tune.ls,
+                           CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->samples.mem),
+                           CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
+                           CLN_ARG(p->decoder_w.mem), CLN_ARG(count), CLN_ARG(each),
+                           CLN_ARG(first)));
     else
         CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
@@ -114,6 +122,18 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                            CLN_ARG(p->out.mem), CLN_ARG(p->acts.mem), CLN_ARG(slices), CLN_ARG(key),
                            CLN_ARG(first)));
     CLN_TRY(cln_share_samples(p, sample_count, training));
+done:
+    return st;
+}
+
+cln_status cln_stage_evaluate(cln_pipeline *p, uint32_t sample_count)
+{
+    cln_status st = CLN_OK;
+    uint32_t slices = 0;
+
+    if (!is_voxel(p))
+        CLN_TRY(cln_stage_group(p, sample_count, &slices));
+    CLN_TRY(cln_stage_forward(p, sample_count, slices, false, 0));
 done:
     return st;
 }

@@ -238,10 +238,9 @@ static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest
     double least = most_intervals(d) * c->samples_per_leaf;
     double wanted = c->batch_samples, room = 0;
 
-    if (d->training) {
-        wanted *= 2;
+    wanted *= d->training ? 2 : CLN_RENDER_BATCHES;
+    if (d->training)
         least += cln_pipeline_extra_samples(d->pipeline);
-    }
     if (s->distil)
         least = fmax(least, c->distil_samples);
     room = floor((largest - 2048) / longest_row(d, s, CLN_PER_SAMPLE));

@@ -17,6 +17,7 @@ enum { CLN_PLAN_ROWS = 12 };
 /* Constants of the plans besides the settings. */
 enum {
     CLN_RENDER_RAYS = 16384, /* most rays of a picture's batch */
+    CLN_RENDER_BATCHES = 4,  /* batches of training whose samples a picture's batch may have */
     CLN_DISTIL_BATCHES = 16  /* batches of distil-samples points that a merge cycles through */
 };
 

@@ -58,9 +58,12 @@ cln_status cln_stage_slices(cln_pipeline *p, uint32_t *slice_count);
  * are 0 without samples. */
 cln_status cln_stage_fill(cln_pipeline *p, double *leaf_samples, double *padding);
 
-/* step_key: any number that differs between steps (slopes of RReLU, density noise). */
+/* step_key: any number that differs between steps (slopes of RReLU, density noise). Voxels need no
+ * groups and slices unless they train. */
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                              bool training, uint32_t step_key);
+/* Group and forward without training, by what the leaves are. */
+cln_status cln_stage_evaluate(cln_pipeline *p, uint32_t sample_count);
 /* depth: 0, or bits CLN_DEPTH_*. */
 cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth);
 /* With p->stretched: exchanges the sums of stretches between ranks. */

@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "pipeline/plan.h"
+
 /* Halves the samples of a ray or, if chords allocate them, of a leaf. An interval gets none if it
  * adds less than a hundredth of the ray's light, or if less reaches it. */
 void cln_render_faster(cln_config *config)
@@ -20,7 +22,7 @@ void cln_render_faster(cln_config *config)
 cln_sampling cln_render_sampling(const cln_pipeline *p)
 {
     const cln_config *c = &p->config;
-    const size_t wanted = (size_t)c->batch_samples;
+    const size_t wanted = CLN_RENDER_BATCHES * (size_t)c->batch_samples;
 
     return (cln_sampling){
         .jitter = false,
@@ -37,13 +39,12 @@ cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *b, cln_ray_resu
                            int *rendered)
 {
     cln_status st = CLN_OK;
-    uint32_t samples = 0, slices = 0;
+    uint32_t samples = 0;
 
     CLN_TRY(cln_pipeline_batch(p, b->pixels, b->n, NULL, b->backgrounds[0]));
     CLN_TRY(cln_stage_rays(p, b->n));
     CLN_TRY(cln_stage_sample(p, b->n, &b->sampling, rendered, &samples));
-    CLN_TRY(cln_stage_group(p, samples, &slices));
-    CLN_TRY(cln_stage_forward(p, samples, slices, false, 0));
+    CLN_TRY(cln_stage_evaluate(p, samples));
     CLN_TRY(cln_stage_composite(p, *rendered, b->depth));
     CLN_TRY(
         cln_buffer_read(p->device, &p->results, 0, results, (size_t)*rendered * sizeof *results));

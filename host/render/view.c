@@ -7,8 +7,12 @@
 
 #include "base/memory.h"
 #include "pipeline/plan.h"
+#include "pipeline/stage1.h"
 #include "ranks/ranks.h"
 #include "render/antialias.h"
+
+/* Side of the squares of pixels whose rays are taken together: neighbours meet the same leaves. */
+enum { SQUARE = 128 };
 
 cln_status cln_render_prepare(cln_pipeline *p)
 {
@@ -32,7 +36,8 @@ cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background
 
     memset(out, 0, sizeof *out);
     out->view = view;
-    out->most = most;
+    out->most = out->next = most;
+    out->side = cln_stage1_of(&p->config)->by_view ? camera->width : SQUARE;
     picture->width = camera->width;
     picture->height = camera->height;
     CLN_TRY(cln_alloc(&picture->rgb, total * 3, sizeof *picture->rgb, "picture"));
@@ -77,29 +82,56 @@ done:
     return st;
 }
 
+/* Pixel number k of a picture, by bands of r->side rows, their squares from left to right, and rows
+ * of pixels in these. */
+static cln_pixel pixel_at(const cln_rendering *r, int k)
+{
+    const int width = r->picture.width, height = r->picture.height, side = r->side;
+    const int band = k / (side * width) * side, rows = side < height - band ? side : height - band;
+    const int in_band = k - band * width, column = in_band / (side * rows) * side;
+    const int columns = side < width - column ? side : width - column;
+    const int in_square = in_band - column * rows;
+
+    return (cln_pixel){.view = (cln_u32)r->view,
+                       .x = (cln_u32)(column + in_square % columns),
+                       .y = (cln_u32)(band + in_square / columns)};
+}
+
+/* Takes as many rays next as have about the samples of a batch, by those of the last n: rays that
+ * do not fit are walked in vain. */
+static void choose_next(const cln_pipeline *p, cln_rendering *r, int n)
+{
+    const double each = (double)p->sample_total / n;
+    const double room = 0.95 * (double)r->batch.sampling.max_samples;
+
+    r->next = each * r->most > room ? (int)(room / each) : r->most;
+    if (r->next < 1)
+        r->next = 1;
+}
+
 cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r)
 {
     cln_status st = CLN_OK;
     cln_picture *out = &r->picture;
     const int first = r->done, left = out->width * out->height - first;
-    const int n = left < r->most ? left : r->most;
+    const int n = left < r->next ? left : r->next;
     int rendered = 0;
 
     for (int i = 0; i < n; i++)
-        r->pixels[i] = (cln_pixel){.view = (cln_u32)r->view,
-                                   .x = (cln_u32)((first + i) % out->width),
-                                   .y = (cln_u32)((first + i) / out->width)};
+        r->pixels[i] = pixel_at(r, first + i);
     CLN_TRY(render_some(p, r, n, &rendered));
     for (int i = 0; i < rendered; i++) {
         const cln_ray_result *result = &r->results[i];
+        const size_t at = r->pixels[i].y * (size_t)out->width + r->pixels[i].x;
 
-        out->rgb[3 * (first + i)] = result->r;
-        out->rgb[3 * (first + i) + 1] = result->g;
-        out->rgb[3 * (first + i) + 2] = result->b;
-        out->depth[first + i] = result->depth;
-        out->opacity[first + i] = result->opacity;
+        out->rgb[3 * at] = result->r;
+        out->rgb[3 * at + 1] = result->g;
+        out->rgb[3 * at + 2] = result->b;
+        out->depth[at] = result->depth;
+        out->opacity[at] = result->opacity;
     }
     r->done += rendered;
+    choose_next(p, r, n);
 done:
     return st;
 }

@@ -27,9 +27,10 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
  * before the next step. */
 typedef struct cln_rendering {
     cln_picture picture; /* whole when `done` is the number of its pixels */
-    int done;            /* pixels, from the top */
+    int done;            /* pixels, in the order of their rays */
     int view, most;      /* most: rays of a batch */
-    bool under_way;      /* the queue may still use the arrays */
+    int next, side; /* rays of the next batch; squares of side x side pixels are taken in turn */
+    bool under_way; /* the queue may still use the arrays */
     cln_pixel *pixels;
     cln_ray_result *results;
     float (*backgrounds)[4];

@@ -768,8 +768,8 @@ static void check_wrong_kernel(const char *file, const char *from, const char *t
 static void test_selftest_notices(void **state)
 {
     NEED_DEVICE();
-    check_wrong_kernel("composite.cl", "through = EXP(-tau);", "through = EXP(-0.99f * tau);",
-                       "composite");
+    check_wrong_kernel("composite.cl", "behind[l] = EXP(-behind[l]);",
+                       "behind[l] = EXP(-0.99f * behind[l]);", "composite");
     check_wrong_kernel("scan.cl", "at += value;", "at += value + 1u;", "scan");
     check_wrong_kernel("adam.h", "(1.0f - BETA1) * g", "(1.0f - BETA1 * 0.9f) * g", "adam");
 }

@@ -93,7 +93,7 @@ static const struct {
     {"regularisers", "lanes.h", "(x) < (T)(0.15f))", "(x) < (T)(0.0f))",
      "regularisers: edge gradient"},
     /* transmittance rounds faint samples away */
-    {"composite, cauchy", "composite.cl", "through = EXP(-tau);", "through *= 1.0f - alpha;",
+    {"composite, cauchy", "composite.cl", "through = behind[l];", "through *= 1.0f - alphas[l];",
      "composite, cauchy: transmittance"},
     {"composite, cauchy", "loss.h", "fmin(sigma, 1e6f)", "sigma", "composite, cauchy: loss"},
     /* the last gradients are of the light behind */

@@ -183,7 +183,7 @@ section_devices() {
     mkdir -p "$work/kernels" && cp kernels/* include/device_abi.h "$work/kernels/"
     expect "--kernel-dir with the same kernels" 0 "" "$cln" selftest --quick \
         --kernel-dir "$work/kernels"
-    sed -i 's/through = EXP(-tau);/through *= 1.0f - alpha;/' "$work/kernels/composite.cl"
+    sed -i 's/through = behind\[l\];/through *= 1.0f - alphas[l];/' "$work/kernels/composite.cl"
     expect "a bound that is missed at an extreme" 10 "~at.extremes:.composite:.opacity" \
         "$cln" selftest --extremes --quick --json --kernel-dir "$work/kernels"
     check "the missed bound is a row" eval '[ "$(json checks.0.name)" = "composite: opacity" ] &&
