@@ -91,7 +91,7 @@ part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no
 part captures tests/cli/captures.sh
 part ranks tests/cli/ranks.sh
 part lint tests/lint.sh
-part faults env FAULTS=1 tests/faults.sh kill disk memory device nan clock changing
+part faults env FAULTS=1 tests/faults.sh
 part viewer tests/cli/view.sh
 # leaks.sh looks for leaks: looking for them while the driver's threads end now and then crashes
 part "sanitized command line" env BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0" \

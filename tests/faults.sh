@@ -7,7 +7,7 @@
 #
 #   tests/faults.sh [SECTION...]   sections: kill disk memory device nan files changing signals
 #                                  clock results small
-#   FAULTS=50                      moments for each kind of fault; make test takes 1
+#   FAULTS=50                      moments for each kind of fault; make test takes 1, all sections
 #   FAULT_SEED=1                   chooses them
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -269,6 +269,14 @@ section_signals() {
 section_clock() {
     count_calls clock &&
         each_moment clock jump
+    # a budget of seconds, of which a step takes one, is a budget of steps
+    rm -rf "$work/run"
+    faulty clock 0 tick "${fresh[@]/#--steps/--time-limit}"
+    check "by the clock, a second a step: exit code 0" [ $rc = 0 ]
+    check "by the clock, a second a step: the weights of as many steps" \
+        [ "$(digest "$work/run")" = "$whole" ]
+    check "by the clock, a second a step: as many steps" \
+        cmp -s <(step_rows | "$query" -l step) <(seq $steps)
 }
 
 # How many pictures a folder has, and a digest of them.

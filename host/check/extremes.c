@@ -173,6 +173,22 @@ static void with_splatting(cln_config *config)
     config->stage1 = CLN_STAGE1_SPLAT;
 }
 
+static void with_faint_samples(cln_config *config)
+{
+    with_splatting(config);
+    config->splat_min_alpha = 0;
+    config->splat_per_ray = 0.1; /* lists of few pixels */
+    config->cdf = CLN_CDF_SIGMA; /* intervals keep their optical depth */
+    config->allocate = CLN_ALLOCATE_CHORD;
+}
+
+static void with_dense_samples(cln_config *config)
+{
+    with_faint_samples(config);
+    config->splat_min_alpha = 0x1p-13; /* a density can be just at it */
+    config->splat_per_ray = 16;        /* samples are near to each other: gaps show */
+}
+
 /* Of every encoding: the passes, also with large weights. */
 static cln_status all_passes(cln_checks *c)
 {
@@ -226,6 +242,7 @@ typedef struct subject {
 
 #define BIT(program) CLN_PROGRAM_BIT(program)
 #define RAYS         (BIT(rays) | BIT(scan) | BIT(sampling))
+#define SPLATTING    (RAYS | BIT(sort64) | BIT(splat) | BIT(stats))
 #define VOXELS \
     (BIT(scan) | BIT(group) | BIT(voxel_train) | BIT(voxel_eval) | BIT(roulette) | BIT(carry))
 #define NETWORKS                                                                           \
@@ -242,6 +259,8 @@ static const subject subjects[] = {
     {"cameras", .run = cln_extremes_cameras, .programs = BIT(rays),
      .lenses = (1u << CLN_LENSES) - 1},
     {"rays", .run = cln_extremes_intervals, .programs = BIT(scan) | BIT(sampling)},
+    {"cropped rays", .run = cln_extremes_cropped,
+     .programs = BIT(scan) | BIT(sampling) | BIT(sampling_crop)},
     {"forward space", .run = cln_extremes_forward, .programs = RAYS | BIT(composite),
      .lenses = 1u << CLN_LENS_OPENCV, .forward = true},
     {"shell space", .run = cln_extremes_shell, .programs = RAYS, .shell = true},
@@ -249,6 +268,14 @@ static const subject subjects[] = {
      .programs = NETWORKS | BIT(mlp_density)},
     {"networks, exp, HALF=1", .tune = "HALF=1", .change = with_exponential,
      .run = cln_extremes_large_weights, .programs = NETWORKS},
+    {"roulette", .run = cln_extremes_roulette, .programs = BIT(roulette)},
+    {"roulette, exp", .change = with_exponential, .run = cln_extremes_roulette,
+     .programs = BIT(roulette)},
+    {"change of the tree", .run = cln_extremes_carry, .programs = BIT(carry) | BIT(adam)},
+    {"networks, HALF=1", .tune = "HALF=1", .change = with_dead_slopes, .run = all_passes,
+     .programs = NETWORKS | BIT(mlp_density)},
+    {"grid, HALF=1", .tune = "HALF=1", .change = with_grid, .run = all_passes,
+     .programs = NETWORKS | BIT(mlp_density)},
     {"grid", .change = with_grid, .run = all_passes, .programs = NETWORKS | BIT(mlp_density)},
     {"voxels", .change = with_voxels, .run = all_voxels, .programs = VOXELS},
     {"decoder", .change = with_decoder, .run = all_voxels, .programs = VOXELS | BIT(decoder)},
@@ -259,6 +286,10 @@ static const subject subjects[] = {
      .programs = BIT(regularise)},
     {"sums over leaves", .change = with_many_cells, .run = cln_extremes_leaves,
      .programs = BIT(scan) | BIT(group) | BIT(stats)},
+    {"splatting", .change = with_dense_samples, .run = cln_extremes_splat, .programs = SPLATTING,
+     .lenses = (1u << CLN_LENSES) - 1},
+    {"splatting, faint samples", .change = with_faint_samples, .run = cln_extremes_splat,
+     .programs = SPLATTING, .lenses = (1u << CLN_LENSES) - 1},
     {"scan and sort", .change = with_splatting, .run = sort_all, .quick = sort_quick,
      .programs = BIT(scan) | BIT(sort64)},
 };

@@ -37,6 +37,16 @@ cln_extreme cln_extreme_row(cln_checks *c, const char *name, const char *range);
 void cln_extreme_meet(cln_extreme *e, double got, double want, double scale, double bound,
                       const char *fmt, ...) __attribute__((format(printf, 6, 7)));
 
+/* A camera without an image, `distance` half sides before the cube's centre, and `aside` times that
+ * to its side. Its angles depend on v: with 0 it looks along an axis, so its rotation has zeros. */
+void cln_extremes_camera(int v, const cln_space *space, double distance, double aside,
+                         cln_camera *c);
+
+/* Camera i of these, 10 to 10^6 half sides away: it sees the cube in 500 x 500 pixels, on its axis
+ * or off it, through one of three lenses. */
+enum { CLN_EXTREMES_FAR = 12 };
+void cln_extremes_far(int i, const cln_space *space, cln_camera *k);
+
 /* Makes the rays of pixels of these cameras and reads them back, `bytes` of origins and of
  * directions, which were NaNs before. CLN_MEMORY, CLN_CL. */
 cln_status cln_extremes_shoot(cln_pipeline *p, const cln_space *space, const cln_camera *cameras,
@@ -56,15 +66,19 @@ cln_status cln_extremes_composite(cln_checks *c);     /* the L2 loss, at most a 
 cln_status cln_extremes_regularised(cln_checks *c);   /* any loss */
 cln_status cln_extremes_cameras(cln_checks *c);       /* all lenses */
 cln_status cln_extremes_intervals(cln_checks *c);     /* any space */
+cln_status cln_extremes_cropped(cln_checks *c);       /* the cube's space, sampling_crop */
 cln_status cln_extremes_forward(cln_checks *c);       /* a forward space */
 cln_status cln_extremes_networks(cln_checks *c);      /* dead slopes (0), see extremes.c */
 cln_status cln_extremes_large_weights(cln_checks *c); /* any network */
 cln_status cln_extremes_adam(cln_checks *c);
+cln_status cln_extremes_roulette(cln_checks *c);
+cln_status cln_extremes_carry(cln_checks *c);            /* networks */
 cln_status cln_extremes_voxels(cln_checks *c);           /* voxels, decoder or none */
 cln_status cln_extremes_leaves(cln_checks *c);           /* measures of leaves */
 cln_status cln_extremes_shell(cln_checks *c);            /* a shell space */
 cln_status cln_extremes_distil(cln_checks *c);           /* measures of leaves */
 cln_status cln_extremes_regularisers(cln_checks *c);     /* sparsity and edge */
+cln_status cln_extremes_splat(cln_checks *c);            /* splatting, all lenses, n1 4 */
 cln_status cln_extremes_sort(cln_checks *c, bool quick); /* splatting */
 
 #endif

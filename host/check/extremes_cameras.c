@@ -82,9 +82,8 @@ static bool exact_ray(const shot *s, const cln_space *space, int r, double o[3],
     return found;
 }
 
-/* Turns a camera by angles that depend on v; view 0 looks along an axis, so its rotation has
- * zeros. */
-static void turn(int v, cln_camera *c)
+void cln_extremes_camera(int v, const cln_space *space, double distance, double aside,
+                         cln_camera *c)
 {
     const double yaw = 0.37 * v, up = 0.21 * v;
     const double z[3] = {sin(yaw) * cos(up), sin(up), cos(yaw) * cos(up)};
@@ -97,19 +96,34 @@ static void turn(int v, cln_camera *c)
         c->c2w[4 * a] = x[a];
         c->c2w[4 * a + 1] = y[a];
         c->c2w[4 * a + 2] = z[a];
+        c->c2w[4 * a + 3] = space->centre[a] - space->half * distance * (z[a] + aside * x[a]);
     }
 }
 
-/* Places a camera `distance` half sides before the cube's centre, and `aside` times that to its
- * side. */
-static void place(cln_camera *c, const cln_space *space, double distance, double aside)
-{
-    for (int a = 0; a < 3; a++)
-        c->c2w[4 * a + 3] =
-            space->centre[a] - space->half * distance * (c->c2w[4 * a + 2] + aside * c->c2w[4 * a]);
-}
-
 /* ---- far cameras, in cubes of any unit ---- */
+
+void cln_extremes_far(int i, const cln_space *space, cln_camera *k)
+{
+    static const cln_lens lenses[] = {CLN_LENS_OPENCV, CLN_LENS_OPENCV_FISHEYE, CLN_LENS_EUCM};
+    const double distance = pow(10, 1 + i / 2), aside = i % 2 ? 0.6 : 0;
+
+    cln_extremes_camera(i < 2 ? 0 : 1 + i % 5, space, distance, aside, k);
+    k->width = k->height = 500;
+    k->fx = k->fy = 100 * distance; /* the cube has 200 to 350 pixels */
+    k->cx = k->cy = 250;
+    k->lens = lenses[i % 3];
+    if (k->lens == CLN_LENS_EUCM) {
+        k->distortion[0] = 0.5;
+        k->distortion[1] = 1;
+    }
+    if (aside > 0) { /* brings the cube into the image */
+        double u = 0, v = 0, z = 0;
+
+        cln_camera_project(k, space->centre, &u, &v, &z);
+        k->cx += 250 - u;
+        k->cy += 250 - v;
+    }
+}
 
 /* Cameras 10 to 10^6 half sides away see the cube on and off their axis, through several lenses.
  * Near the cube, rays must be where the float64 camera's are, to a fraction of the deepest leaf and
@@ -117,34 +131,13 @@ static void place(cln_camera *c, const cln_space *space, double distance, double
 static cln_status check_far(cln_checks *c, const cln_space *space, cln_extreme *lateral,
                             cln_extreme *depth, cln_extreme *starts)
 {
-    enum { FAR = 12, EACH = 60 };
-    static const cln_lens lenses[] = {CLN_LENS_OPENCV, CLN_LENS_OPENCV_FISHEYE, CLN_LENS_EUCM};
+    enum { FAR = CLN_EXTREMES_FAR, EACH = 60 };
     cln_status st = CLN_OK;
     shot s = {0};
 
     CLN_TRY(make(&s, FAR, EACH));
-    for (int i = 0; i < FAR; i++) {
-        const double distance = pow(10, 1 + i / 2), aside = i % 2 ? 0.6 : 0;
-        cln_camera *k = &s.cameras[i];
-
-        turn(i < 2 ? 0 : 1 + i % 5, k);
-        place(k, space, distance, aside);
-        k->width = k->height = 500;
-        k->fx = k->fy = 100 * distance; /* the cube has 200 to 350 pixels */
-        k->cx = k->cy = 250;
-        k->lens = lenses[i % 3];
-        if (k->lens == CLN_LENS_EUCM) {
-            k->distortion[0] = 0.5;
-            k->distortion[1] = 1;
-        }
-        if (aside > 0) { /* brings the cube into the image */
-            double u = 0, v = 0, z = 0;
-
-            CLN_ASSERT(cln_camera_project(k, space->centre, &u, &v, &z));
-            k->cx += 250 - u;
-            k->cy += 250 - v;
-        }
-    }
+    for (int i = 0; i < FAR; i++)
+        cln_extremes_far(i, space, &s.cameras[i]);
     for (int r = 0; r < s.rays; r++) {
         s.pixels[r].x = (uint32_t)cln_check_uniform(71, (uint32_t)r, 150, 350);
         s.pixels[r].y = (uint32_t)cln_check_uniform(72, (uint32_t)r, 150, 350);
@@ -215,8 +208,7 @@ static cln_status check_fields(cln_checks *c)
     for (int v = 0; v < s.views; v++) {
         cln_camera *k = &s.cameras[v];
 
-        turn(v < FIELDS ? 0 : v, k);
-        place(k, &cln_space_unit, 3, 0);
+        cln_extremes_camera(v < FIELDS ? 0 : v, &cln_space_unit, 3, 0, k);
         k->width = k->height = 512;
         k->cx = k->cy = 255.5; /* a pixel's centre: rays straight along the axis */
         k->fx = k->fy = 256 / tan(degrees[v % FIELDS] * M_PI / 360);
@@ -257,6 +249,8 @@ static const struct {
 } folds[] = {
     {"OPENCV", CLN_LENS_OPENCV, {-0.5}, 1.6, 0.363},
     {"OPENCV, four", CLN_LENS_OPENCV, {-0.4, 0.05, -0.03, 0.02}, 1.8, 0.41},
+    /* Newton's method alone ends beyond the fold for a third of these rays */
+    {"OPENCV, outwards first", CLN_LENS_OPENCV, {1, -0.5}, 4, 0.557},
     {"FULL_OPENCV", CLN_LENS_FULL_OPENCV, {-0.4, 0, 0, 0, 0, 0.1}, 1.5, 0.444},
     {"OPENCV_FISHEYE", CLN_LENS_OPENCV_FISHEYE, {-0.1}, 3, 0.517},
     {"FOV", CLN_LENS_FOV, {1.5}, 2.5, 0.551},
@@ -280,8 +274,7 @@ static cln_status check_folds(cln_checks *c)
     for (int v = 0; v < FOLDS; v++) {
         cln_camera *k = &s.cameras[v];
 
-        turn(1, k);
-        place(k, &cln_space_unit, 3, 0);
+        cln_extremes_camera(1, &cln_space_unit, 3, 0, k);
         k->lens = folds[v].lens;
         memcpy(k->distortion, folds[v].params, sizeof k->distortion);
         k->width = k->height = SIDE;

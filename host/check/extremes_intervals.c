@@ -117,27 +117,47 @@ static void put_grazing(batch *b)
 
 /* ---- samples ---- */
 
-/* Length of a ray's part in the cube. *vague: the ray runs in a face of the cube, as far as float32
- * can tell, so it may count as inside or outside. */
-static double chord_of(const float o[4], const float d[4], bool *vague)
+/* The cube as half-spaces, as cln_sampling's crop. */
+static const float cube[6][4] = {{1, 0, 0, 1},  {-1, 0, 0, 1}, {0, 1, 0, 1},
+                                 {0, -1, 0, 1}, {0, 0, 1, 1},  {0, 0, -1, 1}};
+
+/* A ray's distance inside a half-space, at t = 0 and more per unit of t. */
+static void approach(const float n[4], const float o[4], const float d[4], double *at,
+                     double *along)
 {
-    double from = 0, upto = INFINITY;
+    *at = n[3];
+    *along = 0;
+    for (int a = 0; a < 3; a++) {
+        *at += (double)n[a] * o[a];
+        *along += fabs((double)d[a]) < 1e-12 ? 0 : (double)n[a] * d[a];
+    }
+}
+
+/* Length of a ray's part in the cube and in the crop, if there is one. *vague: the ray runs in a
+ * face of one, as far as float32 can tell, so it may count as inside or outside. */
+static double chord_of(const float (*crop)[4], const float o[4], const float d[4], bool *vague)
+{
+    const int planes = crop ? 12 : 6;
+    double from = 0, upto = INFINITY, at = 0, along = 0;
 
     *vague = false;
-    for (int a = 0; a < 3; a++) {
-        const double at = o[a], along = fabs((double)d[a]) < 1e-12 ? 0 : d[a];
-
+    for (int i = 0; i < planes; i++) {
+        approach(i < 6 ? cube[i] : crop[i - 6], o, d, &at, &along);
         if (along == 0) {
-            *vague |= fabs(fabs(at) - 1) < 2e-7;
-            if (fabs(at) > 1)
+            *vague |= fabs(at) < 2e-7;
+            if (at < 0)
                 return 0;
-            continue;
+        } else if (along > 0) {
+            from = fmax(from, -at / along);
+        } else {
+            upto = fmin(upto, -at / along);
         }
-        from = fmax(from, fmin((-1 - at) / along, (1 - at) / along));
-        upto = fmin(upto, fmax((-1 - at) / along, (1 - at) / along));
+    }
+    for (int i = 0; i < planes; i++) {
+        approach(i < 6 ? cube[i] : crop[i - 6], o, d, &at, &along);
         /* grazes a face: rounding its place there moves its end by the rounding over the slope */
-        *vague |= fabs(along) < 0.1 && fabs(fabs(at + along * fmax(from, 0)) - 1) < 1e-6;
-        *vague |= fabs(along) < 0.1 && fabs(fabs(at + along * upto) - 1) < 1e-6;
+        *vague |= along != 0 && fabs(along) < 0.1 &&
+                  (fabs(at + along * from) < 1e-6 || fabs(at + along * upto) < 1e-6);
     }
     return fmax(upto - from, 0);
 }
@@ -146,6 +166,7 @@ cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, c
 {
     /* leaves no interval out, so samples fill chords */
     const cln_sampling sampling = {.jitter = true,
+                                   .crop = c->crop,
                                    .uniform_share = 0.25f,
                                    .empty_share = 1,
                                    .seed = 3,
@@ -178,7 +199,7 @@ cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, c
     cln_extreme_meet(&order, starts[rays], samples, 1, 0, "the last start");
     for (int r = 0; r < rays && starts[rays] == samples; r++) {
         bool vague = false;
-        const double chord = chord_of(o[r], d[r], &vague);
+        const double chord = chord_of(c->crop, o[r], d[r], &vague);
         double filled = 0, last = 0;
 
         cln_extreme_meet(&order, starts[r] <= starts[r + 1] && starts[r + 1] <= samples, 1, 1, 0,
@@ -243,6 +264,8 @@ done:
 
 cln_status cln_extremes_intervals(cln_checks *c)
 {
+    static const char *const names[2][2] = {{"rays in faces", "rays, grazing"},
+                                            {"cropped rays in faces", "cropped rays, grazing"}};
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
     const char *shape = c->shape;
@@ -260,7 +283,7 @@ cln_status cln_extremes_intervals(cln_checks *c)
             put_lattice(&b);
         CLN_TRY(cln_check_put(p->device, &p->ray_o, b.o, (size_t)b.rays * sizeof *b.o));
         CLN_TRY(cln_check_put(p->device, &p->ray_d, b.d, (size_t)b.rays * sizeof *b.d));
-        c->shape = grazing ? "rays, grazing" : "rays in faces";
+        c->shape = names[c->crop != NULL][grazing];
         CLN_TRY(cln_extreme_chords(
             c, &model.tree, b.rays,
             grazing ? "along axes, in and beside faces, slopes 0 to 0.01, leaves of levels 1 to 8"
@@ -271,5 +294,19 @@ done:
     cln_model_free(&model);
     free(b.o);
     free(b.d);
+    return st;
+}
+
+/* A crop box with faces that are leaves', faces that are not, one beyond the cube, and one that is
+ * aslant. */
+cln_status cln_extremes_cropped(cln_checks *c)
+{
+    static const float box[6][4] = {{1, 0, 0, 0.75f}, {-1, 0, 0, 0.8f}, {0, 1, 0, 1.5f},
+                                    {0, -1, 0, 0.9f}, {0, 0, 1, 0.95f}, {-0.6f, 0, -0.8f, 0.9f}};
+    cln_status st = CLN_OK;
+
+    c->crop = box;
+    st = cln_extremes_intervals(c);
+    c->crop = NULL;
     return st;
 }

@@ -69,8 +69,9 @@ static void test_passes_with_others(void **state)
 {
     static const char gpu[] =
         "VW=1,NV=1,LS=64,TS=8,NB=16,SL=128,WG=64,SG=256,DB=8,CHUNK=2048,LEAF=0";
-    static const char *const subjects[] = {"composite", "rays", "shell space", "sums over leaves",
-                                           "decoder"};
+    static const char *const subjects[] = {
+        "composite", "rays",   "shell space", "sums over leaves", "decoder",
+        "grid",      "voxels", "splatting",   "roulette",         "change of the tree"};
 
     (void)state;
     NEED_DEVICE();
@@ -78,7 +79,7 @@ static void test_passes_with_others(void **state)
         tally t = {0};
 
         assert_ok(run(NULL, gpu, subjects[i], &t));
-        assert_true(t.passed >= 3);
+        assert_true(t.passed >= 2);
         assert_int_equal(t.failed, 0);
     }
 }
@@ -110,9 +111,34 @@ static const struct {
     /* slopes of 1e-4 count as none */
     {"rays", "walk.h", "fabs(d) < (vf)(1e-12f)", "fabs(d) < (vf)(1e-3f)",
      "rays, grazing: samples in their leaf"},
+    {"cropped rays", "walk.h", "fabs(along) < (vf)(1e-12f)", "fabs(along) < (vf)(1e-3f)",
+     "cropped rays, grazing: samples fill the chord"},
+    /* a bisection that begins beyond the fold */
+    {"cameras", "lens.h", "high = fmin(c.limit, 1e4f)", "high = fmax(c.limit, 1e4f)",
+     "cameras: share of pixels judged otherwise"},
     {"forward space", "space.h", "fmax(p.z, 1.0f)", "fmax(p.z, 0.9f)",
      "forward space: where rays begin"},
     {"networks", "roulette.cl", "o * (1.0f - o)", "o", "networks: gradients of weights"},
+    /* pre-activations of 16 bits */
+    {"networks, HALF=1", "network.h", "HALF_MOST   65504.0f", "HALF_MOST   1e38f",
+     "networks, HALF=1: every gradient"},
+    {"networks, HALF=1", "network.h", "IN_HALF(v)  fmax(", "IN_HALF(v)  1.01f * fmax(",
+     "networks, HALF=1: gradients of weights"},
+    /* squares of gradients overflow; tiny ones count as none */
+    {"roulette", "roulette.cl", "return (a.x + a.y) + (a.z + a.w);", "return sqrt(dot(a, a));",
+     "roulette: samples that take part"},
+    {"roulette", "roulette.cl", "(vf)(least) / size", "(vf)(least) / (size + 1e-20f)",
+     "roulette: gradients of heads"},
+    {"roulette, exp", "network.h", "KAPPA * 3269017.4f", "1e3f",
+     "roulette, exp: gradients of heads"},
+    /* infinities, cells a half beside */
+    {"change of the tree", "carry.cl",
+     "-1 ? old[i] :", "-1 ? as_uint4(fmin(as_float4(old[i]), MAXFLOAT)) :",
+     "change of the tree: copies of weights and moments"},
+    {"change of the tree", "carry.cl", "(uint4)(0u);", "old[i] & 1u;",
+     "change of the tree: moments of new leaves"},
+    {"change of the tree", "carry.cl", "2u * at + 1u + 2u", "2u * at + 3u + 2u",
+     "change of the tree: densities of the nearest cells"},
     {"grid", "encoding_grid.h", "(yz & 1 ? y : 1.0f - y)", "(yz & 1 ? y : 1.001f - y)",
      "grid: colour"},
     {"grid", "encoding_grid.h", "V_SUM(sum);", "V_SUM(sum) * 1.001f;",
@@ -144,6 +170,24 @@ static const struct {
      "sums over leaves: largest density"},
     {"shell space", "shell.h", "0.5f * w * u", "0.5001f * w * u",
      "shell space: places along the lines"},
+    {"splatting", "splat.cl", "const float t = fmax(", "const float t = 1.0001f * fmax(",
+     "splatting: depth along its ray"},
+    {"splatting", "splat.cl", "= bfloat16_value(LEAF_ELEMENT(density, values[i], cells));",
+     "= fmin(bfloat16_value(LEAF_ELEMENT(density, values[i], cells)), 1e30f);",
+     "splatting: density"},
+    {"splatting", "splat.cl", "(uint)(keys[i - 1u] >> 32) + 1u", "(uint)(keys[i - 1u] >> 32)",
+     "splatting: lists and their order"},
+    {"splatting", "splat.cl", "sigma * spacing >= min_alpha", "sigma * spacing > min_alpha",
+     "splatting: samples that a view has"},
+    {"splatting", "stage1.h", "0.5f * length : distance", "0.51f * length : distance",
+     "splatting: optical depth of intervals"},
+    /* the left half of an image's first column */
+    {"splatting", "stats.cl", "point_pixel(cameras[v], point, &pixel);",
+     "point_pixel(cameras[v], point, &pixel) && pixel.x > 0.5f;",
+     "splatting: cells that a view sees"},
+    {"splatting, faint samples", "splat.cl", "(uint)pixel.x / grid.coarse,",
+     "(uint)(pixel.x + 0.01f) / grid.coarse,",
+     "splatting, faint samples: distance from the list's square"},
     {"scan and sort", "scan.cl", "at += value;", "at += value & 0x7FFFFFFFu;",
      "scan and sort: scan"},
 };

@@ -14,6 +14,7 @@
  *            kill   kill -9     term, int   that signal     storm   all that the program handles
  *            jump   the clock jumps by an hour, and the calendar by ten years, back and forth from
  *                   then on (FAULT_CALL=clock)
+ *            tick   the clock stands still, but a second passes in each training step
  *   FAULT_SPEED=N   the program's clock runs N times as fast: checkpoints by time come often
  *   FAULT_LOG=FILE  written at the end: "KIND CALLS", of the failed call also its name
  *
@@ -55,7 +56,8 @@ static unsigned wanted;
 static long fault_at, speed = 1;
 static const char *fault_do = "once";
 static char failed[64];
-static atomic_long calls;
+static atomic_long calls, ticks;
+static bool ticking;
 static struct {
     uintptr_t from, to;
 } ours[MOST_RANGES];
@@ -92,6 +94,7 @@ __attribute__((constructor)) static void begin(void)
     dl_iterate_phdr(note_object, &objects);
     fault_at = at ? atol(at) : 0;
     fault_do = how ? how : fault_do;
+    ticking = strcmp(fault_do, "tick") == 0;
     speed = getenv("FAULT_SPEED") ? atol(getenv("FAULT_SPEED")) : 1;
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
         if (call && strcmp(call, names[i]) == 0)
@@ -464,7 +467,9 @@ int clock_gettime(clockid_t clock, struct timespec *out)
     if (is_ours(__builtin_return_address(0))) {
         const __int128 fast = (out->tv_sec * (__int128)1000000000 + out->tv_nsec) * speed;
 
-        if (clock == CLOCK_MONOTONIC && speed > 1) {
+        if (clock == CLOCK_MONOTONIC && ticking) {
+            *out = (struct timespec){.tv_sec = 1000000 + atomic_load(&ticks)};
+        } else if (clock == CLOCK_MONOTONIC && speed > 1) {
             out->tv_sec = (time_t)(fast / 1000000000);
             out->tv_nsec = (long)(fast % 1000000000);
         }
@@ -557,6 +562,16 @@ MAKES(cl_program, clCreateProgramWithSource,
       (context, count, texts, lengths, status), CL_OUT_OF_HOST_MEMORY)
 MAKES(cl_kernel, clCreateKernel, (cl_program program, const char *name, cl_int *status),
       (program, name, status), CL_OUT_OF_RESOURCES)
+
+/* A training step launches one kernel of this name. */
+static void tick(cl_kernel kernel)
+{
+    char name[48] = "";
+
+    clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, NULL);
+    if (strcmp(name, "composite_train") == 0)
+        atomic_fetch_add(&ticks, 1);
+}
 
 /* Kernels with their buffers by the arguments' places (of other arguments, any bytes), and the
  * places of the arrays of floats, or of vectors of them, that they may write. */
@@ -662,6 +677,8 @@ CL_API_ENTRY cl_int CL_API_CALL clEnqueueNDRangeKernel(cl_command_queue queue, c
     REAL(clEnqueueNDRangeKernel);
     if (FAILS(DEVICE))
         return CL_OUT_OF_RESOURCES;
+    if (ticking)
+        tick(kernel);
     spoils = wanted == LAUNCH && args_of(kernel)->count > 0 && FAILS(LAUNCH);
     code = real(queue, kernel, dims, offset, global, local, count, events, event);
     if (spoils && code == CL_SUCCESS)
