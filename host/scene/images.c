@@ -58,22 +58,6 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
     return CLN_OK;
 }
 
-/* Checks that a mask or alpha file has the size of its image. */
-static cln_status check_mask(const cln_view *view, const char *path)
-{
-    cln_status st = CLN_OK;
-    int width = 0, height = 0, channels = 0;
-
-    CLN_TRY(cln_image_info(path, &width, &height, &channels));
-    if (width != view->file_width || height != view->file_height)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: the mask has %d x %d pixels, its image%s %d x %d; make them equal",
-                         path, width, height, view->turned ? ", turned as its EXIF data say," : "",
-                         view->file_width, view->file_height));
-done:
-    return st;
-}
-
 /* Warns of images without alpha among others: they are right only if all that they show is
  * opaque. */
 static void warn_mixed_alpha(const cln_scene *scene)
@@ -173,15 +157,12 @@ cln_status cln_scene_size_views(cln_scene *scene, int downscale)
 
     CLN_TRY(read_heads(scene));
     cln_scene_find_turns(scene);
+    CLN_TRY(cln_scene_turn_masks(scene));
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
 
-        if (view->alpha_path) {
-            CLN_TRY(check_mask(view, view->alpha_path));
+        if (view->alpha_path)
             view->channels = 4;
-        }
-        if (view->mask_path)
-            CLN_TRY(check_mask(view, view->mask_path));
         CLN_TRY(fit_camera(view, view->file_width, view->file_height, &warned));
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
@@ -370,6 +351,7 @@ static cln_status add_alpha(const cln_view *view, bool wanted, uint64_t *digest,
     CLN_TRY(decode(view->alpha_path, wanted, digest, &width, &height, &alpha_channels, &alpha));
     if (!wanted)
         goto done;
+    CLN_TRY(cln_image_turn(view->alpha_turn, &width, &height, alpha_channels, &alpha));
     if (width != view->file_width || height != view->file_height)
         CLN_TRY(changed(view->alpha_path));
     CLN_TRY(cln_alloc(&both, count, 4, view->path));
@@ -411,6 +393,7 @@ static cln_status add_mask(const cln_scene *scene, cln_view *view, bool wanted, 
     CLN_TRY(decode(view->mask_path, wanted, digest, &width, &height, &channels, &mask));
     if (!wanted)
         goto done;
+    CLN_TRY(cln_image_turn(view->mask_turn, &width, &height, channels, &mask));
     if (width != view->file_width || height != view->file_height)
         CLN_TRY(changed(view->mask_path));
     CLN_TRY(cln_alloc(&kept, (count + 7) / 8, 1, view->mask_path));

@@ -72,6 +72,8 @@ typedef struct cln_view {
     bool sized_by_file;          /* its format gives no size, so the camera has the stored file's */
     bool turned;                 /* `pixels` are turned as it says; else as stored */
     bool turn_known;             /* sizes or the format tell which of these the pose is of */
+    int alpha_turn, mask_turn;   /* orientations that bring those files onto `pixels`; 1: none */
+    bool masks_known;            /* sizes or EXIF data tell these, or those of other masks */
     int channels;                /* 3, or 4 with straight alpha */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not in memory */
     cln_store *store;            /* the scene's, if it has the pixels, at `place`; else NULL */

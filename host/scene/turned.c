@@ -1,10 +1,14 @@
 /* Photos whose EXIF data tell viewers to turn them. COLMAP, OpenSfM, nerfstudio and instant-ngp
  * read pixels as they are stored, so poses belong to these, and so does this program. Where only
  * the turned picture has the shape of its camera, poses were made from turned pixels, and they are
- * turned here, too. Mirrors and half turns keep the shape: they follow the other photos. */
+ * turned here, too. Mirrors and half turns keep the shape: they follow the other photos.
+ *
+ * Masks are drawn on stored or on turned pictures: the one whose size they have, else as other
+ * masks of the scene, else stored ones, as which they are turned with their photos. */
 #include "scene/build.h"
 
 #include <math.h>
+#include "io/image.h"
 #include "scene/inspect.h"
 
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height)
@@ -47,6 +51,67 @@ void cln_scene_find_turns(cln_scene *scene)
     }
 }
 
+/* Is a mask or alpha file of the turned picture, 1, or of the stored one, -1? 0: perhaps either. */
+static cln_status told_by_mask(const cln_view *v, const char *path, int *told)
+{
+    cln_status st = CLN_OK;
+    const bool quarter = v->orientation >= 5;
+    const int width = quarter && v->turned ? v->file_height : v->file_width;
+    const int height = quarter && v->turned ? v->file_width : v->file_height;
+    cln_image_head head;
+    bool stored = false, turned = false;
+    char other[64] = "";
+
+    CLN_TRY(cln_image_read_head(path, &head));
+    stored = head.width == width && head.height == height;
+    turned = quarter ? head.width == height && head.height == width : stored;
+    if (quarter)
+        snprintf(other, sizeof other, ", turned as its EXIF data say %d x %d", height, width);
+    if (!stored && !turned)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: the mask has %d x %d pixels, its image %d x %d%s; make them equal",
+                         path, head.width, head.height, width, height, other));
+    *told = stored != turned ? (turned ? 1 : -1) : head.orientation == v->orientation ? -1 : 0;
+done:
+    return st;
+}
+
+cln_status cln_scene_turn_masks(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    bool turned = false, stored = false;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        cln_view *v = &scene->views[i];
+        const char *const paths[2] = {v->alpha_path, v->mask_path};
+        int *const turns[2] = {&v->alpha_turn, &v->mask_turn};
+
+        for (int k = 0; k < 2; k++) { /* what is told is kept there until all of it is known */
+            *turns[k] = 0;
+            if (!paths[k])
+                continue;
+            CLN_TRY(told_by_mask(v, paths[k], turns[k]));
+            turned |= v->orientation > 1 && *turns[k] > 0;
+            stored |= v->orientation > 1 && *turns[k] < 0;
+        }
+    }
+    for (int i = 0; i < scene->view_count; i++) {
+        cln_view *v = &scene->views[i];
+        int *const turns[2] = {&v->alpha_turn, &v->mask_turn};
+        const int back = v->orientation == 6 ? 8 : v->orientation == 8 ? 6 : v->orientation;
+
+        v->masks_known =
+            turned || stored || v->orientation == 1 || !(v->alpha_path || v->mask_path);
+        for (int k = 0; k < 2; k++) {
+            const bool of_turned = *turns[k] ? *turns[k] > 0 : turned && !stored;
+
+            *turns[k] = of_turned == v->turned ? 1 : v->turned ? v->orientation : back;
+        }
+    }
+done:
+    return st;
+}
+
 /* Adds a finding, `before` and `after` the number and first name of those photos with an EXIF
  * orientation that are turned or not, and known to belong so or not. */
 static void tell(const cln_scene *scene, json_t *findings, bool known, bool turned,
@@ -68,12 +133,32 @@ static void tell(const cln_scene *scene, json_t *findings, bool known, bool turn
     json_decref(names);
 }
 
+/* Adds a finding of masks that may be of stored or of turned pixels. */
+static void tell_masks(const cln_scene *scene, json_t *findings)
+{
+    json_t *names = json_array();
+
+    for (int i = 0; i < scene->view_count; i++)
+        if (!scene->views[i].masks_known)
+            json_array_append_new(names, json_string(scene->views[i].name));
+    if (json_array_size(names) > 0)
+        cln_found_fault(
+            findings, "orientation", false, json_incref(names),
+            "%d photos that EXIF data tell viewers to turn ('%s'%s) have masks of which "
+            "nothing tells whether they are of stored or of turned pixels: they are "
+            "taken to be of stored ones. If they are not, turn the masks back",
+            (int)json_array_size(names), json_string_value(json_array_get(names, 0)),
+            json_array_size(names) > 1 ? ", ..." : "");
+    json_decref(names);
+}
+
 void cln_scene_doubt_turns(const cln_scene *scene, json_t *findings)
 {
     tell(scene, findings, false, false, "EXIF data tell viewers to turn",
          ", and nothing tells whether the poses are of turned pixels: they are taken as stored, as "
          "COLMAP, nerfstudio and instant-ngp do. If the poses are of turned ones, turn the pixels "
          "(mogrify -auto-orient)");
+    tell_masks(scene, findings);
 }
 
 void cln_scene_tell_turns(const cln_scene *scene, json_t *findings)

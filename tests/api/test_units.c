@@ -1,8 +1,11 @@
 /* What a run hands back, in the user's frame and units: depth, points, boxes of leaves, a volume
- * and cameras of a trained ball, in units from 1e-4 to 1e6 and far from the origin. Against the
- * ball itself depth and points are a few hundredths off: the short training has soft surfaces.
- * Against those of the plain frame they are the same: units that are powers of two change no bit of
- * a training, and an offset changes last bits of poses. */
+ * and cameras of a trained ball, in units from 1e-4 to 1e6 and far from the origin. Depth and
+ * points are the ball's to 1 % of the distance to the camera, in the median over all pixels that
+ * show it and over all points. Shorter trainings are farther off, all to one side: the surface
+ * begins where it is, but its skin is soft, so half of the opacity lies behind (150 steps: 4.4 %,
+ * 400: 2.5 %, 1,500: 0.8 %); what is handed back is the median of the field's density to 0.2 %. In
+ * the other frames they are the plain one's: units that are powers of two change no bit of a
+ * training, and an offset changes last bits of poses. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -15,6 +18,8 @@
 #include "tests.h"
 
 enum { PIXELS = 40, VIEWS = 24, POINTS = 3000, CORNERS = 8 };
+
+static const double NEAR = 0.01, DISTANCE = 3; /* from the cameras to the surface, in radii */
 
 /* The ball has the radius `unit` around `offset`; cameras are 4 radii away. */
 typedef struct frame {
@@ -76,7 +81,7 @@ static void put_view(const frame *f, const char *folder, int view, json_t *list)
         if (distance_to_ball(f, m, i, at) == 0)
             continue;
         for (int a = 0; a < 3; a++) /* stripes, so that places tell themselves apart */
-            rgba[4 * i + a] = cln_to_u8((float)(0.5 + 0.25 * at[a] + 0.2 * sin(7 * at[a])));
+            rgba[4 * i + a] = cln_to_u8((float)(0.5 + 0.25 * at[a] + 0.2 * sin(15 * at[a])));
         rgba[4 * i + 3] = 255;
     }
     for (int a = 0; a < 3; a++)
@@ -130,11 +135,12 @@ static void train(const frame *f)
     size_t used = 0;
 
     config->start_level = 2;
-    config->bands = 3;
+    config->bands = 4;
+    config->view_dependence = false;
     config->n1 = 12;
     config->rays = 1024;
     config->batch_samples = 16384;
-    config->steps = 150;
+    config->steps = 2000;
     for (int i = 0; i < 6; i++)
         used += (size_t)snprintf(config->bbox + used, sizeof config->bbox - used, "%s%.17g",
                                  i ? "," : "", f->offset[i % 3] + (i < 3 ? -box : box) * f->unit);
@@ -212,7 +218,7 @@ static void depth_is_the_balls(const frame *f)
     print_message("    %s: %d of %d pixels have a depth, off by %.4f in the median\n", f->name,
                   both, shown, median(off, both));
     assert_true(both > 0.97 * shown);
-    assert_true(median(off, both) < 0.06);
+    assert_true(median(off, both) < NEAR);
     if (f == frames)
         memcpy(plain_depth, here, sizeof here);
     compare(f, PIXELS * PIXELS, plain_depth, here);
@@ -258,9 +264,9 @@ static void points_are_the_balls(const frame *f)
     if (f->offset[0] == 0) /* else another triangle moves all that follow */
         compare(f, 3 * POINTS, plain_points[0], at[0]);
     free(at);
-    print_message("    %s: points are off by %.4f radii in the median\n", f->name,
-                  median(off, POINTS));
-    assert_true(median(off, POINTS) < 0.12);
+    print_message("    %s: points are off by %.4f of the distance in the median\n", f->name,
+                  median(off, POINTS) / DISTANCE);
+    assert_true(median(off, POINTS) < NEAR * DISTANCE);
 }
 
 /* Every leaf is a cube of a level's side within the box. */

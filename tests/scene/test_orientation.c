@@ -1,6 +1,7 @@
 /* Photos whose EXIF data tell viewers to turn them (io/exif.h, scene/turned.c): what is read of the
- * data, how pixels are turned, and which photos of a scene are. Oracle: the standard's words on
- * where the stored picture's first row and column belong, on pictures of few pixels. */
+ * data, how pixels are turned, which photos of a scene are, and their masks with them. Oracle: the
+ * standard's words on where the stored picture's first row and column belong, on pictures of few
+ * pixels. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -87,8 +88,9 @@ static void test_turn(void **state)
 
 /* ---- scenes ---- */
 
-/* A photo whose stored picture is dark in its upper left quarter. */
-static void put_photo(const char *folder, int view, int width, int height, int orientation)
+/* A picture of which one quarter is dark (0 upper left, 1 upper right, 2 and 3 below). */
+static void put_picture(const char *folder, const char *kind, int view, int width, int height,
+                        int quarter, int orientation)
 {
     uint8_t *pixels = malloc((size_t)(width * height * 3)), *jpeg = NULL;
     char name[32], *path = NULL;
@@ -96,10 +98,11 @@ static void put_photo(const char *folder, int view, int width, int height, int o
 
     assert_non_null(pixels);
     for (int i = 0; i < width * height; i++)
-        memset(pixels + 3 * i, i % width < width / 2 && i / width < height / 2 ? 20 : 230, 3);
+        memset(pixels + 3 * i,
+               i % width / (width / 2) + 2 * (i / width / (height / 2)) == quarter ? 0 : 230, 3);
     jpeg = exif_jpeg(width, height, pixels, orientation, &bytes);
     assert_non_null(jpeg);
-    snprintf(name, sizeof name, "view_%02d.jpg", view);
+    snprintf(name, sizeof name, "%s_%02d.jpg", kind, view);
     assert_int_equal(cln_make_dirs(folder), CLN_OK);
     assert_int_equal(cln_path_join(&path, folder, name), CLN_OK);
     scratch_put(path, (const char *)jpeg, bytes);
@@ -108,18 +111,31 @@ static void put_photo(const char *folder, int view, int width, int height, int o
     free(pixels);
 }
 
-/* A transforms file whose cameras have such a size, the images in the folder itself. */
-static void put_transforms(const char *folder, int width, int height)
+/* A photo whose stored picture is dark in its upper left quarter. */
+static void put_photo(const char *folder, int view, int width, int height, int orientation)
+{
+    put_picture(folder, "view", view, width, height, 0, orientation);
+}
+
+/* A transforms file whose cameras have such a size (0: none is told), the images in the folder
+ * itself; the first `masks` frames have a mask. */
+static void put_masked(const char *folder, int width, int height, int masks)
 {
     cln_camera cameras[FORMAT_VIEWS];
     FILE *f = format_open(folder, "transforms.json");
 
     format_cameras(cameras);
-    fprintf(f, "{\"fl_x\": 20, \"w\": %d, \"h\": %d, \"frames\": [", width, height);
+    fprintf(f, "{\"fl_x\": 20, ");
+    if (width)
+        fprintf(f, "\"w\": %d, \"h\": %d, ", width, height);
+    fprintf(f, "\"frames\": [");
     for (int v = 0; v < FORMAT_VIEWS; v++) {
         const double *m = cameras[v].c2w;
 
-        fprintf(f, "%s{\"file_path\": \"view_%02d.jpg\", \"transform_matrix\": [", v ? "," : "", v);
+        fprintf(f, "%s{\"file_path\": \"view_%02d.jpg\", ", v ? "," : "", v);
+        if (v < masks)
+            fprintf(f, "\"mask_path\": \"mask_%02d.jpg\", ", v);
+        fprintf(f, "\"transform_matrix\": [");
         for (int row = 0; row < 3; row++) /* OpenGL's axes */
             fprintf(f, "[%.17g,%.17g,%.17g,%.17g],", m[4 * row], -m[4 * row + 1], -m[4 * row + 2],
                     m[4 * row + 3]);
@@ -127,6 +143,11 @@ static void put_transforms(const char *folder, int width, int height)
     }
     fprintf(f, "]}");
     fclose(f);
+}
+
+static void put_transforms(const char *folder, int width, int height)
+{
+    put_masked(folder, width, height, 0);
 }
 
 /* The quarter of a view's pixels that is dark: 0 upper left, 1 upper right, 2 and 3 below. */
@@ -210,6 +231,178 @@ static void test_scenes(void **state)
     }
 }
 
+/* ---- masks ---- */
+
+/* Where an orientation brings the upper left quarter, by the standard's words. */
+static const int quarter_of[9] = {0, 0, 1, 3, 2, 0, 1, 3, 2};
+
+/* The mask of such a photo, dark where this is: drawn on the turned picture, or on the stored one;
+ * own: its own orientation. */
+static void put_mask(const char *folder, const char *kind, int view, int width, int height,
+                     int orientation, bool on_turned, int own)
+{
+    const bool swapped = on_turned && orientation >= 5;
+
+    put_picture(folder, kind, view, swapped ? height : width, swapped ? width : height,
+                on_turned ? quarter_of[orientation] : 0, own);
+}
+
+/* The quarter of a view that its mask leaves out; -1: none alone. */
+static int left_out_quarter(const cln_view *v)
+{
+    int found = -1, count = 0;
+
+    for (int k = 0; k < 4; k++)
+        if (!cln_view_keeps(v, (k % 2 ? 3 : 1) * v->camera.width / 4,
+                            (k / 2 ? 3 : 1) * v->camera.height / 4)) {
+            found = k;
+            count++;
+        }
+    return count == 1 ? found : -1;
+}
+
+/* Masks lie on what they hide, drawn on stored or on turned pictures, whether photos are turned or
+ * not. Views 0 and 1 have masks; view 1 has a half turn, a mirror, or none. Their quarters are
+ * whole blocks of JPEG's, so that black stays black. */
+static void test_mask_turns(void **state)
+{
+    static const struct {
+        const char *name;
+        int width, height, orientation; /* of photo 0; camera 64 x 48 */
+        int other;                      /* orientation of photo 1, of 64 x 48 */
+        bool on_turned;                 /* both masks */
+        int own;                        /* orientation in their own EXIF data */
+        int first, second;              /* quarters, dark and left out */
+        int warnings;                   /* of orientations */
+    } cases[] = {
+        {"turned photos, stored masks", 48, 64, 6, 3, false, 0, 1, 3, 0},
+        {"turned photos, turned masks", 48, 64, 6, 3, true, 0, 1, 3, 0},
+        {"to the left", 48, 64, 8, 2, false, 0, 2, 1, 0},
+        {"to the left, turned masks", 48, 64, 8, 2, true, 0, 2, 1, 0},
+        {"stored photos, stored masks", 64, 48, 6, 3, false, 0, 0, 0, 0},
+        {"stored photos, turned masks", 64, 48, 6, 3, true, 0, 0, 0, 0},
+        {"the other way", 64, 48, 8, 4, true, 0, 0, 0, 0},
+        {"mirrored and turned", 64, 48, 5, 0, true, 0, 0, 0, 0},
+        {"mirrored and turned back", 64, 48, 7, 0, true, 0, 0, 0, 0},
+        {"mirrored, turned photos", 48, 64, 7, 4, false, 0, 3, 2, 0},
+        {"half turns alone: neither photos nor masks tell", 64, 48, 3, 3, false, 0, 0, 0, 2},
+        {"their masks have EXIF data, too", 64, 48, 3, 3, false, 3, 0, 0, 1},
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *folder = scratch_path(*state, cases[i].name);
+        cln_scene *scene = NULL;
+        int warnings = 0;
+
+        print_message("    %s\n", cases[i].name);
+        put_photo(folder, 0, cases[i].width, cases[i].height, cases[i].orientation);
+        put_mask(folder, "mask", 0, cases[i].width, cases[i].height, cases[i].orientation,
+                 cases[i].on_turned, cases[i].own);
+        for (int v = 1; v < FORMAT_VIEWS; v++)
+            put_photo(folder, v, 64, 48, v == 1 ? cases[i].other : 0);
+        put_mask(folder, "mask", 1, 64, 48, cases[i].other, cases[i].on_turned, cases[i].own);
+        put_masked(folder, 64, 48, 2);
+        cln_log_set_sink(scratch_count_warnings, &warnings);
+        scene = load(folder, plain());
+        cln_scene_warn_doubts(scene);
+        assert_int_equal(warnings, cases[i].warnings);
+        assert_int_equal(dark_quarter(scene, 0), cases[i].first);
+        assert_int_equal(dark_quarter(scene, 1), cases[i].second);
+        assert_int_equal(left_out_quarter(&scene->views[0]), cases[i].first);
+        assert_int_equal(left_out_quarter(&scene->views[1]), cases[i].second);
+        cln_scene_free(scene);
+    }
+}
+
+/* A mask whose size fits neither way: the sentence has all three. */
+static void test_mask_fits_neither(void **state)
+{
+    const char *folder = *state;
+
+    for (int v = 0; v < FORMAT_VIEWS; v++)
+        put_photo(folder, v, 48, 64, 6);
+    put_picture(folder, "mask", 0, 64, 40, 0, 0);
+    put_masked(folder, 64, 48, 1);
+    assert_refused(folder, plain(),
+                   (const char *const[3]){"mask_00.jpg: the mask has 64 x 40", "48 x 64",
+                                          "turned as its EXIF data say 64 x 48"},
+                   "neither");
+    put_photo(folder, 0, 64, 48, 0);
+    put_picture(folder, "mask", 0, 48, 64, 0, 0);
+    assert_refused(folder, plain(),
+                   (const char *const[3]){"mask_00.jpg: the mask has 48 x 64", "its image 64 x 48",
+                                          "make them equal"},
+                   "swapped sides without EXIF data");
+}
+
+/* NeuS's masks, which become alpha, of photos as they are stored. */
+static void test_alpha_turns(void **state)
+{
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_scene *scene = NULL;
+
+    format_cameras(cameras);
+    format_neus(folder, cameras, false);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        put_photo(scratch_path(folder, "image"), v, 16, 12, 8);
+        put_mask(scratch_path(folder, "mask"), "view", v, 16, 12, 8, v % 2, 0);
+    }
+    scene = load(folder, plain());
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        const uint8_t *p = scene->views[v].pixels;
+
+        assert_int_equal(scene->views[v].channels, 4);
+        for (int k = 0; k < 4; k++) {
+            const uint8_t *pixel = p + 4 * ((k / 2 ? 9 : 3) * 16 + (k % 2 ? 12 : 4));
+
+            assert_true(k ? pixel[3] > 200 && pixel[0] > 200 : pixel[3] < 30 && pixel[0] < 30);
+        }
+    }
+    cln_scene_free(scene);
+}
+
+/* Without w and h a camera has the size of the stored file, whatever EXIF data say: that is no
+ * evidence that poses are of stored pixels, and half turns follow nothing. A frame with a size of
+ * its own is evidence. */
+static void test_sized_by_file(void **state)
+{
+    const char *folder = *state, *path = scratch_path(folder, "transforms.json");
+    cln_scene *scene = NULL;
+    size_t bytes = 0;
+    char *text = NULL, *longer = NULL;
+
+    put_photo(folder, 0, 12, 16, 6);
+    for (int v = 1; v < FORMAT_VIEWS; v++)
+        put_photo(folder, v, 16, 12, v == 1 ? 3 : 0);
+    put_transforms(folder, 0, 0);
+    scene = load(folder, plain());
+    assert_true(scene->views[0].sized_by_file);
+    assert_int_equal(scene->views[0].camera.width, 12);
+    assert_int_equal(scene->views[0].camera.height, 16);
+    for (int v = 0; v < 2; v++) {
+        assert_false(scene->views[v].turn_known);
+        assert_false(scene->views[v].turned);
+        assert_int_equal(dark_quarter(scene, v), 0);
+    }
+    assert_int_equal(findings_of(scene, "nothing tells whether"), 1);
+    cln_scene_free(scene);
+
+    text = scratch_get(path, &bytes);
+    assert_int_equal(cln_asprintf(&longer, "{\"fl_x\": 20, \"frames\": [{\"w\": 16, \"h\": 12, %s",
+                                  strstr(text, "\"file_path\"")),
+                     CLN_OK);
+    scratch_put(path, longer, strlen(longer));
+    scene = load(folder, plain());
+    assert_false(scene->views[0].sized_by_file);
+    assert_int_equal(dark_quarter(scene, 0), 1);
+    assert_int_equal(dark_quarter(scene, 1), 3);
+    assert_int_equal(findings_of(scene, "turned as EXIF data say"), 1);
+    cln_scene_free(scene);
+    free(longer);
+    free(text);
+}
+
 /* COLMAP's poses are of stored pixels: a half turn is no doubt. */
 static void test_colmap(void **state)
 {
@@ -261,6 +454,10 @@ int test_group_orientation(void)
         cmocka_unit_test(test_damaged_exif),
         cmocka_unit_test(test_turn),
         cmocka_unit_test_setup_teardown(test_scenes, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_mask_turns, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_mask_fits_neither, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_alpha_turns, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_sized_by_file, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_refused, scratch_make, scratch_remove),
     };
