@@ -72,6 +72,21 @@ static json_t *frame_of(const cln_view *view, const char *name)
     return frame;
 }
 
+/* Adds the path of a file, if there is one. */
+static cln_status put_path(const cln_scene *scene, json_t *frame, const char *key, const char *path)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL;
+
+    if (!path)
+        return CLN_OK;
+    CLN_TRY(path_from(scene, path, &name));
+    json_object_set_new(frame, key, json_string(name));
+done:
+    free(name);
+    return st;
+}
+
 static cln_status write_transforms(const cln_export_job *job, const cln_scene *scene)
 {
     static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
@@ -93,12 +108,9 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         frame = frame_of(view, name);
         json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
-        if (!view->mask_path || view->mask_black) /* black counts: no key says so */
-            continue;
-        free(name);
-        name = NULL;
-        CLN_TRY(path_from(scene, view->mask_path, &name));
-        json_object_set_new(frame, "mask_path", json_string(name));
+        CLN_TRY(put_path(scene, frame, "alpha_path", view->alpha_path));
+        if (!view->mask_black) /* where black counts, no key says so */
+            CLN_TRY(put_path(scene, frame, "mask_path", view->mask_path));
     }
     for (int split = 0; split < CLN_SPLITS; split++)
         if (json_array_size(lists[split]) > 0)
@@ -322,6 +334,31 @@ done:
     return st;
 }
 
+/* Says what of the scene a training on these cameras would lack. */
+static void say_left_out(bool json, const cln_scene *scene)
+{
+    const cln_space *space = &scene->space;
+    double box[6];
+    bool masks = false;
+
+    for (int i = 0; i < scene->view_count && !json; i++)
+        masks = masks || scene->views[i].alpha_path || scene->views[i].mask_path;
+    if (masks)
+        cln_warn("cameras: COLMAP's files have no masks of photos; FILE.json has them");
+    if (space->forward) {
+        cln_info("cameras: what the scene tells of depths (near and far, sparse points) is left "
+                 "out");
+        return;
+    }
+    for (int i = 0; i < 3; i++) {
+        box[i] = scene->has_box ? scene->box[i] : space->centre[i] - space->half;
+        box[i + 3] = scene->has_box ? scene->box[i + 3] : space->centre[i] + space->half;
+    }
+    cln_info("cameras: the scene's cube and sparse points are left out; to train with these in "
+             "that cube: --bbox=%.7g,%.7g,%.7g,%.7g,%.7g,%.7g",
+             box[0], box[1], box[2], box[3], box[4], box[5]);
+}
+
 cln_status cln_export_cameras(cln_export_job *job)
 {
     cln_status st = CLN_OK;
@@ -332,6 +369,7 @@ cln_status cln_export_cameras(cln_export_job *job)
     CLN_TRY(cln_disk_check_file(job->desc->file, bytes, "the cameras"));
     CLN_TRY(json ? write_transforms(job, scene) : write_colmap(job, scene));
     CLN_TRY(say_where(job->desc->file, json, scene));
+    say_left_out(json, scene);
     job->result->views = scene->view_count;
     job->result->refined = job->opened.refined;
 done:
