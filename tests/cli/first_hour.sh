@@ -369,6 +369,9 @@ section_training() {
     expect "resumed from another folder" 0 "" \
         bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${small[@]:0:3}" --steps +1 -q
     step=$((step + 1))
+    expect "a budget below what was trained, without --skip-selftest" 0 "~used.up" \
+        "$cln" train --resume "$r" --progress none --steps 3
+    check "kernels are not checked for it" not_said "checking the kernels"
     expect "a budget below what was trained, again" 0 "~used.up" "$cln" train --resume "$r" \
         "${small[@]:0:3}" --steps 3 --json
     expect "the command that it suggests" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
@@ -528,7 +531,7 @@ section_results() {
     expect "a tuning row there" 7 "/proc/a" "$cln" tune -o /proc/a
     check "no search was begun" not_said "device:"
     expect "a film larger than the disk: refused at once" 7 "~big.y4m: ~too.little.room" timeout 60 \
-        "$cln" render "$r" --orbit 100000 --width 4000 -o "$work/big.y4m" --progress none
+        "$cln" render "$r" --orbit 20000 --width 8000 -o "$work/big.y4m" --progress none
     check "no film is left" eval '! ls "$work"/big* 2>/dev/null'
     check "no device was opened for it" not_said "device:"
     expect "a film that may need ffmpeg" 0 "" "$cln" render "$r" --orbit 1 --width 16 \
