@@ -14,16 +14,16 @@
 
 enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
 
-/* A view's camera at the size of its image file, which --downscale had reduced. */
-static cln_camera camera_of(const cln_view *view)
+/* A view's camera at the size of its image file. --downscale N had divided it by N, and left out the
+ * columns and rows that did not fill a pixel. */
+static cln_camera camera_of(const cln_scene *scene, const cln_view *view)
 {
     cln_camera c = view->camera;
-    const double x = (double)view->file_width / c.width, y = (double)view->file_height / c.height;
 
-    c.fx *= x;
-    c.cx *= x;
-    c.fy *= y;
-    c.cy *= y;
+    c.fx *= scene->downscale;
+    c.cx *= scene->downscale;
+    c.fy *= scene->downscale;
+    c.cy *= scene->downscale;
     c.width = view->file_width;
     c.height = view->file_height;
     return c;
@@ -51,10 +51,10 @@ done:
     return st;
 }
 
-static json_t *frame_of(const cln_view *view, const char *name)
+static json_t *frame_of(const cln_scene *scene, const cln_view *view, const char *name)
 {
     static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
-    const cln_camera c = camera_of(view);
+    const cln_camera c = camera_of(scene, view);
     const cln_lens_model *lens = &cln_lens_models[c.lens];
     json_t *rows = json_array();
     json_t *frame = json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:s, s:o}", "file_path", name,
@@ -105,7 +105,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         free(name);
         name = NULL;
         CLN_TRY(path_from(scene, view->path, &name));
-        frame = frame_of(view, name);
+        frame = frame_of(scene, view, name);
         json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
         CLN_TRY(put_path(scene, frame, "alpha_path", view->alpha_path));
@@ -187,10 +187,10 @@ static cln_status list_of(const cln_view *view, const cln_camera *c, const cln_c
     return CLN_OK;
 }
 
-static cln_status put_camera(FILE *to, int id, const cln_view *view)
+static cln_status put_camera(FILE *to, int id, const cln_scene *scene, const cln_view *view)
 {
     cln_status st = CLN_OK;
-    const cln_camera c = camera_of(view);
+    const cln_camera c = camera_of(scene, view);
     const cln_colmap_model *model = NULL;
     double values[CLN_COLMAP_PARAMS] = {0};
 
@@ -263,7 +263,7 @@ static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
         name = NULL;
         CLN_TRY(name_of(scene, view, &name));
         if (i == 0 || !same_camera(view, &scene->views[i - 1]))
-            CLN_TRY(put_camera(to[CAMERAS], ++cameras, view));
+            CLN_TRY(put_camera(to[CAMERAS], ++cameras, scene, view));
         pose_of(view->camera.c2w, q, t);
         fprintf(to[IMAGES], "%d %.17g %.17g %.17g %.17g %.17g %.17g %.17g %d %s\n\n", i + 1, q[0],
                 q[1], q[2], q[3], t[0], t[1], t[2], cameras, name);

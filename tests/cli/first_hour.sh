@@ -107,6 +107,11 @@ section_words() {
     expect "help about the version" 0 "" "$cln" help version
     expect "options after and before, with = and space" 2 "o2" \
         "$cln" render --split=test r --width 3 -oout o2
+    expect "a number of frames that is not whole" 2 "~--orbit:.*2.5.*whole" \
+        "$cln" render r --orbit 2.5
+    mkdir -p "$work/2024-11-25"
+    expect "a run named like a number, behind --orbit" 3 "2024-11-25" \
+        bash -c 'cd "$1" && exec "$2" render --orbit 2024-11-25' - "$work" "$cln"
     expect "errors without colour off a terminal" 2 "" "$cln" trian
     check "no colour off a terminal" not_said $'\033'
     expect "--color always" 2 "" "$cln" train --color always
@@ -571,12 +576,13 @@ section_results() {
     mv "$work/cameras" "$work/model"
     expect "they are a scene in its folder" 0 "" "$cln" info "$work/model/cameras" --json
     check "with all photos, too" [ "$(json splits.train)$(json splits.test)" = 51 ]
-    "$make_scene" "$work/cut out" --format nerfstudio --masks --size 32 --train 6 --test 2 \
+    "$make_scene" "$work/cut out" --format nerfstudio --masks --size 40 --train 6 --test 2 \
         >/dev/null
     sed -i 's/"mask_path"/"alpha_path"/' "$work/cut out/transforms.json"
     expect "masks as alpha" 0 "" "$cln" info "$work/cut out" --json
     check "the scene has alpha" [ "$(json alpha)" = true ]
-    "$cln" train "$work/cut out" -o "$work/cut run" "${small[@]}" --steps 3 >/dev/null 2>&1
+    "$cln" train "$work/cut out" -o "$work/cut run" "${small[@]}" --steps 3 --downscale 3 \
+        >/dev/null 2>&1
     expect "cameras of a scene with alpha masks: what they lack is said" 0 \
         "~cube.and.sparse.points.are.left.out.*--bbox=" \
         "$cln" export "$work/cut run" --cameras "$work/cut out/cameras.json"
@@ -585,6 +591,11 @@ section_results() {
     expect "they are a scene" 0 "" "$cln" info "$work/cut out/cameras.json" --json "$1"
     check "with alpha" [ "$(json alpha)" = true ]
     "$cln" info "$work/cut out" --json >"$work/whole.json"
+    for c in fx fy cx cy width height; do
+        check "with the same $c, also of a run on photos divided by 3" eval \
+            '[ "$(json intrinsics.0.$c | cut -c 1-9)" = \
+            "$("$query" intrinsics.0.$c <"$work/whole.json" | cut -c 1-9)" ]'
+    done
     check "in the same cube" eval '[ "$(json half | cut -c 1-7)" = \
         "$("$query" half <"$work/whole.json" | cut -c 1-7)" ]'
     expect "COLMAP's files: masks are missing" 0 "~masks.*FILE.json" \
