@@ -24,6 +24,7 @@
 #include "base/settings.h"
 #include "cl_nascent.h"
 #include "io/command.h"
+#include "io/disk.h"
 #include "io/image.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
@@ -336,6 +337,41 @@ done:
     return st;
 }
 
+/* The scene's folder can be written, and does not lie in that of the photos, where a second try
+ * would take its images for photos, too. */
+static cln_status check_out(const char *photos, const char *out)
+{
+    cln_status st = CLN_OK;
+    char *there = NULL, *around = NULL, *up = NULL;
+    size_t length = 0;
+
+    CLN_TRY(cln_disk_check(out, 0, ""));
+    if (!cln_is_dir(photos))
+        goto done;
+    CLN_TRY(cln_path_absolute(&there, photos));
+    CLN_TRY(cln_strdup(&up, out));
+    while (up[0] && access(up, F_OK) != 0) { /* the nearest folder that exists */
+        char *slash = strrchr(up, '/');
+
+        if (slash)
+            slash[slash == up] = 0;
+        else
+            strcpy(up, ".");
+    }
+    CLN_TRY(cln_path_absolute(&around, up));
+    length = strlen(there);
+    if (strncmp(around, there, length) == 0 && (around[length] == 0 || around[length] == '/'))
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "-o %s: it lies in the folder of photos, where another try would take its "
+                         "images for photos; give a folder beside %s",
+                         out, photos));
+done:
+    free(there);
+    free(around);
+    free(up);
+    return st;
+}
+
 static cln_status check_folder(const work *w)
 {
     const char *out = w->desc->out;
@@ -354,6 +390,7 @@ static cln_status check_folder(const work *w)
                          w->desc->photos));
     if (cln_is_dir(w->desc->photos))
         CLN_TRY(check_photos(w->desc->photos));
+    CLN_TRY(check_out(w->desc->photos, out));
     if (!cln_command_found("colmap"))
         CLN_TRY(cln_fail(
             CLN_FAILED,
