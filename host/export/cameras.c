@@ -14,7 +14,7 @@
 
 enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
 
-/* A view's camera at the size of its image file. --downscale N had divided it by N, and left out the
+/* A view's camera at the size of its image file. --downscale N had divided it by N, and left out
  * columns and rows that did not fill a pixel. */
 static cln_camera camera_of(const cln_scene *scene, const cln_view *view)
 {

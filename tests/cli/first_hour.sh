@@ -218,8 +218,7 @@ section_scenes() {
     "$cln" info "$work/others" --json | "$query" digest >"$work/rows"
     cp "$work/others/transforms.json" "$work/rows.json"
     tr -d '\n' <"$work/rows.json" |
-        sed -E 's/("transform_matrix": \[)\s*\[([^]]*)\],\s*\[([^]]*)\],\s*\[([^]]*)\],/\1\2,\3,\4,/g
-            s/("transform_matrix": \[[^][]*)\[([^]]*)\]/\1\2/g' >"$work/others/transforms.json"
+        sed -E 's/\],\s*\[/,/g; s/\[\s*\[/[/g; s/\]\s*\]/]/g' >"$work/others/transforms.json"
     check "its poses are lists of 16 numbers" \
         grep -qE '"transform_matrix": \[([^][,]*,){15}[^][,]*\]' "$work/others/transforms.json"
     expect "poses in lists of 16 numbers" 0 "" "$cln" info "$work/others" --json
@@ -535,8 +534,8 @@ section_results() {
     expect "a film there" 7 "/proc/a.y4m" "$cln" render "$r" --orbit 2 -o /proc/a.y4m
     expect "a tuning row there" 7 "/proc/a" "$cln" tune -o /proc/a
     check "no search was begun" not_said "device:"
-    expect "a film larger than the disk: refused at once" 7 "~big.y4m: ~too.little.room" timeout 60 \
-        "$cln" render "$r" --orbit 20000 --width 8000 -o "$work/big.y4m" --progress none
+    expect "a film larger than the disk: refused at once" 7 "~big.y4m: ~too.little.room" \
+        timeout 60 "$cln" render "$r" --orbit 20000 --width 8000 -o "$work/big.y4m" --progress none
     check "no film is left" eval '! ls "$work"/big* 2>/dev/null'
     check "no device was opened for it" not_said "device:"
     expect "a film that may need ffmpeg" 0 "" "$cln" render "$r" --orbit 1 --width 16 \
