@@ -24,11 +24,22 @@
 #include "base/settings.h"
 #include "cl_nascent.h"
 #include "io/command.h"
+#include "io/disk.h"
 #include "io/image.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
+#include "scene/reader.h"
 
-enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, FRAMES = 150, NAMED = 12, MODELS = 64 };
+enum {
+    PLAIN = 30,
+    FEW = 120,
+    MANY = 500,
+    NEXT = 12,
+    FRAMES = 150,
+    NAMED = 12,
+    MODELS = 64,
+    PHOTOS_LEAST = 3
+};
 static const size_t FILE_MOST = (size_t)1 << 30;
 static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
 
@@ -302,6 +313,65 @@ done:
 
 /* ---- the scene ---- */
 
+/* Enough photos, before the folder is made. A folder that is a scene already needs no poses. */
+static cln_status check_photos(const char *folder)
+{
+    cln_status st = CLN_OK;
+    const cln_reader *reader = NULL;
+    char *others = NULL;
+    cln_names photos = {0};
+
+    CLN_TRY(cln_dataset_images(folder, &photos));
+    if (photos.count < PHOTOS_LEAST)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: has %d PNG or JPEG photos; finding poses needs at least three",
+                         folder, photos.count));
+    if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
+        cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
+                 "them",
+                 folder, reader->name);
+    cln_clear_error();
+done:
+    free(others);
+    cln_dataset_free_names(&photos);
+    return st;
+}
+
+/* The scene's folder can be written, and does not lie in that of the photos, where a second try
+ * would take its images for photos, too. */
+static cln_status check_out(const char *photos, const char *out)
+{
+    cln_status st = CLN_OK;
+    char *there = NULL, *around = NULL, *up = NULL;
+    size_t length = 0;
+
+    CLN_TRY(cln_disk_check(out, 0, ""));
+    if (!cln_is_dir(photos))
+        goto done;
+    CLN_TRY(cln_path_absolute(&there, photos));
+    CLN_TRY(cln_strdup(&up, out));
+    while (up[0] && access(up, F_OK) != 0) { /* the nearest folder that exists */
+        char *slash = strrchr(up, '/');
+
+        if (slash)
+            slash[slash == up] = 0;
+        else
+            strcpy(up, ".");
+    }
+    CLN_TRY(cln_path_absolute(&around, up));
+    length = strlen(there);
+    if (strncmp(around, there, length) == 0 && (around[length] == 0 || around[length] == '/'))
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "-o %s: it lies in the folder of photos, where another try would take its "
+                         "images for photos; give a folder beside %s",
+                         out, photos));
+done:
+    free(there);
+    free(around);
+    free(up);
+    return st;
+}
+
 static cln_status check_folder(const work *w)
 {
     const char *out = w->desc->out;
@@ -318,6 +388,9 @@ static cln_status check_folder(const work *w)
     if (!cln_is_dir(w->desc->photos) && !is_video(w->desc->photos))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
                          w->desc->photos));
+    if (cln_is_dir(w->desc->photos))
+        CLN_TRY(check_photos(w->desc->photos));
+    CLN_TRY(check_out(w->desc->photos, out));
     if (!cln_command_found("colmap"))
         CLN_TRY(cln_fail(
             CLN_FAILED,
@@ -366,7 +439,7 @@ static cln_status set_up(work *w)
     CLN_TRY(cln_dataset_images(w->images, &w->photos));
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;
-    if (w->photos.count < 3)
+    if (w->photos.count < PHOTOS_LEAST) /* of a video */
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: has %d PNG or JPEG photos; finding poses needs at least three",
                          w->desc->photos, w->photos.count));

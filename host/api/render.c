@@ -22,6 +22,7 @@
 #include "render/normals.h"
 #include "render/view.h"
 #include "ranks/ranks.h"
+#include "io/disk.h"
 #include "io/film.h"
 #include "io/image.h"
 #include "io/run_folder.h"
@@ -312,6 +313,11 @@ static cln_status render_film(cln_render_job *j, cln_render_result *result)
     if (j->writes)
         CLN_TRY(cln_film_begin(j->desc->out, cln_render_width(j, &j->frames[0]), first->height,
                                told > 0 ? told : 24, j->desc->overwrite, &film));
+    if (film && cln_film_is_plain(film))
+        CLN_TRY(
+            cln_disk_check_file(cln_film_path(film),
+                                3.0 * cln_render_width(j, &j->frames[0]) * first->height * j->count,
+                                "uncompressed frames"));
     result->plain_film = film && strcmp(cln_film_path(film), j->desc->out) != 0;
     CLN_TRY(start(j));
     CLN_TRY(render_frames(j, film, result));

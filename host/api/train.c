@@ -299,6 +299,7 @@ static const char *join(const json_t *strings, const char *between, char *out, s
 static void say_what_runs(cln_trainer *t)
 {
     const cln_scene *scene = t->scene;
+    const char *rows = t->desc->device.tune_file; /* the user's */
     char text[1024], device[32], host[32], device_limit[32], host_limit[32];
     json_t *list = NULL;
     size_t left_out = 0;
@@ -315,6 +316,8 @@ static void say_what_runs(cln_trainer *t)
                  (long long)scene->sight_count, t->model.config.depth_loss);
     cln_tune_text(&t->pipeline.tune, text);
     cln_debug("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
+    if (rows && *rows && strncmp(t->pipeline.tune_from, rows, strlen(rows)) == 0)
+        cln_info("kernels: as tuned in %s", t->pipeline.tune_from);
     if (t->desc->device.tune)
         cln_tune_unmet(t->desc->device.tune, &t->pipeline.tune, text);
     if (t->desc->device.tune && *text)
@@ -612,7 +615,7 @@ static cln_status prepare(cln_trainer *t)
     t->steps = config.steps;
     warn(t, &config, &saved);
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
-    if (!t->desc->skip_selftest)
+    if (!cln_loop_used_up(t) && !t->desc->skip_selftest) /* else there is only an evaluation */
         CLN_TRY(check_kernels(t, &config));
     CLN_TRY(build(t, &config));
     say_what_runs(t);

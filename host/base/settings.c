@@ -44,7 +44,8 @@ static cln_status find_row(const char *name, const cln_config_row **row)
                     cln_config_nearest(name));
 }
 
-/* Drops another budget that is used up, which would end the run at once. */
+/* Drops budgets that are used up, which would end the run at once; that which is extended is set
+ * after this. */
 static void lift_used_up(cln_settings *settings)
 {
     cln_config *c = &settings->config;
@@ -93,8 +94,7 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
                         "--%s +%s: the run has no such budget to extend, and has not ended; "
                         "give --%s N for the whole",
                         row->option, more, row->option);
-    if (!(budget > 0))
-        lift_used_up(settings);
+    lift_used_up(settings);
     snprintf(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.17g",
              (budget > 0 && used <= budget + slack ? budget : used) + number_of(&added, row));
     CLN_TRY(cln_config_set(&settings->config, row, sum));

@@ -30,7 +30,7 @@
 #include "io/disk.h"
 #include "io/run_folder.h"
 
-enum { PAIRS = 9, FEWEST_PAIRS = 3, AGAINST = 2 };
+enum { PAIRS = 9, FEWEST_PAIRS = 3, AGAINST = 2, ROW_MOST = 4096 };
 static const double GAIN = 0.98;     /* taken below this ratio of times; the log says it, too */
 static const double HOPELESS = 1.15; /* no more pairs above this one */
 static const double PART_SECONDS =
@@ -413,7 +413,7 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     if (desc->file && cln_is_dir(desc->file))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: is a folder; give the name of a file", desc->file));
     if (desc->file) /* before the search; its folders are made */
-        CLN_TRY(cln_disk_check_file(desc->file, 0, ""));
+        CLN_TRY(cln_disk_check_file(desc->file, ROW_MOST, "kernel parameters"));
     CLN_TRY(cln_device_open(&desc->device, &t.device));
     CLN_TRY(cln_network_layout(&desc->settings->config, &t.net));
     cln_network_text(&t.net, result->network);

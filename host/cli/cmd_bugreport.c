@@ -19,6 +19,12 @@
 
 /* ---- the machine ---- */
 
+#ifdef __clang__
+#define COMPILER __VERSION__ /* names itself */
+#else
+#define COMPILER "GCC " __VERSION__
+#endif
+
 static void put_system(FILE *to)
 {
     struct utsname system = {0};
@@ -28,7 +34,7 @@ static void put_system(FILE *to)
     cln_format_bytes(cln_host_memory(), memory);
     cln_utc_now(now);
     fprintf(to, "Program\n    cl-nascent %s, jansson %s, zlib %s, compiled by %s\n    %s\n",
-            cln_version(), jansson_version_str(), zlibVersion(), __VERSION__, cln_built_with());
+            cln_version(), jansson_version_str(), zlibVersion(), COMPILER, cln_built_with());
     fprintf(to, "System\n    %s %s %s, %ld processors, %s memory, %s\n", system.sysname,
             system.release, system.machine, sysconf(_SC_NPROCESSORS_ONLN), memory, now);
 }

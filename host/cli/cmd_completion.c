@@ -80,17 +80,18 @@ static void put_bash_name(const cln_command *command, const entry *e)
 
 static void put_bash(void)
 {
-    printf("# bash completion for cl-nascent, by `cl-nascent completion bash`\n"
-           "_cl_nascent()\n{\n"
-           "    local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]} words=\n"
-           "    if [ \"$cur\" = = ]; then\n"
-           "        cur=\n"
-           "    elif [ \"$prev\" = = ]; then\n" /* --option=value is three words */
-           "        prev=${COMP_WORDS[COMP_CWORD-2]}\n"
-           "    fi\n"
-           "    COMPREPLY=()\n"
-           "    if [ \"$COMP_CWORD\" = 1 ]; then\n"
-           "        COMPREPLY=($(compgen -W 'help");
+    printf(
+        "# bash completion for cl-nascent, by `cl-nascent completion bash`\n"
+        "_cl_nascent()\n{\n"
+        "    local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]} words=\n"
+        "    if [ \"$cur\" = = ]; then\n"
+        "        cur=\n"
+        "    elif [ \"$prev\" = = ]; then\n" /* --option=value is three words */
+        "        prev=${COMP_WORDS[COMP_CWORD-2]}\n"
+        "    fi\n"
+        "    COMPREPLY=()\n"
+        "    if [ \"$COMP_CWORD\" = 1 ] || [ \"$COMP_CWORD ${COMP_WORDS[1]}\" = '2 help' ]; then\n"
+        "        COMPREPLY=($(compgen -W 'help version");
     for (int i = 0; i < cln_command_count; i++)
         printf(" %s", cln_commands[i].name);
     printf("' -- \"$cur\"))\n        return\n    fi\n    case ${COMP_WORDS[1]},$prev in\n");

@@ -96,6 +96,8 @@ static void print_inline(const json_t *value)
     } else if (json_is_object(value)) {
         json_object_foreach((json_t *)value, key, member)
         {
+            if (json_is_object(member) && json_object_size(member) == 0)
+                continue;
             printf("%s%s ", comma, key);
             print_inline(member);
             comma = ", ";

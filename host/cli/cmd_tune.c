@@ -3,6 +3,7 @@
 #include "cli/commands.h"
 
 #include <stdio.h>
+#include <string.h>
 #include "cli/console.h"
 #include "io/json.h"
 
@@ -33,7 +34,8 @@ static cln_status print_json(const cln_tune_result *r, const char *file)
         "complete", r->complete, "tries", tries));
 }
 
-static void print_result(const cln_tune_result *r, const char *file)
+/* read: other commands read this file anyway */
+static void print_result(const cln_tune_result *r, const char *file, bool read)
 {
     int count[4] = {0};
 
@@ -52,7 +54,8 @@ static void print_result(const cln_tune_result *r, const char *file)
     printf("time        %.4g ms a step, %.2f times as fast as the set that the search began with\n",
            1e3 * r->seconds, r->gain);
     if (file)
-        printf("written to  %s\n", file);
+        printf("written to  %s\nused        for such networks %s%s\n", file,
+               read ? "from now on" : "with --tune-file ", read ? "" : file);
     printf("%s\n", r->row);
 }
 
@@ -74,7 +77,8 @@ cln_status cln_cmd_tune(const cln_options *options)
     if (options->json)
         CLN_TRY(print_json(&result, desc.file));
     else
-        print_result(&result, desc.file);
+        print_result(&result, desc.file,
+                     options->tune_path && strcmp(desc.file, options->tune_path) == 0);
 done:
     cln_console_close(&console);
     cln_tune_free(&result);

@@ -485,6 +485,13 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
             cln_row_find(&cln_commands[i], name, length))
             bits |= cln_commands[i].bit;
     }
+    if (bits && command && strcmp(wanted, "scene") == 0 && command->operand &&
+        strstr(command->operand, "SCENE"))
+        return cln_fail(CLN_USAGE,
+                        "--scene is not an option of %s; SCENE needs none: `cl-nascent %s%s"
+                        " SCENE`",
+                        command->name, command->name,
+                        command->bit == CLN_TRAIN ? " --resume RUN" : "");
     if (bits && command) {
         for (int i = 0; i < cln_command_count; i++) {
             size_t used = strlen(owners);

@@ -14,16 +14,16 @@
 
 enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
 
-/* A view's camera at the size of its image file, which --downscale had reduced. */
-static cln_camera camera_of(const cln_view *view)
+/* A view's camera at the size of its image file. --downscale N had divided it by N, and left out
+ * columns and rows that did not fill a pixel. */
+static cln_camera camera_of(const cln_scene *scene, const cln_view *view)
 {
     cln_camera c = view->camera;
-    const double x = (double)view->file_width / c.width, y = (double)view->file_height / c.height;
 
-    c.fx *= x;
-    c.cx *= x;
-    c.fy *= y;
-    c.cy *= y;
+    c.fx *= scene->downscale;
+    c.cx *= scene->downscale;
+    c.fy *= scene->downscale;
+    c.cy *= scene->downscale;
     c.width = view->file_width;
     c.height = view->file_height;
     return c;
@@ -51,10 +51,10 @@ done:
     return st;
 }
 
-static json_t *frame_of(const cln_view *view, const char *name)
+static json_t *frame_of(const cln_scene *scene, const cln_view *view, const char *name)
 {
     static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
-    const cln_camera c = camera_of(view);
+    const cln_camera c = camera_of(scene, view);
     const cln_lens_model *lens = &cln_lens_models[c.lens];
     json_t *rows = json_array();
     json_t *frame = json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:s, s:o}", "file_path", name,
@@ -70,6 +70,21 @@ static json_t *frame_of(const cln_view *view, const char *name)
                                               row[2] * flip[2], row[3] * flip[3]));
     }
     return frame;
+}
+
+/* Adds the path of a file, if there is one. */
+static cln_status put_path(const cln_scene *scene, json_t *frame, const char *key, const char *path)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL;
+
+    if (!path)
+        return CLN_OK;
+    CLN_TRY(path_from(scene, path, &name));
+    json_object_set_new(frame, key, json_string(name));
+done:
+    free(name);
+    return st;
 }
 
 static cln_status write_transforms(const cln_export_job *job, const cln_scene *scene)
@@ -90,15 +105,12 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         free(name);
         name = NULL;
         CLN_TRY(path_from(scene, view->path, &name));
-        frame = frame_of(view, name);
+        frame = frame_of(scene, view, name);
         json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
-        if (!view->mask_path || view->mask_black) /* black counts: no key says so */
-            continue;
-        free(name);
-        name = NULL;
-        CLN_TRY(path_from(scene, view->mask_path, &name));
-        json_object_set_new(frame, "mask_path", json_string(name));
+        CLN_TRY(put_path(scene, frame, "alpha_path", view->alpha_path));
+        if (!view->mask_black) /* where black counts, no key says so */
+            CLN_TRY(put_path(scene, frame, "mask_path", view->mask_path));
     }
     for (int split = 0; split < CLN_SPLITS; split++)
         if (json_array_size(lists[split]) > 0)
@@ -175,10 +187,10 @@ static cln_status list_of(const cln_view *view, const cln_camera *c, const cln_c
     return CLN_OK;
 }
 
-static cln_status put_camera(FILE *to, int id, const cln_view *view)
+static cln_status put_camera(FILE *to, int id, const cln_scene *scene, const cln_view *view)
 {
     cln_status st = CLN_OK;
-    const cln_camera c = camera_of(view);
+    const cln_camera c = camera_of(scene, view);
     const cln_colmap_model *model = NULL;
     double values[CLN_COLMAP_PARAMS] = {0};
 
@@ -251,7 +263,7 @@ static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
         name = NULL;
         CLN_TRY(name_of(scene, view, &name));
         if (i == 0 || !same_camera(view, &scene->views[i - 1]))
-            CLN_TRY(put_camera(to[CAMERAS], ++cameras, view));
+            CLN_TRY(put_camera(to[CAMERAS], ++cameras, scene, view));
         pose_of(view->camera.c2w, q, t);
         fprintf(to[IMAGES], "%d %.17g %.17g %.17g %.17g %.17g %.17g %.17g %d %s\n\n", i + 1, q[0],
                 q[1], q[2], q[3], t[0], t[1], t[2], cameras, name);
@@ -322,6 +334,31 @@ done:
     return st;
 }
 
+/* Says what of the scene a training on these cameras would lack. */
+static void say_left_out(bool json, const cln_scene *scene)
+{
+    const cln_space *space = &scene->space;
+    double box[6];
+    bool masks = false;
+
+    for (int i = 0; i < scene->view_count && !json; i++)
+        masks = masks || scene->views[i].alpha_path || scene->views[i].mask_path;
+    if (masks)
+        cln_warn("cameras: COLMAP's files have no masks of photos; FILE.json has them");
+    if (space->forward) {
+        cln_info("cameras: what the scene tells of depths (near and far, sparse points) is left "
+                 "out");
+        return;
+    }
+    for (int i = 0; i < 3; i++) {
+        box[i] = scene->has_box ? scene->box[i] : space->centre[i] - space->half;
+        box[i + 3] = scene->has_box ? scene->box[i + 3] : space->centre[i] + space->half;
+    }
+    cln_info("cameras: the scene's cube and sparse points are left out; to train with these in "
+             "that cube: --bbox=%.7g,%.7g,%.7g,%.7g,%.7g,%.7g",
+             box[0], box[1], box[2], box[3], box[4], box[5]);
+}
+
 cln_status cln_export_cameras(cln_export_job *job)
 {
     cln_status st = CLN_OK;
@@ -332,6 +369,7 @@ cln_status cln_export_cameras(cln_export_job *job)
     CLN_TRY(cln_disk_check_file(job->desc->file, bytes, "the cameras"));
     CLN_TRY(json ? write_transforms(job, scene) : write_colmap(job, scene));
     CLN_TRY(say_where(job->desc->file, json, scene));
+    say_left_out(json, scene);
     job->result->views = scene->view_count;
     job->result->refined = job->opened.refined;
 done:

@@ -115,6 +115,11 @@ const char *cln_film_path(const cln_film *f)
     return f->path;
 }
 
+bool cln_film_is_plain(const cln_film *f)
+{
+    return f->planes != NULL;
+}
+
 cln_status cln_film_begin(const char *path, int width, int height, double fps, bool overwrite,
                           cln_film **out)
 {

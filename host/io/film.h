@@ -14,6 +14,7 @@ bool cln_film_named(const char *path);
  * already, unless `overwrite` is set. */
 typedef struct cln_film cln_film;
 const char *cln_film_path(const cln_film *f); /* the file that it will be */
+bool cln_film_is_plain(const cln_film *f);    /* .y4m: 3 bytes a pixel and frame */
 cln_status cln_film_begin(const char *path, int width, int height, double fps, bool overwrite,
                           cln_film **out);
 

@@ -82,13 +82,14 @@ static json_t *describe_intrinsics(const cln_scene *scene)
             continue;
         }
         params = json_object();
-        for (int k = 0; k < lens->count; k++)
+        for (int k = 0; k < lens->count && cln_camera_lenses(c); k++)
             json_object_set_new(params, lens->params[k], cln_json_real(c->distortion[k]));
         json_array_append_new(
-            list, json_pack("{s:i, s:i, s:i, s:o, s:o, s:o, s:o, s:s, s:o}", "views", 1, "width",
-                            c->width, "height", c->height, "fx", cln_json_real(c->fx), "fy",
-                            cln_json_real(c->fy), "cx", cln_json_real(c->cx), "cy",
-                            cln_json_real(c->cy), "lens", lens->name, "params", params));
+            list,
+            json_pack("{s:i, s:i, s:i, s:o, s:o, s:o, s:o, s:s, s:o}", "views", 1, "width",
+                      c->width, "height", c->height, "fx", cln_json_real(c->fx), "fy",
+                      cln_json_real(c->fy), "cx", cln_json_real(c->cx), "cy", cln_json_real(c->cy),
+                      "lens", cln_camera_lenses(c) ? lens->name : "PINHOLE", "params", params));
         before = c;
     }
     return list;

@@ -122,6 +122,7 @@ static void free_view(cln_view *view)
 {
     free(view->name);
     free(view->path);
+    free(view->alpha_path);
     free(view->mask_path);
     memset(view, 0, sizeof *view);
 }
@@ -207,11 +208,12 @@ static cln_status take_listed(frames *f, const char *key, const json_t *list, cl
         free(name);
         name = NULL;
         *view = *frame;
-        view->name = view->path = view->mask_path = NULL;
+        view->name = view->path = view->alpha_path = view->mask_path = NULL;
         view->split = split;
         result->view_count++;
         CLN_TRY(cln_strdup(&view->name, frame->name));
         CLN_TRY(cln_strdup(&view->path, frame->path));
+        CLN_TRY(cln_strdup(&view->alpha_path, frame->alpha_path));
         CLN_TRY(cln_strdup(&view->mask_path, frame->mask_path));
     }
 done:

@@ -200,26 +200,31 @@ done:
     return st;
 }
 
+/* Rows of 4 numbers, or all numbers in one list, row by row. */
 static cln_status read_pose(const source *src, double c2w[12])
 {
-    const json_t *matrix = json_object_get(src->frame, "transform_matrix");
-    const size_t rows = json_array_size(matrix);
     static const double last_row[4] = {0, 0, 0, 1};
+    const json_t *matrix = json_object_get(src->frame, "transform_matrix");
+    const size_t length = json_array_size(matrix);
+    const bool flat = json_is_number(json_array_get(matrix, 0));
+    const size_t rows = !flat ? length : length % 4 == 0 ? length / 4 : 0;
 
     if (!matrix)
         return cln_fail(CLN_INPUT, "%s: no transform_matrix; add it, or remove the frame",
                         src->where);
     if (rows != 3 && rows != 4)
-        return cln_fail(CLN_INPUT, "%s: transform_matrix must be 3 or 4 rows of 4 numbers",
+        return cln_fail(CLN_INPUT,
+                        "%s: transform_matrix must be 3 or 4 rows of 4 numbers, or these 12 or 16 "
+                        "numbers in one list, row by row",
                         src->where);
     for (size_t i = 0; i < rows; i++) {
         const json_t *row = json_array_get(matrix, i);
 
-        if (json_array_size(row) != 4)
+        if (!flat && json_array_size(row) != 4)
             return cln_fail(CLN_INPUT, "%s: row %zu of transform_matrix must have 4 numbers",
                             src->where, i + 1);
         for (size_t j = 0; j < 4; j++) {
-            const json_t *value = json_array_get(row, j);
+            const json_t *value = flat ? json_array_get(matrix, 4 * i + j) : json_array_get(row, j);
             const double number = json_number_value(value);
 
             if (!json_is_number(value))
@@ -272,36 +277,51 @@ done:
     return st;
 }
 
-/* The frame's mask_path, black where pixels do not count; or instant-ngp's dynamic_mask_NAME.png
- * beside the image, black where they do. */
-static cln_status find_mask(const source *src, cln_moved *moved, cln_view *view)
+/* The file that a frame names under `key`, in *out; NULL if it names none. */
+static cln_status find_named(const source *src, cln_moved *moved, const char *key, char **out)
 {
     cln_status st = CLN_OK;
-    const json_t *mask = json_object_get(src->frame, "mask_path");
+    const json_t *named = json_object_get(src->frame, key);
+    char *path = NULL, *name = NULL;
+
+    *out = NULL;
+    if (!named || json_is_null(named))
+        return CLN_OK;
+    if (!json_is_string(named) || !json_string_length(named))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s must be a string", src->where, key));
+    CLN_TRY(find_image(src, json_string_value(named), out));
+    if (!cln_is_file(*out)) {
+        CLN_TRY(cln_dataset_name(src->where, json_string_value(named), &name));
+        CLN_TRY(cln_moved_find(moved, name, false, &path));
+    }
+    if (path) {
+        free(*out);
+        *out = path;
+    }
+    if (!cln_is_file(*out))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no mask %s; restore it, or remove %s", src->where,
+                         *out, key));
+done:
+    free(name);
+    return st;
+}
+
+/* The frame's mask_path, black where pixels do not count; or instant-ngp's dynamic_mask_NAME.png
+ * beside the image, black where they do. And its alpha_path, whose brightness is alpha, which
+ * export --cameras writes. */
+static cln_status find_masks(const source *src, cln_moved *moved, cln_view *view)
+{
+    cln_status st = CLN_OK;
     const char *slash = strrchr(view->path, '/');
     const char *name = slash ? slash + 1 : view->path, *dot = strrchr(name, '.');
     const int folder = (int)(name - view->path),
               stem = (int)(dot ? dot - name : (long)strlen(name));
-    char *path = NULL, *name_of_mask = NULL;
+    char *path = NULL;
 
-    if (mask && !json_is_null(mask)) {
-        if (!json_is_string(mask) || !json_string_length(mask))
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: mask_path must be a string", src->where));
-        CLN_TRY(find_image(src, json_string_value(mask), &view->mask_path));
-        if (!cln_is_file(view->mask_path)) {
-            CLN_TRY(cln_dataset_name(src->where, json_string_value(mask), &name_of_mask));
-            CLN_TRY(cln_moved_find(moved, name_of_mask, false, &path));
-        }
-        if (path) {
-            free(view->mask_path);
-            view->mask_path = path;
-            path = NULL;
-        }
-        if (!cln_is_file(view->mask_path))
-            CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no mask %s; restore it, or remove mask_path",
-                             src->where, view->mask_path));
+    CLN_TRY(find_named(src, moved, "alpha_path", &view->alpha_path));
+    CLN_TRY(find_named(src, moved, "mask_path", &view->mask_path));
+    if (view->mask_path)
         goto done;
-    }
     CLN_TRY(cln_asprintf(&path, "%.*sdynamic_mask_%.*s.png", folder, view->path, stem, name));
     if (cln_is_file(path)) {
         view->mask_path = path;
@@ -310,7 +330,6 @@ static cln_status find_mask(const source *src, cln_moved *moved, cln_view *view)
     }
 done:
     free(path);
-    free(name_of_mask);
     return st;
 }
 
@@ -351,7 +370,7 @@ cln_status cln_transforms_finish(const char *folder, const char *file, const jso
     src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
     CLN_TRY(cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index,
                          json_string_value(json_object_get(src.frame, "file_path"))));
-    CLN_TRY(find_mask(&src, moved, view));
+    CLN_TRY(find_masks(&src, moved, view));
     CLN_TRY(read_intrinsics(&src, view->path, &view->camera, &view->sized_by_file));
 done:
     free(src.where);

@@ -51,6 +51,16 @@ static void say_used_up(const cln_trainer *t)
              budget, cln_shell_quote(t->desc->run, run, sizeof run), more);
 }
 
+bool cln_loop_used_up(cln_trainer *t)
+{
+    const bool used_up = t->desc->resume && cln_step_fraction(t) >= 1;
+
+    if (used_up && !t->said_used_up)
+        say_used_up(t);
+    t->said_used_up |= used_up;
+    return used_up;
+}
+
 /* ---- evaluation, checkpoints ---- */
 
 /* In order of precedence: of several signals, all ranks obey the last one here. */
@@ -451,8 +461,7 @@ cln_status cln_loop_run(cln_trainer *t)
 
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = cln_config_epoch_steps(c, (double)t->batch.first[t->batch.train_views]);
-    if (t->desc->resume && cln_step_fraction(t) >= 1)
-        say_used_up(t);
+    (void)cln_loop_used_up(t);
     CLN_TRY(warm_up(t));
     t->start_seconds = cln_now() - t->began;
     CLN_TRY(cln_watch_start(t));

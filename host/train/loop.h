@@ -10,6 +10,10 @@
  * after a checkpoint. CLN_DIVERGED, CLN_MEMORY, CLN_CL, CLN_OUTPUT. */
 cln_status cln_loop_run(cln_trainer *t);
 
+/* Whether the budget of a resumed run is used up, which is said once. A budget in epochs is known
+ * only to cln_loop_run. */
+bool cln_loop_used_up(cln_trainer *t);
+
 /* Polls the caller and the browser for a signal, and keeps it (t->signal, t->save_wanted). All
  * ranks poll at the same places, and each obeys a signal to any of them. user: a cln_trainer. */
 int cln_loop_poll(void *user);

@@ -40,6 +40,7 @@ typedef struct cln_trainer {
         bool sights;
     } owed;
     int64_t steps;                /* budget in steps; 0 = only in time */
+    bool said_used_up;            /* the budget of a resumed run */
     bool full;                    /* no memory for a finer tree: warned once, tried again */
     bool finest;                  /* voxels are as fine as the photos: said once */
     bool whole;                   /* no whole level of voxels comes any more: said once */

@@ -129,6 +129,10 @@ static void test_extend(void **state)
     settings->base.steps = 300; /* lowered below what was trained: from there, too */
     set(settings, "steps", "+5");
     assert_int_equal(settings->config.steps, 325);
+    settings->config.time_limit = settings->base.time_limit = 60; /* dropped beside an own budget */
+    set(settings, "steps", "+5");
+    assert_int_equal(settings->config.steps, 325);
+    assert_true(settings->config.time_limit == 0);
     settings->base.time_limit = 60; /* the last step ended after it */
     settings->used.time_limit = 61;
     set(settings, "time-limit", "+10");

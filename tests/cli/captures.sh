@@ -455,6 +455,19 @@ section_poses() {
     expect "poses without COLMAP: what to install" 1 "apt colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/posed"
     check "poses without COLMAP write nothing" [ ! -e "$work/posed" ]
+    mkdir "$work/no photos"
+    expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
+        env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
+    check "poses of no photos write nothing" [ ! -e "$work/posed" ]
+    expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
+        env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
+    expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/photos/train/a/b"
+    expect "that folder itself" 2 "~beside" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/photos/train/"
+    touch "$work/no folder"
+    expect "a scene that is a file, before COLMAP is missed" 7 "~no.folder: ~folder" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/no folder"
     expect "no folder to write" 2 "-o" "$cln" poses "$work/photos/train"
     expect "poses of nothing" 3 "not there folder" "$cln" poses "$work/nowhere" -o "$work/x"
     expect "poses: who has none, and what EXIF tells" 0 "~1.of.24.photos r_023 ~of.23.photos" \

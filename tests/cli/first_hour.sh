@@ -91,6 +91,9 @@ section_words() {
     expect "a near plane" 2 "~mean.--near[?]" "$cln" train s -o r --near-plane 0.1
     expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
     expect "the scene as an option" 2 "~SCENE.needs.none.*train.SCENE" "$cln" train --data s
+    expect "--scene of a run that is resumed" 2 "~SCENE.needs.none.*train.--resume.RUN.SCENE" \
+        "$cln" train --resume r --scene s
+    expect "--scene of info" 2 "~SCENE.needs.none.*info.SCENE" "$cln" info --scene s
     expect "the run as an option" 2 "~RUN.needs.none.*eval.RUN" "$cln" eval --model_path r
     expect "the output as --model_path" 2 "--output" "$cln" train s --model_path r
     expect "an output without -o" 2 "-o" "$cln" train s r
@@ -104,6 +107,11 @@ section_words() {
     expect "help about the version" 0 "" "$cln" help version
     expect "options after and before, with = and space" 2 "o2" \
         "$cln" render --split=test r --width 3 -oout o2
+    expect "a number of frames that is not whole" 2 "~--orbit:.*2.5.*whole" \
+        "$cln" render r --orbit 2.5
+    mkdir -p "$work/2024-11-25"
+    expect "a run named like a number, behind --orbit" 3 "2024-11-25" \
+        bash -c 'cd "$1" && exec "$2" render --orbit 2024-11-25' - "$work" "$cln"
     expect "errors without colour off a terminal" 2 "" "$cln" trian
     check "no colour off a terminal" not_said $'\033'
     expect "--color always" 2 "" "$cln" train --color always
@@ -117,6 +125,7 @@ section_words() {
     expect "bugreport" 0 "sent" "$cln" bugreport --no-test
     check "bugreport has the devices" grep -qE "^ 0  " "$work/out"
     check "bugreport has the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
+    check "bugreport names the compiler" grep -qiE "compiled by .*(gcc|clang)" "$work/out"
     "$cln" bugreport --no-test >"$work/both" 2>&1
     check "bugreport into one file: the advice is last" eval \
         '[ "$(grep -n "^Nothing was sent" "$work/both" | cut -d: -f1)" -gt "$(grep -n "^OpenCL" \
@@ -201,6 +210,23 @@ section_scenes() {
     expect "a name that two frames may have" 3 \
         "~'frame_00002'.*'images/frame_00002.png'.or.'more/frame_00002.png'" \
         "$cln" info "$work/listed"
+
+    # a pose in one list; what pinholes are called
+    expect "a nerfstudio scene" 0 "" "$cln" info "$work/others"
+    check "a pinhole is called so, without parameters" \
+        grep -qE "^  views 9, .* lens PINHOLE$" "$work/out"
+    "$cln" info "$work/others" --json | "$query" digest >"$work/rows"
+    cp "$work/others/transforms.json" "$work/rows.json"
+    tr -d '\n' <"$work/rows.json" |
+        sed -E 's/\],\s*\[/,/g; s/\[\s*\[/[/g; s/\]\s*\]/]/g' >"$work/others/transforms.json"
+    check "its poses are lists of 16 numbers" \
+        grep -qE '"transform_matrix": \[([^][,]*,){15}[^][,]*\]' "$work/others/transforms.json"
+    expect "poses in lists of 16 numbers" 0 "" "$cln" info "$work/others" --json
+    check "they are the same poses" [ "$(json digest)" = "$(cat "$work/rows")" ]
+    sed -E 's/("transform_matrix": \[)[^,]*,/\1/' "$work/others/transforms.json" >"$work/short.json"
+    cp "$work/short.json" "$work/others/transforms.json"
+    expect "a list of 15 numbers" 3 "~12.or.16.numbers" "$cln" info "$work/others"
+    cp "$work/rows.json" "$work/others/transforms.json"
 
     "$make_scene" "$work/windows" --format colmap --size 32 --train 6 --test 0 >/dev/null
     sed -i 's/$/\r/; 1s/^/\xef\xbb\xbf/; s/ frame_/ sub\\frame_/' "$work"/windows/sparse/0/*.txt
@@ -347,6 +373,9 @@ section_training() {
     expect "resumed from another folder" 0 "" \
         bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${small[@]:0:3}" --steps +1 -q
     step=$((step + 1))
+    expect "a budget below what was trained, without --skip-selftest" 0 "~used.up" \
+        "$cln" train --resume "$r" --progress none --steps 3
+    check "kernels are not checked for it" not_said "checking the kernels"
     expect "a budget below what was trained, again" 0 "~used.up" "$cln" train --resume "$r" \
         "${small[@]:0:3}" --steps 3 --json
     expect "the command that it suggests" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
@@ -505,6 +534,10 @@ section_results() {
     expect "a film there" 7 "/proc/a.y4m" "$cln" render "$r" --orbit 2 -o /proc/a.y4m
     expect "a tuning row there" 7 "/proc/a" "$cln" tune -o /proc/a
     check "no search was begun" not_said "device:"
+    expect "a film larger than the disk: refused at once" 7 "~big.y4m: ~too.little.room" \
+        timeout 60 "$cln" render "$r" --orbit 20000 --width 8000 -o "$work/big.y4m" --progress none
+    check "no film is left" eval '! ls "$work"/big* 2>/dev/null'
+    check "no device was opened for it" not_said "device:"
     expect "a film that may need ffmpeg" 0 "" "$cln" render "$r" --orbit 1 --width 16 \
         -o "$work/a.mp4" --progress none
     check "the line names the written file" [ -s "$(sed 's/: 1 rendered.*//' "$work/out")" ]
@@ -542,6 +575,30 @@ section_results() {
     mv "$work/cameras" "$work/model"
     expect "they are a scene in its folder" 0 "" "$cln" info "$work/model/cameras" --json
     check "with all photos, too" [ "$(json splits.train)$(json splits.test)" = 51 ]
+    "$make_scene" "$work/cut out" --format nerfstudio --masks --size 40 --train 6 --test 2 \
+        >/dev/null
+    sed -i 's/"mask_path"/"alpha_path"/' "$work/cut out/transforms.json"
+    expect "masks as alpha" 0 "" "$cln" info "$work/cut out" --json
+    check "the scene has alpha" [ "$(json alpha)" = true ]
+    "$cln" train "$work/cut out" -o "$work/cut run" "${small[@]}" --steps 3 --downscale 3 \
+        >/dev/null 2>&1
+    expect "cameras of a scene with alpha masks: what they lack is said" 0 \
+        "~cube.and.sparse.points.are.left.out.*--bbox=" \
+        "$cln" export "$work/cut run" --cameras "$work/cut out/cameras.json"
+    check "JSON lacks no masks" not_said masks
+    set -- "$(sed -n 's/.*\(--bbox=[-+.e0-9,]*\).*/\1/p' "$work/err")"
+    expect "they are a scene" 0 "" "$cln" info "$work/cut out/cameras.json" --json "$1"
+    check "with alpha" [ "$(json alpha)" = true ]
+    "$cln" info "$work/cut out" --json >"$work/whole.json"
+    for c in fx fy cx cy width height; do
+        check "with the same $c, also of a run on photos divided by 3" eval \
+            '[ "$(json intrinsics.0.$c | cut -c 1-9)" = \
+            "$("$query" intrinsics.0.$c <"$work/whole.json" | cut -c 1-9)" ]'
+    done
+    check "in the same cube" eval '[ "$(json half | cut -c 1-7)" = \
+        "$("$query" half <"$work/whole.json" | cut -c 1-7)" ]'
+    expect "COLMAP's files: masks are missing" 0 "~masks.*FILE.json" \
+        "$cln" export "$work/cut run" --cameras "$work/cut cameras"
     run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"
     check "a file beyond its limit is an error, and leaves nothing" eval \
         '[ "$rc" = 7 ] && ! ls "$work"/large.ply* 2>/dev/null'

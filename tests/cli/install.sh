@@ -70,6 +70,8 @@ check "bash completes switches both ways" \
     [ "$(completes cl-nascent train s --no-conf)" = --no-conf ]
 check "bash completes values" [ "$(completes cl-nascent render r --depth mea)" = mean ]
 check "bash completes values after =" [ "$(completes cl-nascent eval r --split = tr)" = train ]
+check "bash completes version" [ "$(completes cl-nascent ver)" = version ]
+check "bash completes help's command" [ "$(completes cl-nascent help ev)" = eval ]
 check "bash completes shells" [ "$(completes cl-nascent completion z)" = zsh ]
 check "zsh has every command" [ "$(grep -cE '^[a-z]+\)$' "$zsh_completion")" = \
     "$(completes cl-nascent "" | wc -w | awk '{ print $1 - 1 }')" ]

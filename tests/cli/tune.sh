@@ -42,6 +42,7 @@ section_tune() {
     local rows=$work/config/cl-nascent/tune.txt
     expect "tune" 0 "" "$cln" tune "${net[@]}" --budget 2 --progress none
     check "tune prints the row" grep -q '| W16-D2-V16 | VW=' "$work/out"
+    check "tune says when it is used" grep -q '^used  *for such networks from now on$' "$work/out"
     check "tune writes the row to the user's file" grep -qF "$(tail -1 "$work/out")" "$rows"
     expect "train uses the row for such networks" 0 "" \
         "$cln" train "$work/blender" -o "$work/tuned" "${tiny[@]}" --steps 2 -v
@@ -49,8 +50,12 @@ section_tune() {
     check "train names the parameters" grep -q "kernel parameters: VW=" "$work/err"
     check "run.json names the row" eval \
         '[[ "$("$query" tune_from <"$work/tuned/run.json")" = "$rows, line 3"* ]]'
+    expect "train on it, without -v" 0 "" \
+        "$cln" train "$work/blender" -o "$work/tuned 2" "${tiny[@]}" --steps 2
+    check "train says that kernels are tuned" said "kernels: as tuned in $rows, line 3"
     expect "--tune goes before the row" 0 "" \
         "$cln" train "$work/blender" -o "$work/given" "${tiny[@]}" --steps 2 --tune VW=4
+    check "then they are not as tuned" eval '! said "as tuned in"'
     check "run.json: --tune" eval '"$query" tune_from <"$work/given/run.json" | grep -q "^--tune"'
     echo '* | * | W32-* | VW=4,NV=1,TS=4' >>"$rows"
     expect "devices" 0 "" "$cln" devices --no-test --json
