@@ -4,7 +4,13 @@
 #include <math.h>
 #include <string.h>
 
-enum { SAMPLE_BYTES = 16, STRETCH_BYTES = 32 };
+enum {
+    SAMPLE_BYTES = 16,
+    STRETCH_BYTES = 32,
+    DEPTH_BYTES = 4,
+    INTERVAL_BYTES = 20,
+    PIXEL_BYTES = 4
+};
 
 static double change_rate(double leaves, double ranks)
 {
@@ -21,27 +27,56 @@ double scale_passed(double stretches, double leaves, double ranks)
     return 1 + (stretches - 1) / change_rate(leaves, ranks);
 }
 
+double scale_passes(double leaves)
+{
+    return cbrt(leaves);
+}
+
+/* The integral of 1 - F^n to the right of 0 and of -F^n to its left, F: the distribution. */
+double scale_slowest(double n)
+{
+    const double step = 1.0 / 256;
+    double sum = 0;
+
+    for (double x = -10 + step / 2; x < 10; x += step)
+        sum += (x > 0) - pow(0.5 * erfc(-x / sqrt(2)), n);
+    return sum * step;
+}
+
 double scale_sent(const scale_work *w, double share, double leaf_share)
 {
-    const double told = w->stretches > 0 ? STRETCH_BYTES * w->stretches : SAMPLE_BYTES * w->samples;
-    const double densities = w->density_bytes * w->leaves / w->refresh_every;
+    const double stretch = STRETCH_BYTES + (w->walk == SCALE_OWN_CELLS ? DEPTH_BYTES : 0);
+    const double told = w->stretches > 0 ? stretch * w->stretches : SAMPLE_BYTES * w->samples;
+    const double kept = w->walk == SCALE_OWN_CELLS ? 0 : w->density_bytes * w->leaves;
+    const double met = w->walk == SCALE_OWN_RAYS ? INTERVAL_BYTES * w->intervals : 0;
+    const double even = (PIXEL_BYTES * w->rays + met) / w->ranks;
 
-    return w->ranks > 1 ? (share * told + leaf_share * densities) * (w->ranks - 1) : 0;
+    if (!(w->ranks > 1))
+        return 0;
+    return (share * told + even + leaf_share * kept / w->refresh_every) * (w->ranks - 1);
 }
 
 scale_step scale_predict(const scale_machine *m, const scale_network *net, const scale_work *w)
 {
     scale_step s = {.sent = scale_sent(w, 1 / w->ranks, 1 / w->ranks)};
     const double met = w->leaves * -expm1(-w->samples / w->leaves);
+    const double passes = m->repeated.leaf * scale_passes(w->leaves) * w->rays;
+    double dealt = 0, waits = 1; /* of the time for passes; messages that wait, of a step */
 
-    s.shared = m->shared.step + (m->shared.sample * w->samples + m->shared.leaf * met +
+    if (w->walk != SCALE_REPEATED) {
+        dealt = w->walk == SCALE_OWN_CELLS ? m->cells * passes : passes;
+        waits += 1;
+    }
+    if (w->walk != SCALE_OWN_CELLS)
+        waits += 1 / w->refresh_every;
+    s.shared = m->shared.step + (dealt + m->shared.each * w->samples + m->shared.leaf * met +
                                  m->refresh * w->leaves / w->refresh_every) *
                                     w->balance / w->ranks;
-    s.repeated = m->repeated.step + m->repeated.sample * w->samples + m->repeated.leaf * w->leaves;
+    s.repeated = m->repeated.step + m->repeated.each * w->rays + passes - dealt;
     if (w->ranks > 1) /* with equal shares a rank receives as much as it sends */
-        s.messages = net->latency * ceil(log2(w->ranks)) * (1 + 1 / w->refresh_every) +
-                     s.sent / net->bandwidth;
-    s.total = s.shared + s.repeated + s.messages;
+        s.messages = net->latency * ceil(log2(w->ranks)) * waits + s.sent / net->bandwidth;
+    s.waiting = m->spread * scale_slowest(w->ranks) * (s.shared + s.repeated);
+    s.total = s.shared + s.repeated + s.messages + s.waiting;
     return s;
 }
 

@@ -1,50 +1,68 @@
 /* Time of a training step by ranks: a model of the division of work in docs/scale-out.md, which
  * measures nothing. Assumptions:
  *
- *   - A step takes the sum of its computing and its messages: they hardly overlap.
+ *   - A step takes the sum of its computing, its messages and its waiting: they hardly overlap.
  *   - Work on samples (placing, sorting, networks, compositing, Adam) costs a constant, a time per
  *     sample and a time per leaf that has samples; S samples at random places fall into
  *     L (1 - exp(-S / L)) of L leaves. Ranks share this work evenly, except for `balance`: the
  *     busiest rank's part over the mean. They share the refresh of densities in the same way: a
  *     time per leaf every `refresh_every` steps.
- *   - Every rank repeats all other work (rays, intervals, the host): a constant, a time per sample,
- *     a time per leaf.
+ *   - Every rank repeats all other work (rays, intervals, the host): a constant, a time per ray, a
+ *     time per leaf that a ray passes, of which there are L^(1/3): leaves as in a grid. Where the
+ *     tree is fine at surfaces alone, or rays end there, they pass fewer.
  *   - Messages: each rank receives the sums of the other ranks' stretches of rays, 32 bytes each,
- *     and after a refresh the densities of their leaves, at the network's bandwidth. A step has one
- *     message that waits (the stretches) and a refresh has another; each takes log2(ranks) times
- *     the latency. A rank sends its part to each of the others; every machine has one rank, and the
- *     network carries the traffic of all at once (no bottleneck between switches).
+ *     the pixels of their photos, 4 bytes a ray, and after a refresh the densities of their leaves,
+ *     at the network's bandwidth. A step has one message that waits (the stretches) and a refresh
+ *     has another; each takes log2(ranks) times the latency. A rank sends its part to each of the
+ *     others; every machine has one rank, and the network carries the traffic of all at once (no
+ *     bottleneck between switches).
+ *   - Waiting: a rank's computing takes now more, now less time, whatever its work: by a normal
+ *     distribution of standard deviation `spread`, a part of the mean, in each step and on each
+ *     rank anew. A step ends when the slowest of them does.
+ *   - Ranks repeat the walk of rays. `walk` has two other ways, which are not built; in both, a
+ *     step has another message that waits. SCALE_OWN_CELLS: each rank reads densities of its own leaves
+ *     alone, keeps them to itself, and tells the others each stretch's optical depth, 4 bytes. Of
+ *     the time for a leaf that a ray passes, the part `cells` is then shared. SCALE_OWN_RAYS: each
+ *     walks its part of the rays and tells the others where they have samples, 20 bytes a leaf; all
+ *     time for leaves that rays pass is then shared.
  *   - Consecutive leaves of a ray belong to different ranks as often as a leaf's face lies on the
  *     surface of its rank's region: (ranks / leaves)^(1/3) for compact regions.
  *   - Left out: 64 bytes of numbers per step, each rank's work every 16 steps, decisions and
- *     distillation, and the weights of leaves that move, which is rare.
- *   - Photos cost no time in a step; every rank has all of them in host memory. */
+ *     distillation, and the weights of leaves that move, which is rare. */
 #ifndef SCALE_MODEL_H
 #define SCALE_MODEL_H
 
 typedef struct scale_cost { /* seconds */
-    double step, sample, leaf;
+    double step, each, leaf;
 } scale_cost;
 
 typedef struct scale_machine {
-    scale_cost shared, repeated; /* shared: a leaf with samples; repeated: any leaf */
-    double refresh;              /* a leaf, once */
+    scale_cost shared;   /* each: a sample; leaf: one with samples */
+    scale_cost repeated; /* each: a ray; leaf: one that a ray passes */
+    double refresh;      /* a leaf, once */
+    double spread;
+    double cells; /* part of repeated.leaf */
 } scale_machine;
 
 typedef struct scale_network {
     double latency, bandwidth; /* seconds; bytes a second, INFINITY: messages cost only latency */
 } scale_network;
 
+typedef enum { SCALE_REPEATED, SCALE_OWN_CELLS, SCALE_OWN_RAYS } scale_walk;
+
 typedef struct scale_work {
     double samples, leaves;      /* of a step; of the tree */
+    double rays;                 /* of a step */
     double stretches;            /* of a step's rays; 0: samples are exchanged */
     double density_bytes;        /* of a leaf */
     double refresh_every, ranks; /* steps; > 0 */
     double balance;              /* >= 1; for one rank 1 */
+    scale_walk walk;
+    double intervals; /* of a step's rays, leaves that have samples; for SCALE_OWN_RAYS */
 } scale_work;
 
 typedef struct scale_step {
-    double shared, repeated, messages, total; /* seconds */
+    double shared, repeated, messages, waiting, total; /* seconds */
     double sent; /* bytes by a rank with the mean share of stretches and leaves */
 } scale_step;
 
@@ -55,12 +73,18 @@ scale_step scale_predict(const scale_machine *machine, const scale_network *netw
 double scale_stretches(double passed, double leaves, double ranks);
 double scale_passed(double stretches, double leaves, double ranks);
 
-/* Bytes per step that a rank sends to the ranks - 1 others: `share` of the stretches or samples,
- * and the densities of `leaf_share` of the leaves. */
+/* The expected largest of n numbers of the standard normal distribution. */
+double scale_slowest(double n);
+
+/* Leaves that a ray passes. */
+double scale_passes(double leaves);
+
+/* Bytes per step that a rank sends to the ranks - 1 others: `share` of the stretches or samples, an
+ * even part of the pixels, and the densities of `leaf_share` of the leaves. */
 double scale_sent(const scale_work *work, double share, double leaf_share);
 
 /* Fits cost to n rows by least squares of relative errors, without negative costs. x: [n][3],
- * numbers of steps, samples and leaves; seconds: [n], > 0. */
+ * numbers of steps, of samples or rays, and of leaves; seconds: [n], > 0. */
 scale_cost scale_fit(int n, const double (*x)[3], const double *seconds);
 
 #endif

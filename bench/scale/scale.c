@@ -30,6 +30,9 @@ static const double BALANCE = 1.04;        /* leaves move above this (pipeline/s
 static const double PHOTO_BYTES = 3 * 2e6; /* a photo of 2 megapixels in host memory */
 static const double STEP_SAMPLES = 262144; /* of a step, the paper preset's */
 static const double REFRESH_EVERY = 256;   /* steps, likewise */
+/* Part of a passed leaf's time that goes into its cells: intervals_fill without them took 0.41 of
+ * its time with 512 leaves, 0.31 with 4,096 (PoCL, one core of a Xeon, 2026-11-25). */
+static const double CELLS = 0.64;
 static const struct {
     const char *name;
     scale_network network;
@@ -37,8 +40,8 @@ static const struct {
 
 typedef struct run {
     const char *path;
-    scale_work work;                  /* ranks, leaves, samples of a step */
-    double rays, steps, step;         /* rays per step; measured steps; seconds per step */
+    scale_work work;                  /* ranks, leaves, samples and rays of a step */
+    double steps, step;               /* measured steps; seconds per step */
     double shared, refresh, repeated; /* seconds per step */
     double sent, own_share, messages; /* rank 0's bytes per step and its share of what ranks send;
                                          seconds per step */
@@ -70,7 +73,7 @@ static void add_row(const json_t *row, const json_t *before, run *r)
 
     r->steps += steps;
     r->step += seconds;
-    r->rays += rays;
+    r->work.rays += rays;
     r->work.samples += samples;
     for (size_t i = 0; i < sizeof shared_stages / sizeof *shared_stages; i++)
         r->shared += stage(row, shared_stages[i]);
@@ -118,8 +121,8 @@ static cln_status read_rows(run *r, double from)
     r->own_leaves /= r->work.samples;
     r->work.balance /= r->work.samples;
     for (size_t i = 0; i < 9; i++)
-        *(double *[]){&r->step, &r->rays,     &r->work.samples, &r->shared,        &r->refresh,
-                      &r->sent, &r->messages, &r->repeated,     &r->work.stretches}[i] /= r->steps;
+        *(double *[]){&r->step, &r->work.rays, &r->work.samples, &r->shared,        &r->refresh,
+                      &r->sent, &r->messages,  &r->repeated,     &r->work.stretches}[i] /= r->steps;
     if (!(r->work.ranks > 1)) {
         r->work.ranks = r->work.balance = 1;
         r->own_share = 1;
@@ -217,25 +220,56 @@ done:
 
 static void put_cost(const char *what, const scale_cost *c)
 {
-    printf("| %s | %.3f | %.3f | %.3f |\n", what, 1e3 * c->step, 1e6 * c->sample, 1e6 * c->leaf);
+    printf("| %s | %.3f | %.3f | %.3f |\n", what, 1e3 * c->step, 1e6 * c->each, 1e6 * c->leaf);
+}
+
+/* The machine as ranks see it that share its cores. */
+static scale_machine shared_cores(const scale_machine *m, double cores, double ranks)
+{
+    scale_machine slowed = *m;
+    const double turns = fmax(1, ranks / cores); /* ranks that share a core */
+
+    for (size_t i = 0; i < 3; i++) {
+        *(double *[]){&slowed.shared.step, &slowed.shared.each, &slowed.shared.leaf}[i] *= turns;
+        *(double *[]){&slowed.repeated.step, &slowed.repeated.each, &slowed.repeated.leaf}[i] *=
+            turns;
+    }
+    slowed.refresh *= turns;
+    return slowed;
+}
+
+/* The spread with which the model is nearest to the runs by ranks, by least squares of relative
+ * errors; 0 if it is slower than these without. */
+static double fit_spread(const scale_machine *m, const scale_network *here, double cores,
+                         const run *runs, int count)
+{
+    double above = 0, below = 0;
+
+    for (int i = 0; i < count; i++) {
+        const run *r = &runs[i];
+        scale_machine slowed = shared_cores(m, cores, r->work.ranks);
+        scale_step s;
+        double unit = 0;
+
+        if (!(r->work.ranks > 1))
+            continue;
+        slowed.spread = 0;
+        s = scale_predict(&slowed, here, &r->work);
+        unit = scale_slowest(r->work.ranks) * (s.shared + s.repeated) / r->step;
+        above += unit * (1 - s.total / r->step);
+        below += unit * unit;
+    }
+    return below > 0 ? fmax(0, above / below) : 0;
 }
 
 static void put_check(const scale_machine *m, const scale_network *here, double cores, const run *r)
 {
-    scale_machine slowed = *m;
-    const double turns = fmax(1, r->work.ranks / cores); /* ranks that share a core */
-    scale_step s;
+    const scale_machine slowed = shared_cores(m, cores, r->work.ranks);
+    const scale_step s = scale_predict(&slowed, here, &r->work);
 
-    for (size_t i = 0; i < 3; i++) {
-        *(double *[]){&slowed.shared.step, &slowed.shared.sample, &slowed.shared.leaf}[i] *= turns;
-        *(double *[]){&slowed.repeated.step, &slowed.repeated.sample, &slowed.repeated.leaf}[i] *=
-            turns;
-    }
-    slowed.refresh *= turns;
-    s = scale_predict(&slowed, here, &r->work);
-    printf("| %.0f | %.0f | %.0f | %.2f | %.2f | %.2f | %+.0f %% |", r->work.ranks, r->work.leaves,
-           r->work.samples, r->work.balance, 1e3 * s.total, 1e3 * r->step,
-           100 * (s.total / r->step - 1));
+    printf("| %.0f | %.0f | %.0f | %.2f | %.2f | %.2f | %.2f | %+.0f %% |", r->work.ranks,
+           r->work.leaves, r->work.samples, r->work.balance, 1e3 * s.waiting, 1e3 * s.total,
+           1e3 * r->step, 100 * (s.total / r->step - 1));
     if (r->work.ranks > 1) {
         const double sent = scale_sent(&r->work, r->own_share, r->own_leaves / r->work.leaves);
 
@@ -247,9 +281,11 @@ static void put_check(const scale_machine *m, const scale_network *here, double 
 
 /* ---- the prediction ---- */
 
-/* The larger of the two costs that more ranks do not reduce. */
+/* The largest of the costs that more ranks do not reduce. */
 static const char *reason(const scale_step *s)
 {
+    if (s->waiting > s->messages && s->waiting > s->repeated)
+        return "waiting for the slowest rank";
     return s->messages >= s->repeated ? "messages: stretches and densities go to all ranks"
                                       : "work repeated on every rank";
 }
@@ -258,13 +294,20 @@ static const char *reason(const scale_step *s)
 static void put_network(const scale_machine *m, int n, double density_bytes, double rays,
                         double passed)
 {
-    printf("\n### %s, %.0f us\n\n"
-           "| leaves | steps/s of 1 rank | speed-up of 4 | 16 | 64 | 256 | 1,024 ranks | most | "
-           "by ranks | half efficiency up to | MB per step and rank beyond it | limited by | GiB "
-           "of densities on every rank |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
-           networks[n].name, 1e6 * networks[n].network.latency);
+    printf(
+        "\n### %s, %.0f us\n\n"
+        "| leaves | steps/s of 1 rank | speed-up of 2 | 4 | 16 | 64 | 256 | 1,024 ranks | most | "
+        "by ranks | half efficiency up to | MB per step and rank beyond it | limited by | GiB "
+        "of densities on every rank |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+        networks[n].name, 1e6 * networks[n].network.latency);
     for (double leaves = 1e4; leaves < 2e7; leaves *= 10) {
-        scale_work w = {STEP_SAMPLES, leaves, 0, density_bytes, REFRESH_EVERY, 1, 1};
+        scale_work w = {.samples = STEP_SAMPLES,
+                        .leaves = leaves,
+                        .rays = rays,
+                        .density_bytes = density_bytes,
+                        .refresh_every = REFRESH_EVERY,
+                        .ranks = 1,
+                        .balance = 1};
         const double alone = scale_predict(m, &networks[n].network, &w).total;
         double most = 1, by = 1, half = 1;
         scale_step end = scale_predict(m, &networks[n].network, &w);
@@ -285,7 +328,8 @@ static void put_network(const scale_machine *m, int n, double density_bytes, dou
                 half = ranks;
             if (half * 2 >= ranks) /* the last count with half efficiency, or the first without */
                 end = s;
-            if (ranks == 4 || ranks == 16 || ranks == 64 || ranks == 256 || ranks == 1024)
+            if (ranks == 2 || ranks == 4 || ranks == 16 || ranks == 64 || ranks == 256 ||
+                ranks == 1024)
                 printf(" | %.2f", alone / s.total);
         }
         printf(" | %.2f | %.0f | %.0f | %.2f | %s | %.3g |\n", most, by, half, 1e-6 * end.sent,
@@ -293,16 +337,59 @@ static void put_network(const scale_machine *m, int n, double density_bytes, dou
     }
 }
 
+/* What ways of sharing the walk of rays would gain, which no run checks. */
+static void put_walks(const scale_machine *m, double density_bytes, double rays, double passed)
+{
+    static const struct {
+        const char *name;
+        scale_walk walk;
+    } ways[] = {{"repeated, as it is", SCALE_REPEATED},
+                {"cells of own leaves alone", SCALE_OWN_CELLS},
+                {"own rays alone", SCALE_OWN_RAYS}};
+
+    printf("\n## If ranks shared the walk of rays\n\n%s. The last two are not built: see walk in "
+           "bench/scale/model.h.\n\n| walk | leaves | speed-up of 2 | 4 | 16 | 64 | 256 | 1,024 "
+           "ranks | GiB of densities on one of 1,024 |\n|---|---|---|---|---|---|---|---|---|\n",
+           networks[0].name);
+    for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
+        for (double leaves = 1e4; leaves < 2e7; leaves *= 10) {
+            scale_work w = {.samples = STEP_SAMPLES,
+                            .leaves = leaves,
+                            .rays = rays,
+                            .density_bytes = density_bytes,
+                            .refresh_every = REFRESH_EVERY,
+                            .ranks = 1,
+                            .balance = 1,
+                            .walk = ways[i].walk,
+                            .intervals = rays * passed};
+            const double alone = scale_predict(m, &networks[0].network, &w).total;
+            const double held = ways[i].walk == SCALE_OWN_CELLS ? leaves / 1024 : leaves;
+
+            printf("| %s | %.0e", ways[i].name, leaves);
+            for (size_t k = 0; k < 6; k++) {
+                w.ranks = (double[]){2, 4, 16, 64, 256, 1024}[k];
+                w.stretches = rays * scale_stretches(passed, leaves, w.ranks);
+                w.balance = BALANCE;
+                printf(" | %.2f", alone / scale_predict(m, &networks[0].network, &w).total);
+            }
+            printf(" | %.3g |\n", held * density_bytes / (1 << 30));
+        }
+}
+
 static void put_photos(double seconds, double rays)
 {
-    printf("\n## Photos\n\nOf 2 megapixels, all of them in every rank's host memory. One pass: "
-           "steps until each pixel\nwas drawn once, at %.0f rays a step and %.3g s a step (1 rank, "
-           "10,000 leaves).\n\n| photos | GiB a rank | steps of a pass | days of a pass |\n"
-           "|---|---|---|---|\n",
-           rays, seconds);
-    for (double photos = 1e3; photos < 2e6; photos *= 10)
-        printf("| %.0e | %.3g | %.3g | %.3g |\n", photos, photos * PHOTO_BYTES / (1 << 30),
+    printf(
+        "\n## Photos\n\nOf 2 megapixels, dealt to the ranks' host memories. One pass: steps until "
+        "each pixel was drawn\nonce, at %.0f rays a step and %.3g s a step (1 rank, 10,000 "
+        "leaves).\n\n| photos | GiB in all | GiB a rank of 16 | of 1,024 | steps of a pass | days "
+        "of a pass |\n|---|---|---|---|---|---|\n",
+        rays, seconds);
+    for (double photos = 1e3; photos < 2e6; photos *= 10) {
+        const double all = photos * PHOTO_BYTES / (1 << 30);
+
+        printf("| %.0e | %.3g | %.3g | %.3g | %.3g | %.3g |\n", photos, all, all / 16, all / 1024,
                photos * 2e6 / rays, photos * 2e6 / rays * seconds / 86400);
+    }
 }
 
 static cln_status predict(int argc, char **argv)
@@ -313,7 +400,11 @@ static cln_status predict(int argc, char **argv)
     const scale_network here = {atof(argv[0]), atof(argv[1])};
     const double cores = atof(argv[2]);
     scale_machine m = {0};
-    scale_work first = {STEP_SAMPLES, 1e4, 0, 0, REFRESH_EVERY, 1, 1};
+    scale_work first = {.samples = STEP_SAMPLES,
+                        .leaves = 1e4,
+                        .refresh_every = REFRESH_EVERY,
+                        .ranks = 1,
+                        .balance = 1};
     int count = 0, alone = 0, refreshed = 0, several = 0;
     double rays = 0, passed = 0;
 
@@ -334,8 +425,9 @@ static cln_status predict(int argc, char **argv)
         const scale_work *w = &runs[i].work;
 
         x[i][0] = met[i][0] = 1;
-        x[i][1] = met[i][1] = w->samples;
-        x[i][2] = w->leaves;
+        met[i][1] = w->samples;
+        x[i][1] = w->rays;
+        x[i][2] = w->rays * scale_passes(w->leaves);
         met[i][2] = w->leaves * -expm1(-w->samples / w->leaves);
         shared_s[i] = runs[i].shared;
         repeated_s[i] = runs[i].repeated;
@@ -343,13 +435,14 @@ static cln_status predict(int argc, char **argv)
             m.refresh += runs[i].refresh * w->refresh_every / w->leaves;
             refreshed++;
         }
-        rays += runs[i].rays / w->samples / alone * STEP_SAMPLES;
+        rays += w->rays / w->samples / alone * STEP_SAMPLES;
     }
     for (int i = alone; i < count; i++)
         if (runs[i].work.stretches > 0) {
             const run *by = &runs[i];
 
-            passed += scale_passed(by->work.stretches / by->rays, by->work.leaves, by->work.ranks);
+            passed +=
+                scale_passed(by->work.stretches / by->work.rays, by->work.leaves, by->work.ranks);
             several++;
         }
     if (several == 0)
@@ -358,27 +451,35 @@ static cln_status predict(int argc, char **argv)
     m.refresh /= refreshed > 0 ? refreshed : 1;
     m.shared = scale_fit(alone, (const double(*)[3])met, shared_s);
     m.repeated = scale_fit(alone, (const double(*)[3])x, repeated_s);
-    printf("# Scaling by ranks\n\n| a step costs | ms | us a sample | us a leaf |\n"
+    m.cells = CELLS;
+    m.spread = fit_spread(&m, &here, cores, runs, count);
+    printf("# Scaling by ranks\n\n| a step costs | ms | us each | us a leaf |\n"
            "|---|---|---|---|\n");
-    put_cost("samples and networks, shared", &m.shared);
-    put_cost("all else, repeated on every rank", &m.repeated);
+    put_cost("samples and networks, shared: a sample, a leaf with samples", &m.shared);
+    put_cost("all else, repeated on every rank: a ray, a leaf that it passes", &m.repeated);
     printf("\nA leaf's refresh: %.1f us every %.0f steps, shared. Messages here: %.1f us, %.2f "
            "GB/s.\n",
            1e6 * m.refresh, runs[0].work.refresh_every, 1e6 * here.latency, 1e-9 * here.bandwidth);
-    printf("A ray has samples in %.1f leaves, by the stretches of the runs by ranks.\n", passed);
+    printf(
+        "A ray has samples in %.1f leaves, by the stretches of the runs by ranks; their steps tell "
+        "that\na rank's time for a step has a standard deviation of %.0f %%.\n",
+        passed, 100 * m.spread);
     printf("\n## The model and the runs here, on %.0f cores\n\n| ranks | leaves | samples | "
-           "balance | ms a step, model | run | error | bytes a step of rank 0, model | run | error "
-           "|\n|---|---|---|---|---|---|---|---|---|---|\n",
+           "balance | ms of waiting, model | ms a step, model | run | error | bytes a step of rank "
+           "0, model | run | error "
+           "|\n|---|---|---|---|---|---|---|---|---|---|---|\n",
            cores);
     for (int i = 0; i < count; i++)
         put_check(&m, &here, cores, &runs[i]);
     printf("\n## What 1 to 1,024 ranks would do\n\nEach rank is a machine with one core like this "
-           "one's; %.0f samples a step, a refresh every %.0f;\nthe busiest rank has %.1f times "
+           "one's; %.0f samples a step, a refresh every %.0f;\nthe busiest rank has %.2f times "
            "the mean. Half "
            "efficiency: a speed-up of at least half the ranks. See bench/scale/model.h.\n",
            STEP_SAMPLES, REFRESH_EVERY, BALANCE);
     for (int n = 0; n < 2; n++)
         put_network(&m, n, runs[0].work.density_bytes, rays, passed);
+    put_walks(&m, runs[0].work.density_bytes, rays, passed);
+    first.rays = rays;
     first.density_bytes = runs[0].work.density_bytes;
     put_photos(scale_predict(&m, &here, &first).total, rays);
 done:

@@ -369,7 +369,7 @@ static cln_status check_ranks(const cln_trainer *t)
     const cln_scene *scene = t->scene;
     char *settings = NULL;
     json_t *config = NULL;
-    uint64_t photos = CLN_DIGEST_START;
+    uint64_t views = scene->digest; /* photos included */
 
     if (cln_ranks_count() == 1)
         return CLN_OK;
@@ -382,13 +382,11 @@ static cln_status check_ranks(const cln_trainer *t)
     CLN_TRY(cln_ranks_agree(cln_digest(CLN_DIGEST_START, settings, strlen(settings)),
                             "choice of settings"));
     for (int i = 0; i < scene->view_count; i++) {
-        const cln_view *v = &scene->views[i];
+        const cln_camera *c = &scene->views[i].camera;
 
-        photos = cln_digest(photos, v->camera.c2w, sizeof v->camera.c2w);
-        if (cln_view_is_loaded(v))
-            photos = cln_view_digest(v, photos);
+        views = cln_digest(views, c->c2w, sizeof c->c2w);
     }
-    CLN_TRY(cln_ranks_agree(photos, "scene"));
+    CLN_TRY(cln_ranks_agree(views, "scene"));
     CLN_TRY(cln_ranks_agree(cln_model_digest(m) + (uint64_t)m->step, "checkpoint"));
 done:
     json_decref(config);

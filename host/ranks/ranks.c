@@ -306,16 +306,21 @@ void cln_ranks_largest(double *values, int n)
     cln_ranks_largest_end();
 }
 
-void cln_ranks_tell(void *data, size_t bytes)
+void cln_ranks_tell_from(int rank, void *data, size_t bytes)
 {
     const double began = now();
 
     MPI_Request request = MPI_REQUEST_NULL;
 
     if (self.count > 1)
-        MPI_Ibcast(data, (int)bytes, MPI_BYTE, 0, MPI_COMM_WORLD, &request);
+        MPI_Ibcast(data, (int)bytes, MPI_BYTE, rank, MPI_COMM_WORLD, &request);
     await(&request);
-    account(began, self.me == 0 ? (double)bytes : 0);
+    account(began, self.me == rank ? (double)bytes : 0);
+}
+
+void cln_ranks_tell(void *data, size_t bytes)
+{
+    cln_ranks_tell_from(0, data, bytes);
 }
 
 static void receive(void *data, size_t bytes, int from)
@@ -372,6 +377,37 @@ void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
     await(&request);
     MPI_Type_free(&type);
     account(began, (double)mine * (double)row_bytes * (all ? self.count - 1 : 1));
+}
+
+static struct {
+    MPI_Request request;
+    MPI_Datatype type;
+    int counts[CLN_RANKS_MOST];
+} gathering = {.request = MPI_REQUEST_NULL};
+
+void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first)
+{
+    const double began = now();
+
+    if (self.count == 1)
+        return;
+    gathering.type = type_of(row_bytes);
+    for (int r = 0; r < self.count; r++)
+        gathering.counts[r] = first[r + 1] - first[r];
+    MPI_Iallgatherv(MPI_IN_PLACE, 0, gathering.type, rows, gathering.counts, first, gathering.type,
+                    MPI_COMM_WORLD, &gathering.request);
+    account(began, (double)gathering.counts[self.me] * (double)row_bytes * (self.count - 1));
+}
+
+void cln_ranks_gather_end(void)
+{
+    const double began = now();
+
+    if (self.count == 1)
+        return;
+    await(&gathering.request);
+    MPI_Type_free(&gathering.type);
+    account(began, 0);
 }
 
 /* How many rows two ranges share; *at: where they begin, counted from `from`. */
@@ -446,6 +482,13 @@ void cln_ranks_tell(void *data, size_t bytes)
     (void)bytes;
 }
 
+void cln_ranks_tell_from(int rank, void *data, size_t bytes)
+{
+    (void)rank;
+    (void)data;
+    (void)bytes;
+}
+
 void cln_ranks_take(void *baton, size_t bytes)
 {
     (void)baton;
@@ -464,6 +507,17 @@ void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
     (void)row_bytes;
     (void)first;
     (void)all;
+}
+
+void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first)
+{
+    (void)rows;
+    (void)row_bytes;
+    (void)first;
+}
+
+void cln_ranks_gather_end(void)
+{
 }
 
 void cln_ranks_deal(const void *from, const int *old_first, void *to, const int *new_first,

@@ -47,8 +47,9 @@ void cln_ranks_largest(double *values, int n);
 void cln_ranks_largest_begin(double *values, int n);
 void cln_ranks_largest_end(void);
 
-/* Rank 0's bytes to all. */
+/* Rank 0's bytes to all; or another's, at most INT_MAX of them. */
 void cln_ranks_tell(void *data, size_t bytes);
+void cln_ranks_tell_from(int rank, void *data, size_t bytes);
 
 /* Some bytes go from rank 0 to the last in turn, and back to rank 0. Take: waits for them; rank 0
  * has them. Hand: gives them on; rank 0 waits until they are back. */
@@ -62,6 +63,11 @@ cln_status cln_ranks_agree(uint64_t digest, const char *what);
 /* Rows [first[r], first[r + 1]) of an array are rank r's; after it, everyone (or, if not `all`,
  * rank 0) has all rows. first: [count + 1]. */
 void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all);
+
+/* The same, to all, in two calls, between which this rank works on and says other things: `rows`
+ * and `first` must stay until the second, which waits. One at a time. */
+void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first);
+void cln_ranks_gather_end(void);
 
 /* The same rows dealt anew: `from` has this rank's rows by old_first, `to` gets those by new_first;
  * both begin with the rank's first row. */

@@ -13,6 +13,7 @@
 #include "io/image.h"
 #include "render/metrics_image.h"
 #include "io/run_folder.h"
+#include "scene/dealt.h"
 
 enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
 
@@ -126,12 +127,13 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
                           const char *folder, cln_eval_image *image)
 {
     cln_status st = CLN_OK;
-    const cln_view *v = &scene->views[view];
+    cln_view photo, *v = &photo;
     const int width = picture->width, height = picture->height;
     const size_t pixels = (size_t)width * (size_t)height;
     float *truth = NULL, *rounded = NULL, alpha = 0;
     uint8_t *kept = NULL;
 
+    CLN_TRY(cln_view_borrow(&scene->views[view], v));
     CLN_TRY(cln_alloc(&truth, pixels * 3, sizeof *truth, "picture"));
     CLN_TRY(cln_alloc(&rounded, pixels * 3, sizeof *rounded, "picture"));
     for (size_t i = 0; i < pixels; i++)
@@ -156,6 +158,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     if (folder)
         CLN_TRY(save(folder, v->file, width, height, picture->rgb, truth, rounded));
 done:
+    cln_view_give_back(&scene->views[view], v);
     free(kept);
     free(truth);
     free(rounded);

@@ -161,6 +161,9 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
         sum->last_bytes = bytes;
         sum->last_message_seconds = waited;
         add_ranks_stages(sum, json_object_get(row, "ranks_stages"));
+        for (size_t i = 0; i < 2; i++)
+            sum->photos[i] =
+                json_number_value(json_array_get(json_object_get(row, "photo_bytes"), i));
     }
     sum->last_step = step;
     sum->last_seconds = seconds;

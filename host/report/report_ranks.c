@@ -52,9 +52,11 @@ static void put_stages(FILE *to, const cln_report_ranks_sum *r)
 cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
 {
     const cln_report_ranks_sum *r = &data->ranks;
-    char messages[32];
+    char messages[32], least[32], most[32];
 
     cln_format_duration(r->message_seconds, messages);
+    cln_format_bytes(r->photos[0], least);
+    cln_format_bytes(r->photos[1], most);
     fprintf(to,
             "<table><tr><td>processes<td class=n>%.0f\n<tr><td>bytes that the first one sent, "
             "per step<td class=n>%.0f\n<tr><td>the same, per ray<td class=n>",
@@ -66,6 +68,11 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
           "<td class=n>",
           to);
     cln_report_number(to, r->balanced / r->balance_weight, 2);
+    if (r->photos[1] > 0)
+        fprintf(to,
+                "\n<tr><td>memory for photos, the process with the least of them<td class=n>%s"
+                "\n<tr><td>the one with the most<td class=n>%s",
+                least, most);
     fputs("\n</table>\n", to);
     if (r->stage_count > 0)
         put_stages(to, r);

@@ -1,8 +1,10 @@
 /* What lies behind everything: a colour that is given, or one that the photos choose. See
  * scene.h. */
 #include <math.h>
+#include <string.h>
 
 #include "base/config.h"
+#include "ranks/ranks.h"
 #include "scene/build.h"
 
 /* At most about so many pixels are looked at, and so many a side of a photo. */
@@ -28,6 +30,22 @@ static void add(const cln_view *view, int side, uint64_t sums[4])
         }
 }
 
+/* Adds all ranks' sums, of their own photos. */
+static void add_ranks(uint64_t sums[4])
+{
+    uint64_t all[CLN_RANKS_MOST][4];
+    int first[CLN_RANKS_MOST + 1];
+
+    for (int r = 0; r <= cln_ranks_count(); r++)
+        first[r] = r;
+    memcpy(all[cln_ranks_me()], sums, sizeof *all);
+    cln_ranks_gather(all, sizeof *all, first, true);
+    memset(sums, 0, sizeof *all);
+    for (int r = 0; r < cln_ranks_count(); r++)
+        for (int c = 0; c < 4; c++)
+            sums[c] += all[r][c];
+}
+
 cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -39,14 +57,13 @@ cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
     CLN_TRY(cln_config_background(config, &kind, scene->background));
     scene->background_mean =
         kind == CLN_BACKGROUND_MEAN || (kind == CLN_BACKGROUND_AUTO && !scene->has_alpha);
-    if (!scene->background_mean)
-        return CLN_OK;
-    for (int i = 0; i < views; i++) {
+    for (int i = 0; i < views && scene->background_mean; i++) {
         const cln_view *view = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)];
 
         if (cln_view_is_loaded(view))
             add(view, side, sums);
     }
+    add_ranks(sums); /* whatever their settings are: these are compared later */
     scene->background_known = sums[3] > 0;
     for (int c = 0; c < 3 && sums[3] > 0; c++) /* digits that run.json gives back exactly */
         scene->background[c] =

@@ -15,6 +15,8 @@
 #include "base/memory.h"
 #include "io/image.h"
 #include "io/progress.h"
+#include "ranks/ranks.h"
+#include "scene/dealt.h"
 
 enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600 };
 static const size_t FILE_MAX_BYTES = (size_t)1 << 30;
@@ -221,7 +223,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *v = &scene->views[i];
 
-        if (!desc->pixels[v->split])
+        if (!desc->pixels[v->split] || !cln_view_is_here(v))
             continue;
         images++;
         kept += (double)v->camera.width * v->camera.height * v->channels;
@@ -443,6 +445,30 @@ static void say_masks(const cln_scene *scene)
                 100 * left / all);
 }
 
+/* A view whose pixels are another rank's. The next rank's files are read here too, for their
+ * digest, so that each file has been compared on two ranks. */
+static cln_status read_others(job *work, int index)
+{
+    cln_status st = CLN_OK;
+    cln_view *view = &work->scene->views[index];
+    const bool masks = work->wanted[view->split] && view->mask_path;
+    uint64_t *digest = &work->digests[index], ignored = 0;
+
+    if (view->rank == (cln_ranks_me() + 1) % cln_ranks_count()) {
+        CLN_TRY(decode(view->path, false, digest, NULL, NULL, NULL, NULL));
+        if (view->alpha_path)
+            CLN_TRY(decode(view->alpha_path, false, digest, NULL, NULL, NULL, NULL));
+        if (view->mask_path && !masks)
+            CLN_TRY(decode(view->mask_path, false, digest, NULL, NULL, NULL, NULL));
+    } else {
+        digest = &ignored;
+    }
+    if (masks)
+        CLN_TRY(add_mask(work->scene, view, true, digest));
+done:
+    return st;
+}
+
 static cln_status read_view(job *work, int index)
 {
     cln_status st = CLN_OK;
@@ -453,6 +479,8 @@ static cln_status read_view(job *work, int index)
     int width = 0, height = 0, channels = 0;
 
     *digest = CLN_DIGEST_START;
+    if (!cln_view_is_here(view))
+        return read_others(work, index);
     CLN_TRY(decode(view->path, wanted, digest, &width, &height, &channels, &pixels));
     if (wanted && view->turned)
         CLN_TRY(cln_image_turn(view->orientation, &width, &height, channels, &pixels));
@@ -526,7 +554,7 @@ static cln_status make_room(job *work)
         const cln_view *v = &scene->views[i];
 
         work->places[i] = bytes;
-        if (!work->wanted[v->split])
+        if (!work->wanted[v->split] || !cln_view_is_here(v))
             continue;
         bytes += scene->cached > 0
                      ? room_of(v)
@@ -537,6 +565,41 @@ static cln_status make_room(job *work)
     else
         CLN_TRY(cln_alloc(&scene->pixels, bytes, 1, "images"));
 done:
+    return st;
+}
+
+/* Brings the digests of all views to all ranks. CLN_USAGE on all if a file is another one on the
+ * rank before its own. */
+static cln_status share_digests(job *work)
+{
+    cln_status st = CLN_OK;
+    const cln_scene *scene = work->scene;
+    const int next = (cln_ranks_me() + 1) % cln_ranks_count();
+    uint64_t *read = NULL;
+    double other = -1;
+
+    if (cln_ranks_count() == 1)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&read, (size_t)scene->view_count, sizeof *read, "digests"));
+    memcpy(read, work->digests, (size_t)scene->view_count * sizeof *read);
+    for (int s = 0; s < CLN_SPLITS; s++) {
+        int first[CLN_RANKS_MOST + 1];
+
+        cln_scene_dealt(scene, (cln_split)s, first);
+        cln_ranks_gather(work->digests + cln_scene_split_view(scene, (cln_split)s, 0), sizeof *read,
+                         first, true);
+    }
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].rank == next && read[i] != work->digests[i])
+            other = i;
+    cln_ranks_largest(&other, 1);
+    if (other >= 0)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "ranks have different files of '%s' in %s; start all ranks with the same "
+                         "scene, or bring its copies up to date",
+                         scene->views[(int)other].name, scene->folder));
+done:
+    free(read);
     return st;
 }
 
@@ -562,6 +625,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
             name_other_failures(scene);
         goto done;
     }
+    CLN_TRY(share_digests(&work));
     for (int i = 0; i < scene->view_count; i++)
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
     say_masks(scene);

@@ -13,6 +13,7 @@
 #include "io/image.h"
 #include "io/names.h"
 #include "scene/build.h"
+#include "scene/dealt.h"
 #include "scene/dataset.h"
 #include "scene/moved.h"
 
@@ -276,6 +277,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     cln_scene_find_doubts(scene);
     if (desc->config->depth_loss > 0 && desc->pixels[CLN_SPLIT_TRAIN])
         CLN_TRY(cln_scene_find_sights(scene, result));
+    CLN_TRY(cln_scene_deal(scene));
     CLN_TRY(cln_scene_place_images(scene, desc));
     CLN_TRY(cln_scene_read_images(scene, desc->pixels));
     CLN_TRY(cln_scene_find_background(scene, desc->config));
@@ -385,13 +387,19 @@ cln_status cln_scene_check_pixels(const cln_scene *scene)
     return scene->store ? cln_store_check(scene->store) : CLN_OK;
 }
 
+void cln_pixel_over(const uint8_t *pixel, int channels, const float background[3], float rgb[3],
+                    float *alpha)
+{
+    *alpha = channels == 4 ? (float)pixel[3] / 255 : 1;
+    for (int c = 0; c < 3; c++)
+        rgb[c] = (float)pixel[c] / 255 * *alpha + background[c] * (1 - *alpha);
+}
+
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha)
 {
     uint8_t p[4];
 
     cln_view_bytes(view, x, y, p);
-    *alpha = view->channels == 4 ? (float)p[3] / 255 : 1;
-    for (int c = 0; c < 3; c++)
-        rgb[c] = (float)p[c] / 255 * *alpha + background[c] * (1 - *alpha);
+    cln_pixel_over(p, view->channels, background, rgb, alpha);
 }

@@ -75,6 +75,7 @@ typedef struct cln_view {
     int alpha_turn, mask_turn;   /* orientations that bring those files onto `pixels`; 1: none */
     bool masks_known;            /* sizes or EXIF data tell these, or those of other masks */
     int channels;                /* 3, or 4 with straight alpha */
+    int rank;                    /* that has its pixels (dealt.h) */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not in memory */
     cln_store *store;            /* the scene's, if it has the pixels, at `place`; else NULL */
     size_t place;
@@ -130,7 +131,8 @@ typedef struct cln_scene {
 typedef struct cln_scene_desc {
     const char *path;         /* scene folder, or its transforms JSON file */
     const cln_config *config; /* downscale, bbox, background, holdout, missing */
-    bool pixels[CLN_SPLITS];  /* load the images of these splits; cameras and sizes always */
+    bool pixels[CLN_SPLITS];  /* load the images of these splits, of several ranks each its own;
+                                 cameras, sizes and masks always */
     bool unseen;              /* no error if no camera sees the cube */
     double elsewhere;         /* bytes of host memory that images must leave */
 } cln_scene_desc;
@@ -178,7 +180,7 @@ void cln_view_bytes(const cln_view *view, int x, int y, uint8_t out[4]);
 /* CLN_OUTPUT if pixels could not be read from the store: what was made of them is wrong. */
 cln_status cln_scene_check_pixels(const cln_scene *scene);
 
-/* Bytes of host memory that the loaded views' pixels take. */
+/* Bytes of host memory that the loaded views' pixels take here. */
 double cln_scene_pixel_bytes(const cln_scene *scene);
 
 /* Brings the loaded pixels down to about the lesser of `room` and `most` bytes of memory, if they
@@ -189,8 +191,10 @@ cln_status cln_scene_shrink(cln_scene *scene, double room, double most);
 /* A digest of a loaded view's pixels. */
 uint64_t cln_view_digest(const cln_view *view, uint64_t digest);
 
-/* Pixel (x, y) of a loaded view as float RGB in 0..1 over `background`, alpha in *alpha (1
- * without). */
+/* A stored pixel as float RGB in 0..1 over `background`, alpha in *alpha (1 without). */
+void cln_pixel_over(const uint8_t *pixel, int channels, const float background[3], float rgb[3],
+                    float *alpha);
+/* Pixel (x, y) of a loaded view, likewise. */
 void cln_view_pixel(const cln_view *view, int x, int y, const float background[3], float rgb[3],
                     float *alpha);
 /* Whether pixel (x, y) counts, in training and in figures. Those beyond the fold of the view's

@@ -8,6 +8,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "pipeline/stage1.h"
+#include "scene/dealt.h"
 
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out)
 {
@@ -17,6 +18,8 @@ cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cl
     out->capacity = cln_config_most_rays(config);
     out->train_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     CLN_TRY(cln_alloc(&out->pixels, (size_t)out->capacity, sizeof *out->pixels, "batch"));
+    CLN_TRY(cln_alloc(&out->stored, (size_t)out->capacity, sizeof *out->stored, "batch"));
+    CLN_TRY(cln_rows_create(out->capacity, sizeof *out->stored, &out->asked));
     CLN_TRY(cln_alloc(&out->targets, (size_t)out->capacity, sizeof *out->targets, "batch"));
     CLN_TRY(cln_alloc(&out->backgrounds, (size_t)out->capacity, sizeof *out->backgrounds, "batch"));
     if (cln_batch_knows(scene, config))
@@ -37,6 +40,8 @@ done:
 void cln_batch_free(cln_batch *batch)
 {
     free(batch->pixels);
+    free(batch->stored);
+    cln_rows_free(&batch->asked);
     free(batch->targets);
     free(batch->backgrounds);
     free(batch->shown);
@@ -210,14 +215,41 @@ static int by_view_and_row(const void *a, const void *b)
 
 enum { FETCH_AHEAD = 16 }; /* pixels to prefetch: drawn ones lie far apart in memory */
 
-void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *config,
-                    const cln_draw *d)
+/* Reads the pixels whose photos are here. */
+static void read_own(cln_batch *b, const cln_scene *scene, int n)
+{
+    for (int i = 0; i < n; i++) {
+        const cln_view *view = &scene->views[b->pixels[i].view];
+        const cln_pixel *later = &b->pixels[i + FETCH_AHEAD < n ? i + FETCH_AHEAD : n - 1];
+
+        b->asked.rank[i] = (uint16_t)view->rank;
+        if (cln_view_is_here(&scene->views[later->view]))
+            cln_view_fetch(&scene->views[later->view], (int)later->x, (int)later->y);
+        if (cln_view_is_here(view))
+            cln_view_bytes(view, (int)b->pixels[i].x, (int)b->pixels[i].y, b->stored[i]);
+    }
+}
+
+void cln_batch_forget(cln_batch *b)
+{
+    cln_rows_end(&b->asked, NULL);
+}
+
+void cln_batch_look(cln_batch *b, const cln_scene *scene, int n)
+{
+    cln_batch_forget(b);
+    read_own(b, scene, n);
+    cln_rows_share(&b->asked, n, b->stored);
+}
+
+void cln_batch_begin(cln_batch *b, const cln_scene *scene, const cln_config *config,
+                     const cln_draw *d)
 {
     const bool by_view = cln_stage1_of(config)->by_view;
     const int n = d->n, views = config->views_per_batch < n ? config->views_per_batch : n;
-    const uint64_t seed = (uint64_t)config->seed;
 
     CLN_ASSERT(n <= b->capacity);
+    cln_batch_forget(b);
     for (int i = 0; i < n; i++) {
         /* by view: ray i looks through batch view i * views / n */
         const uint32_t slot = by_view ? (uint32_t)((int64_t)i * views / n) : 0;
@@ -231,20 +263,36 @@ void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *conf
         qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);
     if (b->shown)
         draw_sights(b, scene, config, d);
+    b->n = n;
+    b->ray_background = d->ray_background;
     memcpy(b->backgrounds[0], scene->background, sizeof scene->background);
-    for (int i = 0; i < n; i++) {
-        const cln_view *view = &scene->views[b->pixels[i].view];
-        const cln_pixel *later = &b->pixels[i + FETCH_AHEAD < n ? i + FETCH_AHEAD : n - 1];
-        float *back = b->backgrounds[d->ray_background ? i : 0], alpha = 1;
+    for (int i = 0; i < n && d->ray_background; i++)
+        cln_uniform4((uint64_t)config->seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0,
+                     b->backgrounds[i]);
+    read_own(b, scene, n);
+    cln_rows_begin(&b->asked, n, b->stored);
+}
 
-        cln_view_fetch(&scene->views[later->view], (int)later->x, (int)later->y);
-        if (d->ray_background)
-            cln_uniform4(seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0, back);
-        cln_view_pixel(view, (int)b->pixels[i].x, (int)b->pixels[i].y, back, b->targets[i], &alpha);
+void cln_batch_colour(cln_batch *b, const cln_scene *scene)
+{
+    cln_rows_end(&b->asked, b->stored);
+    for (int i = 0; i < b->n; i++) {
+        const cln_view *view = &scene->views[b->pixels[i].view];
+        const float *back = b->backgrounds[b->ray_background ? i : 0];
+        float alpha = 1;
+
+        cln_pixel_over(b->stored[i], view->channels, back, b->targets[i], &alpha);
         b->targets[i][3] = alpha;
         if (!cln_view_keeps(view, (int)b->pixels[i].x, (int)b->pixels[i].y)) {
             memcpy(b->targets[i], back, 3 * sizeof *back); /* its ray sees the background */
             b->targets[i][3] = 0;
         }
     }
+}
+
+void cln_batch_draw(cln_batch *b, const cln_scene *scene, const cln_config *config,
+                    const cln_draw *d)
+{
+    cln_batch_begin(b, scene, config, d);
+    cln_batch_colour(b, scene);
 }

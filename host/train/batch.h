@@ -1,18 +1,23 @@
 /* Draws the pixels of a training step and their true colours. Host work: images stay 8-bit in host
- * memory, the device gets one batch of pixels. A pixel is a pure function of (seed, step, ray) and
- * the tree, so checkpoints need not store any. */
+ * memory, of several ranks each image on one, and the device gets one batch of pixels. A pixel is a
+ * pure function of (seed, step, ray) and the tree, so checkpoints need not store any. */
 #ifndef CLN_BATCH_H
 #define CLN_BATCH_H
 
 #include "device_abi.h"
 #include "train/coverage.h"
+#include "ranks/rows.h"
 #include "scene/scene.h"
 
 typedef struct cln_batch {
     int capacity;
     cln_pixel *pixels;       /* [ray] */
+    uint8_t (*stored)[4];    /* [ray] channels of the pixels, as photos have them */
+    cln_rows asked;          /* of these, from ranks that have the photos */
     float (*targets)[4];     /* [ray] r, g, b over its background, alpha */
     float (*backgrounds)[4]; /* [ray] with random_background, else [1] */
+    int n;                   /* rays that are drawn ... */
+    bool ray_background;     /* ... each over a background of its own */
     float (*shown)[4];       /* [ray] sparse point x, y, z in the cube, its weight; or NULL */
     int train_views;
     uint64_t *first;       /* [train_views + 1] pixels before view i */
@@ -46,8 +51,18 @@ bool cln_batch_skips(const cln_batch *batch, const cln_config *config, int64_t s
 
 /* Draws n <= capacity rays for a step. Gather: uniform over all training pixels, or over the
  * covered ones. Splat: uniform over the pixels of config.views_per_batch views, ordered by view,
- * then row. */
+ * then row. In two calls: begin draws pixels and backgrounds and asks ranks for the photos' colours, colour
+ * waits for these; another begin may take its place. Draw: both. */
+void cln_batch_begin(cln_batch *batch, const cln_scene *scene, const cln_config *config,
+                     const cln_draw *draw);
+void cln_batch_colour(cln_batch *batch, const cln_scene *scene);
 void cln_batch_draw(cln_batch *batch, const cln_scene *scene, const cln_config *config,
                     const cln_draw *draw);
+
+/* Forgets what was asked for: no message is on its way then. */
+void cln_batch_forget(cln_batch *batch);
+
+/* Brings the stored channels of batch->pixels, n <= capacity, to all ranks, in batch->stored. */
+void cln_batch_look(cln_batch *batch, const cln_scene *scene, int n);
 
 #endif

@@ -6,6 +6,8 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "ranks/ranks.h"
+#include "scene/dealt.h"
 
 /* Tile side in pixels, and tiles along an image's longer side: small tiles follow an outline
  * closely, MOST_TILES bound the cost for large images. */
@@ -233,6 +235,13 @@ static grid inside(const cln_camera *c, const cln_tile *tile, int side)
     return (grid){wide < side ? wide : side, high < side ? high : side};
 }
 
+/* Tile number k of training view i. */
+static cln_tile tile_of(grid g, int side, int i, int k)
+{
+    return (cln_tile){(uint32_t)i, (uint16_t)(k % g.across * side),
+                      (uint16_t)(k / g.across * side)};
+}
+
 /* Sum, over a tile's pixels, of the squared error (mean over channels) of a picture that shows only
  * the background. */
 static double background_error(const cln_scene *scene, const cln_view *view, const cln_tile *tile,
@@ -257,6 +266,39 @@ static double background_error(const cln_scene *scene, const cln_view *view, con
     return sum;
 }
 
+/* Finds the errors of tiles that are not covered and were not known; of several ranks, each those
+ * of its own photos. False: all were known. */
+static bool find_errors(cln_coverage *coverage, const cln_scene *scene, int i, const uint8_t *marks)
+{
+    const int side = coverage->side;
+    const cln_view *view = train_view(scene, i);
+    const grid g = grid_of(&view->camera, side);
+    float *errors = coverage->error + coverage->first[i];
+    bool any = false;
+
+    for (int k = 0; k < g.across * g.down; k++) {
+        const cln_tile tile = tile_of(g, side, i, k);
+
+        if (marks[k] || errors[k] >= 0)
+            continue;
+        any = true;
+        if (cln_view_is_here(view))
+            errors[k] = (float)background_error(scene, view, &tile, side);
+    }
+    return any;
+}
+
+/* Brings the errors of all photos' tiles to all ranks. */
+static void share_errors(cln_coverage *coverage, const cln_scene *scene)
+{
+    int first[CLN_RANKS_MOST + 1];
+
+    cln_scene_dealt(scene, CLN_SPLIT_TRAIN, first);
+    for (int r = 0; r <= cln_ranks_count(); r++)
+        first[r] = (int)coverage->first[first[r]];
+    cln_ranks_gather(coverage->error, sizeof *coverage->error, first, true);
+}
+
 void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const cln_octree *tree,
                          const cln_space *space)
 {
@@ -265,29 +307,38 @@ void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const c
     int64_t all = 0, other = 0;
     double error = 0;
     size_t found = 0;
+    bool asked = false;
 
     for (int i = 0; i < coverage->views; i++) {
         const cln_view *view = train_view(scene, i);
         const grid g = grid_of(&view->camera, side);
-        float *errors = coverage->error + coverage->first[i];
 
         mark_view(&view->camera, side, tree, space, marks);
         all += (int64_t)view->camera.width * view->camera.height - view->left_out;
+        for (int k = 0; k < g.across * g.down; k++)
+            if (marks[k])
+                coverage->tiles[found++] = tile_of(g, side, i, k);
+        coverage->start[i + 1] = found;
+        asked |= find_errors(coverage, scene, i, marks);
+    }
+    if (asked)
+        share_errors(coverage, scene);
+    found = 0;
+    for (int i = 0; i < coverage->views; i++) {
+        const cln_view *view = train_view(scene, i);
+        const grid g = grid_of(&view->camera, side);
+
         for (int k = 0; k < g.across * g.down; k++) {
-            const cln_tile tile = {(uint32_t)i, (uint16_t)(k % g.across * side),
-                                   (uint16_t)(k / g.across * side)};
+            const cln_tile tile = tile_of(g, side, i, k), *next = &coverage->tiles[found];
             const grid part = inside(&view->camera, &tile, side);
 
-            if (marks[k]) {
-                coverage->tiles[found++] = tile;
+            if (found < coverage->start[i + 1] && next->x == tile.x && next->y == tile.y) {
+                found++; /* a covered one */
                 continue;
             }
-            if (errors[k] < 0)
-                errors[k] = (float)background_error(scene, view, &tile, side);
-            error += (double)errors[k];
+            error += (double)coverage->error[coverage->first[i] + (size_t)k];
             other += (int64_t)part.across * part.down;
         }
-        coverage->start[i + 1] = found;
     }
     coverage->whole = other == 0;
     coverage->share = (double)(all - other) / (double)all;

@@ -504,6 +504,7 @@ cln_status cln_loop_run(cln_trainer *t)
         CLN_TRY(let_watch(t));
     }
     CLN_TRY(wait_for_step(t));
+    cln_batch_forget(&t->batch); /* nobody takes the next step */
     cln_ranks_tell(&t->clock, sizeof t->clock);
     t->model.train_seconds = t->clock;
     cln_exposure_say(&t->exposure, &t->model);

@@ -245,10 +245,11 @@ static void add_balance(cln_trainer *t, json_t *row)
 }
 
 /* Each stage's seconds of the idlest and of the busiest rank since the previous row, and the same
- * for messages: all ranks call it. NULL without memory. */
-static json_t *find_ends(cln_trainer *t)
+ * for messages: all ranks call it. photos: the least and the most bytes of host memory that a
+ * rank's photos take. NULL without memory. */
+static json_t *find_ends(cln_trainer *t, double photos[2])
 {
-    double now[CLN_STAGES + 1], ends[2][CLN_STAGES + 1];
+    double now[CLN_STAGES + 1], ends[2][CLN_STAGES + 2];
     json_t *stages = json_object();
 
     memcpy(now, t->device->stage_seconds, sizeof t->device->stage_seconds);
@@ -258,7 +259,11 @@ static json_t *find_ends(cln_trainer *t)
         ends[1][i] = now[i] - t->window.ranked_seconds[i];
     }
     memcpy(t->window.ranked_seconds, now, sizeof now);
-    cln_ranks_largest(ends[0], 2 * (CLN_STAGES + 1));
+    ends[1][CLN_STAGES + 1] = cln_scene_pixel_bytes(t->scene);
+    ends[0][CLN_STAGES + 1] = 0 - ends[1][CLN_STAGES + 1];
+    cln_ranks_largest(ends[0], 2 * (CLN_STAGES + 2));
+    photos[0] = 0 - ends[0][CLN_STAGES + 1];
+    photos[1] = ends[1][CLN_STAGES + 1];
     for (int i = 0; i <= CLN_STAGES; i++)
         if (ends[1][i] > 0)
             json_object_set_new(stages, i < CLN_STAGES ? cln_stage_names[i] : "messages",
@@ -271,8 +276,9 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
     cln_status st = CLN_OK;
     const double spent = t->model.train_seconds - t->window.began_seconds;
     const double waits = (double)(t->device->waits - t->window.waits);
-    double leaf_samples = 0, padding = 0;
-    json_t *stages = NULL, *row = NULL, *ends = cln_ranks_count() > 1 ? find_ends(t) : NULL;
+    double leaf_samples = 0, padding = 0, photos[2] = {0};
+    json_t *stages = NULL, *row = NULL;
+    json_t *ends = cln_ranks_count() > 1 ? find_ends(t, photos) : NULL;
 
     if (!t->writes)
         goto done;
@@ -305,6 +311,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         json_object_set_new(row, "sent_bytes", json_real(cln_ranks_sent().bytes));
         json_object_set_new(row, "message_seconds", json_real(cln_ranks_sent().seconds));
         json_object_set(row, "ranks_stages", ends);
+        json_object_set_new(row, "photo_bytes", json_pack("[f, f]", photos[0], photos[1]));
         add_balance(t, row);
     }
     if (evaluated) {

@@ -9,7 +9,9 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "device/queue.h"
+#include "ranks/rows.h"
 #include "render/ray_batch.h"
+#include "scene/dealt.h"
 #include "scene/motion.h"
 #include "train/step.h"
 
@@ -95,7 +97,7 @@ static float contrast(const cln_view *view, int x, int y, const float background
     return sum;
 }
 
-/* Draws the spots of training view i. */
+/* Draws the spots of training view i, whose photo is here. */
 static void draw_spots(const cln_trainer *t, int i, cln_spot spots[SPOTS])
 {
     const cln_view *view = train_view(t, i);
@@ -505,19 +507,30 @@ cln_status cln_refine_poses(cln_trainer *t, double fraction)
     const int views = t->model.motion_views, count = views < CAMERAS ? views : CAMERAS;
     const int64_t number = t->model.step / EVERY;
     turn *turns = NULL;
+    cln_spot(*spots)[SPOTS] = NULL;
+    cln_rows asked = {0};
 
     if (!t->model.config.refine_poses || t->model.step % EVERY != 0 || fraction < FROM)
         return CLN_OK;
     CLN_TRY(cln_step_catch_up(t));
     cln_queue_book(t->device, CLN_STAGE_POSES);
     CLN_TRY(cln_alloc(&turns, (size_t)count, sizeof *turns, "poses"));
+    CLN_TRY(cln_alloc(&spots, (size_t)count, sizeof *spots, "poses"));
+    CLN_TRY(cln_rows_create(count, sizeof *spots, &asked));
     for (int i = 0; i < count; i++) {
         turns[i].view = (int)((number * count + i) % views);
-        draw_spots(t, turns[i].view, turns[i].spots);
+        asked.rank[i] = (uint16_t)train_view(t, turns[i].view)->rank;
+        if (cln_view_is_here(train_view(t, turns[i].view)))
+            draw_spots(t, turns[i].view, spots[i]);
     }
+    cln_rows_share(&asked, count, spots);
+    for (int i = 0; i < count; i++)
+        memcpy(turns[i].spots, spots[i], sizeof *spots);
     CLN_TRY(take_turns(t, turns, count));
 done:
     cln_queue_book(t->device, CLN_STAGES);
+    cln_rows_free(&asked);
+    free(spots);
     free(turns);
     return st;
 }

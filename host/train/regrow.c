@@ -62,7 +62,7 @@ static cln_u32 middle(int block, int stride, int pixels)
     return (cln_u32)(at < pixels ? at : pixels - 1);
 }
 
-/* Compares n rendered rays; the first is ray `first` of the look. */
+/* Compares n rendered rays with the batch's stored pixels; the first is ray `first` of the look. */
 static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
 {
     const bool has_alpha = l->view->channels == 4;
@@ -76,7 +76,7 @@ static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
         if (!cln_view_keeps(l->view, (int)pixel->x, (int)pixel->y))
             continue;
         l->depth[first + i] = got->opacity >= 0.5f ? got->depth : INFINITY;
-        cln_view_pixel(l->view, (int)pixel->x, (int)pixel->y, t->scene->background, want, &alpha);
+        cln_pixel_over(t->batch.stored[i], l->view->channels, t->scene->background, want, &alpha);
         for (int k = 0; k < 3; k++)
             error = fmaxf(error, fabsf(rgb[k] - want[k]));
         if (has_alpha)
@@ -118,6 +118,7 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
             memcpy(t->batch.backgrounds[i], t->scene->background, sizeof t->scene->background);
         }
         CLN_TRY(cln_render_rays(&t->pipeline, &batch, t->results, &used));
+        cln_batch_look(&t->batch, t->scene, used);
         compare(t, all, l, first, used);
     }
 done:

@@ -127,7 +127,7 @@ static void draw(cln_trainer *t)
                         .depth = depth_share(t),
                         .space = &t->model.space};
 
-    cln_batch_draw(&t->batch, t->scene, &t->model.config, &d);
+    cln_batch_begin(&t->batch, t->scene, &t->model.config, &d);
     t->drawn = true;
     t->drawn_sights = d.depth > 0;
 }
@@ -160,6 +160,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     t->drawn = false;
     sights = t->drawn_sights;
     CLN_TRY(cln_scene_check_pixels(t->scene));
+    cln_batch_colour(&t->batch, t->scene);
     if (cln_exposure_due(&t->exposure, number) && !t->undone) {
         CLN_TRY(cln_step_catch_up(t));
         cln_exposure_update(&t->exposure, &t->model);

@@ -129,6 +129,58 @@ section_stretches() {
     check "they have the bits of one process" same "$work/points" "$work/points-one"
 }
 
+# Photos are dealt: a rank reads and keeps its own alone, and learns others' pixels by messages.
+section_photos() {
+    baseline
+    local r i limit
+    # of eight training photos, three ranks have 0-2, 3-4 and 5-7; a rank also compares the files of
+    # the next one with it, but never opens those of the third
+    for r in 0 1 2; do
+        cp -r "$work/scene" "$work/scene-$r"
+    done
+    for i in 0/r_005 0/r_006 0/r_007 1/r_000 1/r_001 1/r_002 2/r_003 2/r_004; do
+        head -c 64 "$work/scene/train/${i#*/}.png" >"$work/scene-${i%/*}/train/${i#*/}.png"
+    done
+    expect "three ranks without each other's photos" 0 "" "${mpi[@]}" \
+        -n 1 "$ranked" train "$work/scene-0" -o "$work/dealt" "${small[@]}" "${samples[@]}" \
+        --steps 200 : \
+        -n 1 "$ranked" train "$work/scene-1" -o "$work/dealt" "${small[@]}" "${samples[@]}" \
+        --steps 200 : \
+        -n 1 "$ranked" train "$work/scene-2" -o "$work/dealt" "${small[@]}" "${samples[@]}" \
+        --steps 200
+    check "their model is that of one process" same "$work/one" "$work/dealt"
+    check "the last evaluation's pictures are those of one process" \
+        diff -r -x '*tree*' "$work/one/eval/00000200-test" "$work/dealt/eval/00000200-test"
+    # 48 x 48 x 4 bytes each; of the two test photos, ranks 0 and 2 have one each
+    check "rows tell the photos' bytes of the ranks" \
+        grep -q '"photo_bytes":\[18432\.0,36864\.0\]' "$work/dealt/metrics.jsonl"
+    check "the report shows them" grep -q 'memory for photos.*18.0 KiB' "$work/dealt/report.html"
+    expect "one process needs them all" 3 "r_005" "$cln" train "$work/scene-0" -o "$work/no" \
+        "${small[@]}" --steps 1
+    cp "$work/scene/train/r_006.png" "$work/scene-1/train/r_003.png"
+    cp "$work/scene/train/r_00"[012].png "$work/scene-1/train/"
+    expect "ranks with different photos are refused" 2 "~different.files.of.*r_003" "${mpi[@]}" \
+        -n 1 "$ranked" train "$work/scene" -o "$work/no" "${small[@]}" --steps 1 : \
+        -n 1 "$ranked" train "$work/scene-1" -o "$work/no" "${small[@]}" --steps 1
+    # masks, and the photos' mean behind the scene
+    "$make_scene" "$work/masked" --size 48 --train 8 --test 2 --format nerfstudio --masks >/dev/null
+    run "$cln" train "$work/masked" -o "$work/masked-one" "${small[@]}" --steps 60
+    expect "two ranks, photos with masks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/masked" \
+        -o "$work/masked-two" "${small[@]}" "${samples[@]}" --steps 60
+    check "their model is that of one process, too" same "$work/masked-one" "$work/masked-two"
+    # what does not fit a rank's memory lies in a file of that rank
+    "$make_scene" "$work/large" --size 200 --train 8 --test 2 >/dev/null
+    run "${mpi[@]}" -n 2 "$ranked" train "$work/large" -o "$work/whole" "${small[@]}" --steps 20
+    limit=$("$query" host_plan.total <"$work/whole/run.json")
+    limit=$(awk -v t="$limit" -v i="$("$query" host_plan.images <"$work/whole/run.json")" \
+        'BEGIN { printf "%.0f", t - 0.4 * i }')
+    expect "two ranks with little memory" 0 "their pixels go to a file" "${mpi[@]}" -n 2 "$ranked" \
+        train "$work/large" -o "$work/stored" "${small[@]}" --steps 20 --host-mem "$limit"
+    check "their model is the same" same "$work/whole" "$work/stored"
+    check "and the evaluation's pictures" diff -r "$work/whole/eval/00000020-test" \
+        "$work/stored/eval/00000020-test"
+}
+
 # process RANK: its id, of the ranks that $child started
 process() {
     local of
@@ -449,5 +501,5 @@ section_scale() {
     expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same stretches step resume checkpoints dies hangs differ memory devices pictures \
-scale" "$@"
+run_sections "same photos stretches step resume checkpoints dies hangs differ memory devices \
+pictures scale" "$@"

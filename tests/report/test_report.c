@@ -509,8 +509,8 @@ static void processes_are_summed_up(void **state)
              "\"messages\":[0.2,0.5]}}\n"
              "{\"event\":\"balance\",\"step\":10,\"moved\":7,\"before\":1.5,\"after\":1.02}\n"
              "{\"step\":20,\"seconds\":4,\"rays_per_s\":1000,\"ranks\":4,\"sent_bytes\":6000,"
-             "\"message_seconds\":0.3,\"balance\":1.1,\"ranks_stages\":{\"messages\":[0.1,0.2]}}"
-             "\n");
+             "\"message_seconds\":0.3,\"balance\":1.1,\"ranks_stages\":{\"messages\":[0.1,0.2]},"
+             "\"photo_bytes\":[1024,3072]}\n");
     page = page_of(run);
     assert_has(page, "<td>processes<td class=n>4\n");
     assert_has(page, "sent, per step<td class=n>750\n");
@@ -519,6 +519,8 @@ static void processes_are_summed_up(void **state)
     assert_has(page, "over the mean<td class=n>1.30\n");
     assert_has(page, "<tr><td>adam<td class=n>5.00<td class=n>15.00\n");
     assert_has(page, "<tr><td>messages<td class=n>15.00<td class=n>35.00\n");
+    assert_has(page, "the least of them<td class=n>1.0 KiB\n");
+    assert_has(page, "the most<td class=n>3.0 KiB\n");
     assert_has(page, "<td class=n>10<td class=n>7<td class=n>1.50<td class=n>1.02\n");
     free(page);
 }
