@@ -20,11 +20,11 @@
  *     distribution of standard deviation `spread`, a part of the mean, in each step and on each
  *     rank anew. A step ends when the slowest of them does.
  *   - Ranks repeat the walk of rays. `walk` has two other ways, which are not built; in both, a
- *     step has another message that waits. SCALE_OWN_CELLS: each rank reads densities of its own leaves
- *     alone, keeps them to itself, and tells the others each stretch's optical depth, 4 bytes. Of
- *     the time for a leaf that a ray passes, the part `cells` is then shared. SCALE_OWN_RAYS: each
- *     walks its part of the rays and tells the others where they have samples, 20 bytes a leaf; all
- *     time for leaves that rays pass is then shared.
+ *     step has another message that waits. SCALE_OWN_CELLS: each rank reads densities of its own
+ *     leaves alone, keeps them to itself, and tells the others each stretch's optical depth, 4
+ *     bytes. Of the time for a leaf that a ray passes, the part `cells` is then shared.
+ *     SCALE_OWN_RAYS: each walks its part of the rays and tells the others where they have samples,
+ *     20 bytes a leaf; all time for leaves that rays pass is then shared.
  *   - Consecutive leaves of a ray belong to different ranks as often as a leaf's face lies on the
  *     surface of its rank's region: (ranks / leaves)^(1/3) for compact regions.
  *   - Left out: 64 bytes of numbers per step, each rank's work every 16 steps, decisions and

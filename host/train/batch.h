@@ -51,8 +51,8 @@ bool cln_batch_skips(const cln_batch *batch, const cln_config *config, int64_t s
 
 /* Draws n <= capacity rays for a step. Gather: uniform over all training pixels, or over the
  * covered ones. Splat: uniform over the pixels of config.views_per_batch views, ordered by view,
- * then row. In two calls: begin draws pixels and backgrounds and asks ranks for the photos' colours, colour
- * waits for these; another begin may take its place. Draw: both. */
+ * then row. In two calls: begin draws pixels and backgrounds and asks ranks for the photos'
+ * colours, colour waits for these; another begin may take its place. Draw: both. */
 void cln_batch_begin(cln_batch *batch, const cln_scene *scene, const cln_config *config,
                      const cln_draw *draw);
 void cln_batch_colour(cln_batch *batch, const cln_scene *scene);

@@ -22,12 +22,12 @@ typedef struct voxel_case {
 } voxel_case;
 
 static const voxel_case cases[] = {
-    {"default", 0, 1, 32, 0, 0, 0, 4, 0.2},
+    {"default", 0, 1, 32, 0, 0, 0, 4, 0.2, 0, 0},
     {"smooth, no decoder", 0, 1, 0, 0, 3e-5, 1e-5, 4, 0.2, 0.2, 0.1},
-    {"slices", 1, 1, 16, 0, 0, 0, 4, 0.2},
-    {"plain, momentum", 1, 2, 48, 0.9, 1e-5, 3e-5, 1, 1},
-    {"wide vectors", 2, 2, 16, 0, 1e-5, 0, 2, 0.5},
-    {"items, no view", 3, 0, 0, 0, 0, 1e-5, 1, 1},
+    {"slices", 1, 1, 16, 0, 0, 0, 4, 0.2, 0, 0},
+    {"plain, momentum", 1, 2, 48, 0.9, 1e-5, 3e-5, 1, 1, 0, 0},
+    {"wide vectors", 2, 2, 16, 0, 1e-5, 0, 2, 0.5, 0, 0},
+    {"items, no view", 3, 0, 0, 0, 0, 1e-5, 1, 1, 0, 0},
     {"items", 3, 1, 16, 0, 0, 1e-5, 1, 1, 0, 0.1},
     {"gpu", 4, 1, 32, 0.9, 1e-5, 1e-5, 4, 0.2, 0.2, 0},
 };
@@ -190,8 +190,8 @@ static double slope(double d, double delta)
     return delta > 0 ? d / sqrt(1 + d / delta * (d / delta)) : d;
 }
 
-/* Adds the smoothness' gradient over a leaf's edges. Edges on its faces count in every leaf that has
- * them. */
+/* Adds the smoothness' gradient over a leaf's edges. Edges on its faces count in every leaf that
+ * has them. */
 static void smooth(const cln_config *config, const cln_model *model, uint32_t key, double *grads,
                    const uint8_t *met)
 {
