@@ -47,7 +47,7 @@ cln_status cln_extremes_shoot(cln_pipeline *p, const cln_space *space, const cln
 {
     cln_status st = CLN_OK;
     const cln_camera **list = NULL;
-    const float white[4] = {1, 1, 1, 1};
+    static const float white[4] = {1, 1, 1, 1}; /* read later, by the queue */
 
     CLN_TRY(cln_alloc(&list, (size_t)views, sizeof *list, "self-test"));
     for (int v = 0; v < views; v++)

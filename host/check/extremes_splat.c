@@ -136,7 +136,7 @@ done:
 static cln_status put_views(cln_pipeline *p, scene *s)
 {
     cln_status st = CLN_OK;
-    const float white[4] = {1, 1, 1, 1};
+    static const float white[4] = {1, 1, 1, 1}; /* read later, by the queue */
     const cln_camera *list[VIEWS];
 
     for (int v = 0; v < VIEWS; v++)

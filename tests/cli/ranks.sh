@@ -169,13 +169,14 @@ section_photos() {
         -o "$work/masked-two" "${small[@]}" "${samples[@]}" --steps 60
     check "their model is that of one process, too" same "$work/masked-one" "$work/masked-two"
     # what does not fit a rank's memory lies in a file of that rank
-    "$make_scene" "$work/large" --size 200 --train 8 --test 2 >/dev/null
-    run "${mpi[@]}" -n 2 "$ranked" train "$work/large" -o "$work/whole" "${small[@]}" --steps 20
+    "$make_scene" "$work/large scene" --size 200 --train 8 --test 2 >/dev/null
+    run "${mpi[@]}" -n 2 "$ranked" train "$work/large scene" -o "$work/whole" "${small[@]}" \
+        --steps 20
     limit=$("$query" host_plan.total <"$work/whole/run.json")
     limit=$(awk -v t="$limit" -v i="$("$query" host_plan.images <"$work/whole/run.json")" \
         'BEGIN { printf "%.0f", t - 0.4 * i }')
     expect "two ranks with little memory" 0 "their pixels go to a file" "${mpi[@]}" -n 2 "$ranked" \
-        train "$work/large" -o "$work/stored" "${small[@]}" --steps 20 --host-mem "$limit"
+        train "$work/large scene" -o "$work/stored" "${small[@]}" --steps 20 --host-mem "$limit"
     check "their model is the same" same "$work/whole" "$work/stored"
     check "and the evaluation's pictures" diff -r "$work/whole/eval/00000020-test" \
         "$work/stored/eval/00000020-test"
