@@ -14,8 +14,8 @@
 
 enum { SEGMENT = CLN_ROULETTE_SEGMENT, LEAVES = 10, SLICES = LEAVES + 1, LEAST = 4, MOST = 1300 };
 
-/* Samples per leaf, a slice each: too few, about a vector, about segments. Leaves differ in the size
- * of gradients, too. */
+/* Samples per leaf, a slice each: too few, about a vector, about segments. Leaves differ in the
+ * size of gradients, too. */
 static const int counts[LEAVES] = {LEAST - 1, LEAST,       7,   9,   SEGMENT - 1,
                                    SEGMENT,   SEGMENT + 1, 300, 100, 40};
 static const char *const names[LEAVES] = {
