@@ -249,6 +249,8 @@ typedef struct subject {
     (BIT(scan) | BIT(group) | BIT(mlp_forward_train) | BIT(roulette) | BIT(mlp_backward) | \
      BIT(adam))
 
+#define PASSES (NETWORKS | BIT(mlp_density) | BIT(mlp_forward_eval))
+
 static const subject subjects[] = {
     {"composite", .run = cln_extremes_composite, .programs = BIT(composite)},
     {"composite, mixed rays", .run = cln_extremes_regularised, .programs = BIT(composite)},
@@ -256,6 +258,8 @@ static const subject subjects[] = {
      .programs = BIT(composite)},
     {"composite, every loss", .change = with_regularisers, .run = cln_extremes_regularised,
      .programs = BIT(composite), .alpha = true},
+    {"composite, stretches", .change = with_regularisers, .run = cln_extremes_stretches,
+     .programs = BIT(scan) | BIT(composite), .alpha = true},
     {"cameras", .run = cln_extremes_cameras, .programs = BIT(rays),
      .lenses = (1u << CLN_LENSES) - 1},
     {"rays", .run = cln_extremes_intervals, .programs = BIT(scan) | BIT(sampling)},
@@ -264,19 +268,18 @@ static const subject subjects[] = {
     {"forward space", .run = cln_extremes_forward, .programs = RAYS | BIT(composite),
      .lenses = 1u << CLN_LENS_OPENCV, .forward = true},
     {"shell space", .run = cln_extremes_shell, .programs = RAYS, .shell = true},
-    {"networks", .change = with_dead_slopes, .run = all_networks,
-     .programs = NETWORKS | BIT(mlp_density)},
+    {"networks", .change = with_dead_slopes, .run = all_networks, .programs = PASSES},
     {"networks, exp, HALF=1", .tune = "HALF=1", .change = with_exponential,
      .run = cln_extremes_large_weights, .programs = NETWORKS},
     {"roulette", .run = cln_extremes_roulette, .programs = BIT(roulette)},
     {"roulette, exp", .change = with_exponential, .run = cln_extremes_roulette,
      .programs = BIT(roulette)},
     {"change of the tree", .run = cln_extremes_carry, .programs = BIT(carry) | BIT(adam)},
+    {"shared samples", .run = cln_extremes_share, .programs = BIT(scan) | BIT(group)},
     {"networks, HALF=1", .tune = "HALF=1", .change = with_dead_slopes, .run = all_passes,
-     .programs = NETWORKS | BIT(mlp_density)},
-    {"grid, HALF=1", .tune = "HALF=1", .change = with_grid, .run = all_passes,
-     .programs = NETWORKS | BIT(mlp_density)},
-    {"grid", .change = with_grid, .run = all_passes, .programs = NETWORKS | BIT(mlp_density)},
+     .programs = PASSES},
+    {"grid, HALF=1", .tune = "HALF=1", .change = with_grid, .run = all_passes, .programs = PASSES},
+    {"grid", .change = with_grid, .run = all_passes, .programs = PASSES},
     {"voxels", .change = with_voxels, .run = all_voxels, .programs = VOXELS},
     {"decoder", .change = with_decoder, .run = all_voxels, .programs = VOXELS | BIT(decoder)},
     {"Adam, float moments", .change = with_wide_moments, .run = cln_extremes_adam,

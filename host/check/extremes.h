@@ -64,6 +64,7 @@ void cln_extreme_report(cln_extreme *e);
 
 cln_status cln_extremes_composite(cln_checks *c);     /* the L2 loss, at most a Cauchy prior */
 cln_status cln_extremes_regularised(cln_checks *c);   /* any loss */
+cln_status cln_extremes_stretches(cln_checks *c);     /* any loss; shares the pipeline, scan */
 cln_status cln_extremes_cameras(cln_checks *c);       /* all lenses */
 cln_status cln_extremes_intervals(cln_checks *c);     /* any space */
 cln_status cln_extremes_cropped(cln_checks *c);       /* the cube's space, sampling_crop */
@@ -73,6 +74,7 @@ cln_status cln_extremes_large_weights(cln_checks *c); /* any network */
 cln_status cln_extremes_adam(cln_checks *c);
 cln_status cln_extremes_roulette(cln_checks *c);
 cln_status cln_extremes_carry(cln_checks *c);            /* networks */
+cln_status cln_extremes_share(cln_checks *c);            /* shares the pipeline; scan, group */
 cln_status cln_extremes_voxels(cln_checks *c);           /* voxels, decoder or none */
 cln_status cln_extremes_leaves(cln_checks *c);           /* measures of leaves */
 cln_status cln_extremes_shell(cln_checks *c);            /* a shell space */

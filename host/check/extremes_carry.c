@@ -1,5 +1,6 @@
-/* Changes of the tree at extremes: weights, moments and densities of any bits, NaNs, infinities and
- * denormal numbers among them, must come along as they are. See extremes.h. */
+/* Copies at extremes: weights, moments and densities over a change of the tree, and values of
+ * samples that ranks exchange, of any bits: NaNs, infinities and denormal numbers among them must
+ * arrive as they are. See extremes.h. */
 #include "check/extremes.h"
 
 #include <math.h>
@@ -9,6 +10,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "pipeline/carry.h"
+#include "pipeline/share.h"
 
 typedef struct rows {
     cln_extreme copies, zeros, densities;
@@ -178,6 +180,69 @@ cln_status cln_extremes_carry(cln_checks *c)
     cln_extreme_report(&to.copies);
     cln_extreme_report(&to.zeros);
     cln_extreme_report(&to.densities);
+done:
+    cln_model_free(&model);
+    return st;
+}
+
+/* ---- values of samples, by ranks ---- */
+
+enum { SAMPLES = 999, RANKS = 2 };
+
+static cln_status share_pipeline(cln_pipeline *p)
+{
+    cln_status st = CLN_OK;
+
+    p->ranks = RANKS;
+    CLN_TRY(cln_alloc(&p->rank_first, RANKS + 1, sizeof *p->rank_first, "self-test"));
+    for (int r = 0; r <= RANKS; r++)
+        p->rank_first[r] = p->leaves * r / RANKS;
+    CLN_TRY(cln_share_begin(p));
+    CLN_TRY(cln_pipeline_want(p, CLN_PROGRAM_BIT(share)));
+done:
+    return st;
+}
+
+/* Rank 0's samples must leave as they are, and others arrive from the message, which no other rank
+ * changes here. */
+cln_status cln_extremes_share(cln_checks *c)
+{
+    static const char range[] = "NaNs, infinities, denormal and other numbers";
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+    cln_extreme sent = cln_extreme_row(c, "values that leave", range);
+    cln_extreme got = cln_extreme_row(c, "values after the exchange", range);
+    cln_sample samples[SAMPLES];
+    uint32_t order[SAMPLES], out[SAMPLES][4], others[SAMPLES][4], after[SAMPLES][4], slices = 0;
+    cln_model model = {0};
+
+    CLN_TRY(cln_model_create(&p->config, &model));
+    CLN_TRY(cln_pipeline_upload(p, &model, false));
+    CLN_TRY(share_pipeline(p));
+    for (int i = 0; i < SAMPLES; i++)
+        samples[i] = (cln_sample){.slot = i * 5 % p->leaves};
+    fill(out, sizeof out, 145);
+    fill(others, sizeof others, 146);
+    CLN_TRY(cln_check_put(p->device, &p->samples, samples, sizeof samples));
+    CLN_TRY(cln_stage_group(p, SAMPLES, &slices));
+    CLN_TRY(cln_buffer_read(p->device, &p->values[0], 0, order, sizeof order));
+    CLN_TRY(cln_check_put(p->device, &p->out, out, sizeof out));
+    CLN_TRY(cln_share_room(p, sizeof others));
+    memcpy(p->message, others, sizeof others);
+    CLN_TRY(cln_share_samples(p, SAMPLES, false));
+    CLN_TRY(cln_buffer_read(p->device, &p->out, 0, after, sizeof after));
+    for (int i = 0; i < SAMPLES; i++) {
+        const uint32_t id = order[i];
+        const bool mine = samples[id].slot < p->rank_first[1];
+
+        if (mine)
+            cln_extreme_meet(&sent, memcmp(p->message + i * sizeof *out, out[id], sizeof *out) != 0,
+                             0, 1, 0, "sample %u", id);
+        cln_extreme_meet(&got, memcmp(after[id], mine ? out[id] : others[i], sizeof *out) != 0, 0,
+                         1, 0, "sample %u", id);
+    }
+    cln_extreme_report(&sent);
+    cln_extreme_report(&got);
 done:
     cln_model_free(&model);
     return st;

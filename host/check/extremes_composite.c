@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "pipeline/stretch.h"
 #include "reference/reference.h"
 
 /* A batch of rays on the device. */
@@ -69,13 +70,11 @@ static void free_batch(batch *b)
     free(b->grad);
 }
 
-/* Composites with the median depth, with the mean depth, and for training. */
-static cln_status run(cln_pipeline *p, batch *b)
+static cln_status put(cln_pipeline *p, const batch *b)
 {
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const size_t rays = (size_t)b->rays, row = 4 * sizeof(float);
-    cln_ray_result *results[3] = {b->median, b->mean, b->trained};
 
     CLN_TRY(cln_check_put(device, &p->sample_starts, b->starts, (rays + 1) * sizeof *b->starts));
     CLN_TRY(cln_check_put(device, &p->samples, b->samples, b->n * sizeof *b->samples));
@@ -87,6 +86,19 @@ static cln_status run(cln_pipeline *p, batch *b)
     if (p->depth_loss > 0)
         CLN_TRY(cln_check_put(device, &p->shown, b->shown, rays * row));
     CLN_TRY(cln_check_spoil(device, &p->dout, b->n * row));
+done:
+    return st;
+}
+
+/* Composites with the median depth, with the mean depth, and for training. */
+static cln_status run(cln_pipeline *p, batch *b)
+{
+    cln_status st = CLN_OK;
+    cln_device *device = p->device;
+    const size_t rays = (size_t)b->rays, row = 4 * sizeof(float);
+    cln_ray_result *results[3] = {b->median, b->mean, b->trained};
+
+    CLN_TRY(put(p, b));
     for (int pass = 0; pass < 3; pass++) {
         CLN_TRY(cln_check_spoil(device, &p->results, rays * sizeof **results));
         if (pass == 2)
@@ -291,9 +303,137 @@ static void fill_mixed(batch *b)
     b->starts[MIXED_RAYS] = b->n;
 }
 
+/* ---- the same rays by several processes, one after the other on one device ---- */
+
+enum { RANKS = 3 };
+
+/* Each ray's samples, cut into intervals of one to four in leaves 0 to RANKS - 1, one of each rank:
+ * [k][ray], used [ray]. */
+static void cut(const batch *b, cln_interval *all, uint32_t *used)
+{
+    for (uint32_t r = 0; r < MIXED_RAYS; r++) {
+        used[r] = 0;
+        for (uint32_t i = b->starts[r], n = 0; i < b->starts[r + 1]; i += n) {
+            const uint32_t left = b->starts[r + 1] - i;
+            cln_interval *v = &all[used[r]++ * MIXED_RAYS + r];
+
+            n = 1 + (uint32_t)cln_check_uniform(63, i, 0, 4);
+            n = n < left ? n : left;
+            *v = (cln_interval){.t_in = b->samples[i].t - b->samples[i].delta / 2,
+                                .slot = (int32_t)cln_check_uniform(64, i, 0, RANKS),
+                                .count = CLN_INTERVAL_COUNT(n, 3u)};
+        }
+    }
+}
+
+/* Uploads rank me's part of the batch, *count samples, and finds stretches. mine: their numbers. */
+static cln_status put_part(cln_pipeline *p, const batch *b, int me, uint32_t *mine, uint32_t *count)
+{
+    cln_status st = CLN_OK;
+    const size_t most = MIXED_MOST * MIXED_RAYS;
+    cln_interval *all = NULL;
+    cln_sample *samples = NULL;
+    float(*out)[4] = NULL;
+    uint32_t used[MIXED_RAYS];
+
+    *count = 0;
+    CLN_TRY(cln_alloc(&all, most, sizeof *all, "self-test"));
+    CLN_TRY(cln_alloc(&samples, b->n, sizeof *samples, "self-test"));
+    CLN_TRY(cln_alloc(&out, b->n, sizeof *out, "self-test"));
+    cut(b, all, used);
+    for (uint32_t r = 0; r < MIXED_RAYS; r++)
+        for (uint32_t k = 0, i = b->starts[r]; k < used[r]; k++) {
+            const cln_interval *v = &all[k * MIXED_RAYS + r];
+
+            for (uint32_t j = 0; j < CLN_INTERVAL_SAMPLES(v->count); j++, i++)
+                if (v->slot == me) {
+                    samples[*count] = b->samples[i];
+                    memcpy(out[*count], b->out[i], sizeof *out);
+                    mine[(*count)++] = i;
+                }
+        }
+    CLN_TRY(cln_check_put(p->device, &p->intervals, all, most * sizeof *all));
+    CLN_TRY(cln_check_put(p->device, &p->used, used, sizeof used));
+    CLN_TRY(cln_check_put(p->device, &p->samples, samples, *count * sizeof *samples));
+    CLN_TRY(cln_check_put(p->device, &p->out, out, *count * sizeof *out));
+    CLN_TRY(cln_stretch_find(p, MIXED_RAYS, me));
+done:
+    free(all);
+    free(samples);
+    free(out);
+    return st;
+}
+
+/* Takes rank me's stretches from the device; *sums: of all, made at the first call. */
+static cln_status take_sums(cln_pipeline *p, int me, size_t row, char **sums)
+{
+    cln_status st = CLN_OK;
+    const size_t n = p->stretch_total;
+    uint32_t *rank = NULL;
+    char *part = NULL;
+
+    if (!*sums)
+        CLN_TRY(cln_alloc(sums, n, row, "self-test"));
+    CLN_TRY(cln_alloc(&rank, n, sizeof *rank, "self-test"));
+    CLN_TRY(cln_alloc(&part, n, row, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->stretch_rank, 0, rank, n * sizeof *rank));
+    CLN_TRY(cln_buffer_read(p->device, &p->stretch_sums, 0, part, n * row));
+    for (size_t k = 0; k < n; k++)
+        if ((int)rank[k] == me)
+            memcpy(*sums + k * row, part + k * row, row);
+done:
+    free(rank);
+    free(part);
+    return st;
+}
+
+/* composite_train by RANKS ranks: each sees only the others' sums. The results are the last
+ * rank's. */
+static cln_status run_shared(cln_pipeline *p, batch *b)
+{
+    cln_status st = CLN_OK;
+    const size_t row = cln_buffer_row_bytes(p, CLN_BUFFER_stretch_sums);
+    const size_t rays = MIXED_RAYS * sizeof *b->trained;
+    uint32_t *mine = NULL, count = 0;
+    float(*got)[4] = NULL;
+    char *sums = NULL;
+
+    CLN_TRY(cln_alloc(&mine, b->n, sizeof *mine, "self-test"));
+    CLN_TRY(cln_alloc(&got, b->n, sizeof *got, "self-test"));
+    p->ranks = p->leaves = RANKS;
+    CLN_TRY(cln_alloc(&p->rank_first, RANKS + 1, sizeof *p->rank_first, "self-test"));
+    for (int r = 0; r <= RANKS; r++)
+        p->rank_first[r] = r;
+    CLN_TRY(cln_pipeline_want(p, CLN_PROGRAM_BIT(stretch)));
+    CLN_TRY(put(p, b));
+    for (int me = 0; me < RANKS; me++) {
+        CLN_TRY(put_part(p, b, me, mine, &count));
+        CLN_TRY(cln_stretch_composite(p, MIXED_RAYS, me));
+        CLN_TRY(take_sums(p, me, row, &sums));
+    }
+    for (int me = 0; me < RANKS; me++) {
+        CLN_TRY(put_part(p, b, me, mine, &count));
+        CLN_TRY(cln_buffer_write(p->device, &p->stretch_sums, 0, sums, p->stretch_total * row));
+        CLN_TRY(cln_check_spoil(p->device, &p->results, rays));
+        CLN_TRY(cln_check_spoil(p->device, &p->dout, b->n * sizeof *got));
+        CLN_TRY(cln_stretch_train(p, MIXED_RAYS, me, count));
+        CLN_TRY(cln_buffer_read(p->device, &p->dout, 0, got, count * sizeof *got));
+        for (uint32_t i = 0; i < count; i++)
+            memcpy(b->dout[mine[i]], got[i], sizeof *got);
+        CLN_TRY(cln_buffer_read(p->device, &p->results, 0, b->trained, rays));
+    }
+done:
+    free(mine);
+    free(got);
+    free(sums);
+    return st;
+}
+
+/* ---- the comparison ---- */
+
 /* Scales of gradients: of dL/dc the sample's weight; of dL/dsigma delta times the light that
  * reaches behind the sample times the largest dL/dw that the losses can have. */
-cln_status cln_extremes_regularised(cln_checks *c)
+static cln_status check_mixed(cln_checks *c, bool shared)
 {
     static const char range[] =
         "sigma delta 0 to 1e6, 1 to 60 samples, equal t, t of 1e3, deltas of 0";
@@ -315,7 +455,7 @@ cln_status cln_extremes_regularised(cln_checks *c)
 
     CLN_TRY(make(&b, MIXED_RAYS, MIXED_RAYS * MIXED_MOST, MIXED_MOST));
     fill_mixed(&b);
-    CLN_TRY(run(c->p, &b));
+    CLN_TRY(shared ? run_shared(c->p, &b) : run(c->p, &b));
     for (int r = 0; r < MIXED_RAYS; r++) {
         const int n = widen(&b, r), back = c->p->ray_background ? r : 0;
         const char *kind = kinds[r % KINDS];
@@ -363,4 +503,14 @@ cln_status cln_extremes_regularised(cln_checks *c)
 done:
     free_batch(&b);
     return st;
+}
+
+cln_status cln_extremes_regularised(cln_checks *c)
+{
+    return check_mixed(c, false);
+}
+
+cln_status cln_extremes_stretches(cln_checks *c)
+{
+    return check_mixed(c, true);
 }

@@ -355,6 +355,23 @@ done:
     return st;
 }
 
+/* The forward pass of pictures, after that of training. */
+static cln_status check_pictures(cln_checks *c, data *d, cln_extreme *row)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = c->p;
+
+    CLN_TRY(cln_check_spoil(p->device, &p->out, sizeof d->out));
+    CLN_TRY(cln_stage_forward(p, SAMPLES, d->slices, false, 7));
+    CLN_TRY(cln_buffer_read(p->device, &p->out, 0, d->out, sizeof d->out));
+    for (uint32_t i = 0; i < SAMPLES; i++)
+        for (int k = 0; k < 4; k++)
+            cln_extreme_meet(row, d->out[i][k], d->want[i][k], d->want[i][k], 1e-4,
+                             "%s, sample %u, value %d", leaves[d->samples[i].slot].name, i, k);
+done:
+    return st;
+}
+
 cln_status cln_extremes_networks(cln_checks *c)
 {
     static const char range[] = "weights x 0, 1e-6 to 1e6, saturated colours, dead layers";
@@ -363,6 +380,7 @@ cln_status cln_extremes_networks(cln_checks *c)
     cln_extreme density = cln_extreme_row(c, "density", range);
     cln_extreme gradient = cln_extreme_row(c, "gradients of weights", range);
     cln_extreme cached = cln_extreme_row(c, "cached density", range);
+    cln_extreme pictures = cln_extreme_row(c, "colour and density of pictures", range);
     data *d = NULL;
 
     CLN_TRY(make_data(c, 1, &d));
@@ -379,10 +397,12 @@ cln_status cln_extremes_networks(cln_checks *c)
     }
     compare_gradients(&c->p->net, c->p->tune.half, d, &gradient);
     CLN_TRY(check_densities(c, d, &cached));
+    CLN_TRY(check_pictures(c, d, &pictures));
     cln_extreme_report(&colour);
     cln_extreme_report(&density);
     cln_extreme_report(&gradient);
     cln_extreme_report(&cached);
+    cln_extreme_report(&pictures);
     if (c->p->net.decoder)
         CLN_TRY(check_decoder(c, d, range));
 done:

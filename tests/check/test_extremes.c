@@ -103,6 +103,9 @@ static const struct {
     /* the distortion's moments are about t = 0 */
     {"composite, every loss", "composite.cl", "begin < end ? samples[begin].t : 0.0f", "0.0f",
      "composite, every loss: density gradient"},
+    /* of another rank's stretch, the light behind it counts as none */
+    {"composite, stretches", "stretch.cl", "s.rest += gain;", "s.rest += 0.999f * gain;",
+     "composite, stretches: density gradient"},
     /* far cameras see from their plane's middle; what is beyond a fold is seen */
     {"cameras", "camera.h", "if (c.start > 0.0f) {", "if (c.start > 5e4f) {",
      "cameras: place near the cube"},
@@ -139,6 +142,10 @@ static const struct {
      "change of the tree: moments of new leaves"},
     {"change of the tree", "carry.cl", "2u * at + 1u + 2u", "2u * at + 3u + 2u",
      "change of the tree: densities of the nearest cells"},
+    {"shared samples", "share.cl", "= out[order[first + i]];",
+     "= fmin(out[order[first + i]], MAXFLOAT);", "shared samples: values that leave"},
+    {"shared samples", "share.cl", "(i < first || i >= end)", "(i < first || i > end)",
+     "shared samples: values after the exchange"},
     {"grid", "encoding_grid.h", "(yz & 1 ? y : 1.0f - y)", "(yz & 1 ? y : 1.001f - y)",
      "grid: colour"},
     {"grid", "encoding_grid.h", "V_SUM(sum);", "V_SUM(sum) * 1.001f;",
