@@ -1,7 +1,8 @@
-/* See needs.h. The time is measured on synthetic steps (check/synthetic.h) with the settings'
- * networks, on a tree of at most 512 leaves: the time per sample times the samples of the training.
- * Real steps on the demo took three times as long: its tree has 4,096 leaves and changes, and the
- * host works, too. So the figure tells minutes from hours, no more. */
+/* See needs.h. Times are measured on synthetic steps and pictures (check/synthetic.h) with the
+ * settings' networks: on the first tree, and on one of as many leaves as the tree may grow to, with
+ * the samples that steps have there (train/step.c, adapt_rays). A training's time follows from the
+ * fractions of the budget at which its tree grows. Not measured: the host's work, growth itself,
+ * and how much of the scene is empty. */
 #include "api/needs.h"
 
 #include <math.h>
@@ -10,10 +11,18 @@
 #include "base/number.h"
 #include "check/synthetic.h"
 #include "pipeline/plan.h"
+#include "render/ray_batch.h"
 #include "train/coverage.h"
 
 enum { LEAST_STEPS = 3, MOST_STEPS = 64 };
-static const double LONGER = 4; /* a real step takes at most so many synthetic ones; see how_good */
+static const double MOST_BYTES = 256e6; /* of weights; a larger tree is measured on fewer leaves */
+
+/* Real trainings take so many times as long; docs/cl-nascent.1 has the cases. */
+static const double LEAST = 0.5, MOST = 1.5;
+static const char *const how_good =
+    "rough: measured on a synthetic object, on this device as busy as it is now; real trainings "
+    "took "
+    "0.5 to 1.2 times as long, the least where much of the scene is empty; evaluations come on top";
 
 static double training_pixels(const cln_scene *scene)
 {
@@ -28,65 +37,166 @@ static double training_pixels(const cln_scene *scene)
     return pixels;
 }
 
-/* Times *count steps, scaled to batch-samples samples. seconds: their median, least and most. */
-static cln_status time_steps(cln_device *device, const cln_config *config, double budget,
-                             double seconds[3], int *count)
+/* What steps on a tree take, seconds: median, least and most; and a ray of a picture that shows
+ * something, 0 if that was not measured. */
+typedef struct timing {
+    double median, least, most;
+    int steps;
+    double ray;
+} timing;
+
+/* Samples of a step on such a tree, by the rule of the training. */
+static double step_samples(const cln_config *c, double leaves, double per_ray)
+{
+    const double wanted = fmax(c->rays, c->leaf_samples * leaves / per_ray);
+
+    return fmin(fmin(wanted, cln_config_most_rays(c)) * per_ray, c->batch_samples);
+}
+
+static int count_hits(const cln_ray_result *results, int rays)
+{
+    int hits = 0;
+
+    for (int i = 0; i < rays; i++)
+        hits += results[i].opacity > 0;
+    return hits > 0 ? hits : 1;
+}
+
+/* Times steps for about `budget` seconds. leaves: of the tree that it stands for. */
+static cln_status time_steps(cln_synthetic *work, cln_pipeline *p, const cln_config *config,
+                             double leaves, double budget, timing *out)
 {
     cln_status st = CLN_OK;
+    double taken[MOST_STEPS], began = 0, per_ray = 0, samples = 0;
+
+    CLN_TRY(cln_synthetic_step(work, p)); /* compiles, and tells how many samples a ray has */
+    per_ray = fmax(1, (double)work->samples / count_hits(work->results, work->used));
+    samples = step_samples(config, leaves, per_ray);
+    if (samples < work->samples)
+        cln_synthetic_draw(work, (int)fmax(1, work->used * samples / work->samples));
+    CLN_TRY(cln_synthetic_settle(work, p, budget / LEAST_STEPS));
+    began = cln_now();
+    while (out->steps < MOST_STEPS && (out->steps < LEAST_STEPS || cln_now() < began + budget)) {
+        const double start = cln_now();
+
+        CLN_TRY(cln_synthetic_step(work, p));
+        taken[out->steps++] = (cln_now() - start) * samples / fmax(1, work->samples);
+    }
+    cln_reals_sort(taken, out->steps);
+    out->median = taken[out->steps / 2];
+    out->least = taken[0];
+    out->most = taken[out->steps - 1];
+done:
+    return st;
+}
+
+/* Times the second of two batches of rays of a picture; the first warms up. */
+static cln_status time_picture(cln_synthetic *work, cln_pipeline *p, timing *out)
+{
+    cln_status st = CLN_OK;
+    cln_ray_batch batch = {.pixels = work->pixels,
+                           .n = work->rays,
+                           .backgrounds = (const float(*)[4])work->targets,
+                           .sampling = cln_render_sampling(p)};
+    double start = 0;
+    int rendered = 0;
+
+    batch.sampling.pictures = false; /* the training's cache serves as well */
+    for (int i = 0; i < 2; i++) {
+        start = cln_now();
+        CLN_TRY(cln_render_rays(p, &batch, work->results, &rendered));
+    }
+    out->ray = (cln_now() - start) / count_hits(work->results, rendered);
+done:
+    return st;
+}
+
+/* Times a tree: the first one, or one of `leaves` leaves, on which pictures are timed, too. */
+static cln_status time_tree(cln_device *device, const cln_config *config, int leaves, double budget,
+                            timing *out)
+{
+    cln_status st = CLN_OK;
+    cln_config ours = *config;
     cln_synthetic work = {0};
     cln_pipeline p = {0};
-    double taken[MOST_STEPS], began = 0;
+    cln_network net;
+    int fewer = leaves;
 
-    *count = 0;
-    CLN_TRY(cln_synthetic_create(device, config, &work));
+    *out = (timing){0};
+    ours.rays = cln_config_most_rays(config);
+    if (leaves > 0) {
+        CLN_TRY(cln_network_layout(&ours, &net));
+        fewer = (int)fmax(64, fmin(leaves, MOST_BYTES / (4.0 * net.params)));
+        CLN_TRY(cln_synthetic_create_grown(device, &ours, fewer, &work));
+    } else {
+        ours.level_at[0] = 0; /* the tree of --start-level */
+        CLN_TRY(cln_synthetic_create(device, &ours, &work));
+    }
     CLN_TRY(cln_pipeline_create(device, &work.model.config,
                                 &(cln_pipeline_facts){.space = &cln_space_unit}, CLN_PROGRAMS_ALL,
                                 &p));
     CLN_TRY(cln_synthetic_upload(&work, &p));
-    CLN_TRY(cln_synthetic_step(&work, &p)); /* compiles */
-    CLN_TRY(cln_synthetic_settle(&work, &p, budget / LEAST_STEPS));
-    began = cln_now();
-    while (*count < MOST_STEPS && (*count < LEAST_STEPS || cln_now() < began + budget)) {
-        const double start = cln_now();
-
-        CLN_TRY(cln_synthetic_step(&work, &p));
-        taken[*count] = (cln_now() - start) * config->batch_samples / fmax(1, work.samples);
-        ++*count;
-    }
-    cln_reals_sort(taken, *count);
-    seconds[0] = taken[*count / 2];
-    seconds[1] = taken[0];
-    seconds[2] = taken[*count - 1];
+    CLN_TRY(time_steps(&work, &p, config, leaves > 0 ? leaves : work.model.tree.leaf_count, budget,
+                       out));
+    if (leaves > 0)
+        CLN_TRY(time_picture(&work, &p, out));
 done:
     cln_pipeline_free(&p);
     cln_synthetic_free(&work);
     return st;
 }
 
-static void add_time(json_t *about, cln_device *device, const cln_config *c, double steps,
-                     double budget)
+/* Seconds of a step over a budget in steps, or of one in seconds (harmonic). Trees before the last
+ * level count as the first one: they have few leaves, so batches are no larger yet. */
+static double mean_step(const cln_config *c, const timing *first, const timing *last, bool harmonic)
 {
-    double seconds[3];
-    int count = 0;
+    double at[CLN_LEVELS], early = 0;
 
-    if (time_steps(device, c, budget, seconds, &count) != CLN_OK) {
+    if (cln_config_levels(c, at) != CLN_OK)
+        cln_clear_error();
+    else
+        for (int level = c->start_level + 1; level < CLN_LEVELS; level++)
+            if (at[level] <= 1)
+                early = at[level];
+    return harmonic ? 1 / (early / first->median + (1 - early) / last->median)
+                    : early * first->median + (1 - early) * last->median;
+}
+
+/* Pixels of the training photos, the mean. */
+static double picture_pixels(const cln_scene *scene)
+{
+    return training_pixels(scene) / cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+}
+
+static void add_time(json_t *about, cln_device *device, const cln_scene *scene, const cln_config *c,
+                     double steps, double budget)
+{
+    timing first, last;
+    double step = 0;
+    json_t *time = NULL;
+
+    if (time_tree(device, c, 0, budget / 2, &first) != CLN_OK ||
+        time_tree(device, c, cln_config_most_leaves(c), budget / 2, &last) != CLN_OK) {
         json_object_set_new(about, "no_time", json_string(cln_error_text()));
         cln_clear_error();
         return;
     }
-    json_object_set_new(
-        about, "time",
-        json_pack(
-            "{s:f, s:f, s:f, s:i, s:o, s:o, s:s}", "step_seconds", seconds[0], "step_seconds_least",
-            seconds[1], "step_seconds_most", seconds[2], "steps_timed", count, "seconds_least",
-            steps > 0 ? json_real(steps * seconds[0]) : json_null(), "seconds_most",
-            steps > 0 ? json_real(LONGER * steps * seconds[0]) : json_null(), "how_good",
-            "rough: measured on a synthetic object, on this device as busy as it is now; real "
-            "steps take up to 4 times as long, as their tree is larger and changes and the host "
-            "works, too; evaluations come on top"));
+    step = mean_step(c, &first, &last, steps <= 0);
+    time = json_pack("{s:f, s:f, s:f, s:f, s:f, s:i, s:f, s:f, s:s}", "step_seconds", step,
+                     "step_seconds_first", first.median, "step_seconds_last", last.median,
+                     "step_seconds_least", fmin(first.least, last.least), "step_seconds_most",
+                     fmax(first.most, last.most), "steps_timed", first.steps + last.steps,
+                     "picture_seconds", last.ray * picture_pixels(scene), "picture_pixels",
+                     picture_pixels(scene), "how_good", how_good);
+    json_object_set_new(time, "seconds", steps > 0 ? json_real(steps * step) : json_null());
+    json_object_set_new(time, "seconds_least",
+                        steps > 0 ? json_real(LEAST * steps * step) : json_null());
+    json_object_set_new(time, "seconds_most",
+                        steps > 0 ? json_real(MOST * steps * step) : json_null());
     if (c->time_limit > 0)
-        json_object_set_new(json_object_get(about, "time"), "steps_in_time_limit",
-                            json_real(floor(c->time_limit / seconds[0])));
+        json_object_set_new(time, "steps_in_time_limit",
+                            json_real(floor(c->time_limit / mean_step(c, &first, &last, true))));
+    json_object_set_new(about, "time", time);
 }
 
 json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
@@ -126,7 +236,7 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
         json_object_set_new(about, "host_memory", json_real(host.total));
         json_object_set_new(about, "host_memory_limit", json_real(host.limit));
         if (probe > 0)
-            add_time(about, device, c, steps, probe);
+            add_time(about, device, scene, c, steps, probe);
     } else {
         json_object_set_new(about, "device", json_null());
         json_object_set_new(about, "no_device", json_string(cln_error_text()));

@@ -56,7 +56,7 @@ static int level_of(const cln_config *config)
 
 /* Makes the full tree of a level without leaves whose centre is outside the ball; levels 0 and 1
  * keep all leaves. */
-static cln_status make_tree(int level, cln_octree *tree)
+static cln_status make_tree(int level, double ball, cln_octree *tree)
 {
     cln_status st = CLN_OK;
     cln_octree_change change = {0};
@@ -73,7 +73,7 @@ static cln_status make_tree(int level, cln_octree *tree)
         cln_octree_box(tree, tree->leaf[s], box);
         for (int a = 0; a < 3; a++)
             square += pow((double)box[a] + 0.5 * (double)box[3], 2);
-        cull[s] = square > radius * radius;
+        cull[s] = square > ball * ball;
     }
     CLN_TRY(cln_octree_cull(tree, cull, &change));
 done:
@@ -82,8 +82,8 @@ done:
     return st;
 }
 
-/* Draws pixels for `rays` rays, view and row ascending, and random targets. */
-static void draw(cln_synthetic *s, int rays)
+/* Draws pixels, view and row ascending, and random targets. */
+void cln_synthetic_draw(cln_synthetic *s, int rays)
 {
     s->rays = rays;
     for (int i = 0; i < rays; i++) {
@@ -109,12 +109,13 @@ static cln_status make_batch(cln_synthetic *s, int rays)
     CLN_TRY(cln_alloc(&s->pixels, (size_t)rays, sizeof *s->pixels, "pixels"));
     CLN_TRY(cln_alloc(&s->targets, (size_t)rays, sizeof *s->targets, "targets"));
     CLN_TRY(cln_alloc(&s->results, (size_t)rays, sizeof *s->results, "ray results"));
-    draw(s, rays);
+    cln_synthetic_draw(s, rays);
 done:
     return st;
 }
 
-cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cln_synthetic *out)
+static cln_status create(cln_device *device, const cln_config *config, int level, double ball,
+                         cln_synthetic *out)
 {
     cln_status st = CLN_OK;
     cln_config ours = *config;
@@ -127,7 +128,7 @@ cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cl
 
     memset(out, 0, sizeof *out);
     ours.depth_loss = 0; /* no ray shows a known point */
-    CLN_TRY(make_tree(level_of(config), &tree));
+    CLN_TRY(make_tree(level, ball, &tree));
     while (ours.n1 > 2 && (double)tree.leaf_count * pow(ours.n1, 3) > MAX_CELLS)
         ours.n1 /= 2;
     CLN_TRY(cln_model_create_on(&ours, &tree, &out->model));
@@ -160,6 +161,24 @@ done:
     if (st != CLN_OK)
         cln_synthetic_free(out);
     return st;
+}
+
+cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cln_synthetic *out)
+{
+    return create(device, config, level_of(config), radius, out);
+}
+
+cln_status cln_synthetic_create_grown(cln_device *device, const cln_config *config, int leaves,
+                                      cln_synthetic *out)
+{
+    double ball = 0;
+    int level = 1;
+
+    do { /* of the cube's 8^level leaves a ball holds pi / 6 of its radius cubed */
+        level++;
+        ball = cbrt(leaves / (M_PI / 6 * pow(8, level)));
+    } while (ball > radius && level < CLN_FULL_LEVELS - 1);
+    return create(device, config, level, fmin(ball, radius), out);
 }
 
 void cln_synthetic_free(cln_synthetic *s)
@@ -214,14 +233,14 @@ cln_status cln_synthetic_settle(cln_synthetic *s, cln_pipeline *p, double second
 
     CLN_TRY(cln_synthetic_step(s, p)); /* compiles, and finds how many rays fit a batch */
     if (s->used < s->rays)
-        draw(s, s->used);
+        cln_synthetic_draw(s, s->used);
     for (;;) {
         const double began = cln_now();
 
         CLN_TRY(cln_synthetic_step(s, p));
         if (cln_now() - began <= seconds || s->rays < 2 * FEWEST_RAYS)
             break;
-        draw(s, s->rays / 2);
+        cln_synthetic_draw(s, s->rays / 2);
     }
 done:
     return st;

@@ -26,6 +26,11 @@ typedef struct cln_synthetic {
  * 3; networks, sampling, loss and batch are the settings'; stage 1 has at most 2^21 cells.
  * CLN_MEMORY if the device has no room for it. */
 cln_status cln_synthetic_create(cln_device *device, const cln_config *config, cln_synthetic *out);
+
+/* The same with a ball of about `leaves` leaves, as a tree that has grown: of the level at which
+ * they are a ball of the usual size or smaller. */
+cln_status cln_synthetic_create_grown(cln_device *device, const cln_config *config, int leaves,
+                                      cln_synthetic *out);
 void cln_synthetic_free(cln_synthetic *s); /* accepts a zeroed one */
 
 /* Uploads tree, weights and cameras to a pipeline made for s->model.config. */
@@ -34,6 +39,9 @@ cln_status cln_synthetic_upload(const cln_synthetic *s, cln_pipeline *p);
 /* Runs every stage of a training step except sparsity and edge, with a learning rate that changes
  * nothing, and waits for its end. */
 cln_status cln_synthetic_step(cln_synthetic *s, cln_pipeline *p);
+
+/* Gives the steps to come `rays` rays, at most the settings' --rays. */
+void cln_synthetic_draw(cln_synthetic *s, int rays);
 
 /* Halves the rays until a step takes at most `seconds` (or 256 are left). */
 cln_status cln_synthetic_settle(cln_synthetic *s, cln_pipeline *p, double seconds);

@@ -134,8 +134,8 @@ static const char *in_ms(double seconds, char text[32])
 static void print_training(const json_t *training)
 {
     const json_t *time = json_object_get(training, "time");
-    char line[768], need[2][32], limit[2][32], duration[2][32], range[128] = "";
-    char step[3][32];
+    char line[768], need[2][32], limit[2][32], duration[3][32], range[160] = "";
+    char step[4][32];
 
     if (json_is_string(json_object_get(training, "no_device"))) {
         print_wrapped(printf("training "), 9, text_of(training, "no_device"));
@@ -157,17 +157,22 @@ static void print_training(const json_t *training)
     }
     if (!time)
         return;
-    cln_format_duration(number(time, "seconds_least"), duration[0]);
-    cln_format_duration(number(time, "seconds_most"), duration[1]);
-    if (!isnan(number(time, "seconds_least")))
-        snprintf(range, sizeof range, "%s to %s of training, ", duration[0], duration[1]);
+    cln_format_duration(number(time, "seconds"), duration[0]);
+    cln_format_duration(number(time, "seconds_least"), duration[1]);
+    cln_format_duration(number(time, "seconds_most"), duration[2]);
+    if (!isnan(number(time, "seconds")))
+        snprintf(range, sizeof range, "about %s of training (%s to %s), ", duration[0], duration[1],
+                 duration[2]);
     if (!isnan(number(time, "steps_in_time_limit")))
-        snprintf(range, sizeof range, "at most about %.0f steps within --time-limit, ",
+        snprintf(range, sizeof range, "about %.0f steps within --time-limit, ",
                  number(time, "steps_in_time_limit"));
-    snprintf(line, sizeof line, "%s%s ms a step (%s to %s in %.0f steps). This is %s", range,
-             in_ms(number(time, "step_seconds"), step[0]),
-             in_ms(number(time, "step_seconds_least"), step[1]),
-             in_ms(number(time, "step_seconds_most"), step[2]), number(time, "steps_timed"),
+    snprintf(line, sizeof line,
+             "%s%s ms a step (%s with the first tree, %s with the largest), %s ms a picture of "
+             "%.2g megapixels that is filled. This is %s",
+             range, in_ms(number(time, "step_seconds"), step[0]),
+             in_ms(number(time, "step_seconds_first"), step[1]),
+             in_ms(number(time, "step_seconds_last"), step[2]),
+             in_ms(number(time, "picture_seconds"), step[3]), 1e-6 * number(time, "picture_pixels"),
              text_of(time, "how_good"));
     print_wrapped(printf("time     "), 9, line);
 }
