@@ -66,11 +66,25 @@ done:
     return st;
 }
 
-static void find_identity(const cln_render_job *j, cln_render_frame *f)
+/* Poses of another scene, or in other units, would give pictures of the background alone. */
+static void warn_unseen(const cln_render_job *j)
+{
+    const cln_space *space = &j->opened.model.space;
+
+    for (int i = 0; i < j->count; i++)
+        if (cln_camera_sees(&j->frames[i].camera, space))
+            return;
+    cln_warn("%s: none of its %d poses looks at the run's cube, centre (%g, %g, %g), half side %g; "
+             "are they of this scene, in its units and axes?",
+             j->desc->poses, j->count, space->centre[0], space->centre[1], space->centre[2],
+             space->half);
+}
+
+/* digest: of the model */
+static void find_identity(const cln_render_job *j, uint64_t digest, cln_render_frame *f)
 {
     const cln_model *model = &j->opened.model;
     const cln_camera *c = &f->camera;
-    const uint64_t digest = cln_model_digest(model);
     const double lengths[4] = {c->fx, c->fy, c->cx, c->cy};
     /* 0 and 1 are the mean, as in files from before there was a median */
     const int32_t kind = j->desc->z_depth | (j->desc->mean_depth ? 0 : 4);
@@ -328,6 +342,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     cln_status st = CLN_OK;
     const bool pixels[CLN_SPLITS] = {false};
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
+    uint64_t digest = 0;
 
     memset(result, 0, sizeof *result);
     if (desc->cropped) {
@@ -357,8 +372,11 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
                       &j.opened.model.tree, &j.crop);
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
+    digest = cln_model_digest(&j.opened.model);
     for (int i = 0; i < j.count; i++)
-        find_identity(&j, &j.frames[i]);
+        find_identity(&j, digest, &j.frames[i]);
+    if (desc->poses)
+        warn_unseen(&j);
     CLN_TRY(check_ranks(&j));
     if (cln_film_named(desc->out)) {
         CLN_TRY(render_film(&j, result));
