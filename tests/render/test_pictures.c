@@ -157,6 +157,65 @@ static void test_fast(void **state)
     cln_picture_free(&other);
 }
 
+/* Pixels of a picture of several squares (view.c), the last ones cut, in many batches: each is its
+ * own ray's, whichever rays are beside it. */
+static void test_squares(void **state)
+{
+    enum { WIDTH = 150, HEIGHT = 140 };
+    static const int rows[] = {0, 1, 127, 128, HEIGHT - 1};
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    cln_pixel row[WIDTH];
+    cln_ray_result results[WIDTH];
+    float backgrounds[WIDTH][4] = {{0}};
+    cln_open_run v;
+    cln_picture picture;
+    int batches = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
+    for (int i = 0; i < v.scene->view_count; i++) {
+        cln_camera *c = &v.scene->views[i].camera;
+        const double larger = (double)WIDTH / c->width;
+
+        c->width = WIDTH;
+        c->height = HEIGHT;
+        c->fx *= larger;
+        c->fy *= larger;
+        c->cx = 0.5 * WIDTH;
+        c->cy = 0.5 * HEIGHT;
+    }
+    v.pipeline.max_samples = 4096;
+    v.pipeline.max_rays = 3000;
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_render_view(&v.pipeline, 0, backgrounds[0], 0, NULL, &picture));
+    for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) {
+        for (int done = 0, some = 0; done < WIDTH; done += some, batches++) {
+            const cln_ray_batch batch = {.pixels = row,
+                                         .backgrounds = (const float(*)[4])backgrounds,
+                                         .n = WIDTH - done,
+                                         .sampling = cln_render_sampling(&v.pipeline)};
+
+            for (int i = done; i < WIDTH; i++)
+                row[i - done] = (cln_pixel){.x = (cln_u32)i, .y = (cln_u32)rows[k]};
+            assert_ok(cln_render_rays(&v.pipeline, &batch, results + done, &some));
+        }
+        for (int x = 0; x < WIDTH; x++) {
+            const size_t at = (size_t)rows[k] * WIDTH + (size_t)x;
+
+            assert_memory_equal(picture.rgb + 3 * at, &results[x].r, 3 * sizeof(float));
+            assert_memory_equal(picture.depth + at, &results[x].depth, sizeof(float));
+            assert_memory_equal(picture.opacity + at, &results[x].opacity, sizeof(float));
+        }
+    }
+    print_message("%d rows in %d batches\n", (int)(sizeof rows / sizeof *rows), batches);
+    cln_picture_free(&picture);
+    cln_open_run_close(&v);
+}
+
 /* A pixel is the mean of a picture of three times the size where edges are, and the ray through its
  * centre elsewhere. */
 static void test_antialias(void **state)
@@ -262,9 +321,9 @@ static void test_crop(void **state)
 
 int test_group_pictures(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling),
-                                       cmocka_unit_test(test_antialias),
-                                       cmocka_unit_test(test_fast), cmocka_unit_test(test_crop)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_agree_with_dense_sampling), cmocka_unit_test(test_squares),
+        cmocka_unit_test(test_antialias), cmocka_unit_test(test_fast), cmocka_unit_test(test_crop)};
 
     return cmocka_run_group_tests_name("pictures", tests, fixture_setup, fixture_teardown);
 }
