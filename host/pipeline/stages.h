@@ -27,6 +27,7 @@ typedef struct cln_sampling {
     uint64_t seed;
     uint32_t step;
     size_t max_samples; /* most samples of a batch (memory plan) */
+    size_t extra;       /* samples that cln_stage_regularise will add to it */
     bool stretches;     /* cln_stretch_wanted(): only samples of this rank's leaves (stretch.h) */
     /* [6] half-spaces x p_x + y p_y + z p_z + w >= 0 of points p of the cube, as x, y, z, w: rays
      * see only what is inside all of them; NULL: all of the cube. Needs sampling_crop. */
