@@ -43,7 +43,8 @@ static void *decoder_realloc(void *p, size_t bytes)
 }
 
 /* zlib compresses better and faster than the coder inside stb_image_write. The next levels take two
- * and four times as long for 3 and 6 % fewer bytes (docs/results.md, "Large pictures"). */
+ * and four times as long for 3 and 6 % fewer bytes (docs/results.md, "Pictures in half the
+ * time"). */
 enum { PNG_LEVEL = 4, PNG_FILTER_UP = 2 };
 
 static unsigned char *compress_png(unsigned char *data, int length, int *out_length, int quality)
