@@ -12,7 +12,7 @@
  * first of those around a vertex sums the gradients of all, steps, and writes the result to all.
  *
  *   voxel_density   as mlp_density.cl        voxel_forward   as mlp_forward.cl, to train
- *   voxel_samples   voxel_forward for pictures, without groups
+ *   voxel_samples   voxel_forward for pictures, without slices
  *   voxel_backward  gradients of slices, from roulette.cl's of the heads, and of the smoothness
  *   voxel_update    Adam's steps             voxel_split, voxel_join   after a change of the tree
  *
@@ -60,10 +60,16 @@ typedef struct place {
     float weight[8];
 } place;
 
+/* How many cells lie below a place (-1 .. 1) of a leaf, along an axis, and its own cell. */
+#define CELLS_BELOW(type, at) \
+    fmin(fmax(((at) + 1.0f) * (0.5f * CELLS), (type)(0.0f)), (type)(CELLS))
+#define WHOLE_CELLS(type, below) fmin(floor(below), (type)(CELLS - 1))
+
+/* places_of of one sample, over axes instead of samples: keep their formulas equal. */
 HELPER place place_of(float3 at)
 {
-    const float3 x = fmin(fmax((at + 1.0f) * (0.5f * CELLS), (float3)(0.0f)), (float3)(CELLS));
-    const float3 cell = fmin(floor(x), (float3)(CELLS - 1)), far = x - cell, near = 1.0f - far;
+    const float3 x = CELLS_BELOW(float3, at), cell = WHOLE_CELLS(float3, x), far = x - cell;
+    const float3 near = 1.0f - far;
     const float yz[4] = {near.y * near.z, far.y * near.z, near.y * far.z, far.y * far.z};
     place p;
 
@@ -84,8 +90,7 @@ HELPER void places_of(const float *at_x, const float *at_y, const float *at_z, i
     vf far[3], near[3];
 
     UNROLL (a, 3) {
-        const vf x = fmin(fmax((VLOAD(at[a]) + 1.0f) * (0.5f * CELLS), (vf)(0.0f)), (vf)(CELLS));
-        const vf whole = fmin(floor(x), (vf)(CELLS - 1));
+        const vf x = CELLS_BELOW(vf, VLOAD(at[a])), whole = WHOLE_CELLS(vf, x);
 
         far[a] = x - whole;
         near[a] = 1.0f - far[a];
@@ -179,9 +184,10 @@ voxel_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], row 0: le
     (void)boxes;
 }
 
-/* A block of samples: places in their leaves, directions; of each, its leaf's numbers, its cell's
- * first one there, and the corners' weights. */
+/* A block of samples: their numbers, places in their leaves, directions; of each, its leaf's
+ * numbers, its cell's first one there, and the corners' weights. */
 typedef struct block {
+    uint id[BLOCK];
     float at[3][BLOCK];
     float3 along[BLOCK];
     const __global float *row[BLOCK];
@@ -198,11 +204,9 @@ HELPER void block_places(block *b, int count)
         fetch_cell(b->first[i], b->row[i], false);
 }
 
-/* Colours and densities of samples ids[i], or first_id + i if ids is 0. features: the block's rows,
- * kept to train. */
-HELPER void block_forward(const block *b, int count, const __global uint *ids, uint first_id,
-                          const __global float *net, __global float *features, uint step_key,
-                          __global float4 *out)
+/* Colours and densities of the first `count` samples. features: the block's rows, kept to train. */
+HELPER void block_forward(const block *b, int count, const __global float *net,
+                          __global float *features, uint step_key, __global float4 *out)
 {
     float raw[4][BLOCK];
 #if DECODER
@@ -235,7 +239,7 @@ HELPER void block_forward(const block *b, int count, const __global uint *ids, u
         UNROLL (a, 4)
             raw[a][i] = f[a];
 #if TRAIN && NOISE_ON
-        raw[3][i] += NOISE * normal_number(step_key, ids[i]);
+        raw[3][i] += NOISE * normal_number(step_key, b->id[i]);
 #endif
     }
     for (int i = count; i < BLOCK; i++) {
@@ -266,8 +270,7 @@ HELPER void block_forward(const block *b, int count, const __global uint *ids, u
         VSTORE(density_value(VLOAD(raw[3] + i)), raw[3] + i);
     }
     for (int i = 0; i < count; i++)
-        out[ids ? ids[i] : first_id + (uint)i] =
-            (float4)(raw[0][i], raw[1][i], raw[2][i], raw[3][i]);
+        out[b->id[i]] = (float4)(raw[0][i], raw[1][i], raw[2][i], raw[3][i]);
     (void)net;
     (void)features;
     (void)step_key;
@@ -299,11 +302,11 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
     for (uint done = get_local_id(0) * BLOCK; done < slice.count; done += LS * BLOCK) {
         const int count = (int)min((uint)BLOCK, slice.count - done);
         const uint start = slice.start + done;
-        const __global uint *ids = order + start;
         block b;
 
         for (int i = 0; i < UP_TO(count); i++) {
-            const float3 at = local_of_sample(source, ids[min(i, count - 1)], box, &b.along[i]);
+            b.id[i] = order[start + (uint)min(i, count - 1)];
+            const float3 at = local_of_sample(source, b.id[i], box, &b.along[i]);
 
             b.at[0][i] = at.x;
             b.at[1][i] = at.y;
@@ -311,12 +314,13 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
             b.row[i] = w;
         }
         block_places(&b, count);
-        block_forward(&b, count, ids, 0u, net, features + (size_t)start * FEATURES, step_key, out);
+        block_forward(&b, count, net, features + (size_t)start * FEATURES, step_key, out);
     }
 }
 #else
 /* The same without training, of samples as they lie along rays: neighbours are in few leaves, so
- * nothing is gained by grouping them first. Group g takes samples [g each, (g + 1) each). */
+ * nothing is gained by grouping them first. Group g takes those of samples [g each, (g + 1) each)
+ * that are in leaves [first, first + own); the others' colours are left as they are. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_samples(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row 0: leaf first */
               const __global float4 *restrict boxes,       /* [leaf] min x, y, z, side */
@@ -325,41 +329,49 @@ voxel_samples(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
               const __global float4 *restrict ray_d,       /* [ray] */
               __global float4 *restrict out,               /* [sample] r, g, b, sigma */
               const __global float *restrict net,          /* [DECODER_SIZE] */
-              uint n, uint each, int first)
+              uint n, uint each, uint first, uint own)
 {
     const uint begin = get_group_id(0) * each, end = min(begin + each, n);
 
     for (uint start = begin + get_local_id(0) * BLOCK; start < end; start += LS * BLOCK) {
-        const int count = (int)min((uint)BLOCK, end - start);
+        const uint after = min(start + BLOCK, end);
         cln_sample last = {0.0f, 0.0f, 0u, -1}; /* of the same ray and leaf? */
         float4 o, d, box;
         float3 along;
         float scale = 0.0f;
         const __global float *w = 0;
+        int count = 0;
         block b;
 
-        for (int i = 0; i < UP_TO(count); i++) {
-            const cln_sample s = samples[start + (uint)min(i, count - 1)];
+        for (uint id = start; id < after; id++) {
+            const cln_sample s = samples[id];
 
+            if ((uint)s.slot - first >= own)
+                continue;
             if (s.slot != last.slot || s.ray != last.ray) {
                 o = ray_o[s.ray];
                 d = ray_d[s.ray];
                 box = boxes[s.slot];
                 scale = leaf_scale(box);
                 along = view_direction(o, d, box);
-                w = LEAF_ROW(params, s.slot - first, PARAMS);
+                w = LEAF_ROW(params, (uint)s.slot - first, PARAMS);
                 last = s;
             }
             const float3 at = leaf_scaled(MAD((float4)(s.t), d, o), box, scale).xyz;
 
-            b.at[0][i] = at.x;
-            b.at[1][i] = at.y;
-            b.at[2][i] = at.z;
-            b.along[i] = along;
-            b.row[i] = w;
+            b.id[count] = id;
+            b.at[0][count] = at.x;
+            b.at[1][count] = at.y;
+            b.at[2][count] = at.z;
+            b.along[count] = along;
+            b.row[count] = w;
+            count++;
         }
+        for (int i = count; i < UP_TO(count); i++)
+            UNROLL (a, 3)
+                b.at[a][i] = 0.0f;
         block_places(&b, count);
-        block_forward(&b, count, 0, start, net, 0, 0u, out);
+        block_forward(&b, count, net, 0, 0u, out);
     }
 }
 #endif

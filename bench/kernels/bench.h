@@ -138,6 +138,7 @@ bool bench_ok(const bench_row *row);
 bench_work bench_work_density(const cln_network *net, double cells, double leaves);
 bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool training, double n,
                               double leaves, double slices);
+bench_work bench_work_in_order(const cln_network *net, double n, double rays, double leaves);
 bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
                                double leaves, double slices);
 bench_work bench_work_adam(const cln_config *config, const cln_network *net, const cln_tune *tune,

@@ -14,6 +14,7 @@ typedef struct network_run {
     cln_model model;
     uint32_t n, slice_count;
     int refreshed; /* leaves */
+    int along;     /* samples of a ray, one after another */
     cln_sample *samples;
     float (*ray_o)[4], (*ray_d)[4], (*dout)[4];
     cln_slice *slices;

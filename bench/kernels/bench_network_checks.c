@@ -24,12 +24,14 @@ static void bounds_of(const network_run *r, bool gradient, double bounds[2])
 
 static void input_of(const network_run *r, uint32_t i, double local[3], double dir[3])
 {
+    const cln_sample *s = &r->samples[i];
+    const float *o = r->ray_o[s->ray], *d = r->ray_d[s->ray];
     float box[4];
 
-    cln_octree_box(&r->model.tree, r->model.tree.leaf[r->samples[i].slot], box);
+    cln_octree_box(&r->model.tree, r->model.tree.leaf[s->slot], box);
     for (int a = 0; a < 3; a++) {
-        local[a] = 2 * ((double)r->ray_o[i][a] - box[a]) / box[3] - 1;
-        dir[a] = r->ray_d[i][a];
+        local[a] = 2 * (o[a] + (double)s->t * d[a] - box[a]) / box[3] - 1;
+        dir[a] = d[a];
     }
 }
 

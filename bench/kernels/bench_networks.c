@@ -2,7 +2,8 @@
  * the upload that transposes the weights. bench_network_checks.c compares.
  *
  * Samples have exact local coordinates: the encoding multiplies a position's rounding by 2^bands,
- * which would count as an error of the network. RReLU draws its slopes from a very narrow range. */
+ * which would count as an error of the network. Only voxel_samples gets them in runs along rays, as
+ * pictures have them. RReLU draws its slopes from a very narrow range. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -83,7 +84,10 @@ static const bench_part voxel_parts[] = {
 static const bench_part upload_parts[] = {{"transpose", "transpose"}};
 
 static const double SLOPE = -0.2;
-enum { CELLS = 131072 }; /* about as many as training refreshes at once */
+enum {
+    CELLS = 131072, /* about as many as training refreshes at once */
+    ALONG = 4       /* samples that a picture's ray has in a leaf of voxels */
+};
 
 /* ---- a model with a given number of leaves, samples in all of them ---- */
 
@@ -168,36 +172,63 @@ done:
     return st;
 }
 
-static cln_status make_samples(network_run *r, int per_leaf)
+static void drop_samples(network_run *r)
+{
+    free(r->samples);
+    free(r->ray_o);
+    free(r->ray_d);
+    free(r->dout);
+    free(r->slices);
+    r->samples = NULL;
+    r->ray_o = r->ray_d = r->dout = NULL;
+    r->slices = NULL;
+}
+
+/* How far a ray from a point in a box is in it. */
+static double way_through(const float o[4], const float d[4], const float box[4])
+{
+    double way = INFINITY;
+
+    for (int a = 0; a < 3; a++)
+        way = fmin(way, (box[a] + (d[a] > 0 ? box[3] : 0.0) - o[a]) / d[a]);
+    return way;
+}
+
+/* along: samples of a ray, in one leaf; the next ray is in another. */
+static cln_status make_samples(network_run *r, int per_leaf, int along)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = r->p;
-    const uint32_t leaves = (uint32_t)p->leaves;
+    const uint32_t leaves = (uint32_t)p->leaves, each = (uint32_t)along;
     const size_t n = (size_t)p->leaves * (size_t)per_leaf;
     float(*boxes)[4] = NULL;
 
+    drop_samples(r);
     r->n = (uint32_t)n;
+    r->along = along;
     CLN_TRY(cln_octree_boxes(&r->model.tree, (float **)&boxes));
     CLN_TRY(cln_alloc(&r->ray_o, n, sizeof *r->ray_o, "bench"));
     CLN_TRY(cln_alloc(&r->ray_d, n, sizeof *r->ray_d, "bench"));
     CLN_TRY(cln_alloc(&r->dout, n, sizeof *r->dout, "bench"));
     CLN_TRY(cln_alloc(&r->samples, n, sizeof *r->samples, "bench"));
     for (uint32_t i = 0; i < r->n; i++) {
-        const uint32_t slot = (uint32_t)((uint64_t)i * 7919 % leaves);
-        double length = 0;
+        const uint32_t ray = i / each, slot = (uint32_t)((uint64_t)ray * 7919 % leaves);
+        double length = 0, t = 0;
 
         for (uint32_t a = 0; a < 3; a++) {
-            const double part = floor(cln_check_uniform(2, 3 * i + a, 0, 1024)) / 1024;
+            const double part = floor(cln_check_uniform(2, 3 * ray + a, 0, 1024)) / 1024;
 
-            r->ray_o[i][a] = (float)(boxes[slot][a] + part * boxes[slot][3]);
-            r->ray_d[i][a] = (float)cln_check_uniform(3, 3 * i + a, -1, 1);
-            length += (double)r->ray_d[i][a] * r->ray_d[i][a];
+            r->ray_o[ray][a] = (float)(boxes[slot][a] + part * boxes[slot][3]);
+            r->ray_d[ray][a] = (float)cln_check_uniform(3, 3 * ray + a, -1, 1);
+            length += (double)r->ray_d[ray][a] * r->ray_d[ray][a];
             r->dout[i][a] = (float)cln_check_uniform(4, 3 * i + a, -1e-3, 1e-3);
         }
         for (int a = 0; a < 3; a++)
-            r->ray_d[i][a] = (float)(r->ray_d[i][a] / sqrt(length));
+            r->ray_d[ray][a] = (float)(r->ray_d[ray][a] / sqrt(length));
         r->dout[i][3] = (float)cln_check_uniform(5, i, -1e-5, 1e-5);
-        r->samples[i] = (cln_sample){.ray = i, .slot = (cln_i32)slot};
+        if (along > 1)
+            t = (i % each + 0.5) / along * way_through(r->ray_o[ray], r->ray_d[ray], boxes[slot]);
+        r->samples[i] = (cln_sample){.t = (float)t, .ray = ray, .slot = (cln_i32)slot};
     }
     network_drop_kinks(r);
     CLN_TRY(cln_pipeline_points(p, r->ray_o[0], r->ray_d[0], NULL, r->n));
@@ -225,7 +256,7 @@ static cln_status start(bench *b, const network_shape *s, network_run *r)
     CLN_TRY(cln_pipeline_upload(r->p, &r->model, true));
     r->refreshed = CELLS / (config.n1 * config.n1 * config.n1);
     r->refreshed = r->refreshed < s->leaves ? r->refreshed : s->leaves;
-    CLN_TRY(make_samples(r, s->samples));
+    CLN_TRY(make_samples(r, s->samples, 1));
 done:
     return st;
 }
@@ -234,11 +265,7 @@ static void finish(bench *b, network_run *r)
 {
     cln_pipeline_free(&b->pipeline); /* its buffers have this shape's size */
     cln_model_free(&r->model);
-    free(r->samples);
-    free(r->ray_o);
-    free(r->ray_d);
-    free(r->dout);
-    free(r->slices);
+    drop_samples(r);
 }
 
 /* ---- what is timed ---- */
@@ -279,6 +306,12 @@ done:
     return st;
 }
 
+/* Takes samples as they lie along rays, not grouped by leaf? */
+static bool in_order(const network_run *r)
+{
+    return r->part == EVAL && r->p->net.encoding == CLN_ENCODING_VOXEL;
+}
+
 static bench_work work_of(const network_run *r)
 {
     const cln_network *net = &r->p->net;
@@ -291,8 +324,11 @@ static bench_work work_of(const network_run *r)
     case DENSITY:
         return bench_work_density(net, r->refreshed * n1 * n1 * n1, r->refreshed);
     case EVAL:
+        if (in_order(r))
+            return bench_work_in_order(net, n, n / r->along, leaves);
+        return bench_work_forward(net, tune, false, n, leaves, slices);
     case FORWARD:
-        return bench_work_forward(net, tune, r->part == FORWARD, n, leaves, slices);
+        return bench_work_forward(net, tune, true, n, leaves, slices);
     case ROULETTE:
         return bench_work_roulette(n);
     case BACKWARD:
@@ -315,10 +351,13 @@ static cln_status run_network(bench *b, const network_shape *s)
 
     CLN_TRY(start(b, s, &r));
     for (r.part = 0; r.part < b->family->part_count; r.part++) {
+        const int along = in_order(&r) ? ALONG : 1;
         bench_errors errors = {0};
 
         if (!b->wanted[r.part])
             continue;
+        if (r.along != along)
+            CLN_TRY(make_samples(&r, s->samples, along));
         CLN_TRY(network_check(&r, body, &errors));
         CLN_TRY(bench_add(b, r.part, body, NULL, &r, CLN_STAGES, work_of(&r), &errors));
     }

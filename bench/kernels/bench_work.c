@@ -74,6 +74,14 @@ bench_work bench_work_forward(const cln_network *net, const cln_tune *tune, bool
                                  leaves * WORD * met_numbers(net, n / leaves)};
 }
 
+/* Without groups and slices. */
+bench_work bench_work_in_order(const cln_network *net, double n, double rays, double leaves)
+{
+    return (bench_work){.flop = (2 * layer_weights(net) + grid_flop(net)) * n,
+                        .bytes = n * (SAMPLE + COLOUR) + rays * RAY +
+                                 leaves * WORD * met_numbers(net, n / leaves)};
+}
+
 bench_work bench_work_backward(const cln_network *net, const cln_tune *tune, double n,
                                double leaves, double slices)
 {

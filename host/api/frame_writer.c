@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
 #include "io/image.h"
 
@@ -29,8 +30,8 @@ static void *write_frame(void *argument)
     if (w->film)
         w->failure = add_to_film(w->film, &w->picture);
     else
-        w->failure =
-            cln_render_write_frame(w->job, &w->job->frames[w->frame], &w->picture, w->normals);
+        w->failure = cln_render_write_frame(w->job, &w->job->frames[w->frame], &w->picture,
+                                            w->normals, &w->warning);
     if (w->failure != CLN_OK) {
         w->sentence = strdup(cln_error_text());
         cln_clear_error();
@@ -51,6 +52,10 @@ cln_status cln_frame_writer_wait(cln_frame_writer *w, int *written)
     cln_picture_free(&w->picture);
     free(w->normals);
     w->normals = NULL;
+    if (w->warning)
+        cln_warn("%s", w->warning);
+    free(w->warning);
+    w->warning = NULL;
     if (w->failure != CLN_OK)
         st = cln_fail(w->failure, "%s", w->sentence ? w->sentence : "out of memory");
     else

@@ -15,10 +15,13 @@ typedef struct cln_frame_writer {
     float *normals; /* NULL if they are not wanted */
     pthread_t thread;
     cln_status failure;
-    char *sentence; /* of the failure; the caller's thread has its own record of errors */
+    /* Of the failure, as the caller's thread has its own record of errors; of a warning, as lines of
+     * the log are for that thread alone. */
+    char *sentence, *warning;
 } cln_frame_writer;
 
-/* Waits for the frame before, if there is one: *written is then 1, else 0. Returns its failure. */
+/* Waits for the frame before, if there is one: *written is then 1, else 0. Says its warning, and
+ * returns its failure. */
 cln_status cln_frame_writer_wait(cln_frame_writer *w, int *written);
 
 /* Takes a rendered frame over, whose picture and normals are then empty. Wait first. */

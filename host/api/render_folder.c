@@ -268,7 +268,7 @@ done:
 }
 
 cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_frame *f,
-                                  const cln_picture *p, const float *normals)
+                                  const cln_picture *p, const float *normals, char **warning)
 {
     cln_status st = CLN_OK;
     const size_t n = (size_t)p->width * (size_t)p->height;
@@ -277,6 +277,7 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
     uint8_t *bytes = NULL;
     int beyond = 0;
 
+    *warning = NULL;
     for (int file = 0; file < FILES; file++)
         CLN_TRY(path_of(j, f, file, &path[file]));
     CLN_TRY(cln_alloc(&bytes, n, 3, "picture"));
@@ -287,8 +288,9 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
         CLN_TRY(cln_depth_write_png16(path[DEPTH_PNG16], p->width, p->height, p->depth,
                                       j->desc->depth_unit, &beyond));
     if (beyond > 0)
-        cln_warn("%s: %d pixels are farther than 65535 x %g; give a larger --depth-unit",
-                 path[DEPTH_PNG16], beyond, j->desc->depth_unit);
+        CLN_TRY(cln_asprintf(
+            warning, "%s: %d pixels are farther than 65535 x %g; give a larger --depth-unit",
+            path[DEPTH_PNG16], beyond, j->desc->depth_unit));
     if (normals)
         CLN_TRY(write_normals(j, f, normals));
     for (size_t i = 0; i < n; i++)

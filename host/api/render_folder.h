@@ -55,9 +55,10 @@ cln_status cln_render_drop_stale(const cln_render_job *j);
 cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale *scale);
 
 /* Writes a frame's files except its depth picture. p has depths in scene units; normals: NULL or
- * [height][width][3]. */
+ * [height][width][3]. May run on a thread of its own, so nothing is logged: *warning is NULL or a
+ * sentence, which the caller frees. */
 cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_frame *f,
-                                  const cln_picture *p, const float *normals);
+                                  const cln_picture *p, const float *normals, char **warning);
 
 /* Draws all depth pictures on one scale, and writes render.json with it. */
 cln_status cln_render_draw_depths(const cln_render_job *j);

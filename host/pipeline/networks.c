@@ -95,7 +95,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
     cln_status st = CLN_OK;
     cln_device *device = p->device;
     const cl_uint slices = slice_count, key = step_key;
-    const cl_uint count = sample_count, each = (cl_uint)p->tune.sl;
+    const cl_uint count = sample_count, each = (cl_uint)p->tune.sl, own = (cl_uint)p->own;
     const cl_int first = p->first;
 
     CLN_TRY(CLN_RESERVE(p, out, sample_count));
@@ -113,7 +113,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                            CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->samples.mem),
                            CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
                            CLN_ARG(p->decoder_w.mem), CLN_ARG(count), CLN_ARG(each),
-                           CLN_ARG(first)));
+                           CLN_ARG(first), CLN_ARG(own)));
     else
         CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
@@ -131,7 +131,7 @@ cln_status cln_stage_evaluate(cln_pipeline *p, uint32_t sample_count)
     cln_status st = CLN_OK;
     uint32_t slices = 0;
 
-    if (!is_voxel(p))
+    if (!is_voxel(p) || p->ranks > 1) /* ranks exchange runs of grouped samples */
         CLN_TRY(cln_stage_group(p, sample_count, &slices));
     CLN_TRY(cln_stage_forward(p, sample_count, slices, false, 0));
 done:

@@ -229,16 +229,16 @@ static double most_intervals(const cln_plan_desc *d)
     return cln_pipeline_most_intervals(d->pipeline, d->pipeline->deepest);
 }
 
-/* Samples of a batch so that each of its buffers fits `largest`; at least those of the smallest
- * batch, so that the check finds the buffer that does not fit. */
-static double fit_samples(const cln_plan_desc *d, const sizes *s, double largest)
+/* Samples of so many batches, or as many that each of their buffers fits `largest`; at least those
+ * of the smallest batch, so that the check finds the buffer that does not fit. */
+static double fit_samples(const cln_plan_desc *d, const sizes *s, int batches, double largest)
 {
     const cln_config *c = &d->pipeline->config;
     const double slice = d->pipeline->tune.sl;
     double least = most_intervals(d) * c->samples_per_leaf;
-    double wanted = c->batch_samples, room = 0;
+    const double wanted = (double)batches * c->batch_samples;
+    double room = 0;
 
-    wanted *= d->training ? 2 : CLN_RENDER_BATCHES;
     if (d->training)
         least += cln_pipeline_extra_samples(d->pipeline);
     if (s->distil)
@@ -265,7 +265,7 @@ static double fit_rays(const cln_plan_desc *d, double largest)
                 fmin(rays, fmin(room, floor(UINT32_MAX / each)))); /* kernels count in 32 bits */
 }
 
-static sizes find_sizes(const cln_plan_desc *d)
+static sizes find_sizes(const cln_plan_desc *d, int batches)
 {
     const cln_pipeline *p = d->pipeline;
     const cln_config *c = &p->config;
@@ -283,7 +283,7 @@ static sizes find_sizes(const cln_plan_desc *d)
                .widest = 1 << p->tune.db,
                .distil = d->training && cln_config_merges(c)};
 
-    s.samples = fit_samples(d, &s, largest);
+    s.samples = fit_samples(d, &s, batches, largest);
     s.rays = fit_rays(d, largest);
     s.slices = slices_of(s.samples, s.leaves, p->tune.sl);
     s.gradients = cln_pipeline_gradients(&p->tune, s.samples, s.slices);
@@ -347,6 +347,10 @@ static bool is_cpu(const cln_plan_desc *d)
 /* Bytes per pixel of an evaluated view: render, depth, opacity, truth, rounded, SSIM, PNG. */
 static const double picture_bytes = 64;
 
+/* Of a frame that is written while the next one is rendered: colour, depth, opacity, normals, a
+ * file. */
+static const double written_bytes = 40;
+
 /* Adds the host's rows, without the memory of a device that is a CPU. */
 static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
@@ -372,12 +376,24 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     }
     row(out, "batches and pictures", "--rays or the size with --downscale");
     add(out, (d->training ? 80.0 * cln_config_most_rays(c) : 0) + 80.0 * CLN_RENDER_RAYS);
-    add(out, picture_bytes * view_pixels(d->scene));
+    add(out, (picture_bytes + (d->training ? 0 : written_bytes)) * view_pixels(d->scene));
 }
 
-/* ---- projected samples: half of what is left ---- */
+/* ---- what is left ---- */
 
-/* The number that fits half of the remaining memory. `out`: the device's plan without them. */
+/* The most that the device's plan may have: its limit, of a CPU also what the host's leaves. */
+static double most_bytes(const cln_plan_desc *d, const sizes *s, double limit)
+{
+    cln_plan host = {.count = 0};
+
+    if (!is_cpu(d))
+        return limit;
+    add_host(d, s, &host);
+    return fmin(limit, host.limit - host.total);
+}
+
+/* The number of projected samples that fits half of what is left. `out`: the device's plan without
+ * them. */
 static double fit_entries(const cln_plan_desc *d, const sizes *s, const cln_plan *out)
 {
     const double table = BYTES(d, digit_counts) / CLN_SORT_PER_DIGIT; /* bytes an entry */
@@ -385,21 +401,17 @@ static double fit_entries(const cln_plan_desc *d, const sizes *s, const cln_plan
                         BYTES(d, list_sigma) + table;
     const double most =
         ((double)d->pipeline->device->max_alloc - 2048) / fmax(BYTES(d, keys64), table);
-    double room = out->limit - out->total, entries = 0;
-    cln_plan host = {.count = 0};
+    const double room = most_bytes(d, s, out->limit) - out->total;
+    const double entries = (0.5 * room - BYTES(d, digit_counts) * places_of(0, s->widest)) / each;
 
-    if (is_cpu(d)) {
-        add_host(d, s, &host);
-        room = fmin(room, host.limit - host.total - out->total);
-    }
-    entries = (0.5 * room - BYTES(d, digit_counts) * places_of(0, s->widest)) / each;
     return floor(fmax(1, fmin(fmin(entries, most), 1u << 28)));
 }
 
-void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
+/* With so many batches' samples. Returns whether it is within the limits. */
+static bool plan_batches(const cln_plan_desc *d, int batches, cln_plan *out)
 {
     const cln_config *c = &d->pipeline->config;
-    sizes s = find_sizes(d);
+    sizes s = find_sizes(d, batches);
     const double memory = d->pipeline->device->info.global_mem;
     cln_plan plan = {.limit = c->device_mem > 0 ? fmin(c->device_mem, memory) : 0.9 * memory,
                      .cells = s.leaves * BYTES(d, seen), /* a byte each */
@@ -415,6 +427,17 @@ void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
         *out = plan;
         add_buffers(d, &s, out);
     }
+    return out->total <= most_bytes(d, &s, out->limit);
+}
+
+/* Pictures take more samples at a time where there is room: that is faster, and changes nothing
+ * else. */
+void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
+{
+    int batches = d->training ? CLN_TRAINING_BATCHES : CLN_RENDER_BATCHES;
+
+    while (!plan_batches(d, batches, out) && !d->training && batches > 1)
+        batches /= 2;
 }
 
 void cln_plan_apply(const cln_plan *plan, cln_pipeline *p)
@@ -427,7 +450,7 @@ void cln_plan_apply(const cln_plan *plan, cln_pipeline *p)
 
 void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan *out)
 {
-    const sizes s = find_sizes(d);
+    const sizes s = find_sizes(d, 1); /* what the host keeps does not depend on it */
 
     memset(out, 0, sizeof *out);
     add_host(d, &s, out);

@@ -17,8 +17,11 @@ enum { CLN_PLAN_ROWS = 12 };
 /* Constants of the plans besides the settings. */
 enum {
     CLN_RENDER_RAYS = 16384, /* most rays of a picture's batch */
-    CLN_RENDER_BATCHES = 4,  /* batches of training whose samples a picture's batch may have */
-    CLN_DISTIL_BATCHES = 16  /* batches of distil-samples points that a merge cycles through */
+    /* A batch has room for so many times --batch-samples: in training, as numbers of samples vary;
+     * in pictures if memory allows, else for 2 or 1. */
+    CLN_TRAINING_BATCHES = 2,
+    CLN_RENDER_BATCHES = 4,
+    CLN_DISTIL_BATCHES = 16 /* batches of distil-samples points that a merge cycles through */
 };
 
 /* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this

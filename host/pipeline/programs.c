@@ -143,10 +143,11 @@ static void real(text *t, const char *name, double value)
         line(t, "#define %s (%.9ef)", name, value);
 }
 
-/* Of a square that turns linear at delta (0: never): 1 / delta^2. */
+/* Of a square that turns linear at delta (0: never): 1 / delta^2, as far as floats hold it: times
+ * the square of a difference of 0, infinity is no number. */
 static double bend(double delta)
 {
-    return delta > 0 ? 1 / (delta * delta) : 0;
+    return delta > 0 ? fmin(1 / (delta * delta), 1e30) : 0;
 }
 
 cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)

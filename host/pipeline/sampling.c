@@ -140,7 +140,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     int group_count = 1;
     cln_mark mark = {.event = NULL};
     cln_status made = CLN_OK;
-    const size_t extra = (size_t)cln_pipeline_extra_samples(p);
+    const size_t extra = s->extra;
     const size_t there = p->samples.bytes / sizeof(cln_sample);
     const size_t room = there > extra ? there - extra : 0;
     const size_t limit = room < s->max_samples ? room : s->max_samples;

@@ -27,6 +27,7 @@ typedef struct cln_sampling {
     uint64_t seed;
     uint32_t step;
     size_t max_samples; /* most samples of a batch (memory plan) */
+    size_t extra;       /* samples that cln_stage_regularise will add to it */
     bool stretches;     /* cln_stretch_wanted(): only samples of this rank's leaves (stretch.h) */
     /* [6] half-spaces x p_x + y p_y + z p_z + w >= 0 of points p of the cube, as x, y, z, w: rays
      * see only what is inside all of them; NULL: all of the cube. Needs sampling_crop. */
@@ -59,10 +60,10 @@ cln_status cln_stage_slices(cln_pipeline *p, uint32_t *slice_count);
 cln_status cln_stage_fill(cln_pipeline *p, double *leaf_samples, double *padding);
 
 /* step_key: any number that differs between steps (slopes of RReLU, density noise). Voxels need no
- * groups and slices unless they train. */
+ * slices unless they train, and no groups unless they train or there are several ranks. */
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                              bool training, uint32_t step_key);
-/* Group and forward without training, by what the leaves are. */
+/* Group, where forward needs it, and forward without training. */
 cln_status cln_stage_evaluate(cln_pipeline *p, uint32_t sample_count);
 /* depth: 0, or bits CLN_DEPTH_*. */
 cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth);

@@ -13,8 +13,8 @@ typedef struct cln_ray_batch {
     cln_sampling sampling;
 } cln_ray_batch;
 
-/* The sampling of pictures by p->config: midpoints, densities of pictures, at most a batch of
- * samples. */
+/* The sampling of pictures by p->config: midpoints, densities of pictures, at most the samples of
+ * CLN_RENDER_BATCHES batches, or fewer by the memory plan: while training, CLN_TRAINING_BATCHES. */
 cln_sampling cln_render_sampling(const cln_pipeline *p);
 
 /* Changes a pipeline's settings for faster, slightly worse pictures (method.md 13). Call it before

@@ -1,4 +1,4 @@
-/* A view in batches of rays, top to bottom. See view.h. */
+/* A view in batches of rays, square by square of its pixels. See view.h. */
 #include "render/view.h"
 
 #include <signal.h>
@@ -37,7 +37,7 @@ cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background
     memset(out, 0, sizeof *out);
     out->view = view;
     out->most = out->next = most;
-    out->side = cln_stage1_of(&p->config)->by_view ? camera->width : SQUARE;
+    out->side = cln_stage1_of(&p->config)->by_view ? 1 : SQUARE; /* 1: row by row */
     picture->width = camera->width;
     picture->height = camera->height;
     CLN_TRY(cln_alloc(&picture->rgb, total * 3, sizeof *picture->rgb, "picture"));
@@ -87,7 +87,7 @@ done:
 static cln_pixel pixel_at(const cln_rendering *r, int k)
 {
     const int width = r->picture.width, height = r->picture.height, side = r->side;
-    const int band = k / (side * width) * side, rows = side < height - band ? side : height - band;
+    const int band = k / width / side * side, rows = side < height - band ? side : height - band;
     const int in_band = k - band * width, column = in_band / (side * rows) * side;
     const int columns = side < width - column ? side : width - column;
     const int in_square = in_band - column * rows;
@@ -114,7 +114,7 @@ cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r)
     cln_status st = CLN_OK;
     cln_picture *out = &r->picture;
     const int first = r->done, left = out->width * out->height - first;
-    const int n = left < r->next ? left : r->next;
+    const int wanted = r->next < r->most ? r->next : r->most, n = left < wanted ? left : wanted;
     int rendered = 0;
 
     for (int i = 0; i < n; i++)

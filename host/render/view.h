@@ -29,7 +29,8 @@ typedef struct cln_rendering {
     cln_picture picture; /* whole when `done` is the number of its pixels */
     int done;            /* pixels, in the order of their rays */
     int view, most;      /* most: rays of a batch */
-    int next, side; /* rays of the next batch; squares of side x side pixels are taken in turn */
+    int next, side; /* rays of the next batch; squares of side x side pixels are taken in turn, 1:
+                       row by row */
     bool under_way; /* the queue may still use the arrays */
     cln_pixel *pixels;
     cln_ray_result *results;

@@ -141,6 +141,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     cln_pipeline *p = &t->pipeline;
     const uint32_t number = (uint32_t)t->model.step,
                    key = cln_hash(number + cln_hash((uint32_t)c->seed));
+    const size_t extra = (size_t)cln_pipeline_extra_samples(p);
     const cln_sampling sampling = {
         .jitter = true,
         .min_transmittance = fraction >= c->occlusion_from ? (float)c->min_transmittance : 0.0f,
@@ -149,7 +150,8 @@ cln_status cln_step(cln_trainer *t, double fraction)
         .empty_share = (float)c->empty_share,
         .seed = (uint64_t)c->seed,
         .step = number,
-        .max_samples = t->plan.max_samples - (size_t)cln_pipeline_extra_samples(p),
+        .max_samples = t->plan.max_samples - extra,
+        .extra = extra,
         .stretches = cln_stretch_wanted(p)};
     uint32_t samples = 0, measured = 0, here = 0, slices = 0; /* here: made by this rank */
     int rays = 0;

@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <pthread.h>
 #include "run_fixture.h"
 #include "render/depth_picture.h"
 #include "render/open_run.h"
@@ -308,6 +309,39 @@ static void test_render_files(void **state)
     free(opacity);
     free(picture);
     free(evaluated);
+}
+
+typedef struct heard {
+    pthread_t thread;
+    int here, elsewhere; /* warnings on that thread, on others */
+} heard;
+
+static void hear(cln_log_level level, const char *line, void *user)
+{
+    heard *h = user;
+
+    if (level != CLN_LOG_WARN || !strstr(line, "--depth-unit"))
+        return;
+    if (pthread_equal(pthread_self(), h->thread))
+        h->here++;
+    else
+        h->elsewhere++;
+}
+
+/* Frames are written beside the work, but their warnings are said on the caller's thread. */
+static void test_render_warns_here(void **state)
+{
+    fixture_stop none = {0};
+    cln_render_desc desc = render_desc("fine", &none);
+    heard h = {.thread = pthread_self()};
+
+    NEED_DEVICE();
+    desc.depth_unit = 1e-6;
+    cln_log_to(CLN_LOG_WARN, hear, &h);
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    cln_log_to(CLN_LOG_INFO, fixture_no_log, NULL);
+    assert_int_equal(h.here, TEST_VIEWS);
+    assert_int_equal(h.elsewhere, 0);
 }
 
 /* The poses of the test views, their cameras moved along their own right. */
@@ -783,6 +817,7 @@ int test_group_results(void)
         cmocka_unit_test(test_eval_of_other_splits),
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_files),
+        cmocka_unit_test(test_render_warns_here),
         cmocka_unit_test(test_render_pairs),
         cmocka_unit_test(test_render_stops_and_goes_on),
         cmocka_unit_test(test_render_folders),

@@ -472,6 +472,18 @@ section_pictures() {
         "${mpi[@]}" -n 1 "$ranked" render "$work/one" -o "$work/no" : \
         -n 1 "$ranked" render "$work/one" -o "$work/no" --width 24 --height 24
     check "different frames write nothing" [ ! -e "$work/no" ]
+    run "$cln" train "$work/scene" -o "$work/voxels" --preset voxel --skip-selftest \
+        --progress none --rays 256 --batch-samples 4096 --steps 60
+    run "$cln" eval "$work/voxels" -o "$work/voxels-eval-one" --save-images
+    expect "evaluate voxels with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" eval "$work/voxels" \
+        -o "$work/voxels-eval-two" --save-images
+    check "pictures of voxels are those of one process" \
+        diff -r -x '*.json' "$work/voxels-eval-one" "$work/voxels-eval-two"
+    run "$cln" render "$work/voxels" -o "$work/voxels-one"
+    expect "render voxels with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" render "$work/voxels" \
+        -o "$work/voxels-two"
+    check "frames of voxels are those of one process" \
+        diff -r "$work/voxels-one" "$work/voxels-two"
     expect "view by several is refused" 2 "one process" "${mpi[@]}" -n 2 "$ranked" view "$work/one"
     run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --width 64 \
         --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \

@@ -356,6 +356,44 @@ static void test_counts(void **state)
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--device-mem");
 }
 
+/* Pictures take the samples of four batches, or of two or one where the device's memory, or of a
+ * CPU the host's, has no room for more. Only then is there too little. */
+static void test_pictures_fit(void **state)
+{
+    static const char *const types[] = {"gpu", "cpu"};
+    cln_config config = preset("fast");
+
+    (void)state;
+    for (int cpu = 0; cpu < 2; cpu++) {
+        fake f;
+        cln_plan plan, host;
+
+        config.device_mem = config.host_mem = 0;
+        make_fake(&f, &config, 4096 * MIB, types[cpu]);
+        f.desc.training = false;
+        for (int batches = 4; batches > 0; batches /= 2) {
+            cln_plan_device(&f.desc, &plan);
+            cln_plan_host(&f.desc, &plan, &host);
+            assert_ok(cln_plan_check(&f.device, &plan));
+            assert_ok(cln_plan_check_host(&host));
+            assert_true(plan.max_samples == (size_t)batches * (size_t)config.batch_samples);
+            if (cpu)
+                f.pipeline.config.host_mem = host.total - 1;
+            else
+                f.pipeline.config.device_mem = plan.total - 1;
+        }
+        cln_plan_device(&f.desc, &plan);
+        cln_plan_host(&f.desc, &plan, &host);
+        assert_true(plan.max_samples == (size_t)config.batch_samples);
+        assert_fails(cpu ? cln_plan_check_host(&host) : cln_plan_check(&f.device, &plan),
+                     CLN_MEMORY, cpu ? "--host-mem" : "--device-mem");
+        /* two frames of floats, colour, depth, opacity and normals: one is rendered, one written
+         * with its 8-bit picture, raw and packed */
+        assert_true(row_bytes(&host, "batches and pictures", false) >=
+                    80.0 * CLN_RENDER_RAYS + (2 * 8 * 4 + 3 + 3) * 100 * 50);
+    }
+}
+
 /* ---- runs ---- */
 
 static char warnings[4096], said[16384];
@@ -641,6 +679,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_slices_fit),
         cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_limits_by_name),
+        cmocka_unit_test(test_pictures_fit),
         cmocka_unit_test(test_peak_is_planned),
         cmocka_unit_test(test_growth_stops_at_the_limit),
         cmocka_unit_test(test_cut_batches),

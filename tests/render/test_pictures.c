@@ -216,6 +216,81 @@ static void test_squares(void **state)
     cln_open_run_close(&v);
 }
 
+/* A picture's samples leave no room for those of regularisers, which come in training alone. */
+static void test_keeps_to_the_plan(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    const float background[3] = {0};
+    cln_open_run v;
+    cln_picture picture;
+
+    (void)state;
+    NEED_DEVICE();
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    v.model.config.sparsity = v.model.config.edge = 0.01;
+    assert_ok(cln_open_run_start(&v, &device, false));
+    v.pipeline.max_samples = 2048;
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_render_view(&v.pipeline, 0, background, 0, NULL, &picture));
+    assert_in_range(v.pipeline.samples.bytes / sizeof(cln_sample), 1024, 2048);
+    cln_picture_free(&picture);
+    cln_open_run_close(&v);
+}
+
+/* A row of pixels whose square has more than 2^31, by the method that takes pixels row by row. */
+static void test_wide(void **state)
+{
+    enum { WIDTH = 65536, SOME = 64 };
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    const float background[1][4] = {{0}};
+    cln_pixel some[SOME];
+    cln_ray_result results[SOME];
+    cln_open_run v;
+    cln_picture picture;
+    int seen = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    v.model.config.stage1 = CLN_STAGE1_SPLAT;
+    assert_ok(cln_open_run_start(&v, &device, false));
+    for (int i = 0; i < v.scene->view_count; i++) {
+        cln_camera *c = &v.scene->views[i].camera;
+
+        c->fx *= (double)WIDTH / c->width;
+        c->width = WIDTH;
+        c->height = 1;
+        c->cx = 0.5 * WIDTH;
+        c->cy = 0.5;
+    }
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_render_view(&v.pipeline, 0, background[0], 0, NULL, &picture));
+    for (int first = 0; first + SOME <= WIDTH; first += WIDTH / 8 - 1) {
+        const cln_ray_batch batch = {.pixels = some,
+                                     .backgrounds = background,
+                                     .n = SOME,
+                                     .sampling = cln_render_sampling(&v.pipeline)};
+        int done = 0;
+
+        for (int i = 0; i < SOME; i++)
+            some[i] = (cln_pixel){.x = (cln_u32)(first + i)};
+        assert_ok(cln_render_rays(&v.pipeline, &batch, results, &done));
+        assert_int_equal(done, SOME);
+        for (int i = 0; i < SOME; i++) {
+            assert_memory_equal(picture.rgb + 3 * (first + i), &results[i].r, 3 * sizeof(float));
+            assert_memory_equal(picture.opacity + first + i, &results[i].opacity, sizeof(float));
+            seen += results[i].opacity > 0.5f;
+        }
+    }
+    assert_true(seen > SOME);
+    cln_picture_free(&picture);
+    cln_open_run_close(&v);
+}
+
 /* A pixel is the mean of a picture of three times the size where edges are, and the ray through its
  * centre elsewhere. */
 static void test_antialias(void **state)
@@ -323,6 +398,8 @@ int test_group_pictures(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_agree_with_dense_sampling), cmocka_unit_test(test_squares),
+        cmocka_unit_test(test_keeps_to_the_plan),
+        cmocka_unit_test(test_wide),
         cmocka_unit_test(test_antialias), cmocka_unit_test(test_fast), cmocka_unit_test(test_crop)};
 
     return cmocka_run_group_tests_name("pictures", tests, fixture_setup, fixture_teardown);
