@@ -67,6 +67,20 @@ done:
     return st;
 }
 
+/* Poses of another scene, or in other units, would give pictures of the background alone. */
+static void warn_unseen(const cln_render_job *j)
+{
+    const cln_space *space = &j->opened.model.space;
+
+    for (int i = 0; i < j->count; i++)
+        if (cln_camera_sees(&j->frames[i].camera, space))
+            return;
+    cln_warn("%s: none of its %d poses looks at the run's cube, centre (%g, %g, %g), half side %g; "
+             "are they of this scene, in its units and axes?",
+             j->desc->poses, j->count, space->centre[0], space->centre[1], space->centre[2],
+             space->half);
+}
+
 static void find_identity(const cln_render_job *j, cln_render_frame *f)
 {
     const cln_model *model = &j->opened.model;
@@ -367,6 +381,8 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     j.model_digest = cln_model_digest(&j.opened.model);
     for (int i = 0; i < j.count; i++)
         find_identity(&j, &j.frames[i]);
+    if (desc->poses)
+        warn_unseen(&j);
     CLN_TRY(check_ranks(&j));
     if (cln_film_named(desc->out)) {
         CLN_TRY(render_film(&j, result));

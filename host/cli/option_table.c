@@ -162,8 +162,10 @@ const cln_arg cln_args[] = {
          "write the integer program of each structure decision to this file, in LP format; each "
          "replaces the one before"),
 
-    WORD(CLN_EVAL | CLN_RENDER, "split", split, "train|val|test",
-         "which views of the scene; render: their poses", .standard = "test"),
+    WORD(CLN_EVAL, "split", split, "train|val|test",
+         "which views of the scene are measured", .standard = "test"),
+    WORD(CLN_RENDER, "split", split, "train|val|test",
+         "the poses of these views of the scene", .standard = "test"),
     TEXT(CLN_RENDER, "poses", poses, "FILE.json",
          "the poses of a file instead: nerfstudio's camera_path.json, or transforms JSON, with any "
          "lens and size"),
@@ -215,8 +217,10 @@ const cln_arg cln_args[] = {
          "image height; 0 = as the photos, or by --width", .standard = "0"),
     REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
          "orbit, spiral: horizontal field of view (0 = as the training images)", .standard = "0"),
-    FLAG(CLN_RENDER | CLN_EXPORT | CLN_CHECK_SCENE, "overwrite", overwrite,
-         "replace files that exist; otherwise render skips such frames, and the others refuse"),
+    FLAG(CLN_RENDER, "overwrite", overwrite,
+         "replace files that exist; otherwise such frames are skipped, and a film is refused"),
+    FLAG(CLN_EXPORT | CLN_CHECK_SCENE, "overwrite", overwrite,
+         "replace a file that exists; otherwise it is refused"),
     FLAG(CLN_RENDER, "z-depth", z_depth,
          "depth along the optical axis instead of along the ray"),
     REAL(CLN_RENDER, "stereo", stereo, "D", 0, 1e12,

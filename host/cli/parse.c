@@ -586,7 +586,7 @@ static cln_status settle(parser *p)
         CLN_TRY(p->dashed ? fail_dashed(p->dashed)
                           : cln_fail(CLN_USAGE, "%s: %s is missing: `cl-nascent %s %s`",
                                      out->command->name, out->command->operand, out->command->name,
-                                     out->command->operand));
+                                     bit == CLN_COMPLETION ? CLN_SHELLS : out->command->operand));
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)

@@ -404,22 +404,22 @@ bool cln_scene_focus(const cln_scene *scene, double point[3])
     return nearest_point(&mean, point);
 }
 
-static bool pixel_meets_cube(const cln_scene *scene, const cln_camera *camera, double u, double v)
+static bool pixel_meets_cube(const cln_space *space, const cln_camera *camera, double u, double v)
 {
     double o[3], d[3];
 
     return u > 0 && v > 0 && u < camera->width && v < camera->height &&
            cln_camera_ray(camera, floor(u) + 0.5, floor(v) + 0.5, o, d) &&
-           cln_space_met_by(&scene->space, o, d);
+           cln_space_met_by(space, o, d);
 }
 
 /* Tests only some pixels: a grid over the image finds cubes that are large in it; the pixels to
  * which a lattice of points in the cube projects find small ones. */
-static bool camera_sees_cube(const cln_scene *scene, const cln_camera *camera)
+bool cln_camera_sees(const cln_camera *camera, const cln_space *space)
 {
     for (int j = 0; j < GRID; j++)
         for (int i = 0; i < GRID; i++)
-            if (pixel_meets_cube(scene, camera, (i + 0.5) / GRID * camera->width,
+            if (pixel_meets_cube(space, camera, (i + 0.5) / GRID * camera->width,
                                  (j + 0.5) / GRID * camera->height))
                 return true;
     for (int n = 0; n < LATTICE * LATTICE * LATTICE; n++) {
@@ -428,12 +428,12 @@ static bool camera_sees_cube(const cln_scene *scene, const cln_camera *camera)
 
         for (int k = 0; k < 3; k++)
             point[k] = 2.0 * index[k] / (LATTICE - 1) - 1;
-        cln_space_point_to_scene(&scene->space, point, point);
+        cln_space_point_to_scene(space, point, point);
         if (!cln_camera_project(camera, point, &u, &v, &z))
             continue;
         /* Neighbours too: the centre of the pixel with the cube's corner may just miss the cube. */
         for (int k = 0; k < 9; k++)
-            if (pixel_meets_cube(scene, camera, u + k % 3 - 1, v + k / 3 - 1))
+            if (pixel_meets_cube(space, camera, u + k % 3 - 1, v + k / 3 - 1))
                 return true;
     }
     return false;
@@ -445,7 +445,7 @@ cln_status cln_scene_check_seen(const cln_scene *scene)
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 
     for (int v = 0; v < count; v++)
-        if (camera_sees_cube(scene, &scene->views[v].camera))
+        if (cln_camera_sees(&scene->views[v].camera, space))
             return CLN_OK;
     return cln_fail(
         CLN_INPUT,

@@ -55,6 +55,9 @@ bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[
 bool cln_camera_project(const cln_camera *camera, const double point[3], double *u, double *v,
                         double *z);
 
+/* Has it a pixel whose ray meets the space's cube? */
+bool cln_camera_sees(const cln_camera *camera, const cln_space *space);
+
 typedef struct cln_view {
     char *name;       /* as the dataset names it: path relative to the scene folder */
     char *path;       /* file */

@@ -72,6 +72,12 @@ section_words() {
         check "$c --help: -o has one meaning" eval \
             '! sed -n "/--output/,/^  [^ ]/p" "$work/out" | grep -qE "train:|tune:|render:"'
     done
+    for c in eval export check; do
+        expect "$c --help" 0 "" "$cln" $c --help
+        check "$c --help: nothing about render" eval \
+            '! grep -qE "(render: |render skips)" "$work/out"'
+    done
+    expect "completion without a shell: which there are" 2 "bash|zsh|fish" "$cln" completion
     expect "a command with dashes" 2 "~cl-nascent.train" "$cln" --train s -o r
     expect "a mistyped option, no command" 2 "~did.you.mean.--version" "$cln" --verion
     expect "another, with one dash" 2 "~did.you.mean.--help" "$cln" -hlep
@@ -553,6 +559,9 @@ section_results() {
         -o "$work/freed" --crop=-0.5,-0.5,0,0.5,0.5,0.5
     check "both boxes give the same picture" \
         cmp "$work/boxed/path_0000.png" "$work/freed/path_0000.png"
+    sed 's/0,0,-1,-4, 0,1,0,0/0,0,1,-4, 0,-1,0,0/' "$work/free.json" >"$work/away.json"
+    expect "a camera path that looks away: a warning" 0 "~away.json: ~none.of.its.1.poses" \
+        "$cln" render "$r" --poses "$work/away.json" -o "$work/away"
     expect "the camera path without a box" 0 "" \
         "$cln" render "$r" --poses "$work/free.json" -o "$work/whole"
     check "it gives another picture" \
