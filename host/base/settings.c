@@ -44,16 +44,33 @@ static cln_status find_row(const char *name, const cln_config_row **row)
                     cln_config_nearest(name));
 }
 
-/* Drops budgets that are used up, which would end the run at once; that which is extended is set
- * after this. */
+static bool is_given(const cln_settings *settings, const char *name)
+{
+    return cln_settings_given(settings, cln_config_find(name));
+}
+
+/* Drops the run's budgets that are used up, which would end it at once; that which is extended is
+ * set after this. One that was given stays. */
 static void lift_used_up(cln_settings *settings)
 {
     cln_config *c = &settings->config;
 
-    if (c->steps > 0 && settings->used.steps >= c->steps)
+    if (c->steps > 0 && settings->used.steps >= c->steps && !is_given(settings, "steps"))
         c->steps = 0;
-    if (c->time_limit > 0 && settings->used.time_limit >= c->time_limit)
+    if (c->time_limit > 0 && settings->used.time_limit >= c->time_limit &&
+        !is_given(settings, "time-limit"))
         c->time_limit = 0;
+}
+
+/* Has the run used up a budget other than this row's? */
+static bool ended_by_other(const cln_settings *settings, const cln_config_row *row)
+{
+    const cln_config *run = &settings->base, *used = &settings->used;
+
+    if (row->offset != offsetof(cln_config, steps) && run->steps > 0 && used->steps >= run->steps)
+        return true;
+    return row->offset != offsetof(cln_config, time_limit) && run->time_limit > 0 &&
+           used->time_limit >= run->time_limit;
 }
 
 static double number_of(const cln_config *config, const cln_config_row *row)
@@ -71,9 +88,10 @@ static double budget_of(const cln_config *run, const cln_config_row *row)
     return row->offset == offsetof(cln_config, epochs) && others ? 0 : number_of(run, row);
 }
 
-/* "+N" of a budget: the run's own plus N; without such a budget, or where the run ended far beyond
- * it, because it was lowered later, N more from where the run ended. A last step that ends some
- * seconds after --time-limit is not far beyond. The last value counts, as for any setting. */
+/* "+N" of a budget: the run's own plus N; without such a budget, where another one ended the run
+ * before it, or where the run ended far beyond it, because it was lowered later, N more from where
+ * the run ended. A last step that ends some seconds after --time-limit is not far beyond. The last
+ * value counts, as for any setting. */
 static cln_status extend(cln_settings *settings, const cln_config_row *row, const char *more)
 {
     cln_status st = CLN_OK;
@@ -81,6 +99,8 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
     const double slack = row->flags & CLN_ROW_SECONDS ? 10 : strcmp(row->option, "epochs") == 0;
     const double budget = budget_of(&settings->base, row);
     const double used = number_of(&settings->used, row);
+    const bool whole = budget > 0 && used <= budget + slack &&
+                       !(used > 0 && used < budget && ended_by_other(settings, row));
     cln_config added = settings->base;
     char sum[CLN_TEXT_BYTES];
 
@@ -96,7 +116,7 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
                         row->option, more, row->option);
     lift_used_up(settings);
     snprintf(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.17g",
-             (budget > 0 && used <= budget + slack ? budget : used) + number_of(&added, row));
+             (whole ? budget : used) + number_of(&added, row));
     CLN_TRY(cln_config_set(&settings->config, row, sum));
 done:
     return st;

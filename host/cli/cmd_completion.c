@@ -38,6 +38,10 @@ static void each_option(const cln_command *command, put_entry *put)
     }
 }
 
+/* Words in a command's place that are none. */
+#define HELP "The commands, or the options of one"
+#define VERSION "The version"
+
 /* "a|b|c" with spaces. */
 static void put_words(const char *words)
 {
@@ -142,7 +146,9 @@ static void put_zsh_option(const cln_command *command, const entry *e)
 static void put_zsh(void)
 {
     printf("#compdef cl-nascent\n# by `cl-nascent completion zsh`\n"
-           "if (( CURRENT == 2 )); then\n    local -a commands\n    commands=(\n");
+           "if (( CURRENT == 2 )) || [[ $CURRENT$words[2] = 3help ]]; then\n"
+           "    local -a commands\n    commands=(\n"
+           "        'help:" HELP "'\n        'version:" VERSION "'\n");
     for (int i = 0; i < cln_command_count; i++) {
         printf("        '%s:", cln_commands[i].name);
         put_text(cln_commands[i].purpose);
@@ -191,15 +197,24 @@ static void put_fish_option(const cln_command *command, const entry *e)
 
 static void put_fish(void)
 {
-    printf("# fish completion for cl-nascent, by `cl-nascent completion fish`\n");
+    const char *start = "complete -c cl-nascent -n";
+
+    printf("# fish completion for cl-nascent, by `cl-nascent completion fish`\n"
+           "%s __fish_use_subcommand -f -a help -d '" HELP "'\n"
+           "%s __fish_use_subcommand -f -a version -d '" VERSION "'\n"
+           "%s '__fish_seen_subcommand_from help' -f -a 'help version",
+           start, start, start);
+    for (int i = 0; i < cln_command_count; i++)
+        printf(" %s", cln_commands[i].name);
+    printf("'\n");
     for (int i = 0; i < cln_command_count; i++) {
         const cln_command *c = &cln_commands[i];
 
-        printf("complete -c cl-nascent -n __fish_use_subcommand -f -a %s -d '", c->name);
+        printf("%s __fish_use_subcommand -f -a %s -d '", start, c->name);
         put_text(c->purpose);
         printf("'\n");
         if (operand_words(c)) {
-            printf("complete -c cl-nascent -n '__fish_seen_subcommand_from %s' -f -a '", c->name);
+            printf("%s '__fish_seen_subcommand_from %s' -f -a '", start, c->name);
             put_words(operand_words(c));
             printf("'\n");
         }

@@ -180,10 +180,11 @@ static cln_status apply_arg(parser *p, const cln_arg *arg, const char *attached)
             return cln_fail(CLN_USAGE, "--%s takes no value", arg->name);
     } else if (arg->kind == CLN_ARG_OPTINT && !attached) {
         /* "--orbit RUN" as well as "--orbit 60 RUN": its value are digits, or a wrong number that
-         * is no run. */
+         * is no run; "--" ends options. */
         text = p->at < p->argc ? p->argv[p->at] : "";
         if (*text && (text[strspn(text, "0123456789")] == 0 ||
-                      (text[strspn(text, "-+.,0123456789")] == 0 && !cln_is_dir(text)))) {
+                      (text[strspn(text, "-+.,0123456789")] == 0 &&
+                       strpbrk(text, "0123456789") && !cln_is_dir(text)))) {
             p->at++;
         } else {
             text = arg->standard;

@@ -9,6 +9,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "export/export.h"
 #include "io/disk.h"
 
@@ -338,7 +339,9 @@ done:
 static void say_left_out(bool json, const cln_scene *scene)
 {
     const cln_space *space = &scene->space;
-    double box[6];
+    /* a shell may be around another cube than the box's */
+    const bool boxed = scene->has_box && !space->shell;
+    char box[6][CLN_NUMBER_BYTES]; /* far from the origin, as many digits as it takes */
     bool masks = false;
 
     for (int i = 0; i < scene->view_count && !json; i++)
@@ -351,12 +354,12 @@ static void say_left_out(bool json, const cln_scene *scene)
         return;
     }
     for (int i = 0; i < 3; i++) {
-        box[i] = scene->has_box ? scene->box[i] : space->centre[i] - space->half;
-        box[i + 3] = scene->has_box ? scene->box[i + 3] : space->centre[i] + space->half;
+        cln_number_write(boxed ? scene->box[i] : space->centre[i] - space->half, box[i]);
+        cln_number_write(boxed ? scene->box[i + 3] : space->centre[i] + space->half, box[i + 3]);
     }
     cln_info("cameras: the scene's cube and sparse points are left out; to train with these in "
-             "that cube: --bbox=%.7g,%.7g,%.7g,%.7g,%.7g,%.7g",
-             box[0], box[1], box[2], box[3], box[4], box[5]);
+             "that cube: --bbox=%s,%s,%s,%s,%s,%s%s",
+             box[0], box[1], box[2], box[3], box[4], box[5], space->shell ? " --space shell" : "");
 }
 
 cln_status cln_export_cameras(cln_export_job *job)

@@ -100,9 +100,11 @@ cln_status cln_scene_turn_masks(cln_scene *scene)
         int *const turns[2] = {&v->alpha_turn, &v->mask_turn};
         const int back = v->orientation == 6 ? 8 : v->orientation == 8 ? 6 : v->orientation;
 
-        v->masks_known =
-            turned || stored || v->orientation == 1 || !(v->alpha_path || v->mask_path);
+        v->masks_known = true;
         for (int k = 0; k < 2; k++) {
+            /* masks that contradict each other tell nothing about one that does not tell itself */
+            if (paths[k] && v->orientation > 1 && !*turns[k] && turned == stored)
+                v->masks_known = false;
             const bool of_turned = *turns[k] ? *turns[k] > 0 : turned && !stored;
 
             *turns[k] = of_turned == v->turned ? 1 : v->turned ? v->orientation : back;

@@ -123,6 +123,7 @@ static void test_extend(void **state)
     settings->used.time_limit = 60;
     settings->config.steps = 0;
     settings->config.time_limit = 60; /* a used-up budget is dropped */
+    memset(settings->given, 0, sizeof settings->given);
     set(settings, "steps", "+5");
     assert_int_equal(settings->config.steps, 325);
     assert_true(settings->config.time_limit == 0);
@@ -141,6 +142,53 @@ static void test_extend(void **state)
     set(settings, "time-limit", "+10");
     assert_true(settings->config.time_limit == 610);
     assert_set_refused(settings, "lr", "+x", "--lr|'+x'");
+    cln_settings_free(settings);
+}
+
+/* A budget that is given beside "+N" counts, used up or not, whichever is given first. */
+static void test_extend_beside_given(void **state)
+{
+    (void)state;
+    for (int first = 0; first < 2; first++) {
+        cln_settings *settings = create("fast");
+
+        settings->preset[0] = 0; /* as of a run */
+        settings->base.steps = settings->config.steps = 100;
+        settings->used.steps = 100;
+        settings->used.time_limit = 90;
+        if (first)
+            set(settings, "time-limit", "60");
+        set(settings, "steps", "+5");
+        if (!first)
+            set(settings, "time-limit", "60");
+        assert_int_equal(settings->config.steps, 105);
+        assert_true(settings->config.time_limit == 60);
+        cln_settings_free(settings);
+    }
+}
+
+/* "+N" of a budget that another one ended before: N more from there, not all that was left, too. */
+static void test_extend_after_other(void **state)
+{
+    cln_settings *settings = create("fast");
+
+    (void)state;
+    settings->preset[0] = 0; /* as of a run */
+    settings->base.steps = settings->config.steps = 1000;
+    settings->base.time_limit = settings->config.time_limit = 600;
+    settings->used.steps = 1000;
+    settings->used.time_limit = 100;
+    set(settings, "time-limit", "+60");
+    assert_true(settings->config.time_limit == 160);
+    assert_int_equal(settings->config.steps, 0);
+    settings->used.steps = 400; /* stopped by a signal: nothing is used up */
+    set(settings, "time-limit", "+60");
+    assert_true(settings->config.time_limit == 660);
+    settings->used.time_limit = 601;
+    settings->config.steps = 1000;
+    memset(settings->given, 0, sizeof settings->given);
+    set(settings, "steps", "+50");
+    assert_int_equal(settings->config.steps, 450);
     cln_settings_free(settings);
 }
 
@@ -337,7 +385,9 @@ int test_group_settings(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_every_setting), cmocka_unit_test(test_refused),
-        cmocka_unit_test(test_extend),        cmocka_unit_test(test_extend_epochs),
+        cmocka_unit_test(test_extend),        cmocka_unit_test(test_extend_beside_given),
+        cmocka_unit_test(test_extend_after_other),
+        cmocka_unit_test(test_extend_epochs),
         cmocka_unit_test(test_idle),
     };
 

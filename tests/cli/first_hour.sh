@@ -606,6 +606,20 @@ section_results() {
     done
     check "in the same cube" eval '[ "$(json half | cut -c 1-7)" = \
         "$("$query" half <"$work/whole.json" | cut -c 1-7)" ]'
+    # a shell, which COLMAP scenes without alpha get, and a cube far from the origin
+    "$make_scene" "$work/terrain" --kind terrain --format colmap --size 32 --train 12 --test 0 \
+        --offset 500000,4500000,200 >/dev/null
+    "$cln" train "$work/terrain" -o "$work/terrain run" "${small[@]}" --steps 3 >/dev/null 2>&1
+    expect "cameras of a scene with a shell, as a survey has it" 0 "~--bbox=.*--space.shell" \
+        "$cln" export "$work/terrain run" --cameras "$work/terrain/cameras.json"
+    set -- "$(sed -n 's/.*\(--bbox=[-+.e0-9,]*\).*/\1/p' "$work/err")"
+    "$cln" info "$work/terrain" --json >"$work/whole.json"
+    expect "they are a scene with a shell" 0 "" "$cln" info "$work/terrain/cameras.json" --json \
+        "$1" --space shell
+    for c in space half centre.0 centre.1 centre.2; do
+        check "$c is the same" eval '[ "$(json $c | cut -c 1-9)" = \
+            "$("$query" $c <"$work/whole.json" | cut -c 1-9)" ]'
+    done
     expect "COLMAP's files: masks are missing" 0 "~masks.*FILE.json" \
         "$cln" export "$work/cut run" --cameras "$work/cut cameras"
     run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"

@@ -73,8 +73,19 @@ check "bash completes values after =" [ "$(completes cl-nascent eval r --split =
 check "bash completes version" [ "$(completes cl-nascent ver)" = version ]
 check "bash completes help's command" [ "$(completes cl-nascent help ev)" = eval ]
 check "bash completes shells" [ "$(completes cl-nascent completion z)" = zsh ]
-check "zsh has every command" [ "$(grep -cE '^[a-z]+\)$' "$zsh_completion")" = \
-    "$(completes cl-nascent "" | wc -w | awk '{ print $1 - 1 }')" ]
+# sorted: what stands in a command's place, one a line
+completes cl-nascent "" | tr ' ' '\n' | sort >"$work/words"
+check "bash has the commands of --help, help and version" \
+    diff <(sort "$work/commands" - <<<$'help\nversion') "$work/words"
+check "zsh has the same" \
+    diff <(sed -nE "s/^        '([a-z]+):.*/\1/p" "$zsh_completion" | sort) "$work/words"
+check "zsh has the options of every command" \
+    diff <(sed -nE 's/^([a-z]+)\)$/\1/p' "$zsh_completion" | sort) \
+    <(grep -vxE 'help|version' "$work/words")
+check "fish has the same" \
+    diff <(sed -nE 's/.*__fish_use_subcommand -f -a ([a-z]+) .*/\1/p' "$fish_completion" | sort) \
+    "$work/words"
+check "fish completes help's command" grep -qE "from help' -f -a '.* eval( |')" "$fish_completion"
 for file in "$zsh_completion" "$fish_completion"; do
     shell=$([ "$file" = "$zsh_completion" ] && echo zsh || echo fish)
     if command -v "$shell" >/dev/null; then

@@ -362,6 +362,16 @@ static void orbit_takes_only_digits_for_its_value(void **state)
     assert_int_equal(l.options.orbit_frames, 7);
     done(&l);
     assert_refused("render run --orbit 0", "--orbit|'0'|1 to 100000");
+    parsed(&l, "render --orbit -- run"); /* "--" is no number */
+    assert_int_equal(l.options.orbit_frames, 60);
+    assert_string_equal(l.options.operand, "run");
+    done(&l);
+    parsed(&l, "render --spiral -- -run");
+    assert_string_equal(l.options.operand, "-run");
+    done(&l);
+    parsed(&l, "render --interpolate -- run");
+    assert_string_equal(l.options.operand, "run");
+    done(&l);
 }
 
 static void two_dashes_end_the_options(void **state)

@@ -314,6 +314,31 @@ static void test_mask_turns(void **state)
     }
 }
 
+/* Masks of stored pixels beside masks of turned ones tell nothing about a third, which is then
+ * taken as stored, with a warning. */
+static void test_masks_contradict(void **state)
+{
+    static const int orientation[3] = {6, 6, 3};
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+    int warnings = 0;
+
+    for (int v = 0; v < FORMAT_VIEWS; v++)
+        put_photo(folder, v, 64, 48, v < 3 ? orientation[v] : 0);
+    for (int v = 0; v < 3; v++)
+        put_mask(folder, "mask", v, 64, 48, orientation[v], v == 1, 0);
+    put_masked(folder, 64, 48, 3);
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    scene = load(folder, plain());
+    cln_scene_warn_doubts(scene);
+    assert_int_equal(warnings, 1);
+    for (int v = 0; v < 3; v++) {
+        assert_int_equal(scene->views[v].masks_known, v < 2);
+        assert_int_equal(left_out_quarter(&scene->views[v]), 0);
+    }
+    cln_scene_free(scene);
+}
+
 /* A mask whose size fits neither way: the sentence has all three. */
 static void test_mask_fits_neither(void **state)
 {
@@ -455,6 +480,7 @@ int test_group_orientation(void)
         cmocka_unit_test(test_turn),
         cmocka_unit_test_setup_teardown(test_scenes, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mask_turns, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masks_contradict, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mask_fits_neither, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_alpha_turns, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_sized_by_file, scratch_make, scratch_remove),
