@@ -27,12 +27,12 @@
 enum { MAX_RUNS = 32 };
 
 /* Assumptions of the prediction in addition to model.h's. */
-static const double BALANCE = 1.04;        /* leaves move above this (pipeline/share.c) */
-static const double PHOTO_BYTES = 3 * 2e6; /* a photo of 2 megapixels in host memory */
+static const double BALANCE = 1.04;            /* leaves move above this (pipeline/share.c) */
+static const double PHOTO_BYTES = 3 * 2e6;     /* a photo of 2 megapixels in host memory */
 static const double TILE_BYTES = 64 * 36 * 12; /* its tiles of coverage (train/coverage.h) */
 static const double MASK_BYTES = 2e6 / 8;      /* its mask, if it has one */
-static const double STEP_SAMPLES = 262144; /* of a step, the paper preset's */
-static const double REFRESH_EVERY = 256;   /* steps, likewise */
+static const double STEP_SAMPLES = 262144;     /* of a step, the paper preset's */
+static const double REFRESH_EVERY = 256;       /* steps, likewise */
 /* Part of a passed leaf's time that goes into its cells: intervals_fill without them took 0.41 of
  * its time with 512 leaves, 0.31 with 4,096 (PoCL, one core of a Xeon, 2026-11-25). */
 static const double CELLS = 0.64;
