@@ -22,14 +22,17 @@
 #include "ranks/ranks.h"
 #include "report/report_data.h"
 #include "scale/model.h"
+#include "scene/dataset.h"
 
 enum { MAX_RUNS = 32 };
 
 /* Assumptions of the prediction in addition to model.h's. */
-static const double BALANCE = 1.04;        /* leaves move above this (pipeline/share.c) */
-static const double PHOTO_BYTES = 3 * 2e6; /* a photo of 2 megapixels in host memory */
-static const double STEP_SAMPLES = 262144; /* of a step, the paper preset's */
-static const double REFRESH_EVERY = 256;   /* steps, likewise */
+static const double BALANCE = 1.04;            /* leaves move above this (pipeline/share.c) */
+static const double PHOTO_BYTES = 3 * 2e6;     /* a photo of 2 megapixels in host memory */
+static const double TILE_BYTES = 64 * 36 * 12; /* its tiles of coverage (train/coverage.h) */
+static const double MASK_BYTES = 2e6 / 8;      /* its mask, if it has one */
+static const double STEP_SAMPLES = 262144;     /* of a step, the paper preset's */
+static const double REFRESH_EVERY = 256;       /* steps, likewise */
 /* Part of a passed leaf's time that goes into its cells: intervals_fill without them took 0.41 of
  * its time with 512 leaves, 0.31 with 4,096 (PoCL, one core of a Xeon, 2026-11-25). */
 static const double CELLS = 0.64;
@@ -381,13 +384,15 @@ static void put_photos(double seconds, double rays)
     printf(
         "\n## Photos\n\nOf 2 megapixels, dealt to the ranks' host memories. One pass: steps until "
         "each pixel was drawn\nonce, at %.0f rays a step and %.3g s a step (1 rank, 10,000 "
-        "leaves).\n\n| photos | GiB in all | GiB a rank of 16 | of 1,024 | steps of a pass | days "
-        "of a pass |\n|---|---|---|---|---|---|\n",
-        rays, seconds);
-    for (double photos = 1e3; photos < 2e6; photos *= 10) {
+        "leaves). No more than %d photos are read.\n\n| photos | GiB in all | GiB a rank of 16 | "
+        "of 1,024 | GiB of coverage on every rank | of masks | steps of a pass | days of a pass "
+        "|\n|---|---|---|---|---|---|---|---|\n",
+        rays, seconds, CLN_MAX_VIEWS);
+    for (double photos = 1e3; photos <= CLN_MAX_VIEWS; photos *= 10) {
         const double all = photos * PHOTO_BYTES / (1 << 30);
 
-        printf("| %.0e | %.3g | %.3g | %.3g | %.3g | %.3g |\n", photos, all, all / 16, all / 1024,
+        printf("| %.0e | %.3g | %.3g | %.3g | %.3g | %.3g | %.3g | %.3g |\n", photos, all, all / 16,
+               all / 1024, photos * TILE_BYTES / (1 << 30), photos * MASK_BYTES / (1 << 30),
                photos * 2e6 / rays, photos * 2e6 / rays * seconds / 86400);
     }
 }

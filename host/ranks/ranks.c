@@ -382,7 +382,7 @@ void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
 static struct {
     MPI_Request request;
     MPI_Datatype type;
-    int counts[CLN_RANKS_MOST];
+    int counts[CLN_RANKS_MOST], first[CLN_RANKS_MOST]; /* MPI reads them until the end */
 } gathering = {.request = MPI_REQUEST_NULL};
 
 void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first)
@@ -392,10 +392,12 @@ void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first)
     if (self.count == 1)
         return;
     gathering.type = type_of(row_bytes);
-    for (int r = 0; r < self.count; r++)
+    for (int r = 0; r < self.count; r++) {
         gathering.counts[r] = first[r + 1] - first[r];
-    MPI_Iallgatherv(MPI_IN_PLACE, 0, gathering.type, rows, gathering.counts, first, gathering.type,
-                    MPI_COMM_WORLD, &gathering.request);
+        gathering.first[r] = first[r];
+    }
+    MPI_Iallgatherv(MPI_IN_PLACE, 0, gathering.type, rows, gathering.counts, gathering.first,
+                    gathering.type, MPI_COMM_WORLD, &gathering.request);
     account(began, (double)gathering.counts[self.me] * (double)row_bytes * (self.count - 1));
 }
 

@@ -65,7 +65,7 @@ cln_status cln_ranks_agree(uint64_t digest, const char *what);
 void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all);
 
 /* The same, to all, in two calls, between which this rank works on and says other things: `rows`
- * and `first` must stay until the second, which waits. One at a time. */
+ * must stay until the second, which waits. One at a time. */
 void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first);
 void cln_ranks_gather_end(void);
 

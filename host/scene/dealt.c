@@ -28,6 +28,22 @@ static cln_status agree(const cln_scene *scene)
     return cln_ranks_agree(digest, "scene");
 }
 
+/* All draw the same rays, some of them to sparse points, which are not part of a scene's digest. */
+static cln_status agree_on_sights(const cln_scene *scene)
+{
+    uint64_t digest = cln_digest(CLN_DIGEST_START, &scene->sight_count, sizeof scene->sight_count);
+
+    for (int64_t i = 0; i < scene->sight_count; i++) {
+        const cln_sight *s = &scene->sights[i];
+        const int32_t pixel[3] = {s->view, s->x, s->y};
+
+        digest = cln_digest(digest, pixel, sizeof pixel);
+        digest = cln_digest(digest, &s->trust, sizeof s->trust);
+        digest = cln_digest(digest, s->point, sizeof s->point);
+    }
+    return cln_ranks_agree(digest, "set of sparse points");
+}
+
 cln_status cln_scene_deal(cln_scene *scene)
 {
     cln_status st = CLN_OK;
@@ -35,6 +51,7 @@ cln_status cln_scene_deal(cln_scene *scene)
     int64_t all[CLN_SPLITS] = {0}, before[CLN_SPLITS] = {0};
 
     CLN_TRY(agree(scene));
+    CLN_TRY(agree_on_sights(scene));
     for (int i = 0; i < scene->view_count; i++)
         all[scene->views[i].split] += pixels_of(&scene->views[i]);
     for (int i = 0; i < scene->view_count; i++) {
@@ -85,6 +102,8 @@ cln_status cln_view_borrow(const cln_view *view, cln_view *out)
         cln_view_bytes(view, (int)(i % wide), (int)(i / wide), pixel);
         memcpy(out->pixels + i * channels, pixel, channels);
     }
+    if (view->store) /* what could not be read is 0 there, and must not count as a photo anywhere */
+        CLN_TRY(cln_store_check(view->store));
     cln_ranks_tell_from(view->rank, out->pixels, count * channels);
 done:
     return st;

@@ -18,7 +18,8 @@
 #include "ranks/ranks.h"
 #include "scene/dealt.h"
 
-enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600 };
+/* MASK_CHANNELS: as decoded, at least */
+enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600, MASK_CHANNELS = 3 };
 static const size_t FILE_MAX_BYTES = (size_t)1 << 30;
 
 /* Is it in images_N, where datasets keep copies of 1/N of the size? */
@@ -223,7 +224,11 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *v = &scene->views[i];
 
-        if (!desc->pixels[v->split] || !cln_view_is_here(v))
+        if (!desc->pixels[v->split])
+            continue;
+        if (v->mask_path) /* every rank reads all masks */
+            largest = fmax(largest, (double)v->file_width * v->file_height * MASK_CHANNELS);
+        if (!cln_view_is_here(v))
             continue;
         images++;
         kept += (double)v->camera.width * v->camera.height * v->channels;
@@ -239,6 +244,8 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
                         "%s: reading its largest images needs %s of host memory, but %s is %s; "
                         "make smaller copies of them, or raise --host-mem",
                         scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have);
+    if (images == 0) /* all are other ranks' */
+        return CLN_OK;
     scene->cached = room / 8;
     say_in_file(images, kept, room - fmax(reading, desc->elsewhere));
     return CLN_OK;
@@ -603,6 +610,24 @@ done:
     return st;
 }
 
+/* Digest of which pixels count, which all ranks must know alike: by these and the random numbers
+ * they draw pixels, and so know how long messages are. */
+static uint64_t digest_of_kept(const cln_scene *scene)
+{
+    uint64_t digest = CLN_DIGEST_START;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+        const size_t count = (size_t)v->camera.width * (size_t)v->camera.height;
+        const int32_t turns[4] = {v->turned, v->alpha_turn, v->mask_turn, v->kept != NULL};
+
+        digest = cln_digest(digest, turns, sizeof turns);
+        if (v->kept)
+            digest = cln_digest(digest, v->kept, (count + 7) / 8);
+    }
+    return digest;
+}
+
 cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS])
 {
     cln_status st = CLN_OK;
@@ -626,6 +651,8 @@ cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]
         goto done;
     }
     CLN_TRY(share_digests(&work));
+    if (cln_ranks_count() > 1)
+        CLN_TRY(cln_ranks_agree(digest_of_kept(scene), "set of masks, or turns of photos,"));
     for (int i = 0; i < scene->view_count; i++)
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
     say_masks(scene);

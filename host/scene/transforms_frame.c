@@ -277,8 +277,10 @@ done:
     return st;
 }
 
-/* The file that a frame names under `key`, in *out; NULL if it names none. */
-static cln_status find_named(const source *src, cln_moved *moved, const char *key, char **out)
+/* The file that a frame names under `key`, in *out; NULL if it names none. otherwise: what holds
+ * without the key, after "remove KEY". */
+static cln_status find_named(const source *src, cln_moved *moved, const char *key,
+                             const char *otherwise, char **out)
 {
     cln_status st = CLN_OK;
     const json_t *named = json_object_get(src->frame, key);
@@ -299,8 +301,8 @@ static cln_status find_named(const source *src, cln_moved *moved, const char *ke
         *out = path;
     }
     if (!cln_is_file(*out))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no mask %s; restore it, or remove %s", src->where,
-                         *out, key));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: there is no mask %s; restore it, or remove %s%s",
+                         src->where, *out, key, otherwise));
 done:
     free(name);
     return st;
@@ -318,8 +320,10 @@ static cln_status find_masks(const source *src, cln_moved *moved, cln_view *view
               stem = (int)(dot ? dot - name : (long)strlen(name));
     char *path = NULL;
 
-    CLN_TRY(find_named(src, moved, "alpha_path", &view->alpha_path));
-    CLN_TRY(find_named(src, moved, "mask_path", &view->mask_path));
+    CLN_TRY(find_named(src, moved, "alpha_path",
+                       " (then all of the photo is opaque, background included)",
+                       &view->alpha_path));
+    CLN_TRY(find_named(src, moved, "mask_path", "", &view->mask_path));
     if (view->mask_path)
         goto done;
     CLN_TRY(cln_asprintf(&path, "%.*sdynamic_mask_%.*s.png", folder, view->path, stem, name));

@@ -103,7 +103,8 @@ cln_status cln_scene_turn_masks(cln_scene *scene)
         v->masks_known = true;
         for (int k = 0; k < 2; k++) {
             /* masks that contradict each other tell nothing about one that does not tell itself */
-            if (paths[k] && v->orientation > 1 && !*turns[k] && turned == stored)
+            if ((k ? v->mask_path : v->alpha_path) && v->orientation > 1 && !*turns[k] &&
+                turned == stored)
                 v->masks_known = false;
             const bool of_turned = *turns[k] ? *turns[k] > 0 : turned && !stored;
 

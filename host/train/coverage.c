@@ -1,6 +1,7 @@
 /* Leaves projected into the training views. See coverage.h. */
 #include "train/coverage.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -294,6 +295,7 @@ static void share_errors(cln_coverage *coverage, const cln_scene *scene)
     int first[CLN_RANKS_MOST + 1];
 
     cln_scene_dealt(scene, CLN_SPLIT_TRAIN, first);
+    CLN_ASSERT(coverage->first[coverage->views] <= INT_MAX);
     for (int r = 0; r <= cln_ranks_count(); r++)
         first[r] = (int)coverage->first[first[r]];
     cln_ranks_gather(coverage->error, sizeof *coverage->error, first, true);

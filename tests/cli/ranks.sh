@@ -168,6 +168,22 @@ section_photos() {
     expect "two ranks, photos with masks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/masked" \
         -o "$work/masked-two" "${small[@]}" "${samples[@]}" --steps 60
     check "their model is that of one process, too" same "$work/masked-one" "$work/masked-two"
+    # every rank needs all masks, but compares the files of one other rank alone
+    cp -r "$work/masked" "$work/masked-0"
+    cp "$work/masked/masks/frame_00002.png" "$work/masked-0/masks/frame_00007.png"
+    expect "three ranks with different masks are refused" 2 "~rank.1.has.another.set.of.masks" \
+        "${mpi[@]}" \
+        -n 1 "$ranked" train "$work/masked-0" -o "$work/no" "${small[@]}" --steps 1 : \
+        -n 2 "$ranked" train "$work/masked" -o "$work/no" "${small[@]}" --steps 1
+    # more ranks than photos of either split, photos with alpha, each with a gain
+    "$make_scene" "$work/few" --size 48 --train 3 --test 1 >/dev/null
+    run "$cln" train "$work/few" -o "$work/few-one" "${small[@]}" --steps 40 --exposure
+    expect "four ranks, three photos" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/few" \
+        -o "$work/few-four" "${small[@]}" "${samples[@]}" --steps 40 --exposure
+    check "their model is that of one process with three photos" \
+        same "$work/few-one" "$work/few-four"
+    check "and the pictures of the one test photo" diff -r -x '*tree*' \
+        "$work/few-one/eval/00000040-test" "$work/few-four/eval/00000040-test"
     # what does not fit a rank's memory lies in a file of that rank
     "$make_scene" "$work/large scene" --size 200 --train 8 --test 2 >/dev/null
     run "${mpi[@]}" -n 2 "$ranked" train "$work/large scene" -o "$work/whole" "${small[@]}" \
@@ -180,6 +196,11 @@ section_photos() {
     check "their model is the same" same "$work/whole" "$work/stored"
     check "and the evaluation's pictures" diff -r "$work/whole/eval/00000020-test" \
         "$work/stored/eval/00000020-test"
+    run "$cln" eval "$work/whole" --split train --max-images 2 --save-images -o "$work/seen"
+    expect "two ranks with little memory evaluate" 0 "~pixels.go.to.a.file" "${mpi[@]}" -n 2 \
+        "$ranked" eval "$work/stored" --split train --max-images 2 --save-images \
+        -o "$work/seen-stored" -v
+    check "with the pictures of one process" diff -r -x '*.json' "$work/seen" "$work/seen-stored"
 }
 
 # process RANK: its id, of the ranks that $child started
@@ -433,6 +454,17 @@ section_differ() {
     "$make_scene" "$work/other" --size 48 --train 8 --test 2 --fault shaken >/dev/null
     there=("$ranked" train "$work/other" "${go[@]:2}")
     expect "ranks of different scenes are refused" 2 "~rank.1.has.another.scene" each here there
+    # sparse points, which are no part of a scene's digest; the cube is given
+    "$make_scene" "$work/points" --kind terrain --format colmap --size 32 --train 6 --test 0 \
+        >/dev/null
+    cp -r "$work/points" "$work/points-1"
+    head -n 200 "$work/points/sparse/0/points3D.txt" >"$work/points-1/sparse/0/points3D.txt"
+    local depths=("${go[@]:2}" --depth-loss 0.1 --bbox=-2,-2,-2,2,2,2)
+    here=("$ranked" train "$work/points" "${depths[@]}")
+    there=("$ranked" train "$work/points-1" "${depths[@]}")
+    expect "ranks of different sparse points are refused" 2 \
+        "~rank.1.has.another.set.of.sparse.points" each here there
+    here=("$ranked" "${go[@]}")
     # this program, but for the digits of its version
     version=$("$ranked" --version | grep -oE '[0-9.]+$')
     sed "s/${version//./\\.}\x00/$(tr 0-9 1-90 <<<"$version")\x00/g" "$ranked" >"$work/newer"

@@ -229,6 +229,9 @@ static void test_masks_and_points(void **state)
         "{\"camera_angle_x\":0.8,\"ply_file_path\":\"/home/x/scan/sparse.ply\",\"frames\":[{"
         "\"file_path\":\"/home/x/scan/images/a.png\",\"mask_path\":\"/home/x/scan/masks/a.png\","
         "\"transform_matrix\":" POSE_FRONT "}]}";
+    static const char alpha[] =
+        "{\"camera_angle_x\":0.8,\"frames\":[{\"file_path\":\"/home/x/scan/images/a.png\","
+        "\"alpha_path\":\"/home/x/scan/masks/a.png\",\"transform_matrix\":" POSE_FRONT "}]}";
     const char *folder = *state;
     const cln_config config = all_train();
     cln_scene *scene = NULL;
@@ -242,6 +245,12 @@ static void test_masks_and_points(void **state)
         folder, &config,
         (const char *const[3]){"there is no mask /home/x/scan/masks/a.png", "restore it"},
         "no mask");
+    put_text(folder, "transforms.json", alpha);
+    assert_refused(folder, &config,
+                   (const char *const[3]){"there is no mask /home/x/scan/masks/a.png",
+                                          "remove alpha_path (then", "opaque"},
+                   "no alpha");
+    put_text(folder, "transforms.json", json);
     put_image(folder, "masks/a.png", 16, 12, 3, 1);
     format_ply(folder, "sparse.ply", true, points, 2);
     cln_log_set_sink(keep_line, &kept);
