@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 46 };
+enum { IDLE_ROWS = 47 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -66,6 +66,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "without view dependence there is no view layer; give --view-dependence"},
         {"lr-final", c->lr_schedule == CLN_SCHEDULE_STEP,
          "--lr-schedule step only divides --lr by ten, twice; give --lr-schedule exp"},
+        {"smooth-density-delta smooth-colour-delta", facts->shell,
+         "in a shell squares stay squares; give --space cube"},
         {"smooth-density-delta", c->smooth_density <= 0,
          "densities are not smoothed; give --smooth-density 4e-9"},
         {"smooth-colour-delta", c->smooth_colour <= 0,

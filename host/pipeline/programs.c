@@ -143,11 +143,11 @@ static void real(text *t, const char *name, double value)
         line(t, "#define %s (%.9ef)", name, value);
 }
 
-/* Of a square that turns linear at delta (0: never): 1 / delta^2, as far as floats hold it: times
- * the square of a difference of 0, infinity is no number. */
-static double bend(double delta)
+/* Of a square that turns linear at delta (0, or in a shell space: never): 1 / delta^2, as far as
+ * floats hold it: times the square of a difference of 0, infinity is no number. */
+static double bend(const cln_pipeline *p, double delta)
 {
-    return delta > 0 ? fmin(1 / (delta * delta), 1e30) : 0;
+    return delta > 0 && !p->space.shell ? fmin(1 / (delta * delta), 1e30) : 0;
 }
 
 cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
@@ -179,8 +179,8 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
         line(&t, "#define SMOOTH %d", c->smooth_density > 0 || c->smooth_colour > 0);
         real(&t, "SMOOTH_DENSITY", c->smooth_density);
         real(&t, "SMOOTH_COLOUR", c->smooth_colour);
-        real(&t, "BEND_DENSITY", bend(c->smooth_density_delta));
-        real(&t, "BEND_COLOUR", bend(c->smooth_colour_delta));
+        real(&t, "BEND_DENSITY", bend(p, c->smooth_density_delta));
+        real(&t, "BEND_COLOUR", bend(p, c->smooth_colour_delta));
         real(&t, "DENSITY_RATE", c->density_rate);
         real(&t, "HARMONIC_RATE", c->harmonic_rate);
     }

@@ -697,6 +697,14 @@ section_beyond() {
         --crop=-1.5,-1.5,-1.5,1.5,1.5,1.5
     check "which is another picture" [ "$(cmp -s "$work/street views/$test" \
         "$work/street crop/$test"; echo $?)" = 1 ]
+    for shell in 1 0; do
+        expect "voxels in a shell, deltas of $shell" 0 "" "$cln" train "$work/street" \
+            -o "$work/street v$shell" --skip-selftest --preset voxel --steps 40 --no-adaptive \
+            --level-at 3:0.3 --batch-samples 16384 --space shell --smooth-density 1e-6 \
+            --smooth-density-delta $shell --smooth-colour-delta $shell
+    done
+    check "their smoothness is by squares in both" \
+        [ "$(digest "$work/street v1")" = "$(digest "$work/street v0")" ]
     expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 302
     expect "eval" 0 "" "$cln" eval "$run" --json
     check "on that colour" [ "$(json background.1)" = "$colour" ]
