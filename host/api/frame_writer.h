@@ -15,8 +15,8 @@ typedef struct cln_frame_writer {
     float *normals; /* NULL if they are not wanted */
     pthread_t thread;
     cln_status failure;
-    /* Of the failure, as the caller's thread has its own record of errors; of a warning, as lines of
-     * the log are for that thread alone. */
+    /* Of the failure, as the caller's thread has its own record of errors; of a warning, as the log
+     * is for that thread alone. */
     char *sentence, *warning;
 } cln_frame_writer;
 

@@ -112,8 +112,8 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                            cln_groups(sample_count, each), (size_t)p->tune.ls,
                            CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->samples.mem),
                            CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
-                           CLN_ARG(p->decoder_w.mem), CLN_ARG(count), CLN_ARG(each),
-                           CLN_ARG(first), CLN_ARG(own)));
+                           CLN_ARG(p->decoder_w.mem), CLN_ARG(count), CLN_ARG(each), CLN_ARG(first),
+                           CLN_ARG(own)));
     else
         CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),

@@ -260,7 +260,6 @@ static void test_wide(void **state)
     for (int i = 0; i < v.scene->view_count; i++) {
         cln_camera *c = &v.scene->views[i].camera;
 
-        c->fx *= (double)WIDTH / c->width;
         c->width = WIDTH;
         c->height = 1;
         c->cx = 0.5 * WIDTH;
@@ -269,7 +268,7 @@ static void test_wide(void **state)
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_render_prepare(&v.pipeline));
     assert_ok(cln_render_view(&v.pipeline, 0, background[0], 0, NULL, &picture));
-    for (int first = 0; first + SOME <= WIDTH; first += WIDTH / 8 - 1) {
+    for (int first = 0; first + SOME <= WIDTH; first += WIDTH / 8 - SOME / 8) {
         const cln_ray_batch batch = {.pixels = some,
                                      .backgrounds = background,
                                      .n = SOME,
@@ -283,10 +282,11 @@ static void test_wide(void **state)
         for (int i = 0; i < SOME; i++) {
             assert_memory_equal(picture.rgb + 3 * (first + i), &results[i].r, 3 * sizeof(float));
             assert_memory_equal(picture.opacity + first + i, &results[i].opacity, sizeof(float));
-            seen += results[i].opacity > 0.5f;
+            seen += results[i].opacity > 0;
         }
     }
-    assert_true(seen > SOME);
+    print_message("a wide row: %d pixels are not empty\n", seen);
+    assert_true(seen > 4);
     cln_picture_free(&picture);
     cln_open_run_close(&v);
 }
@@ -396,11 +396,13 @@ static void test_crop(void **state)
 
 int test_group_pictures(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_agree_with_dense_sampling), cmocka_unit_test(test_squares),
-        cmocka_unit_test(test_keeps_to_the_plan),
-        cmocka_unit_test(test_wide),
-        cmocka_unit_test(test_antialias), cmocka_unit_test(test_fast), cmocka_unit_test(test_crop)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling),
+                                       cmocka_unit_test(test_squares),
+                                       cmocka_unit_test(test_keeps_to_the_plan),
+                                       cmocka_unit_test(test_wide),
+                                       cmocka_unit_test(test_antialias),
+                                       cmocka_unit_test(test_fast),
+                                       cmocka_unit_test(test_crop)};
 
     return cmocka_run_group_tests_name("pictures", tests, fixture_setup, fixture_teardown);
 }
