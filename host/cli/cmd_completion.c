@@ -39,7 +39,7 @@ static void each_option(const cln_command *command, put_entry *put)
 }
 
 /* Words in a command's place that are none. */
-#define HELP "The commands, or the options of one"
+#define HELP    "The commands, or the options of one"
 #define VERSION "The version"
 
 /* "a|b|c" with spaces. */

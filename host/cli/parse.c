@@ -183,8 +183,8 @@ static cln_status apply_arg(parser *p, const cln_arg *arg, const char *attached)
          * is no run; "--" ends options. */
         text = p->at < p->argc ? p->argv[p->at] : "";
         if (*text && (text[strspn(text, "0123456789")] == 0 ||
-                      (text[strspn(text, "-+.,0123456789")] == 0 &&
-                       strpbrk(text, "0123456789") && !cln_is_dir(text)))) {
+                      (text[strspn(text, "-+.,0123456789")] == 0 && strpbrk(text, "0123456789") &&
+                       !cln_is_dir(text)))) {
             p->at++;
         } else {
             text = arg->standard;

@@ -17,7 +17,8 @@ void cln_scene_dealt(const cln_scene *scene, cln_split split, int *first);
 bool cln_view_is_here(const cln_view *view);
 
 /* Borrow: a copy of a view, whose pixels its rank has loaded, with pixels on all ranks; all call
- * it. CLN_MEMORY; CLN_OUTPUT if that rank cannot read them. Give back: frees these, not what the view itself has. */
+ * it. CLN_MEMORY; CLN_OUTPUT if that rank cannot read them. Give back: frees these, not what the
+ * view itself has. */
 cln_status cln_view_borrow(const cln_view *view, cln_view *out);
 void cln_view_give_back(const cln_view *view, cln_view *borrowed);
 

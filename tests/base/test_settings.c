@@ -390,8 +390,10 @@ static void test_idle(void **state)
 int test_group_settings(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_every_setting), cmocka_unit_test(test_refused),
-        cmocka_unit_test(test_extend),        cmocka_unit_test(test_extend_beside_given),
+        cmocka_unit_test(test_every_setting),
+        cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_extend),
+        cmocka_unit_test(test_extend_beside_given),
         cmocka_unit_test(test_extend_after_other),
         cmocka_unit_test(test_extend_epochs),
         cmocka_unit_test(test_idle),

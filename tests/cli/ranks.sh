@@ -459,7 +459,7 @@ section_differ() {
         >/dev/null
     cp -r "$work/points" "$work/points-1"
     head -n 200 "$work/points/sparse/0/points3D.txt" >"$work/points-1/sparse/0/points3D.txt"
-    local depths=("${go[@]:2}" --depth-loss 0.1 --bbox=-2,-2,-2,2,2,2)
+    local depths=("${go[@]:2}" --depth-loss 0.1 "--bbox=-2,-2,-2,2,2,2")
     here=("$ranked" train "$work/points" "${depths[@]}")
     there=("$ranked" train "$work/points-1" "${depths[@]}")
     expect "ranks of different sparse points are refused" 2 \
