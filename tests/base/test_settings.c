@@ -373,9 +373,8 @@ static void test_idle(void **state)
     assert_non_null(strstr(warnings_with("voxel", "smooth-density-delta=2",
                                          &(cln_settings_facts){.ranks = 1, .shell = true}),
                            "--smooth-density-delta has no effect: in a shell"));
-    assert_string_equal(warnings_with("voxel", "smooth-density-delta=2",
-                                      &(cln_settings_facts){.ranks = 1}),
-                        "");
+    assert_string_equal(
+        warnings_with("voxel", "smooth-density-delta=2", &(cln_settings_facts){.ranks = 1}), "");
     assert_non_null(
         strstr(warnings_with("fast", "exchange=samples", &(cln_settings_facts){.ranks = 1}),
                "--exchange has no effect: a single process"));
