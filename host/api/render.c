@@ -67,7 +67,8 @@ done:
     return st;
 }
 
-/* Poses of another scene, or in other units, would give pictures of the background alone. */
+/* Poses of another scene, or in other units, would give pictures of the background alone. A shell is
+ * seen by all. */
 static void warn_unseen(const cln_render_job *j)
 {
     const cln_space *space = &j->opened.model.space;
@@ -75,7 +76,8 @@ static void warn_unseen(const cln_render_job *j)
     for (int i = 0; i < j->count; i++)
         if (cln_camera_sees(&j->frames[i].camera, space))
             return;
-    cln_warn("%s: none of its %d poses looks at the run's cube, centre (%g, %g, %g), half side %g; "
+    cln_warn("%s: none of its %d poses looks at the run's cube, centre (%.9g, %.9g, %.9g), half "
+             "side %.9g; "
              "are they of this scene, in its units and axes?",
              j->desc->poses, j->count, space->centre[0], space->centre[1], space->centre[2],
              space->half);

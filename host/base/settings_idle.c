@@ -67,7 +67,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"lr-final", c->lr_schedule == CLN_SCHEDULE_STEP,
          "--lr-schedule step only divides --lr by ten, twice; give --lr-schedule exp"},
         {"smooth-density-delta smooth-colour-delta", facts->shell,
-         "in a shell squares stay squares; give --space cube"},
+         "in a shell squares stay squares; leave it out, or train with --space cube"},
         {"smooth-density-delta", c->smooth_density <= 0,
          "densities are not smoothed; give --smooth-density 4e-9"},
         {"smooth-colour-delta", c->smooth_colour <= 0,

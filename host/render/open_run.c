@@ -9,6 +9,7 @@
 #include "base/log.h"
 #include "pipeline/plan.h"
 #include "pipeline/share.h"
+#include "ranks/ranks.h"
 #include "io/run_folder.h"
 #include "render/ray_batch.h"
 #include "render/recorded.h"
@@ -73,6 +74,17 @@ done:
     return st;
 }
 
+/* Ranks have room for batches of more or fewer samples (their photos take more or less): all take
+ * what the one with the least has. */
+static void agree_on_batches(cln_plan *plan)
+{
+    double least[2] = {-(double)plan->max_samples, -(double)plan->batch_samples};
+
+    cln_ranks_largest(least, 2);
+    plan->max_samples = (size_t)-least[0];
+    plan->batch_samples = (size_t)-least[1];
+}
+
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses)
 {
     cln_status st = CLN_OK;
@@ -110,6 +122,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_plan_host(&desc, &plan, &host_plan);
     CLN_TRY(cln_plan_check(opened->device, &plan));
     CLN_TRY(cln_plan_check_host(&host_plan));
+    agree_on_batches(&plan);
     cln_plan_text(&plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
     CLN_TRY(cln_share_agree(
