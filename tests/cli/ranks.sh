@@ -455,13 +455,13 @@ section_differ() {
     there=("$ranked" train "$work/other" "${go[@]:2}")
     expect "ranks of different scenes are refused" 2 "~rank.1.has.another.scene" each here there
     # sparse points, which are no part of a scene's digest; the cube is given
-    "$make_scene" "$work/points" --kind terrain --format colmap --size 32 --train 6 --test 0 \
+    "$make_scene" "$work/sparse" --kind terrain --format colmap --size 32 --train 6 --test 0 \
         >/dev/null
-    cp -r "$work/points" "$work/points-1"
-    head -n 200 "$work/points/sparse/0/points3D.txt" >"$work/points-1/sparse/0/points3D.txt"
+    cp -r "$work/sparse" "$work/sparse-1"
+    head -n 200 "$work/sparse/sparse/0/points3D.txt" >"$work/sparse-1/sparse/0/points3D.txt"
     local depths=("${go[@]:2}" --depth-loss 0.1 "--bbox=-2,-2,-2,2,2,2")
-    here=("$ranked" train "$work/points" "${depths[@]}")
-    there=("$ranked" train "$work/points-1" "${depths[@]}")
+    here=("$ranked" train "$work/sparse" "${depths[@]}")
+    there=("$ranked" train "$work/sparse-1" "${depths[@]}")
     expect "ranks of different sparse points are refused" 2 \
         "~rank.1.has.another.set.of.sparse.points" each here there
     here=("$ranked" "${go[@]}")
