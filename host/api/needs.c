@@ -112,7 +112,7 @@ done:
     return st;
 }
 
-/* Times a tree, and pictures on it if wanted: the first one (leaves 0), or one of `leaves` leaves. */
+/* Times a tree, the first one (leaves 0) or one of `leaves` leaves, and pictures on it. */
 static cln_status time_tree(cln_device *device, const cln_config *config, int leaves, bool pictures,
                             double budget, timing *out)
 {

@@ -67,8 +67,8 @@ done:
     return st;
 }
 
-/* Poses of another scene, or in other units, would give pictures of the background alone. A shell is
- * seen by all. */
+/* Poses of another scene, or in other units, would give pictures of the background alone. A shell
+ * is seen by all. */
 static void warn_unseen(const cln_render_job *j)
 {
     const cln_space *space = &j->opened.model.space;

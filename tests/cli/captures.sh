@@ -396,7 +396,8 @@ section_check() {
     check "check --probe: a step takes less than a minute" \
         number_above 60 "$(json training.time.step_seconds)"
     check "a step's time lies between those of the first and the largest tree" \
-        awk -v s="$(json training.time.step_seconds)" -v a="$(json training.time.step_seconds_first)" \
+        awk -v s="$(json training.time.step_seconds)" \
+        -v a="$(json training.time.step_seconds_first)" \
         -v b="$(json training.time.step_seconds_last)" \
         'BEGIN { exit !(a > 0 && b > 0 && (s - a) * (s - b) <= 0) }'
     check "the budget's time is that of its steps" \
