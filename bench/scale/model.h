@@ -19,7 +19,7 @@
  *   - Waiting: a rank's computing takes now more, now less time, whatever its work: by a normal
  *     distribution of standard deviation `spread`, a part of the mean, in each step and on each
  *     rank anew. A step ends when the slowest of them does.
- *   - Ranks repeat the walk of rays. `walk` has two other ways, which are not built; in both, a
+ *   - Ranks repeat the walk of rays. `walk` has two other ways, which are not in it; in both, a
  *     step has another message that waits. SCALE_OWN_CELLS: each rank reads densities of its own
  *     leaves alone, keeps them to itself, and tells the others each stretch's optical depth, 4
  *     bytes. Of the time for a leaf that a ray passes, the part `cells` is then shared.

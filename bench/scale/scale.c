@@ -350,7 +350,7 @@ static void put_walks(const scale_machine *m, double density_bytes, double rays,
                 {"cells of own leaves alone", SCALE_OWN_CELLS},
                 {"own rays alone", SCALE_OWN_RAYS}};
 
-    printf("\n## If ranks shared the walk of rays\n\n%s. The last two are not built: see walk in "
+    printf("\n## If ranks shared the walk of rays\n\n%s. The last two are not in it: see walk in "
            "bench/scale/model.h.\n\n| walk | leaves | speed-up of 2 | 4 | 16 | 64 | 256 | 1,024 "
            "ranks | GiB of densities on one of 1,024 |\n|---|---|---|---|---|---|---|---|---|\n",
            networks[0].name);
