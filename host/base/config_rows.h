@@ -146,8 +146,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "what lies in the cube but outside --bbox, or the box of the points, stays empty",     \
          .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                 \
     REAL(regrow, "regrow", 0, 0.7, 0, 1,                                                        \
-         "after growth, culled leaves come back where this share of the photos has errors (0: " \
-         "never)",                                                                              \
+         "after growth, culled leaves come back where this share of the photos has errors, or " \
+         "where a surface is cut off (0: never)",                                               \
          .flags = CLN_ROW_LATER)                                                                \
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
          "mean density of a leaf: over samples that a view sees, or weighted by how well")      \

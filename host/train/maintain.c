@@ -318,8 +318,9 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     const int leaves = t->pipeline.leaves;
     const double began = cln_now();
     const int most = cln_config_most_leaves(&t->model.config);
-    uint8_t *cells = NULL, *empty = NULL;
-    int found = 0, fresh = 0;
+    uint8_t *empty = NULL;
+    int fresh = 0;
+    cln_missing missing = {0};
     cln_leaf_stats stats = {0};
     cln_octree tree = {0}, old = {0};
     cln_octree_change change = {0};
@@ -332,11 +333,11 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     CLN_TRY(cln_alloc(&empty, (size_t)leaves, 1, "leaf marks"));
     CLN_TRY(leaf_stats(t, &stats.mean, &stats.peak));
     cln_structure_empty(&t->model.tree, &stats, &t->model.config, empty);
-    CLN_TRY(cln_regrow_find(t, empty, &cells, &found));
-    if (found == 0)
+    CLN_TRY(cln_regrow_find(t, empty, &missing));
+    if (missing.errors + missing.cut == 0)
         goto done;
     CLN_TRY(cln_octree_copy(&t->model.tree, &tree));
-    CLN_TRY(cln_octree_regrow(&tree, cells, CLN_REGROW_LEVEL, t->model.level, empty, &change));
+    CLN_TRY(cln_octree_regrow(&tree, missing.cells, missing.depth, t->model.level, empty, &change));
     for (int s = 0; s < change.count; s++)
         fresh += change.octant[s] == CLN_FRESH;
     if (splits * tree.leaf_count > most || !fits(t, splits * tree.leaf_count, &next)) {
@@ -355,10 +356,12 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     t->model.growth_step = t->model.step; /* densities change fast */
     t->model.last_square = 0;
     *regrown = true;
-    cln_debug("step %lld: something is missing: %d leaves come back, now %d leaves; %.2f s",
-              (long long)t->model.step, fresh, t->pipeline.leaves, cln_now() - began);
+    cln_debug("step %lld: something is missing: %d leaves come back, now %d leaves (%d places by "
+              "errors, %d by surfaces that are cut off); %.2f s",
+              (long long)t->model.step, fresh, t->pipeline.leaves, missing.errors, missing.cut,
+              cln_now() - began);
 done:
-    free(cells);
+    free(missing.cells);
     free(empty);
     free(stats.mean);
     free(stats.peak);

@@ -1,4 +1,4 @@
-/* Finds culled places where something is missing. See regrow.h. */
+/* Finds places that lack a leaf. See regrow.h. */
 #include "train/regrow.h"
 
 #include <math.h>
@@ -12,12 +12,17 @@
 #include "train/step.h"
 
 enum {
+    ERROR_LEVEL = 5,     /* level of the cells tested for errors */
     MOST_VIEWS = 48,     /* photos looked at, evenly chosen */
-    MOST_RAYS = 1 << 16, /* rays in all of them */
+    MOST_RAYS = 1 << 19, /* rays in all of them */
+    LEAST_ENDS = 3,      /* rays that must end at a face that cuts a surface off */
     LEAST_SEEN = 3,      /* photos that must see a place */
     POINTS = 3,          /* places of a cell along an axis */
     LEAST_POINTS = 2,    /* of a cell's POINTS^3 that must show errors */
 };
+
+/* A ray ends at a face if it does within this share of the leaf's side behind it. */
+static const double AT_FACE = 0.125;
 
 /* A difference counts as an error above twice the root mean square, within these bounds. */
 static const double LEAST_ERROR = 0.1, LARGE_ERROR = 0.25;
@@ -36,7 +41,9 @@ typedef struct looks {
     look look[MOST_VIEWS];
     double square; /* sum of errors' squares */
     int64_t rays;
-    double least; /* a larger difference is an error */
+    double least;  /* a larger difference is an error */
+    int depth;     /* of the tree, ERROR_LEVEL at least */
+    uint8_t *ends; /* [cell of that level] rays that end right behind it, up to LEAST_ENDS */
 } looks;
 
 static void free_looks(looks *all)
@@ -45,6 +52,7 @@ static void free_looks(looks *all)
         free(all->look[i].error);
         free(all->look[i].depth);
     }
+    free(all->ends);
 }
 
 /* Number of blocks along a side of `pixels` whose middle is in the image, at least one. */
@@ -87,6 +95,81 @@ static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
     }
 }
 
+/* The point of the cube at `distance` (cube units) along a ray of the scene. */
+static void point_on_ray(const cln_space *space, const double origin[3], const double way[3],
+                         double distance, double cube[3])
+{
+    double scene[3];
+
+    for (int a = 0; a < 3; a++)
+        scene[a] = origin[a] + way[a] * distance * space->half;
+    cln_space_point_to_cube(space, scene, cube);
+}
+
+/* Distance from a point of the cube, against the unit direction `way`, to the faces of the cell of
+ * a side that holds it. */
+static double way_back(const double at[3], const double way[3], double side)
+{
+    double least = INFINITY;
+
+    for (int a = 0; a < 3; a++) {
+        const double low = floor((at[a] + 1) / side) * side - 1;
+        const double face = way[a] > 0 ? at[a] - low : low + side - at[a];
+
+        if (way[a] != 0)
+            least = fmin(least, face / fabs(way[a]));
+    }
+    return least;
+}
+
+/* Counts, in the cell before it, a ray that ends right behind a leaf's face with no leaf before:
+ * the surface that it meets may go on there. */
+static void count_end(const cln_trainer *t, looks *all, const look *l, int ray)
+{
+    enum { NEARBY = 1024 }; /* a ray of the scene is straight in the cube over a part of so many */
+    const cln_space *space = &t->scene->space;
+    const cln_octree *tree = &t->model.tree;
+    const cln_camera *c = &l->view->camera;
+    const double u = middle(ray % l->across, all->stride, c->width) + 0.5;
+    const double v = middle(ray / l->across, all->stride, c->height) + 0.5;
+    const double depth = l->depth[ray];
+    double origin[3], way[3], at[3], before[3], length = 0, back = 0;
+    int slot = 0, cell[3];
+
+    if (!(depth > 0 && isfinite(depth)) || !cln_camera_ray(c, u, v, origin, way))
+        return;
+    point_on_ray(space, origin, way, depth, at);
+    point_on_ray(space, origin, way, depth - depth / NEARBY, before);
+    slot = cln_octree_find(tree, at);
+    if (slot < 0)
+        return;
+    for (int a = 0; a < 3; a++) {
+        way[a] = at[a] - before[a];
+        length += way[a] * way[a];
+    }
+    if (length == 0)
+        return;
+    const double side = ldexp(2, -tree->level[tree->leaf[slot]]);
+
+    for (int a = 0; a < 3; a++)
+        way[a] /= sqrt(length);
+    back = way_back(at, way, side);
+    if (back > AT_FACE * side)
+        return;
+    back += side / NEARBY;
+    for (int a = 0; a < 3; a++) {
+        before[a] = at[a] - way[a] * back;
+        if (!(before[a] >= -1 && before[a] < 1))
+            return;
+        cell[a] = (int)((before[a] + 1) / 2 * (1 << all->depth));
+    }
+    if (cln_octree_find(tree, before) >= 0)
+        return;
+    uint8_t *ends = &all->ends[cln_cell_at(cell[0], cell[1], cell[2], 1 << all->depth)];
+
+    *ends += *ends < LEAST_ENDS;
+}
+
 static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
 {
     cln_status st = CLN_OK;
@@ -120,6 +203,8 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
         CLN_TRY(cln_render_rays(&t->pipeline, &batch, t->results, &used));
         cln_batch_look(&t->batch, t->scene, used);
         compare(t, all, l, first, used);
+        for (int i = first; i < first + used; i++)
+            count_end(t, all, l, i);
     }
 done:
     return st;
@@ -159,7 +244,7 @@ static bool is_missing(const cln_trainer *t, const looks *all, const uint8_t *em
 {
     const cln_space *space = &t->scene->space;
     const double share = t->model.config.regrow;
-    const int n = 1 << CLN_REGROW_LEVEL, corner[3] = {cell % n, cell / n % n, cell / n / n};
+    const int n = 1 << ERROR_LEVEL, corner[3] = {cell % n, cell / n % n, cell / n / n};
     double at[3];
     int slot = 0, missing = 0;
 
@@ -180,16 +265,32 @@ static bool is_missing(const cln_trainer *t, const looks *all, const uint8_t *em
     return missing >= LEAST_POINTS;
 }
 
-cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells, int *found)
+/* Marks the cells [2^depth an axis] of one of ERROR_LEVEL. */
+static void mark_under(cln_missing *missing, int cell)
+{
+    const int n = 1 << ERROR_LEVEL, wide = 1 << (missing->depth - ERROR_LEVEL);
+    const int from[3] = {cell % n * wide, cell / n % n * wide, cell / n / n * wide};
+
+    for (int z = from[2]; z < from[2] + wide; z++)
+        for (int y = from[1]; y < from[1] + wide; y++)
+            for (int x = from[0]; x < from[0] + wide; x++)
+                missing->cells[cln_cell_at(x, y, z, 1 << missing->depth)] = 1;
+}
+
+cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, cln_missing *missing)
 {
     cln_status st = CLN_OK;
     const int views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN);
-    looks all = {.count = views < MOST_VIEWS ? views : MOST_VIEWS};
+    const int depth = cln_octree_depth(&t->model.tree);
+    looks all = {.count = views < MOST_VIEWS ? views : MOST_VIEWS,
+                 .depth = depth > ERROR_LEVEL ? depth : ERROR_LEVEL};
+    const size_t cells = (size_t)1 << (3 * all.depth);
 
-    *found = 0;
-    CLN_TRY(cln_alloc(cells, (size_t)1 << (3 * CLN_REGROW_LEVEL), 1, "marks of cells"));
+    *missing = (cln_missing){.depth = all.depth};
+    CLN_TRY(cln_alloc(&missing->cells, cells, 1, "marks of cells"));
     if (t->scene->space.forward)
         goto done;
+    CLN_TRY(cln_alloc(&all.ends, cells, 1, "marks of cells"));
     all.stride = cln_scene_spread_stride(t->scene, CLN_SPLIT_TRAIN, all.count, MOST_RAYS);
     CLN_TRY(cln_step_catch_up(t));
     cln_queue_book(t->device, CLN_STAGE_PROBE);
@@ -199,10 +300,15 @@ cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells
             t, &all, cln_scene_spread_view(t->scene, CLN_SPLIT_TRAIN, i, all.count), &all.look[i]));
     all.least = 2 * sqrt(all.square / fmax(1, (double)all.rays));
     all.least = fmin(LARGE_ERROR, fmax(LEAST_ERROR, all.least));
-    for (int i = 0; i < 1 << (3 * CLN_REGROW_LEVEL); i++) {
-        (*cells)[i] = is_missing(t, &all, empty, i);
-        *found += (*cells)[i];
+    for (size_t i = 0; i < cells; i++) {
+        missing->cells[i] = all.ends[i] == LEAST_ENDS;
+        missing->cut += missing->cells[i];
     }
+    for (int i = 0; i < 1 << (3 * ERROR_LEVEL); i++)
+        if (is_missing(t, &all, empty, i)) {
+            mark_under(missing, i);
+            missing->errors++;
+        }
 done:
     cln_queue_book(t->device, CLN_STAGES);
     free_looks(&all);

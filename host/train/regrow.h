@@ -1,19 +1,24 @@
-/* Finds culled places where something is missing: nearly all photos that see the place have an
- * error there. So a leaf that was culled too early comes back; it would be lost for good otherwise,
- * as space outside the tree gets no samples (docs/method.md 11). model/octree.h changes the
- * tree. */
+/* Finds places of the tree that should have a leaf and have none: where nearly all photos that see
+ * the place have an error, and behind which a surface is cut off by a leaf's face. So a leaf that
+ * was culled too early comes back; it would be lost for good otherwise, as space outside the tree
+ * gets no samples (docs/method.md 12.3). model/octree.h changes the tree. */
 #ifndef CLN_REGROW_H
 #define CLN_REGROW_H
 
 #include "train/trainer.h"
 
-/* Level of the tested cells. */
-enum { CLN_REGROW_LEVEL = 5 };
+/* Cells of the cube [z][y][x], 2^depth an axis: what lacks a leaf is marked. */
+typedef struct cln_missing {
+    int depth;
+    uint8_t *cells; /* the caller frees them */
+    int errors,
+        cut; /* cells of level 5 found by errors; cells found by surfaces that are cut off */
+} cln_missing;
 
-/* Marks and counts cells [32 z][32 y][32 x] of the cube that have no leaf or an `empty` one [slot],
- * and where at least the share `regrow` of the training photos that see a point of the cell have an
- * error there. Renders a fixed set of rays, so it depends only on the model. Forward spaces: none.
- * The caller frees *cells. CLN_MEMORY, CLN_CL. */
-cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, uint8_t **cells, int *found);
+/* Marks cells that have no leaf or an `empty` one [slot], and where at least the share `regrow` of
+ * the training photos that see a point of the cell have an error there; and cells without a leaf
+ * before the face of one in which photos see a surface begin. Renders a fixed set of rays, so it
+ * depends only on the model. Forward spaces: none. CLN_MEMORY, CLN_CL. */
+cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, cln_missing *missing);
 
 #endif

@@ -473,7 +473,7 @@ section_regrow() {
         --cull-mean 6 --cull-from 0.05 --cull-after 160 --refresh-every 16 --no-adaptive --rays 512
         --batch-samples 8192 -v)
     scene missing --size 48 --train 20 --test 3
-    for share in 0 0.7; do
+    for share in 0 0.7 1; do # 1: places where all photos have errors, and surfaces that are cut off
         run "$cln" train "$work/missing" -o "$work/regrow$share" "${culled[@]}" --regrow $share
         check "nearly all leaves are culled (--regrow $share)" grep -q "culled 6[0-9] of 64" \
             "$work/err"
@@ -481,6 +481,8 @@ section_regrow() {
     done
     check "what is missing is found" grep -q "something is missing: [1-9]" "$work/regrow0.7.log"
     check "nothing is looked for without --regrow" eval '! grep -q missing: "$work/regrow0.log"'
+    check "surfaces that end at a leaf's face go on" grep -q \
+        "missing: [1-9].* [1-9][0-9]* by surfaces that are cut off" "$work/regrow1.log"
     check "what was missing is learnt again" number_above \
         "$("$query" result.psnr_test <"$work/regrow0.7/run.json")" \
         "$("$query" result.psnr_test <"$work/regrow0/run.json" | awk '{ print $1 + 4 }')"
