@@ -350,11 +350,14 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     t->model.tree = tree;
     tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
+    CLN_TRY(carve(t, &change));
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
     CLN_TRY(restart_measures(t));
-    t->model.growth_step = t->model.step; /* densities change fast */
-    t->model.last_square = 0;
+    if (missing.errors > 0) { /* densities change fast */
+        t->model.growth_step = t->model.step;
+        t->model.last_square = 0;
+    }
     *regrown = true;
     cln_debug("step %lld: something is missing: %d leaves come back, now %d leaves (%d places by "
               "errors, %d by surfaces that are cut off); %.2f s",

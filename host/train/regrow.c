@@ -163,7 +163,7 @@ static void count_end(const cln_trainer *t, looks *all, const look *l, int ray)
             return;
         cell[a] = (int)((before[a] + 1) / 2 * (1 << all->depth));
     }
-    if (cln_octree_find(tree, before) >= 0)
+    if (cln_octree_find(tree, before) >= 0 || (space->shell && !cln_shell_holds(before)))
         return;
     uint8_t *ends = &all->ends[cln_cell_at(cell[0], cell[1], cell[2], 1 << all->depth)];
 
