@@ -55,7 +55,8 @@ LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
 CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
 # separate programs and a library, for cli.sh, devices.sh, fuzz.sh and faults.sh
-TEST_OWN := tests/support/json_query.c tests/device/device_cases.c tests/support/faults.c \
+TEST_OWN := tests/support/json_query.c tests/support/copies.c tests/device/device_cases.c \
+            tests/support/faults.c \
             $(wildcard tests/fuzz/*.c)
 TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
@@ -142,6 +143,9 @@ $B/fuzz-alone: $B/obj/tests/fuzz/alone.o $(FUZZ_OBJ)
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) $(FUZZ_LINK) -o $@
 
 $B/json-query: $B/obj/tests/support/json_query.o
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+
+$B/voxel-copies: $B/obj/tests/support/copies.o $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $B/faults.so: $B/obj/tests/support/faults.o

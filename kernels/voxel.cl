@@ -1,4 +1,4 @@
-/* needs: adam space leaves decoder */
+/* needs: adam space vertices decoder */
 /* Leaves without a network: voxels (method.md 1). A leaf is a grid of CELLS cells an axis; a vertex
  * has a density and spherical harmonics of three colours, both before their activations, linear
  * between vertices:
@@ -43,8 +43,6 @@
 #define BEND_COLOUR    10.0f
 #endif
 
-#define SIDE      (CELLS + 1)
-#define VERTICES  (SIDE * SIDE * SIDE)
 #define HARMONICS (FEATURES == 4 ? 1 : FEATURES == 16 ? 4 : 9)
 #define STEP_Y    (SIDE * FEATURES)
 #define STEP_Z    (SIDE * STEP_Y)
@@ -549,14 +547,14 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
 /* The leaves that share vertices: a leaf and those around it that have them, too. */
 typedef struct sharers {
     int count;               /* 0: another leaf is the first of them, and steps for all */
-    int leaf[8], shift[8];   /* shift: what to add to a vertex' number in the own leaf */
+    int row[8], shift[8];    /* row: of its weights, -1 if another rank has them; shift: what to
+                              * add to a vertex' number in the own leaf */
     uint first[8], last[8];  /* their slices */
 } sharers;
 
 /* Of vertices inside the leaf (0), on its lower (-1) or upper face (1) along each axis. near [27]:
  * neighbours. */
-HELPER void find_sharers(const __global int *near, const __global uint *slice_starts, int3 face,
-                         __local sharers *s)
+HELPER void find_sharers(const __global int *near, leaf_slices of, int3 face, __local sharers *s)
 {
     s->count = 0;
     for (int z = min(face.z, 0); z <= max(face.z, 0); z++)
@@ -570,23 +568,14 @@ HELPER void find_sharers(const __global int *near, const __global uint *slice_st
                     s->count = 0;
                     return;
                 }
-                s->leaf[k] = leaf;
+                const uint2 slices = slices_of(of, leaf);
+
+                s->row[k] = is_here(of, leaf) ? leaf - (int)of.first : -1;
                 s->shift[k] = -((z * SIDE + y) * SIDE + x) * CELLS;
-                s->first[k] = slice_starts[leaf];
-                s->last[k] = slice_starts[leaf + 1];
+                s->first[k] = slices.x;
+                s->last[k] = slices.y;
                 s->count++;
             }
-}
-
-/* Whether samples of a slice met vertices from `vertex` on along x: bits. */
-HELPER uint met_from(const __global uint *met, uint slice, int vertex)
-{
-    return met[(size_t)slice * SIDE * SIDE + vertex / SIDE] >> vertex % SIDE;
-}
-
-HELPER int face_of(int at)
-{
-    return at == 0 ? -1 : at == CELLS;
 }
 
 /* A step of numbers p .. p + VW - 1 of a vertex: Adam's (adam.h), but steps of the vertex alone
@@ -616,18 +605,21 @@ HELPER vf voxel_step(vf rate, uint key, vf g, uint p, __global float *params,
 }
 
 /* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
- * work-group updates EACH leaves, run by run of the vertices along x: their ends may be shared with
- * other leaves than what is between. */
+ * work-group updates EACH of the `own` leaves from `first` on, run by run of the vertices along x:
+ * their ends may be shared with other leaves than what is between. A gradient is the sum over
+ * leaves of their sums over slices, of which other ranks' leaves have one (halo.cl). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              LEAF_ARRAY(const float, grads),             /* [slice][PARAMS] */
              const __global uint *restrict met,          /* [slice][SIDE * SIDE] */
              const __global int *restrict around,        /* [leaf][27] */
              LEAF_ARRAY(float, params), LEAF_ARRAY(moment_type, m), LEAF_ARRAY(moment_type, v),
-             uint leaves, float lr, uint step_key)
+             const __global uint *restrict far, /* [leaf]; not read if all leaves are here */
+             uint first, uint own, float lr, uint step_key)
 {
     __local sharers by_face[27];
-    const uint from = get_group_id(0) * EACH;
+    const leaf_slices of = {slice_starts, far, first, own};
+    const uint from = first + get_group_id(0) * EACH, end_leaf = first + own;
     const int lid = (int)get_local_id(0);
     vf rate[FEATURES / VW];
 
@@ -638,16 +630,18 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
             lanes[i] = f * VW + i == 3 ? DENSITY_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
         rate[f] = lr * VLOAD(lanes);
     }
-    for (uint leaf = from; leaf < min(from + EACH, leaves); leaf++) {
-        const uint key = hash_one(step_key ^ leaf * 0xC2B2AE35u);
-        __global float *w_row = LEAF_ROW(params, leaf, PARAMS);
-        __global moment_type *m_row = LEAF_ROW(m, leaf, PARAMS), *v_row = LEAF_ROW(v, leaf, PARAMS);
-        const uint after = min(leaf + 1u, leaves - 1u), slice_after = slice_starts[after];
+    for (uint leaf = from; leaf < min(from + EACH, end_leaf); leaf++) {
+        const uint key = hash_one(step_key ^ leaf * 0xC2B2AE35u), row_here = leaf - first;
+        __global float *w_row = LEAF_ROW(params, row_here, PARAMS);
+        __global moment_type *m_row = LEAF_ROW(m, row_here, PARAMS);
+        __global moment_type *v_row = LEAF_ROW(v, row_here, PARAMS);
+        const uint after = min(leaf + 1u, end_leaf - 1u), slice_after = slice_starts[after];
+        const uint row_after = after - first;
         const bool fetches = slice_starts[after + 1u] > slice_after;
 
         GROUP_SYNC();
         for (int n = lid; n < 27; n += LS)
-            find_sharers(around + leaf * 27u, slice_starts,
+            find_sharers(around + leaf * 27u, of,
                          (int3)(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1), &by_face[n]);
         GROUP_SYNC();
         for (int run = lid / LANES; run < 3 * SIDE * SIDE; run += LS / LANES) {
@@ -663,11 +657,11 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
                     const int x = 31 - (int)clz(soon), p = (row * SIDE + x) * FEATURES;
 
                     soon ^= 1u << x;
-                    FETCH_WRITE(LEAF_ROW(params, after, PARAMS) + p);
+                    FETCH_WRITE(LEAF_ROW(params, row_after, PARAMS) + p);
 #if MOMENTUM
-                    FETCH_WRITE(LEAF_ROW(m, after, PARAMS) + p);
+                    FETCH_WRITE(LEAF_ROW(m, row_after, PARAMS) + p);
 #endif
-                    FETCH_WRITE(LEAF_ROW(v, after, PARAMS) + p);
+                    FETCH_WRITE(LEAF_ROW(v, row_after, PARAMS) + p);
                     FETCH(SLICE_ROW(grads, slice_after, PARAMS) + p);
                 }
 #endif
@@ -683,17 +677,22 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
                     const uint p = (uint)(at * FEATURES + f);
                     vf g = (vf)(0.0f);
 
-                    for (int i = 0; i < s->count; i++)
+                    for (int i = 0; i < s->count; i++) {
+                        vf sum = (vf)(0.0f);
+
                         for (uint slice = s->first[i]; slice < s->last[i]; slice++)
                             if (met_from(met, slice, at + s->shift[i]) & 1u)
-                                g += VLOAD(SLICE_ROW(grads, slice, PARAMS) +
-                                           (at + s->shift[i]) * FEATURES + f);
+                                sum += VLOAD(SLICE_ROW(grads, slice, PARAMS) +
+                                             (at + s->shift[i]) * FEATURES + f);
+                        g += sum;
+                    }
                     const vf w = voxel_step(rate[f / VW], key, g, p, w_row, m_row, v_row);
 
                     for (int i = 1; i < s->count; i++)
-                        VSTORE_IN(__global, w,
-                                  LEAF_ROW(params, s->leaf[i], PARAMS) +
-                                      (at + s->shift[i]) * FEATURES + f);
+                        if (s->row[i] >= 0)
+                            VSTORE_IN(__global, w,
+                                      LEAF_ROW(params, s->row[i], PARAMS) +
+                                          (at + s->shift[i]) * FEATURES + f);
                 }
             }
         }
@@ -744,20 +743,20 @@ HELPER int join_rank(int octant)
 
 /* After a change of the tree, gives leaves of one size the same numbers at common vertices: those
  * of the leaf of lowest rank, the first of these in the order of `around`. That leaf keeps its own,
- * so none reads what another writes. places [leaf]: kernels/carry.cl. */
+ * so none reads what another writes. places [leaf]: kernels/carry.cl. Here are the `own` leaves
+ * from `first` on; numbers of others have come before (halo.cl). */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_join(const __global int *restrict around,  /* [leaf][27] */
            const __global int2 *restrict places, /* [leaf] */
-           LEAF_ARRAY(float, params))
+           LEAF_ARRAY(float, params), uint first, uint own)
 {
-    const uint leaf = get_group_id(0);
+    const uint leaf = first + get_group_id(0);
     const __global int *near = around + leaf * 27u;
 
     if (join_rank(places[leaf].y) == 0)
         return;
     for (int v = (int)get_local_id(0); v < VERTICES; v += LS) {
-        const int3 face = (int3)(face_of(v % SIDE), face_of(v / SIDE % SIDE),
-                                 face_of(v / (SIDE * SIDE)));
+        const int3 face = faces_of(v);
         int best = -1, rank = 3, there = v;
 
         for (int z = min(face.z, 0); z <= max(face.z, 0); z++)
@@ -771,10 +770,10 @@ voxel_join(const __global int *restrict around,  /* [leaf][27] */
                         there = v - ((z * SIDE + y) * SIDE + x) * CELLS;
                     }
                 }
-        if (best < 0 || best == (int)leaf)
+        if (best == (int)leaf || (uint)best - first >= own)
             continue;
         for (int f = 0; f < FEATURES; f++)
-            LEAF_ROW(params, leaf, PARAMS)[v * FEATURES + f] =
-                LEAF_ROW(params, best, PARAMS)[there * FEATURES + f];
+            LEAF_ROW(params, leaf - first, PARAMS)[v * FEATURES + f] =
+                LEAF_ROW(params, best - (int)first, PARAMS)[there * FEATURES + f];
     }
 }

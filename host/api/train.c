@@ -466,10 +466,6 @@ static cln_status check_settings(cln_trainer *t, const cln_config *config, cln_c
         CLN_TRY(check_shape(saved, config));
         CLN_TRY(check_same_tree(saved, config));
     }
-    if (cln_leaf_kind_of(config->encoding)->joined && cln_ranks_count() > 1)
-        CLN_TRY(cln_fail(CLN_USAGE,
-                         "--encoding voxel: several processes cannot train voxels, as these would "
-                         "share vertices; start one, or give --preset fast"));
     CLN_TRY(cln_config_eval_points(config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
                                    &t->point_count));
 done:

@@ -80,6 +80,17 @@ static size_t met_of(const cln_pipeline *p)
                : 0;
 }
 
+/* Common vertices of voxels on several ranks (kernels/halo.cl): a number of a link; its row. */
+static size_t linked_of(const cln_pipeline *p)
+{
+    return cln_leaf_kind_of(p->net.encoding)->joined;
+}
+
+static size_t halo_row_of(const cln_pipeline *p)
+{
+    return linked_of(p) ? 1 + (size_t)p->net.features : 0;
+}
+
 /* A slice's share of the gradients of a group of slices. */
 static size_t decoder_part_of(const cln_pipeline *p)
 {

@@ -12,6 +12,7 @@
 
 #include "base/config.h"
 #include "base/memory.h"
+#include "pipeline/halo.h"
 #include "pipeline/share.h"
 
 _Static_assert(CLN_COPIED == -1 && CLN_MERGED == -2 && CLN_FRESH == -10,
@@ -218,6 +219,7 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
     const carry all = {.p = p, .change = change};
     cln_octree_change own = {0};
     const carry c = {.p = p, .change = &own}; /* of this rank's leaves */
+    cl_uint first = 0, count = 0;
 
     CLN_ASSERT(change->count == tree->leaf_count);
     CLN_TRY(cln_share_sums(p));
@@ -227,6 +229,8 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
     cln_share_change(p, change);
     CLN_TRY(cln_pipeline_tree(p, tree));
     CLN_TRY(take_own(p, change, old_first, &own));
+    first = (cl_uint)p->first;
+    count = (cl_uint)p->own;
     CLN_TRY(put_places(&c));
     CLN_TRY(carry_weights(&c));
     CLN_TRY(carry_rows(&c, CLN_BUFFER_adam_m));
@@ -235,10 +239,11 @@ cln_status cln_pipeline_carry(cln_pipeline *p, const cln_octree *tree,
     CLN_TRY(put_places(&all));
     CLN_TRY(carry_densities(&all));
     CLN_TRY(cln_pipeline_around(p, tree));
+    CLN_TRY(cln_halo_join(p, change->octant));
     if (cln_leaf_kind_of(p->net.encoding)->joined)
-        CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_join, CLN_STAGE_STRUCTURE, (size_t)p->leaves,
+        CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_join, CLN_STAGE_STRUCTURE, (size_t)p->own,
                            (size_t)p->tune.ls, CLN_ARG(p->around.mem), CLN_ARG(p->places.mem),
-                           CLN_LEAF_ARG(p, params)));
+                           CLN_LEAF_ARG(p, params), CLN_ARG(first), CLN_ARG(count)));
     if (cln_pipeline_measures(&p->config) > 0) {
         CLN_TRY(carry_numbers(&all, CLN_BUFFER_leaf_sums, old_leaves));
         CLN_TRY(carry_numbers(&all, CLN_BUFFER_leaf_met, old_leaves));

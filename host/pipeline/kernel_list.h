@@ -13,7 +13,8 @@
  *   CROP    PARTS, and rays are cut to a box (walk.h); only if it is asked for by name
  * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK or VOXEL: what
  * leaves are; SPLATTING: stage 1 splats; REGULARISED: a regulariser reads points; MEASURED:
- * training measures leaves, which may merge; SHARED: ranks share the pipeline. */
+ * training measures leaves, which may merge; SHARED: ranks share the pipeline; HALO: and its leaves
+ * have common vertices. */
 #define CLN_PROGRAM_LIST(X)                           \
     X(scan, scan, PLAIN, ALWAYS)                      \
     X(sort64, scan, WIDE, SPLATTING)                  \
@@ -37,6 +38,7 @@
     X(distil, distil, PLAIN, MEASURED)                \
     X(share, share, PLAIN, SHARED)                    \
     X(stretch, stretch, PLAIN, SHARED)                \
+    X(halo, halo, PARTS, HALO)                        \
     X(sampling_crop, sampling, CROP, ALWAYS)
 
 /* X(member, kernel, program, when): created with its program if `when` holds, too. SERIAL: tune.sg
@@ -96,6 +98,11 @@
     X(stretch_list, stretch_list, stretch, ALWAYS)                  \
     X(stretch_composite, stretch_composite, stretch, ALWAYS)        \
     X(stretch_train, stretch_train, stretch, ALWAYS)                \
+    X(halo_mark, halo_mark, halo, ALWAYS)                           \
+    X(halo_pack_gradients, halo_pack_gradients, halo, ALWAYS)       \
+    X(halo_pack_values, halo_pack_values, halo, ALWAYS)             \
+    X(halo_put_gradients, halo_put_gradients, halo, ALWAYS)         \
+    X(halo_put_values, halo_put_values, halo, ALWAYS)               \
     X(intervals_crop, intervals_fill, sampling_crop, ALWAYS)
 
 #endif

@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "pipeline/halo.h"
 #include "pipeline/loss_args.h"
 #include "pipeline/share.h"
 #include "pipeline/stretch.h"
@@ -20,7 +21,7 @@ cln_status cln_stage_group(cln_pipeline *p, uint32_t sample_count, uint32_t *sli
     const cl_uint n = sample_count, leaves = (cl_uint)p->leaves, slice = (cl_uint)p->tune.sl;
     const cl_uint block = (cl_uint)p->tune.nb, first = (cl_uint)p->first, own = (cl_uint)p->own;
     const size_t wg = (size_t)p->tune.wg;
-    const cl_uint most = (n < leaves ? n : leaves) + n / slice;
+    const cl_uint most = (n < own ? n : own) + n / slice;
     int bits = 1;
 
     *slice_count = most;
@@ -257,12 +258,14 @@ static cln_status decoder_backward(cln_pipeline *p, uint32_t sample_count, uint3
 {
     cln_status st = CLN_OK;
     const cl_uint slices = slice_count;
+    int rows = 0;
 
     CLN_TRY(CLN_RESERVE(p, feature_grads, sample_count));
     if (!p->net.decoder)
         return CLN_OK;
     p->decoder_groups = (int)cln_groups(slice_count, CLN_DECODER_EACH);
-    CLN_TRY(CLN_RESERVE(p, decoder_grads, (size_t)p->decoder_groups * CLN_DECODER_EACH));
+    rows = p->decoder_groups > p->ranks ? p->decoder_groups : p->ranks;
+    CLN_TRY(CLN_RESERVE(p, decoder_grads, (size_t)rows * CLN_DECODER_EACH));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.decoder_backward, CLN_STAGE_BACKWARD,
                        (size_t)p->decoder_groups, (size_t)p->tune.ls, CLN_ARG(p->decoder_w.mem),
                        CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
@@ -284,10 +287,12 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sa
     const cl_uint half = (cl_uint)p->tune.sl / 2, least = min_samples;
     const cl_float rate = (float)lr;
     const cl_int first = p->first;
+    size_t far = 0; /* of other ranks' leaves */
 
-    CLN_TRY(CLN_RESERVE(p, grads, (size_t)gradients));
+    CLN_TRY(cln_halo_room(p, &far));
+    CLN_TRY(CLN_RESERVE(p, grads, (size_t)gradients + far));
     if (is_voxel(p)) {
-        CLN_TRY(CLN_RESERVE(p, met, slice_count));
+        CLN_TRY(CLN_RESERVE(p, met, slice_count + far));
         CLN_TRY(decoder_backward(p, sample_count, slice_count));
         CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_backward, CLN_STAGE_BACKWARD, slices,
                            (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
@@ -341,15 +346,17 @@ static cln_status decoder_update(cln_pipeline *p, double lr)
 static cln_status launch_voxel_update(cln_pipeline *p, double lr, uint32_t step_key)
 {
     cln_status st = CLN_OK;
-    const cl_uint count = (cl_uint)p->leaves, key = step_key;
+    const cl_uint first = (cl_uint)p->first, own = (cl_uint)p->own, key = step_key;
     const cl_float rate = (cl_float)lr;
+    const cln_buffer *far = p->ranks > 1 ? &p->halo_far : &p->slice_starts;
 
     CLN_TRY(decoder_update(p, lr));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_update, CLN_STAGE_ADAM,
-                       cln_groups((size_t)p->leaves, CLN_ADAM_EACH), (size_t)p->tune.ls,
+                       cln_groups((size_t)p->own, CLN_ADAM_EACH), (size_t)p->tune.ls,
                        CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
                        CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
-                       CLN_LEAF_ARG(p, adam_v), CLN_ARG(count), CLN_ARG(rate), CLN_ARG(key)));
+                       CLN_LEAF_ARG(p, adam_v), CLN_ARG(far->mem), CLN_ARG(first), CLN_ARG(own),
+                       CLN_ARG(rate), CLN_ARG(key)));
 done:
     return st;
 }
@@ -405,7 +412,10 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
 
     if (is_voxel(p)) {
         CLN_TRY(cln_stage_backward(p, sample_count, slice_count, step_key));
+        CLN_TRY(cln_halo_gradients(p, slice_count));
+        CLN_TRY(cln_halo_decoder(p));
         CLN_TRY(launch_voxel_update(p, lr, step_key));
+        CLN_TRY(cln_halo_values(p));
         goto done;
     }
     CLN_TRY(count_updates(p, min_samples));

@@ -7,6 +7,7 @@
  *   carry                 a change of the tree on the device
  *   networks, sampling    the stages (stages.h)
  *   transfer              tree, weights, cameras and batches, in and out
+ *   halo                  vertices of voxels that leaves of several ranks have
  *   stretch               a step's rays shared by ranks
  *   share                 what ranks tell each other
  *   stage1_methods        the table of stage-1 methods (stage1.h)
@@ -35,7 +36,7 @@ typedef enum cln_program_id {
 /* Sets of programs: bits of cln_program_id. All: what training needs. Pictures need no gradients
  * and do not change the tree; a crop (cln_sampling) needs sampling_crop, too. */
 #define CLN_PROGRAM_BIT(member) (1u << CLN_PROGRAM_##member)
-#define CLN_PROGRAMS_ALL        (CLN_PROGRAM_BIT(stretch) * 2u - 1u)
+#define CLN_PROGRAMS_ALL        (CLN_PROGRAM_BIT(halo) * 2u - 1u)
 #define CLN_PROGRAMS_PICTURES                                                      \
     (CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(sort64) | CLN_PROGRAM_BIT(rays) |     \
      CLN_PROGRAM_BIT(sampling) | CLN_PROGRAM_BIT(splat) | CLN_PROGRAM_BIT(group) | \
@@ -63,6 +64,18 @@ typedef struct cln_pipeline_facts {
     int depth;              /* of its tree (cln_octree_depth), which may exceed the settings' */
     const cln_space *space; /* of its cube; cameras must be given in the same */
 } cln_pipeline_facts;
+
+/* Common vertices of this rank and others (halo.h); empty without other ranks, or of networks. Links
+ * as kernels/halo.cl has them, those of each other rank adjacent, in the same order there. */
+typedef struct cln_common {
+    bool there;                 /* up to date with tree and rank_first */
+    int32_t (*around)[27];      /* [leaf] neighbours of all leaves */
+    cl_uint4 *up, *down;        /* [link] owner there; owner here */
+    int *up_first, *down_first; /* [ranks + 1] */
+    int far_leaves;             /* of other ranks, in `down` */
+    cl_uint *far, *met;         /* [leaf]; [far leaf][met_of(p)]: what came in a step */
+    double bytes;               /* that this rank sent in steps so far */
+} cln_common;
 
 struct cln_pipeline {
     cln_device *device;
@@ -108,6 +121,7 @@ struct cln_pipeline {
     uint32_t sample_total;          /* of the newest batch, once cln_stage_sample has returned */
 
     int seen_first, seen_end; /* leaves whose cells in p->seen are marked */
+    cln_common common;
 
     /* Shared by ranks (share.h): number of ranks, 0 or 1 if not shared; each one's first leaf; work
      * on leaves in training, in which recent steps count most; room for messages. */

@@ -116,6 +116,24 @@ static double view_pixels(const cln_scene *scene)
     return most;
 }
 
+/* Leaves of this rank and of others have common vertices. */
+static bool is_linked(const cln_plan_desc *d)
+{
+    return d->training && d->pipeline->ranks > 1 &&
+           cln_leaf_kind_of(d->pipeline->net.encoding)->joined;
+}
+
+/* An estimate of the links of one direction (halo.h): a cut of a full grid through a run of leaves
+ * in Morton order, of which a rank has two ends, passes fewer faces than 1.5 times those across the
+ * grid; no more than every leaf's outer vertices. */
+static double links_of(const cln_plan_desc *d, double leaves)
+{
+    const double side = d->pipeline->net.cells + 1, inside = side - 2;
+
+    return fmin(3 * pow(leaves, 2.0 / 3) * side * side,
+                leaves * (side * side * side - inside * inside * inside));
+}
+
 static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
 {
     switch (when) {
@@ -194,6 +212,8 @@ static double most_rows(const cln_plan_desc *d, const sizes *s, cln_per per)
         return s->entries;
     case CLN_PER_PADDED: /* checked when they are made */
         return 0;
+    case CLN_PER_LINK:
+        return is_linked(d) ? links_of(d, s->leaves) + 1 : 0;
     }
     return 0;
 }
@@ -286,6 +306,8 @@ static sizes find_sizes(const cln_plan_desc *d, int batches)
     s.samples = fit_samples(d, &s, batches, largest);
     s.rays = fit_rays(d, largest);
     s.slices = slices_of(s.samples, s.leaves, p->tune.sl);
+    if (is_linked(d)) /* other ranks' leaves have one each, wherever the samples are */
+        s.slices = s.leaves + floor(s.samples / p->tune.sl);
     s.gradients = cln_pipeline_gradients(&p->tune, s.samples, s.slices);
     if (s.distil) { /* nets trained together, limited by samples and by points */
         const double pool = (double)CLN_DISTIL_BATCHES * c->distil_samples;

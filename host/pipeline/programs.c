@@ -258,7 +258,18 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves)
 /* Lines that follow the pipeline's "#define" lines, and when programs and kernels are built
  * (kernel_list.h). */
 enum text_kind { PLAIN, WIDE, PARTS, TRAIN, EVAL, CROP, TEXTS };
-enum when { ALWAYS, NETWORK, VOXEL, DECODER, SPLATTING, REGULARISED, MEASURED, SERIAL, SHARED };
+enum when {
+    ALWAYS,
+    NETWORK,
+    VOXEL,
+    DECODER,
+    SPLATTING,
+    REGULARISED,
+    MEASURED,
+    SERIAL,
+    SHARED,
+    HALO
+};
 
 static const struct {
     const char *file;
@@ -305,6 +316,8 @@ static bool is_true(const cln_pipeline *p, enum when when)
         return p->tune.sg == 1;
     case SHARED:
         return p->ranks > 1;
+    case HALO:
+        return p->ranks > 1 && cln_leaf_kind_of(p->net.encoding)->joined;
     }
     return false;
 }
@@ -539,5 +552,12 @@ void cln_pipeline_free(cln_pipeline *p)
     free(p->rank_first);
     free(p->load);
     free(p->message);
+    free(p->common.around);
+    free(p->common.up);
+    free(p->common.down);
+    free(p->common.up_first);
+    free(p->common.down_first);
+    free(p->common.far);
+    free(p->common.met);
     memset(p, 0, sizeof *p);
 }

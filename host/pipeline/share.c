@@ -39,6 +39,7 @@ static void take_own(cln_pipeline *p)
     p->first = p->rank_first[me];
     p->own = p->rank_first[me + 1] - p->first;
     p->leaf_rank_there = false;
+    p->common.there = false;
 }
 
 void cln_share_evenly(cln_pipeline *p, int leaves)
@@ -377,6 +378,8 @@ static cln_status move(cln_pipeline *p, cln_buffer_id id, const int *new_first)
     const size_t rows = (size_t)(new_first[me + 1] - new_first[me]);
     char *old = NULL, *new = NULL;
 
+    if (row == 0)
+        return CLN_OK;
     CLN_TRY(cln_alloc(&old, (size_t)p->own, row, "leaves to other ranks"));
     CLN_TRY(cln_alloc(&new, rows, row, "leaves from other ranks"));
     CLN_TRY(cln_pipeline_get(p, id, old, (size_t)p->own));

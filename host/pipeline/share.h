@@ -9,7 +9,8 @@
  * leaves alone, or, with --exchange samples, and for pictures, by samples: all ranks place all
  * samples, each sample's colour and density go to all ranks after the forward pass, all composite
  * all rays, and each takes its own leaves' gradients, bit for bit those of one rank. No weight or
- * gradient travels, except weights of leaves that are dealt to another rank. */
+ * gradient travels, except weights of leaves that are dealt to another rank, and those of vertices
+ * that voxels of several ranks have in common (halo.h). */
 #ifndef CLN_SHARE_H
 #define CLN_SHARE_H
 

@@ -1,8 +1,8 @@
 /* A training step's rays shared by ranks: each samples and composites only its own leaves, and
  * sends the others a few numbers for every stretch, a run of a ray's intervals in leaves of one
  * rank (kernels/stretch.cl; the idea is NeRF-XL's, arXiv 2404.16221). No sample, weight or gradient
- * travels. A ray's colour, loss and gradients are those of one rank but for rounding; on all ranks
- * the results of rays are the same.
+ * travels, but for voxels' common vertices (halo.h). A ray's colour, loss and gradients are those
+ * of one rank but for rounding; on all ranks the results of rays are the same.
  *
  *   find       intervals -> stretches of every ray, samples here; before samples_emit
  *   composite  samples here -> sums of the stretches here

@@ -44,6 +44,11 @@ cln_status cln_pipeline_around(cln_pipeline *p, const cln_octree *tree)
         return CLN_OK;
     CLN_TRY(cln_octree_around(tree, &around));
     CLN_TRY(CLN_PUT(p, around, around, (size_t)tree->leaf_count));
+    if (p->ranks > 1) { /* halo.c finds links with it */
+        free(p->common.around);
+        p->common.around = around;
+        around = NULL;
+    }
 done:
     free(around);
     return st;

@@ -88,6 +88,7 @@ static MPI_Datatype type_of(size_t row_bytes)
 /* ---- a rank that does not come ---- */
 
 enum { HOST_BYTES = 64, QUESTION = 1, ANSWER = 2 };
+enum { SWAP = 3 }; /* the tag of cln_ranks_swap */
 
 /* Questions and answers without content. A rank that waits long asks the others whether they live;
  * each answers when it begins to wait, or while it waits. So who does not answer works, hangs, or
@@ -178,7 +179,7 @@ static void call_roll(double began)
 
 /* Waits for a message without holding the core for long: OpenMPI itself would poll, at the cost of
  * other ranks on the same core, and of this one's device if that is the processor. */
-static void await(MPI_Request *request)
+static void await_status(MPI_Request *request, MPI_Status *status)
 {
     const struct timespec rest = {.tv_nsec = 50000};
     const double began = roll.clock;
@@ -187,7 +188,7 @@ static void await(MPI_Request *request)
 
     listen_roll();
     for (int tries = 0; !done; tries++) {
-        MPI_Test(request, &done, MPI_STATUS_IGNORE);
+        MPI_Test(request, &done, status);
         if (!done && tries < 1000) {
             sched_yield();
         } else if (!done) {
@@ -204,6 +205,11 @@ static void await(MPI_Request *request)
             }
         }
     }
+}
+
+static void await(MPI_Request *request)
+{
+    await_status(request, MPI_STATUS_IGNORE);
 }
 
 void cln_ranks_answer(void)
@@ -445,6 +451,40 @@ void cln_ranks_deal(const void *from, const int *old_first, void *to, const int 
     account(began, bytes);
 }
 
+void cln_ranks_swap(const void *sent, const int *sent_first, const bool *to, void *got,
+                    const int *got_first, int *got_count, size_t row_bytes)
+{
+    const double began = now();
+    static MPI_Request sending[CLN_RANKS_MOST], getting[CLN_RANKS_MOST];
+    MPI_Datatype type = type_of(row_bytes);
+    MPI_Status status;
+    double bytes = 0;
+
+    for (int r = 0; r < self.count; r++) {
+        const int rows = sent_first[r + 1] - sent_first[r], room = got_first[r + 1] - got_first[r];
+
+        sending[r] = getting[r] = MPI_REQUEST_NULL;
+        if (room > 0)
+            MPI_Irecv((char *)got + (size_t)got_first[r] * row_bytes, room, type, r, SWAP,
+                      MPI_COMM_WORLD, &getting[r]);
+        if (to[r])
+            MPI_Isend((const char *)sent + (size_t)sent_first[r] * row_bytes, rows, type, r, SWAP,
+                      MPI_COMM_WORLD, &sending[r]);
+        bytes += (double)rows * (double)row_bytes;
+    }
+    for (int r = 0; r < self.count; r++) {
+        got_count[r] = 0;
+        if (getting[r] != MPI_REQUEST_NULL) {
+            await_status(&getting[r], &status);
+            MPI_Get_count(&status, type, &got_count[r]);
+        }
+        if (to[r])
+            await(&sending[r]);
+    }
+    MPI_Type_free(&type);
+    account(began, bytes);
+}
+
 #else
 
 cln_status cln_ranks_open(void)
@@ -526,6 +566,18 @@ void cln_ranks_deal(const void *from, const int *old_first, void *to, const int 
                     size_t row_bytes)
 {
     memcpy(to, from, (size_t)(new_first[1] - old_first[0]) * row_bytes);
+}
+
+void cln_ranks_swap(const void *sent, const int *sent_first, const bool *to, void *got,
+                    const int *got_first, int *got_count, size_t row_bytes)
+{
+    got_count[0] = 0;
+    (void)sent;
+    (void)sent_first;
+    (void)got;
+    (void)got_first;
+    (void)to;
+    (void)row_bytes;
 }
 
 #endif

@@ -141,6 +141,7 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
     const double step = cln_json_number(row, "step"), seconds = cln_json_number(row, "seconds");
     const double bytes = cln_json_number(row, "sent_bytes");
     const double waited = cln_json_number(row, "message_seconds");
+    const double vertices = cln_json_number(row, "vertex_bytes");
     const double balance = cln_json_number(row, "balance");
     const double rays = cln_json_number(row, "rays_per_s") * (seconds - sum->last_seconds);
     const double steps = step - sum->last_step;
@@ -157,6 +158,10 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
         if (isfinite(balance)) {
             sum->balanced += balance * steps;
             sum->balance_weight += steps;
+        }
+        if (isfinite(vertices)) {
+            sum->vertex_bytes += vertices - (anew ? 0 : sum->last_vertex_bytes);
+            sum->last_vertex_bytes = vertices;
         }
         sum->last_bytes = bytes;
         sum->last_message_seconds = waited;

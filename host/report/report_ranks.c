@@ -62,6 +62,9 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
             "per step<td class=n>%.0f\n<tr><td>the same, per ray<td class=n>",
             r->ranks, r->bytes / r->steps);
     cln_report_number(to, r->bytes / r->rays, 1);
+    if (r->vertex_bytes > 0)
+        fprintf(to, "\n<tr><td>of these, for common vertices of leaves, per step<td class=n>%.0f",
+                r->vertex_bytes / r->steps);
     fprintf(to, "\n<tr><td>its time in messages, waiting included<td class=n>%s (", messages);
     cln_report_number(to, 100 * r->message_seconds / r->seconds, 1);
     fputs("&thinsp;% of training)\n<tr><td>balance: the busiest process's samples over the mean"

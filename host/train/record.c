@@ -310,6 +310,8 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         json_object_set_new(row, "ranks", json_integer(cln_ranks_count()));
         json_object_set_new(row, "sent_bytes", json_real(cln_ranks_sent().bytes));
         json_object_set_new(row, "message_seconds", json_real(cln_ranks_sent().seconds));
+        if (cln_leaf_kind_of(t->model.config.encoding)->joined)
+            json_object_set_new(row, "vertex_bytes", json_real(t->pipeline.common.bytes));
         json_object_set(row, "ranks_stages", ends);
         json_object_set_new(row, "photo_bytes", json_pack("[f, f]", photos[0], photos[1]));
         add_balance(t, row);

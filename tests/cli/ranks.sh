@@ -259,6 +259,66 @@ section_step() {
     done
 }
 
+# voxels: a tree that grows by a level, is culled, then splits single leaves; a leaf has more samples
+# than a slice
+voxels=(--skip-selftest --progress none --preset voxel --start-level 1 --level-at 2:0.1 --rays 512
+    --batch-samples 8192 --refresh-every 8 --cull-after 8 --cell-pixels 0.1 --log-every 1
+    --structure-from 0.4 --structure-every 0.1 --structure-wait 0 --split-samples 0
+    --max-leaves 300 --regrow 0.01 --lr 0.05)
+
+# copies RUN: each vertex is the same in all leaves that have it, and some have
+copies() {
+    build/voxel-copies "$1" | grep -qE '^[1-9][0-9]+ copies, 0 differ$'
+}
+
+# Voxels: vertices that leaves of several ranks have get the gradients of all. Step, splits and joins
+# are those of one process, by samples to the bit.
+section_voxels() {
+    local n on one=$work/vox-1 step=(--steps 1 --start-level 2 --level-at "" --no-adaptive
+        --moments float32 --roulette 0 --beta1 0.9)
+    ${MAKE:-make} --no-print-directory build/voxel-copies >"$work/out" 2>&1 || bad "make voxel-copies"
+    baseline
+    run "$cln" train "$work/scene" -o "$one" "${voxels[@]}" --steps 120 -v
+    check "one process splits single leaves" said "~structure|leaves.->"
+    for n in 2 3; do
+        on=$work/vox-samples-$n
+        expect "train voxels with $n ranks by samples" 0 "~moved.to.other.ranks" "${mpi[@]}" -n $n \
+            "$ranked" train "$work/scene" -o "$on" "${voxels[@]}" "${samples[@]}" --steps 120 -v
+        check "the voxels are those of one process" same "$one" "$on"
+        on=$work/vox-$n
+        expect "train voxels with $n ranks by stretches" 0 "~moved.to.other.ranks" "${mpi[@]}" -n $n \
+            "$ranked" train "$work/scene" -o "$on" "${voxels[@]}" --steps 120 -v
+        check "all copies of vertices are equal" copies "$on"
+        check "pictures of these voxels are about as good" near "$(psnr "$on")" "$(psnr "$one")"
+    done
+    check "the checkpoint has the bytes of one process" \
+        cmp "$(tensors "$one")" "$(tensors "$work/vox-samples-3")"
+    expect "two ranks train voxels again" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
+        -o "$work/vox-again" "${voxels[@]}" --steps 120
+    check "the same ranks and seed give the same voxels" same "$work/vox-2" "$work/vox-again"
+    check "rows have the bytes of common vertices" \
+        number_above "$(number vertex_bytes "$on/metrics.jsonl")" 1000
+    check "the report has them, too" grep -q 'for common vertices of leaves' "$on/report.html"
+    run "$cln" train "$work/scene" -o "$work/vox-step-1" "${voxels[@]}" "${step[@]}"
+    n=$("$query" params_per_leaf <"$(ls "$work/vox-step-1"/checkpoint/*.json)")
+    expect "a step of voxels by three ranks" 0 "" "${mpi[@]}" -n 3 "$ranked" train "$work/scene" \
+        -o "$work/vox-step-3" "${voxels[@]}" "${step[@]}"
+    check "its gradients are those of one" equal "$work/vox-step-1" "$work/vox-step-3" adam_m "$n"
+    check "its voxels are those of one" equal "$work/vox-step-1" "$work/vox-step-3" params "$n"
+    expect "two ranks train a decoder" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
+        -o "$work/decoder-2" "${voxels[@]}" --decoder-width 16 "${step[@]}"
+    run "$cln" train "$work/scene" -o "$work/decoder-1" "${voxels[@]}" --decoder-width 16 \
+        "${step[@]}"
+    check "the decoder's gradient is that of one" \
+        equal "$work/decoder-1" "$work/decoder-2" decoder_m 4
+    for n in 1 2 3; do
+        cp -r "$work/vox-2" "$work/vox-on-$n"
+        expect "$n go on with voxels of two" 0 "resumed" "${mpi[@]}" -n $n "$ranked" train \
+            --resume "$work/vox-on-$n" --skip-selftest --progress none --steps +10 "${samples[@]}"
+        check "to the same voxels" same "$work/vox-on-1" "$work/vox-on-$n"
+    done
+}
+
 # start RUN OPTIONS...: two ranks in the background, once they train; $child: mpirun
 start() {
     local on=$1 end=$((SECONDS + 300))
@@ -546,5 +606,5 @@ section_scale() {
     expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same photos stretches step resume checkpoints dies hangs differ memory devices \
+run_sections "same photos stretches step voxels resume checkpoints dies hangs differ memory devices \
 pictures scale" "$@"
