@@ -549,8 +549,15 @@ typedef struct sharers {
     int count;               /* 0: another leaf is the first of them, and steps for all */
     int row[8], shift[8];    /* row: of its weights, -1 if another rank has them; shift: what to
                               * add to a vertex' number in the own leaf */
+    int side[8];             /* along x: -1, 0, 1 */
     uint first[8], last[8];  /* their slices */
 } sharers;
+
+/* What the update of a leaf needs to know. */
+typedef struct leaf_update {
+    sharers by_face[27];
+    uint met[SIDE * SIDE]; /* vertices to step: bit x of row z SIDE + y */
+} leaf_update;
 
 /* Of vertices inside the leaf (0), on its lower (-1) or upper face (1) along each axis. near [27]:
  * neighbours. */
@@ -572,10 +579,53 @@ HELPER void find_sharers(const __global int *near, leaf_slices of, int3 face, __
 
                 s->row[k] = is_here(of, leaf) ? leaf - (int)of.first : -1;
                 s->shift[k] = -((z * SIDE + y) * SIDE + x) * CELLS;
+                s->side[k] = x;
                 s->first[k] = slices.x;
                 s->last[k] = slices.y;
                 s->count++;
             }
+}
+
+/* Whether, and from `vertex` on along x where, samples met vertices in the sharers on one side:
+ * bits. */
+HELPER uint met_beside(const __global uint *met, const __local sharers *s, int side, int vertex)
+{
+    uint bits = 0u;
+
+    for (int i = 0; i < s->count; i++)
+        if (s->side[i] == side)
+            for (uint slice = s->first[i]; slice < s->last[i]; slice++)
+                bits |= met_from(met, slice, vertex + s->shift[i]);
+    return bits;
+}
+
+/* The sharers of a row's vertices at its lower end (-1), between the ends, at the upper one. */
+HELPER const __local sharers *sharers_of(const __local leaf_update *u, int row, int end)
+{
+    return &u->by_face[13 + (face_of(row / SIDE) * 3 + face_of(row % SIDE)) * 3 + end];
+}
+
+HELPER void find_update(const __global uint *met, const __global int *near, leaf_slices of,
+                        __local leaf_update *u)
+{
+    const int lid = (int)get_local_id(0);
+
+    for (int n = lid; n < 27; n += LS)
+        find_sharers(near, of, (int3)(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1), &u->by_face[n]);
+    GROUP_SYNC();
+    for (int row = lid; row < SIDE * SIDE; row += LS) {
+        const __local sharers *low = sharers_of(u, row, -1), *high = sharers_of(u, row, 1);
+        uint bits = met_beside(met, sharers_of(u, row, 0), 0, row * SIDE) & ((1u << SIDE) - 1u);
+
+        bits |= met_beside(met, low, -1, row * SIDE) & 1u;
+        bits |= (met_beside(met, high, 1, row * SIDE + CELLS) & 1u) << CELLS;
+        if (low->count == 0)
+            bits &= ~1u;
+        if (high->count == 0)
+            bits &= ~(1u << CELLS);
+        u->met[row] = bits;
+    }
+    GROUP_SYNC();
 }
 
 /* A step of numbers p .. p + VW - 1 of a vertex: Adam's (adam.h), but steps of the vertex alone
@@ -605,9 +655,9 @@ HELPER vf voxel_step(vf rate, uint key, vf g, uint p, __global float *params,
 }
 
 /* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
- * work-group updates EACH of the `own` leaves from `first` on, run by run of the vertices along x:
- * their ends may be shared with other leaves than what is between. A gradient is the sum over
- * leaves of their sums over slices, of which other ranks' leaves have one (halo.cl). */
+ * work-group updates EACH of the `own` leaves from `first` on. A gradient is the sum over leaves of
+ * their sums over slices, of which other ranks' leaves have one (halo.cl). What a leaf's update
+ * reads is fetched during the one before, row by row. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              LEAF_ARRAY(const float, grads),             /* [slice][PARAMS] */
@@ -617,9 +667,9 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              const __global uint *restrict far, /* [leaf]; not read if all leaves are here */
              uint first, uint own, float lr, uint step_key)
 {
-    __local sharers by_face[27];
+    __local leaf_update updates[2];
     const leaf_slices of = {slice_starts, far, first, own};
-    const uint from = first + get_group_id(0) * EACH, end_leaf = first + own;
+    const uint from = first + get_group_id(0) * EACH, to = min(from + EACH, first + own);
     const int lid = (int)get_local_id(0);
     vf rate[FEATURES / VW];
 
@@ -630,47 +680,39 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
             lanes[i] = f * VW + i == 3 ? DENSITY_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
         rate[f] = lr * VLOAD(lanes);
     }
-    for (uint leaf = from; leaf < min(from + EACH, end_leaf); leaf++) {
-        const uint key = hash_one(step_key ^ leaf * 0xC2B2AE35u), row_here = leaf - first;
-        __global float *w_row = LEAF_ROW(params, row_here, PARAMS);
-        __global moment_type *m_row = LEAF_ROW(m, row_here, PARAMS);
-        __global moment_type *v_row = LEAF_ROW(v, row_here, PARAMS);
-        const uint after = min(leaf + 1u, end_leaf - 1u), slice_after = slice_starts[after];
-        const uint row_after = after - first;
-        const bool fetches = slice_starts[after + 1u] > slice_after;
+    if (from < to)
+        find_update(met, around + from * 27u, of, &updates[from & 1u]);
+    for (uint leaf = from; leaf < to; leaf++) {
+        const uint key = hash_one(step_key ^ leaf * 0xC2B2AE35u), next = leaf + 1u;
+        const __local leaf_update *u = &updates[leaf & 1u];
+        __global float *w_row = LEAF_ROW(params, leaf - first, PARAMS);
+        __global moment_type *m_row = LEAF_ROW(m, leaf - first, PARAMS);
+        __global moment_type *v_row = LEAF_ROW(v, leaf - first, PARAMS);
 
-        GROUP_SYNC();
-        for (int n = lid; n < 27; n += LS)
-            find_sharers(around + leaf * 27u, of,
-                         (int3)(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1), &by_face[n]);
-        GROUP_SYNC();
-        for (int run = lid / LANES; run < 3 * SIDE * SIDE; run += LS / LANES) {
-            const int end = run % 3 - 1, row = run / 3; /* end: -1 | 0 | 1 */
-            const int vertex = row * SIDE + (end < 0 ? 0 : end > 0 ? CELLS : 1);
-            const int n = 13 + (face_of(row / SIDE) * 3 + face_of(row % SIDE)) * 3 + end;
-            const __local sharers *s = &by_face[n];
-            uint bits = 0u;
-
+        GROUP_SYNC(); /* the leaf before is done */
+        if (next < to)
+            find_update(met, around + next * 27u, of, &updates[next & 1u]);
+        for (int row = lid / LANES; row < SIDE * SIDE; row += LS / LANES) {
 #if FETCHES
-            if (end < 0 && fetches)
-                for (uint soon = met[(size_t)slice_after * SIDE * SIDE + row]; soon;) {
-                    const int x = 31 - (int)clz(soon), p = (row * SIDE + x) * FEATURES;
+            for (uint bits = next < to ? updates[next & 1u].met[row] : 0u; bits;) {
+                const int x = 31 - (int)clz(bits), at = row * SIDE + x;
+                const __local sharers *s = sharers_of(&updates[next & 1u], row, face_of(x));
 
-                    soon ^= 1u << x;
-                    FETCH_WRITE(LEAF_ROW(params, row_after, PARAMS) + p);
+                bits ^= 1u << x;
+                FETCH_WRITE(LEAF_ROW(params, next - first, PARAMS) + at * FEATURES);
 #if MOMENTUM
-                    FETCH_WRITE(LEAF_ROW(m, row_after, PARAMS) + p);
+                FETCH_WRITE(LEAF_ROW(m, next - first, PARAMS) + at * FEATURES);
 #endif
-                    FETCH_WRITE(LEAF_ROW(v, row_after, PARAMS) + p);
-                    FETCH(SLICE_ROW(grads, slice_after, PARAMS) + p);
-                }
+                FETCH_WRITE(LEAF_ROW(v, next - first, PARAMS) + at * FEATURES);
+                for (int i = 0; i < s->count; i++)
+                    if (s->first[i] < s->last[i])
+                        FETCH(SLICE_ROW(grads, s->first[i], PARAMS) +
+                              (at + s->shift[i]) * FEATURES);
+            }
 #endif
-            for (int i = 0; i < s->count; i++)
-                for (uint slice = s->first[i]; slice < s->last[i]; slice++)
-                    bits |= met_from(met, slice, vertex + s->shift[i]);
-            bits &= end == 0 ? (1u << (CELLS - 1)) - 1u : 1u;
-            while (bits) {
-                const int x = 31 - (int)clz(bits), at = vertex + x;
+            for (uint bits = u->met[row]; bits;) {
+                const int x = 31 - (int)clz(bits), at = row * SIDE + x;
+                const __local sharers *s = sharers_of(u, row, face_of(x));
 
                 bits ^= 1u << x;
                 for (int f = lid % LANES * VW; f < FEATURES; f += LANES * VW) {
