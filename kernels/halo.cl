@@ -106,7 +106,8 @@ __kernel void halo_pack_gradients(const __global uint4 *restrict links,
 }
 
 /* The owner's numbers. first: leaf of row 0. */
-__kernel void halo_pack_values(const __global uint4 *restrict links, LEAF_ARRAY(const float, params),
+__kernel void halo_pack_values(const __global uint4 *restrict links,
+                               LEAF_ARRAY(const float, params),
                                const __global uint *restrict places, __global float *restrict rows,
                                uint n, uint first)
 {

@@ -82,107 +82,106 @@ typedef enum cln_when {
 /* X or PAIR(member, element, elements of a row, per, purpose, when, what): messages call the buffer
  * `what`. A PAIR is two buffers, the sort's input and output. buffers.c evaluates the number of
  * elements, an expression of `p`. */
-#define CLN_BUFFER_LIST(X, PAIR)                                                                    \
-    /* the networks; no transposed weights with tune.leaf; moments: float or bfloat16 */            \
-    X(params, cl_float, p->net.params, LEAF_P, WEIGHTS, ALWAYS, "network weights")                  \
-    X(transposed, cl_float, transposed_of(p), LEAF_P, OPTIMISER, TRAINING, "transposed weights")    \
-    X(adam_m, cl_uchar, firsts_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's first moments")          \
-    X(adam_v, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's second moments")        \
-    X(adam_steps, cl_int, 1, LEAF, OPTIMISER, TRAINING, "step counts")                              \
-    X(norms, cl_float, 1, LEAF, OPTIMISER, TRAINING, "norms")                                       \
-    X(grads, cl_float, p->net.params, GRADIENT_P, GRADIENTS, TRAINING, "weight gradients")          \
-    /* voxels' decoder, its moments, its gradients by groups of slices */                           \
-    X(decoder_w, cl_float, p->net.decoder_params, MODEL, WEIGHTS, ALWAYS, "decoder")                \
-    X(decoder_m, cl_float, p->net.decoder_params, MODEL, OPTIMISER, TRAINING, "decoder")            \
-    X(decoder_v, cl_float, p->net.decoder_params, MODEL, OPTIMISER, TRAINING, "decoder")            \
-    X(decoder_grads, cl_float, decoder_part_of(p), SLICE, GRADIENTS, TRAINING, "decoder")           \
-    X(feature_grads, cl_float, decoded_of(p), SAMPLE, ACTIVATIONS, TRAINING, "feature gradients")   \
-    X(around, cl_int, around_of(p), LEAF, OPTIMISER, TRAINING, "neighbours of leaves")              \
-    X(met, cl_uint, met_of(p), SLICE, GRADIENTS, TRAINING, "met vertices")                          \
-    /* kept by the forward pass; inputs of the backward pass, in order of grouped samples */        \
-    X(acts, cl_uchar, kept_of(p), SAMPLE, ACTIVATIONS, TRAINING, "activations")                     \
-    X(heads, cl_float4, 1, SAMPLE, ACTIVATIONS, TRAINING, "head gradients")                         \
-    X(chosen, cl_uint, 1, SAMPLE, ACTIVATIONS, TRAINING, "samples of the backward pass")            \
-    X(chosen_counts, cl_uint, 1, SLICE, ACTIVATIONS, TRAINING, "counts of the backward pass")       \
-    X(leaf_sums, cl_float2, CLN_MEASURES, LEAF, MEASURES, MEASURED, "measures of leaves")           \
-    X(leaf_met, cl_int, 1, LEAF, MEASURES, MEASURED, "measures of leaves")                          \
-    X(measures, cl_float, cln_pipeline_measures(&p->config), SAMPLE, MEASURES, MEASURED,            \
-      "measures")                                                                                   \
-    /* stage 1, n1^3 cells a leaf: bfloat16, and whether a view sees it; mean and peak */           \
-    X(density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, ALWAYS, "stage-1 densities")              \
-    X(seen, cl_uchar, cells_of(p), LEAF_P, DENSITIES, TRAINING, "visibility of cells")              \
-    X(leaf_stats, cl_float2, 1, LEAF, DENSITIES, TRAINING, "leaf statistics")                       \
+#define CLN_BUFFER_LIST(X, PAIR)                                                                  \
+    /* the networks; no transposed weights with tune.leaf; moments: float or bfloat16 */          \
+    X(params, cl_float, p->net.params, LEAF_P, WEIGHTS, ALWAYS, "network weights")                \
+    X(transposed, cl_float, transposed_of(p), LEAF_P, OPTIMISER, TRAINING, "transposed weights")  \
+    X(adam_m, cl_uchar, firsts_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's first moments")        \
+    X(adam_v, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's second moments")      \
+    X(adam_steps, cl_int, 1, LEAF, OPTIMISER, TRAINING, "step counts")                            \
+    X(norms, cl_float, 1, LEAF, OPTIMISER, TRAINING, "norms")                                     \
+    X(grads, cl_float, p->net.params, GRADIENT_P, GRADIENTS, TRAINING, "weight gradients")        \
+    /* voxels' decoder, its moments, its gradients by groups of slices */                         \
+    X(decoder_w, cl_float, p->net.decoder_params, MODEL, WEIGHTS, ALWAYS, "decoder")              \
+    X(decoder_m, cl_float, p->net.decoder_params, MODEL, OPTIMISER, TRAINING, "decoder")          \
+    X(decoder_v, cl_float, p->net.decoder_params, MODEL, OPTIMISER, TRAINING, "decoder")          \
+    X(decoder_grads, cl_float, decoder_part_of(p), SLICE, GRADIENTS, TRAINING, "decoder")         \
+    X(feature_grads, cl_float, decoded_of(p), SAMPLE, ACTIVATIONS, TRAINING, "feature gradients") \
+    X(around, cl_int, around_of(p), LEAF, OPTIMISER, TRAINING, "neighbours of leaves")            \
+    X(met, cl_uint, met_of(p), SLICE, GRADIENTS, TRAINING, "met vertices")                        \
+    /* kept by the forward pass; inputs of the backward pass, in order of grouped samples */      \
+    X(acts, cl_uchar, kept_of(p), SAMPLE, ACTIVATIONS, TRAINING, "activations")                   \
+    X(heads, cl_float4, 1, SAMPLE, ACTIVATIONS, TRAINING, "head gradients")                       \
+    X(chosen, cl_uint, 1, SAMPLE, ACTIVATIONS, TRAINING, "samples of the backward pass")          \
+    X(chosen_counts, cl_uint, 1, SLICE, ACTIVATIONS, TRAINING, "counts of the backward pass")     \
+    X(leaf_sums, cl_float2, CLN_MEASURES, LEAF, MEASURES, MEASURED, "measures of leaves")         \
+    X(leaf_met, cl_int, 1, LEAF, MEASURES, MEASURED, "measures of leaves")                        \
+    X(measures, cl_float, cln_pipeline_measures(&p->config), SAMPLE, MEASURES, MEASURED,          \
+      "measures")                                                                                 \
+    /* stage 1, n1^3 cells a leaf: bfloat16, and whether a view sees it; mean and peak */         \
+    X(density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, ALWAYS, "stage-1 densities")            \
+    X(seen, cl_uchar, cells_of(p), LEAF_P, DENSITIES, TRAINING, "visibility of cells")            \
+    X(leaf_stats, cl_float2, 1, LEAF, DENSITIES, TRAINING, "leaf statistics")                     \
     /* an array's successor, of rows of its size; old slot and octant; densities of pictures, \
-     * held instead of training's in rendering, and instead of the successor in training */     \
-    X(successor, cl_uchar, longest_of(p), LEAF_P, CHANGES, TRAINING, "changes of the tree")         \
-    X(places, cl_int2, 1, LEAF, CHANGES, TRAINING, "changes of the tree")                           \
-    X(picture_density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, INSTEAD,                          \
-      "densities of pictures")                                                                      \
-    /* minimum x, y, z and side of leaves; octree map; runs and slices of grouped samples */        \
-    X(boxes, cl_float4, 1, LEAF, TREE, ALWAYS, "leaf boxes")                                        \
-    X(map, cl_int, 1, CELL, TREE, ALWAYS, "leaf map")                                               \
-    X(begin, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                           \
-    X(end, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                             \
-    X(slice_counts, cl_uint, 1, LEAF, TREE, ALWAYS, "slice counts")                                 \
-    X(slice_starts, cl_uint, 1, LEAF_START, TREE, ALWAYS, "slice counts")                           \
-    X(leaf_rank, cl_uint, 1, LEAF, TREE, SHARED, "ranks of leaves")                                 \
-    /* voxels by ranks (kernels/halo.cl): links, which of them send, rows of messages, slices of  \
-     * other ranks' leaves */ \
-    X(halo_up, cl_uint4, linked_of(p), LINK, TREE, SHARED, "common vertices")                       \
-    X(halo_down, cl_uint4, linked_of(p), LINK, TREE, SHARED, "common vertices")                     \
-    X(halo_marks, cl_uint, linked_of(p), LINK, TREE, SHARED, "common vertices")                     \
-    X(halo_places, cl_uint, linked_of(p), LINK, TREE, SHARED, "common vertices")                    \
-    X(halo_rows, cl_float, halo_row_of(p), LINK, GRADIENTS, SHARED, "common vertices")              \
-    X(halo_far, cl_uint, linked_of(p), LEAF, TREE, SHARED, "common vertices")                       \
-    X(cameras, cln_device_camera, 1, VIEW, TREE, ALWAYS, "cameras")                                 \
-    /* samples; r, g, b, sigma of each and their gradients; keys and order of grouping */           \
-    X(samples, cln_sample, 1, SAMPLE, SAMPLES, ALWAYS, "samples")                                   \
-    X(out, cl_float4, 1, SAMPLE, SAMPLES, ALWAYS, "sample colours")                                 \
-    X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                            \
-    X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                   \
-    X(packed, cl_float4, 1, SAMPLE, SAMPLES, SHARED, "messages")                                    \
-    /* stretches, no more than samples: rank, first sample here, sums (stretch.cl) */               \
-    X(stretch_rank, cl_uint, 1, SAMPLE, SAMPLES, SHARED, "stretches")                               \
-    X(stretch_first, cl_uint, 1, SAMPLE_START, SAMPLES, SHARED, "stretches")                        \
-    X(stretch_sums, cl_float4, sums_of(p), SAMPLE, SAMPLES, SHARED, "stretches")                    \
-    PAIR(keys, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group keys")                                   \
-    PAIR(values, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group order")                                \
-    X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                       \
-    X(digit_counts, cl_uint, 1, PLACE, SAMPLES, ALWAYS, "sort counts")                              \
-    X(sums, cl_ulong, 1, CHUNK, SAMPLES, ALWAYS, "scan sums")                                       \
-    /* rays; backgrounds: one, or one per ray; intervals, and number used of each ray */            \
-    X(pixels, cln_pixel, 1, RAY, RAYS, ALWAYS, "pixels")                                            \
-    X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                            \
-    X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                            \
-    X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                     \
-    /* with a depth loss: points that rays show, in the cube, and their weights */                  \
-    X(shown, cl_float4, shown_of(p), RAY, RAYS, TRAINING, "points of rays")                         \
-    X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                                  \
-    X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                                 \
-    X(intervals, cln_interval, 1, INTERVAL, RAYS, ALWAYS, "intervals")                              \
-    X(used, cl_uint, 1, RAY, RAYS, ALWAYS, "intervals")                                             \
-    X(sample_counts, cl_uint, 1, RAY, RAYS, ALWAYS, "samples")                                      \
-    X(sample_starts, cl_uint, 1, RAY_START, RAYS, ALWAYS, "samples")                                \
-    /* by ranks: a ray's samples here, and its stretches */                                         \
-    X(own_counts, cl_uint, 1, RAY, RAYS, SHARED, "samples here")                                    \
-    X(own_starts, cl_uint, 1, RAY_START, RAYS, SHARED, "samples here")                              \
-    X(stretch_counts, cl_uint, 1, RAY, RAYS, SHARED, "stretches")                                   \
-    X(stretch_starts, cl_uint, 1, RAY_START, RAYS, SHARED, "stretches")                             \
-    /* splatting: the batch's views, their grids of lists, counts of projected samples */           \
-    X(batch_views, cl_uint, 1, BATCH_VIEW, LISTS, SPLATTING, "views")                               \
-    X(grids, cln_grid, 1, GRID, LISTS, SPLATTING, "grids")                                          \
-    X(list_start, cl_uint, 1, LIST_START, LISTS, SPLATTING, "list starts")                          \
-    X(list_count, cl_uint, 1, LIST, LISTS, SPLATTING, "list lengths")                               \
-    X(splat_counts, cl_uint, 1, RUN, LISTS, SPLATTING, "splat counts")                              \
-    X(splat_starts, cl_uint, 1, RUN_START, LISTS, SPLATTING, "splat counts")                        \
-    /* projected samples: keys of list and t, cells; sorted into lists of t and sigma */            \
-    PAIR(keys64, cl_ulong, 1, ENTRY, PROJECTED, SPLATTING, "splat keys")                            \
-    PAIR(values64, cl_uint, 1, ENTRY, PROJECTED, SPLATTING, "splat values")                         \
-    X(list_t, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                              \
-    X(list_sigma, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                          \
-    X(padded_t, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                          \
-      "padded lists (--lists csr needs less)")                                                      \
-    X(padded_sigma, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                      \
+     * held instead of training's in rendering, and instead of the successor in training */   \
+    X(successor, cl_uchar, longest_of(p), LEAF_P, CHANGES, TRAINING, "changes of the tree")       \
+    X(places, cl_int2, 1, LEAF, CHANGES, TRAINING, "changes of the tree")                         \
+    X(picture_density, cl_ushort, cells_of(p), LEAF_P, DENSITIES, INSTEAD,                        \
+      "densities of pictures")                                                                    \
+    /* minimum x, y, z and side of leaves; octree map; runs and slices of grouped samples */      \
+    X(boxes, cl_float4, 1, LEAF, TREE, ALWAYS, "leaf boxes")                                      \
+    X(map, cl_int, 1, CELL, TREE, ALWAYS, "leaf map")                                             \
+    X(begin, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                         \
+    X(end, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                           \
+    X(slice_counts, cl_uint, 1, LEAF, TREE, ALWAYS, "slice counts")                               \
+    X(slice_starts, cl_uint, 1, LEAF_START, TREE, ALWAYS, "slice counts")                         \
+    X(leaf_rank, cl_uint, 1, LEAF, TREE, SHARED, "ranks of leaves")                               \
+    /* voxels by ranks: links, which of them send, rows of messages, others' slices (halo.cl) */  \
+    X(halo_up, cl_uint4, linked_of(p), LINK, TREE, SHARED, "common vertices")                     \
+    X(halo_down, cl_uint4, linked_of(p), LINK, TREE, SHARED, "common vertices")                   \
+    X(halo_marks, cl_uint, linked_of(p), LINK, TREE, SHARED, "common vertices")                   \
+    X(halo_places, cl_uint, linked_of(p), LINK, TREE, SHARED, "common vertices")                  \
+    X(halo_rows, cl_float, halo_row_of(p), LINK, GRADIENTS, SHARED, "common vertices")            \
+    X(halo_far, cl_uint, linked_of(p), LEAF, TREE, SHARED, "common vertices")                     \
+    X(cameras, cln_device_camera, 1, VIEW, TREE, ALWAYS, "cameras")                               \
+    /* samples; r, g, b, sigma of each and their gradients; keys and order of grouping */         \
+    X(samples, cln_sample, 1, SAMPLE, SAMPLES, ALWAYS, "samples")                                 \
+    X(out, cl_float4, 1, SAMPLE, SAMPLES, ALWAYS, "sample colours")                               \
+    X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                          \
+    X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                 \
+    X(packed, cl_float4, 1, SAMPLE, SAMPLES, SHARED, "messages")                                  \
+    /* stretches, no more than samples: rank, first sample here, sums (stretch.cl) */             \
+    X(stretch_rank, cl_uint, 1, SAMPLE, SAMPLES, SHARED, "stretches")                             \
+    X(stretch_first, cl_uint, 1, SAMPLE_START, SAMPLES, SHARED, "stretches")                      \
+    X(stretch_sums, cl_float4, sums_of(p), SAMPLE, SAMPLES, SHARED, "stretches")                  \
+    PAIR(keys, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group keys")                                 \
+    PAIR(values, cl_uint, 1, SAMPLE, SAMPLES, ALWAYS, "group order")                              \
+    X(slices, cln_slice, 1, SLICE, SAMPLES, ALWAYS, "slices")                                     \
+    X(digit_counts, cl_uint, 1, PLACE, SAMPLES, ALWAYS, "sort counts")                            \
+    X(sums, cl_ulong, 1, CHUNK, SAMPLES, ALWAYS, "scan sums")                                     \
+    /* rays; backgrounds: one, or one per ray; intervals, and number used of each ray */          \
+    X(pixels, cln_pixel, 1, RAY, RAYS, ALWAYS, "pixels")                                          \
+    X(ray_o, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                          \
+    X(ray_d, cl_float4, 1, ORIGIN, RAYS, ALWAYS, "rays")                                          \
+    X(targets, cl_float4, 1, TARGET, RAYS, TRAINING, "targets")                                   \
+    /* with a depth loss: points that rays show, in the cube, and their weights */                \
+    X(shown, cl_float4, shown_of(p), RAY, RAYS, TRAINING, "points of rays")                       \
+    X(backgrounds, cl_float4, 1, RAY, RAYS, ALWAYS, "backgrounds")                                \
+    X(results, cln_ray_result, 1, RAY, RAYS, ALWAYS, "ray results")                               \
+    X(intervals, cln_interval, 1, INTERVAL, RAYS, ALWAYS, "intervals")                            \
+    X(used, cl_uint, 1, RAY, RAYS, ALWAYS, "intervals")                                           \
+    X(sample_counts, cl_uint, 1, RAY, RAYS, ALWAYS, "samples")                                    \
+    X(sample_starts, cl_uint, 1, RAY_START, RAYS, ALWAYS, "samples")                              \
+    /* by ranks: a ray's samples here, and its stretches */                                       \
+    X(own_counts, cl_uint, 1, RAY, RAYS, SHARED, "samples here")                                  \
+    X(own_starts, cl_uint, 1, RAY_START, RAYS, SHARED, "samples here")                            \
+    X(stretch_counts, cl_uint, 1, RAY, RAYS, SHARED, "stretches")                                 \
+    X(stretch_starts, cl_uint, 1, RAY_START, RAYS, SHARED, "stretches")                           \
+    /* splatting: the batch's views, their grids of lists, counts of projected samples */         \
+    X(batch_views, cl_uint, 1, BATCH_VIEW, LISTS, SPLATTING, "views")                             \
+    X(grids, cln_grid, 1, GRID, LISTS, SPLATTING, "grids")                                        \
+    X(list_start, cl_uint, 1, LIST_START, LISTS, SPLATTING, "list starts")                        \
+    X(list_count, cl_uint, 1, LIST, LISTS, SPLATTING, "list lengths")                             \
+    X(splat_counts, cl_uint, 1, RUN, LISTS, SPLATTING, "splat counts")                            \
+    X(splat_starts, cl_uint, 1, RUN_START, LISTS, SPLATTING, "splat counts")                      \
+    /* projected samples: keys of list and t, cells; sorted into lists of t and sigma */          \
+    PAIR(keys64, cl_ulong, 1, ENTRY, PROJECTED, SPLATTING, "splat keys")                          \
+    PAIR(values64, cl_uint, 1, ENTRY, PROJECTED, SPLATTING, "splat values")                       \
+    X(list_t, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                            \
+    X(list_sigma, cl_float, 1, ENTRY, PROJECTED, SPLATTING, "splat lists")                        \
+    X(padded_t, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                        \
+      "padded lists (--lists csr needs less)")                                                    \
+    X(padded_sigma, cl_float, 1, PADDED, PROJECTED, SPLATTING,                                    \
       "padded lists (--lists csr needs less)")
 
 typedef enum cln_buffer_id {

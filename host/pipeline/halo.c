@@ -44,8 +44,8 @@ static int rank_of(const cln_pipeline *p, int slot)
     return low;
 }
 
-/* Whose numbers hold: of the lowest grade, the first (model/encoding_voxel.c). octant: of a change of
- * the tree; NULL in a step, where all are equal. */
+/* Whose numbers hold: of the lowest grade, the first (model/encoding_voxel.c). octant: of a change
+ * of the tree; NULL in a step, where all are equal. */
 static int grade_of(const int8_t *octant, int slot)
 {
     if (!octant || octant[slot] == CLN_COPIED)

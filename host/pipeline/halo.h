@@ -4,7 +4,8 @@
  *
  *   gradients  of copies that samples met, to the owner's rank: each leaf's sum over its slices, so
  *              that sums are those of one rank bit for bit
- *   values     of vertices that samples met in any leaf, from there to the copies: bit for bit equal
+ *   values     of vertices that samples met in any leaf, from there to the copies, which stay equal
+ *              bit for bit
  *
  * Moments are with the owner alone. Of networks, and without other ranks, nothing is done. */
 #ifndef CLN_HALO_H
@@ -12,12 +13,12 @@
 
 #include "pipeline/pipeline.h"
 
-/* Finds the links, if tree or ranks of leaves have changed since. *slices: gradients that others may
- * send in a step, for which p->grads and p->met need room beside those of the backward pass. */
+/* Finds the links, if tree or ranks of leaves have changed since. *slices: gradients that others
+ * may send in a step, for which p->grads and p->met need room beside those of the backward pass. */
 cln_status cln_halo_room(cln_pipeline *p, size_t *slices);
 
-/* Between the backward pass, which made `slices` slices (or fewer), and the update: brings gradients
- * to owners, in slices from there on. */
+/* Between the backward pass, which made `slices` slices (or fewer), and the update: brings
+ * gradients to owners, in slices from there on. */
 cln_status cln_halo_gradients(cln_pipeline *p, uint32_t slices);
 /* After the update: brings new numbers to copies. */
 cln_status cln_halo_values(cln_pipeline *p);

@@ -65,8 +65,8 @@ typedef struct cln_pipeline_facts {
     const cln_space *space; /* of its cube; cameras must be given in the same */
 } cln_pipeline_facts;
 
-/* Common vertices of this rank and others (halo.h); empty without other ranks, or of networks. Links
- * as kernels/halo.cl has them, those of each other rank adjacent, in the same order there. */
+/* Common vertices of this rank and others (halo.h); empty without other ranks, or of networks.
+ * Links as kernels/halo.cl has them, those of each other rank adjacent, in the same order there. */
 typedef struct cln_common {
     bool there;                 /* up to date with tree and rank_first */
     int32_t (*around)[27];      /* [leaf] neighbours of all leaves */

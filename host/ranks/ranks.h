@@ -74,9 +74,10 @@ void cln_ranks_gather_end(void);
 void cln_ranks_deal(const void *from, const int *old_first, void *to, const int *new_first,
                     size_t row_bytes);
 
-/* Rows to and from some other ranks: rows [sent_first[r], sent_first[r + 1]) of `sent` go to rank r,
- * perhaps none, if to[r]; those that rank r sends come to got + got_first[r] rows. r sends if there
- * is room for some, up to got_first[r + 1]. got_count[r]: how many came; to, got_count: [count]. */
+/* Rows to and from some other ranks: rows [sent_first[r], sent_first[r + 1]) of `sent` go to rank
+ * r, perhaps none, if to[r]; those that rank r sends come to got + got_first[r] rows. r sends if
+ * there is room for some, up to got_first[r + 1]. got_count[r]: how many came. to, got_count:
+ * [count]. */
 void cln_ranks_swap(const void *sent, const int *sent_first, const bool *to, void *got,
                     const int *got_first, int *got_count, size_t row_bytes);
 

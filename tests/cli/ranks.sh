@@ -259,8 +259,8 @@ section_step() {
     done
 }
 
-# voxels: a tree that grows by a level, is culled, then splits single leaves; a leaf has more samples
-# than a slice
+# voxels: a tree that grows by a level, is culled, then splits single leaves; some leaves have more
+# samples than a slice
 voxels=(--skip-selftest --progress none --preset voxel --start-level 1 --level-at 2:0.1 --rays 512
     --batch-samples 8192 --refresh-every 8 --cull-after 8 --cell-pixels 0.1 --log-every 1
     --structure-from 0.4 --structure-every 0.1 --structure-wait 0 --split-samples 0
@@ -271,12 +271,13 @@ copies() {
     build/voxel-copies "$1" | grep -qE '^[1-9][0-9]+ copies, 0 differ$'
 }
 
-# Voxels: vertices that leaves of several ranks have get the gradients of all. Step, splits and joins
-# are those of one process, by samples to the bit.
+# Voxels: vertices that leaves of several ranks have get the gradients of all. Step, splits and
+# joins are those of one process, by samples to the bit.
 section_voxels() {
     local n on one=$work/vox-1 step=(--steps 1 --start-level 2 --level-at "" --no-adaptive
         --moments float32 --roulette 0 --beta1 0.9)
-    ${MAKE:-make} --no-print-directory build/voxel-copies >"$work/out" 2>&1 || bad "make voxel-copies"
+    ${MAKE:-make} --no-print-directory build/voxel-copies >"$work/out" 2>&1 ||
+        bad "make voxel-copies"
     baseline
     run "$cln" train "$work/scene" -o "$one" "${voxels[@]}" --steps 120 -v
     check "one process splits single leaves" said "~structure|leaves.->"
@@ -286,8 +287,8 @@ section_voxels() {
             "$ranked" train "$work/scene" -o "$on" "${voxels[@]}" "${samples[@]}" --steps 120 -v
         check "the voxels are those of one process" same "$one" "$on"
         on=$work/vox-$n
-        expect "train voxels with $n ranks by stretches" 0 "~moved.to.other.ranks" "${mpi[@]}" -n $n \
-            "$ranked" train "$work/scene" -o "$on" "${voxels[@]}" --steps 120 -v
+        expect "train voxels with $n ranks by stretches" 0 "~moved.to.other.ranks" "${mpi[@]}" \
+            -n $n "$ranked" train "$work/scene" -o "$on" "${voxels[@]}" --steps 120 -v
         check "all copies of vertices are equal" copies "$on"
         check "pictures of these voxels are about as good" near "$(psnr "$on")" "$(psnr "$one")"
     done
@@ -606,5 +607,5 @@ section_scale() {
     expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 
-run_sections "same photos stretches step voxels resume checkpoints dies hangs differ memory devices \
-pictures scale" "$@"
+run_sections "same photos stretches step voxels resume checkpoints dies hangs differ memory \
+devices pictures scale" "$@"
