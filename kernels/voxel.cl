@@ -667,7 +667,7 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              const __global uint *restrict far, /* [leaf]; not read if all leaves are here */
              uint first, uint own, float lr, uint step_key)
 {
-    __local leaf_update updates[2];
+    __local leaf_update updates[1 + FETCHES]; /* of this leaf, and of the next to fetch for */
     const leaf_slices of = {slice_starts, far, first, own};
     const uint from = first + get_group_id(0) * EACH, to = min(from + EACH, first + own);
     const int lid = (int)get_local_id(0);
@@ -680,34 +680,38 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
             lanes[i] = f * VW + i == 3 ? DENSITY_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
         rate[f] = lr * VLOAD(lanes);
     }
-    if (from < to)
-        find_update(met, around + from * 27u, of, &updates[from & 1u]);
+    if (FETCHES && from < to)
+        find_update(met, around + from * 27u, of, &updates[from & FETCHES]);
     for (uint leaf = from; leaf < to; leaf++) {
-        const uint key = hash_one(step_key ^ leaf * 0xC2B2AE35u), next = leaf + 1u;
-        const __local leaf_update *u = &updates[leaf & 1u];
+        const uint key = hash_one(step_key ^ leaf * 0xC2B2AE35u), ahead = leaf + FETCHES;
+        const __local leaf_update *u = &updates[leaf & FETCHES];
         __global float *w_row = LEAF_ROW(params, leaf - first, PARAMS);
         __global moment_type *m_row = LEAF_ROW(m, leaf - first, PARAMS);
         __global moment_type *v_row = LEAF_ROW(v, leaf - first, PARAMS);
 
         GROUP_SYNC(); /* the leaf before is done */
-        if (next < to)
-            find_update(met, around + next * 27u, of, &updates[next & 1u]);
+        if (ahead < to)
+            find_update(met, around + ahead * 27u, of, &updates[ahead & FETCHES]);
         for (int row = lid / LANES; row < SIDE * SIDE; row += LS / LANES) {
 #if FETCHES
-            for (uint bits = next < to ? updates[next & 1u].met[row] : 0u; bits;) {
+            for (uint bits = ahead < to ? updates[ahead & FETCHES].met[row] : 0u; bits;) {
                 const int x = 31 - (int)clz(bits), at = row * SIDE + x;
-                const __local sharers *s = sharers_of(&updates[next & 1u], row, face_of(x));
+                const __local sharers *s = sharers_of(&updates[ahead & FETCHES], row, face_of(x));
 
                 bits ^= 1u << x;
-                FETCH_WRITE(LEAF_ROW(params, next - first, PARAMS) + at * FEATURES);
+                for (int f = 0; f < FEATURES; f += CACHE_LINE / 4) {
+                    const int p = at * FEATURES + f;
+
+                    FETCH_WRITE(LEAF_ROW(params, ahead - first, PARAMS) + p);
 #if MOMENTUM
-                FETCH_WRITE(LEAF_ROW(m, next - first, PARAMS) + at * FEATURES);
+                    FETCH_WRITE(LEAF_ROW(m, ahead - first, PARAMS) + p);
 #endif
-                FETCH_WRITE(LEAF_ROW(v, next - first, PARAMS) + at * FEATURES);
-                for (int i = 0; i < s->count; i++)
-                    if (s->first[i] < s->last[i])
-                        FETCH(SLICE_ROW(grads, s->first[i], PARAMS) +
-                              (at + s->shift[i]) * FEATURES);
+                    FETCH_WRITE(LEAF_ROW(v, ahead - first, PARAMS) + p);
+                    for (int i = 0; i < s->count; i++)
+                        if (s->first[i] < s->last[i])
+                            FETCH(SLICE_ROW(grads, s->first[i], PARAMS) + p +
+                                  s->shift[i] * FEATURES);
+                }
             }
 #endif
             for (uint bits = u->met[row]; bits;) {

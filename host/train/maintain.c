@@ -310,6 +310,37 @@ done:
  * free. */
 enum { FREE_PART = 64 };
 
+/* Leaves that came back to `tree` but are empty by geometry go again. fresh: how many are left. */
+static cln_status carve_fresh(const cln_trainer *t, cln_octree *tree, cln_octree_change *change,
+                              int *fresh)
+{
+    cln_status st = CLN_OK;
+    uint8_t *marks = NULL;
+    cln_octree_change culled = {0};
+    int count = 0;
+
+    *fresh = 0;
+    CLN_TRY(cln_carve_find(t->scene, &t->model.space, &t->model.config, tree, &marks, &count));
+    count = 0;
+    for (int s = 0; s < change->count; s++) {
+        const bool is_fresh = change->octant[s] == CLN_FRESH;
+
+        if (marks)
+            marks[s] = marks[s] && is_fresh;
+        count += marks && marks[s];
+        *fresh += is_fresh;
+    }
+    *fresh -= count;
+    if (count > 0) {
+        CLN_TRY(cln_octree_cull(tree, marks, &culled));
+        CLN_TRY(cln_octree_change_join(change, &culled));
+    }
+done:
+    free(marks);
+    cln_octree_change_free(&culled);
+    return st;
+}
+
 /* Brings leaves back where something is missing: all of them, or none if they do not fit. splits:
  * the number of leaves that each leaf becomes right afterwards, 8 before a growth, else 1. */
 static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
@@ -338,8 +369,9 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
         goto done;
     CLN_TRY(cln_octree_copy(&t->model.tree, &tree));
     CLN_TRY(cln_octree_regrow(&tree, missing.cells, missing.depth, t->model.level, empty, &change));
-    for (int s = 0; s < change.count; s++)
-        fresh += change.octant[s] == CLN_FRESH;
+    CLN_TRY(carve_fresh(t, &tree, &change, &fresh));
+    if (fresh == 0)
+        goto done;
     if (splits * tree.leaf_count > most || !fits(t, splits * tree.leaf_count, &next)) {
         cln_clear_error();
         cln_debug("step %lld: no room to bring back %d leaves", (long long)t->model.step, fresh);
@@ -350,7 +382,6 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     t->model.tree = tree;
     tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
-    CLN_TRY(carve(t, &change));
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
     CLN_TRY(restart_measures(t));

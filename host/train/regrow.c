@@ -133,6 +133,7 @@ static void count_end(const cln_trainer *t, looks *all, const look *l, int ray)
     const double u = middle(ray % l->across, all->stride, c->width) + 0.5;
     const double v = middle(ray / l->across, all->stride, c->height) + 0.5;
     const double depth = l->depth[ray];
+    const int n = 1 << all->depth;
     double origin[3], way[3], at[3], before[3], length = 0, back = 0;
     int slot = 0, cell[3];
 
@@ -147,25 +148,26 @@ static void count_end(const cln_trainer *t, looks *all, const look *l, int ray)
         way[a] = at[a] - before[a];
         length += way[a] * way[a];
     }
+    length = sqrt(length);
     if (length == 0)
         return;
     const double side = ldexp(2, -tree->level[tree->leaf[slot]]);
 
     for (int a = 0; a < 3; a++)
-        way[a] /= sqrt(length);
+        way[a] /= length;
     back = way_back(at, way, side);
-    if (back > AT_FACE * side)
+    if (back > AT_FACE * side || back > length * NEARBY) /* the latter: the camera is in the leaf */
         return;
     back += side / NEARBY;
     for (int a = 0; a < 3; a++) {
         before[a] = at[a] - way[a] * back;
         if (!(before[a] >= -1 && before[a] < 1))
             return;
-        cell[a] = (int)((before[a] + 1) / 2 * (1 << all->depth));
+        cell[a] = (int)fmin((before[a] + 1) / 2 * n, n - 1);
     }
     if (cln_octree_find(tree, before) >= 0 || (space->shell && !cln_shell_holds(before)))
         return;
-    uint8_t *ends = &all->ends[cln_cell_at(cell[0], cell[1], cell[2], 1 << all->depth)];
+    uint8_t *ends = &all->ends[cln_cell_at(cell[0], cell[1], cell[2], n)];
 
     *ends += *ends < LEAST_ENDS;
 }
