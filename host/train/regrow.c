@@ -14,7 +14,7 @@
 enum {
     ERROR_LEVEL = 5,     /* level of the cells tested for errors */
     MOST_VIEWS = 48,     /* photos looked at, evenly chosen */
-    MOST_RAYS = 1 << 19, /* rays in all of them */
+    MOST_RAYS = 1 << 18, /* rays in all of them */
     LEAST_ENDS = 3,      /* rays that must end at a face that cuts a surface off */
     LEAST_SEEN = 3,      /* photos that must see a place */
     POINTS = 3,          /* places of a cell along an axis */
