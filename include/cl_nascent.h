@@ -149,6 +149,7 @@ typedef struct cln_device_info {
     /* The fast preset's networks, their kernel parameters and the source of these; empty if the
      * device cannot be opened, or was not. */
     char network[32], tune[256], tune_from[512];
+    char voxel_network[32], voxel_tune[256], voxel_tune_from[512]; /* the same of preset voxel */
 } cln_device_info;
 
 /* Lists all OpenCL devices. desc: its tune_file and kernel_dir count, its spec does not; NULL: list
