@@ -441,9 +441,10 @@ typedef struct cln_check_desc {
     const char *scene;
     const cln_settings *settings; /* for reading it, and for the training to come */
     cln_device_desc device;
-    double probe;     /* seconds to measure the time of a step in; 0 = not */
-    const char *page; /* an HTML file that shows it; NULL = none */
-    bool overwrite;   /* else an existing file is CLN_OUTPUT */
+    double probe;            /* seconds to measure the time of a step in; 0 = not */
+    const char *page;        /* an HTML file that shows it; NULL = none */
+    bool overwrite;          /* else an existing file is CLN_OUTPUT */
+    cln_callbacks callbacks; /* work: of the photos and pairs of them, then of the timed trees */
 } cln_check_desc;
 
 /* Looks for mistakes in a scene, by its poses, its photos, and both together, before hours are

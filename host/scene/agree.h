@@ -51,8 +51,9 @@ typedef struct cln_agreement {
     double (*points)[3]; /* scene units */
 } cln_agreement;
 
-/* CLN_MEMORY. Free *out in any case. */
-cln_status cln_agree(const cln_scene *scene, cln_agreement *out);
+/* callbacks: told of the views that are compared; NULL: none. CLN_MEMORY; CLN_SIGINT, CLN_SIGTERM:
+ * it was interrupted. Free *out in any case. */
+cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln_agreement *out);
 void cln_agreement_free(cln_agreement *a);
 
 #endif

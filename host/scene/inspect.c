@@ -623,7 +623,7 @@ static json_t *by_weight(const json_t *findings)
     return sorted;
 }
 
-cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
+cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callbacks, json_t **out)
 {
     cln_status st = CLN_OK;
     inspection in = {.scene = scene, .findings = json_array(), .measures = json_object()};
@@ -632,7 +632,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
     CLN_TRY(cln_alloc(&in.photos, (size_t)scene->view_count, sizeof *in.photos, "photos"));
     for (int i = 0; i < scene->view_count; i++)
         cln_photo_measure(&scene->views[i], &in.photos[i]);
-    CLN_TRY(cln_agree(scene, &in.agreement));
+    CLN_TRY(cln_agree(scene, callbacks, &in.agreement));
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
     cln_scene_tell_turns(scene, in.findings);

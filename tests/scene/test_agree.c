@@ -52,7 +52,7 @@ static void test_neighbours_look_alike(void **state)
         views[i].channels = 3;
         views[i].pixels = pixels;
     }
-    assert_int_equal(cln_agree(&scene, &a), CLN_OK);
+    assert_int_equal(cln_agree(&scene, NULL, &a), CLN_OK);
     assert_true(a.tie_count > 50);
     for (int i = 0; i < a.tie_count; i++)
         if ((a.ties[i].a < GROUP) != (a.ties[i].b < GROUP)) /* the next by name */
