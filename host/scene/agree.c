@@ -562,6 +562,18 @@ static cln_status find_exposures(work *w)
                 ratios[count++] = pairs[p].a == v ? pairs[p].ratio : -pairs[p].ratio;
         cln_reals_sort(ratios, count);
         out->views[v].jump = count ? ratios[count / 2] : NAN;
+        memset(sum, 0, (size_t)views * sizeof *sum); /* how much views differ from others than v */
+        for (int p = 0; p < pair_count; p++)
+            if (pairs[p].a != v && pairs[p].b != v) {
+                sum[pairs[p].a] = fmax(sum[pairs[p].a], fabs(pairs[p].ratio));
+                sum[pairs[p].b] = fmax(sum[pairs[p].b], fabs(pairs[p].ratio));
+            }
+        count = 0;
+        for (int p = 0; p < pair_count; p++)
+            if (pairs[p].a == v || pairs[p].b == v)
+                ratios[count++] = sum[pairs[p].a == v ? pairs[p].b : pairs[p].a];
+        cln_reals_sort(ratios, count);
+        out->views[v].around = count ? ratios[count / 2] : 0;
     }
 done:
     free(pairs);

@@ -30,6 +30,7 @@ typedef struct cln_agree_view {
     int partners;       /* other views with which several ties agree */
     double exposure;    /* brightness relative to all others, in stops; or NaN */
     double jump;        /* the same, to those that it was compared with; or NaN */
+    double around;      /* the most that these differ from others, in stops: the median of them */
     bool bad;           /* its pose does not fit its photo, while others' do */
     int pose_of;        /* the view whose pose fits this photo better; -1 */
 } cln_agree_view;
