@@ -434,6 +434,7 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"near-plane", "near"},
                 {"camera-path", "poses"},
                 {"camera-path-filename", "poses"},
+                {"path", "interpolate"},
                 {"trajectory", "orbit"},
                 {"traj", "orbit"},
                 {"ply", "points"},
