@@ -141,7 +141,11 @@ static void show_work(const char *what, int done, int total, void *user)
     }
     cln_format_count(done, count);
     cln_format_count(total, of);
-    snprintf(line, sizeof line, "%s %s/%s %.0f%%%s", what, count, of, floor(100 * fraction), left);
+    if (total > 0)
+        snprintf(line, sizeof line, "%s %s/%s %.0f%%%s", what, count, of, floor(100 * fraction),
+                 left);
+    else /* not known yet */
+        snprintf(line, sizeof line, "%s", what);
     cln_progress_show(console->progress, fraction, line);
 }
 

@@ -648,6 +648,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     pthread_mutex_init(&work.mutex, NULL);
     CLN_TRY(cln_alloc(&work.digests, (size_t)scene->view_count, sizeof *work.digests, "digests"));
     CLN_TRY(make_room(&work));
+    CLN_TRY(cln_tell_work(desc->callbacks, "images", 0, scene->view_count));
     /* This thread works too; if no other can be started it works alone. */
     while (started < THREADS - 1 && !pthread_create(&threads[started], NULL, read_views, &work))
         started++;
