@@ -103,6 +103,9 @@ section_words() {
     expect "the run as an option" 2 "~RUN.needs.none.*eval.RUN" "$cln" eval --model_path r
     expect "the output as --model_path" 2 "--output" "$cln" train s --model_path r
     expect "an output without -o" 2 "-o" "$cln" train s r
+    expect "an export without an option" 2 "~such.as.--mesh" "$cln" export r x.glb
+    expect "a path of poses, as other programs call it" 2 "~mean.--interpolate[?]" \
+        "$cln" render r --path 60
     expect "a folder in place of a command" 2 "~command.comes.first train" "$cln" "$work"
     expect "--help" 0 "" "$cln" --help
     check "commands and purposes are apart" eval '! grep -qE "^  [a-z]+[A-Z]" "$work/out"'
@@ -554,6 +557,8 @@ section_results() {
     expect "info into a pipe" 0 "" "$cln" info "$r"
     check "its lines are whole there" [ -n "$(awk 'length > 60 && NF > 2' "$work/out")" ]
     expect "a file of a run instead of the run" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
+    expect "export with run and file exchanged" 2 "~export.'.*run.*--mesh.a.glb" \
+        "$cln" export --mesh "$r" a.glb
     expect "export into a missing folder: refused at once" 7 "$work/none ~no.folder" \
         "$cln" export "$r" --mesh "$work/none/a.ply"
     expect "export where nothing can be made: before the work" 7 "/proc/a.ply ~created.in./proc" \
