@@ -149,6 +149,7 @@ typedef struct cln_device_info {
     /* The fast preset's networks, their kernel parameters and the source of these; empty if the
      * device cannot be opened, or was not. */
     char network[32], tune[256], tune_from[512];
+    char voxel_network[32], voxel_tune[256], voxel_tune_from[512]; /* the same of preset voxel */
 } cln_device_info;
 
 /* Lists all OpenCL devices. desc: its tune_file and kernel_dir count, its spec does not; NULL: list
@@ -440,9 +441,10 @@ typedef struct cln_check_desc {
     const char *scene;
     const cln_settings *settings; /* for reading it, and for the training to come */
     cln_device_desc device;
-    double probe;     /* seconds to measure the time of a step in; 0 = not */
-    const char *page; /* an HTML file that shows it; NULL = none */
-    bool overwrite;   /* else an existing file is CLN_OUTPUT */
+    double probe;            /* seconds to measure the time of a step in; 0 = not */
+    const char *page;        /* an HTML file that shows it; NULL = none */
+    bool overwrite;          /* else an existing file is CLN_OUTPUT */
+    cln_callbacks callbacks; /* work: of the photos and pairs of them, then of the timed trees */
 } cln_check_desc;
 
 /* Looks for mistakes in a scene, by its poses, its photos, and both together, before hours are

@@ -131,12 +131,12 @@ typedef struct cln_ray_result {
 #define CLN_MAP_LOW(entry, axis)  CLN_MAP_SIDE(entry, axis)
 #define CLN_MAP_HIGH(entry, axis) (CLN_MAP_SIDE(entry, 3 + (axis)) + 1)
 
-/* Lists of projected samples of a view and a level (splat.cl): coarse pixels of `coarse` x `coarse`
+/* Lists of projected samples of a view and a level (splat.cl): coarse pixels of coarse_x x coarse_y
  * pixels, `row` of them in a row of the image. longest: length of the longest list, if lists are
  * padded. A sample at t stands for a piece of the ray of length max(cell, spread / t^2) (method.md
  * 5). */
 typedef struct cln_grid {
-    cln_u32 first, coarse, row, longest;
+    cln_u32 first, coarse_x, coarse_y, row, longest;
     cln_f32 cell, spread;
 } cln_grid;
 
@@ -156,7 +156,7 @@ _Static_assert(CLN_MAX_LEVEL < 1 << 8, "a level fits above an interval's samples
 _Static_assert(sizeof(cln_device_camera) == 144, "layout shared with kernels");
 _Static_assert(sizeof(cln_pixel) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_interval) == 20, "layout shared with kernels");
-_Static_assert(sizeof(cln_grid) == 24, "layout shared with kernels");
+_Static_assert(sizeof(cln_grid) == 28, "layout shared with kernels");
 _Static_assert(sizeof(cln_slice) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_sample) == 16, "layout shared with kernels");
 _Static_assert(sizeof(cln_ray_result) == 32, "layout shared with kernels");

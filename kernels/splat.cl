@@ -4,8 +4,8 @@
  * the samples of a list are in order front to back. t >= 0, so its IEEE bits order like the floats:
  * the paper's key r * z_max + z_s, without z_max and rounding.
  *
- *   list = grid.first + y / k * grid.row + x / k, one grid of coarse pixels per leaf level, k such
- *   that a list meets enough samples; t = distance along the list's own ray
+ *   list = grid.first + y / ky * grid.row + x / kx, one grid of coarse pixels per leaf level, kx ky
+ *   such that a list meets enough samples; t = distance along the list's own ray
  *
  *   splat_count, splat_emit   a work-item projects a run of samples; a scan between them
  *   (scan.cl's radix sort)
@@ -28,7 +28,7 @@
         uint row_end, float min_alpha
 
 /* Key of a sample; false if it is dropped: too faint, without a place in the image, or in a
- * coarse pixel outside the band of rows (bands are cut at multiples of every k). */
+ * coarse pixel outside the band of rows (bands are cut at multiples of every ky). */
 HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint row_end,
                       float min_alpha, uint index, ulong *key)
 {
@@ -44,15 +44,15 @@ HELPER bool splat_key(SPLAT_ARGUMENTS, uint view, uint n1, uint row_begin, uint 
     if (!(sigma * spacing >= min_alpha) || !point_pixel(camera, point, &pixel))
         return false;
     const cln_grid grid = grids[view * LEVELS + (uint)leaf_level(box)];
-    const uint cx = (uint)pixel.x / grid.coarse, cy = (uint)pixel.y / grid.coarse;
+    const uint cx = (uint)pixel.x / grid.coarse_x, cy = (uint)pixel.y / grid.coarse_y;
 
-    if ((cy + 1u) * grid.coarse <= row_begin || cy * grid.coarse >= row_end)
+    if ((cy + 1u) * grid.coarse_y <= row_begin || cy * grid.coarse_y >= row_end)
         return false;
-    const float middle = 0.5f * (float)grid.coarse;
+    const float u = (float)(cx * grid.coarse_x) + 0.5f * (float)grid.coarse_x;
+    const float v = (float)(cy * grid.coarse_y) + 0.5f * (float)grid.coarse_y;
 
     /* the lens may end between a pixel and its list's middle */
-    if (!pixel_ray(camera, (float)(cx * grid.coarse) + middle, (float)(cy * grid.coarse) + middle,
-                   &o, &d))
+    if (!pixel_ray(camera, u, v, &o, &d))
         d.xyz = normalize(point - o.xyz);
     const float t = fmax(dot(point - o.xyz, d.xyz), 0.0f);
 

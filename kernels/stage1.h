@@ -14,8 +14,8 @@
  *   DROPPED 0 | 1   1: faint samples are not in the lists, so the others have a reach
  */
 #ifndef STAGE1
-#define STAGE1 1
-#define PADDED 0
+#define STAGE1  1
+#define PADDED  0
 #define DROPPED 1
 #endif
 #ifndef LEVELS
@@ -210,7 +210,7 @@ HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __glo
     for (int l = 0; l < VW; l++) {
         const cln_pixel pixel = pixels[p->ray[l]];
         const cln_grid grid = grids[pixel.pad * LEVELS + (uint)p->level[l]];
-        const uint list = grid.first + pixel.y / grid.coarse * grid.row + pixel.x / grid.coarse;
+        const uint list = grid.first + pixel.y / grid.coarse_y * grid.row + pixel.x / grid.coarse_x;
 #if PADDED
         const uint begin = list * grids[0].longest, end = begin + list_count[list];
 #else

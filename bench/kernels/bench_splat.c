@@ -100,10 +100,10 @@ static int project(const run *r, const lists *l, int view, int i, double *t)
     if (fabs(x - round(x)) < 1e-2 || fabs(y - round(y)) < 1e-2 || x < 0 || y < 0 ||
         x >= camera->width || y >= camera->height)
         return -1;
-    column = (uint32_t)x / grid->coarse;
-    row = (uint32_t)y / grid->coarse;
-    cln_camera_ray(camera, column * grid->coarse + grid->coarse / 2.0,
-                   row * grid->coarse + grid->coarse / 2.0, o, d);
+    column = (uint32_t)x / grid->coarse_x;
+    row = (uint32_t)y / grid->coarse_y;
+    cln_camera_ray(camera, column * grid->coarse_x + grid->coarse_x / 2.0,
+                   row * grid->coarse_y + grid->coarse_y / 2.0, o, d);
     *t = 0;
     for (int a = 0; a < 3; a++)
         *t += (point[a] - o[a]) * d[a];

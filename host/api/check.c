@@ -5,6 +5,7 @@
 #include <strings.h>
 
 #include "api/needs.h"
+#include "base/callbacks.h"
 #include "base/config.h"
 #include "cl_nascent.h"
 #include "device/kernel_dir.h"
@@ -29,7 +30,8 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
     const cln_scene_desc wanted = {.path = desc->scene,
                                    .config = &desc->settings->config,
                                    .pixels = {true, true, true},
-                                   .unseen = true};
+                                   .unseen = true,
+                                   .callbacks = &desc->callbacks};
     cln_scene *scene = NULL;
     json_t *document = NULL, *about = NULL, *inspected = NULL;
 
@@ -39,13 +41,15 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
     CLN_TRY(cln_scene_load(&wanted, &scene));
     CLN_TRY(cln_scene_describe(scene, &about));
     json_object_del(about, "cameras"); /* "views" says more about them */
-    CLN_TRY(cln_scene_inspect(scene, &inspected));
-    document = json_pack("{s:s, s:O, s:O, s:O, s:o, s:O, s:O}", "schema", "cl-nascent.check/1",
-                         "findings", json_object_get(inspected, "findings"), "measures",
-                         json_object_get(inspected, "measures"), "scene", about, "training",
-                         cln_needs_describe(scene, desc->settings, &desc->device, desc->probe),
-                         "views", json_object_get(inspected, "views"), "points",
-                         json_object_get(inspected, "points"));
+    CLN_TRY(cln_scene_inspect(scene, &desc->callbacks, &inspected));
+    document = json_pack(
+        "{s:s, s:O, s:O, s:O, s:o, s:O, s:O}", "schema", "cl-nascent.check/1", "findings",
+        json_object_get(inspected, "findings"), "measures", json_object_get(inspected, "measures"),
+        "scene", about, "training",
+        cln_needs_describe(scene, desc->settings, &desc->device, desc->probe, &desc->callbacks),
+        "views", json_object_get(inspected, "views"), "points",
+        json_object_get(inspected, "points"));
+    CLN_TRY(cln_tell_work(&desc->callbacks, NULL, 0, 0)); /* interrupted, it lacks times */
     *json = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
     if (!*json)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", desc->scene));

@@ -10,20 +10,21 @@
 #include "check/selftest.h"
 #include "pipeline/stages.h"
 
-/* Fills in the kernel parameters that a training with the fast preset would use. */
-static cln_status tell_tune(const cln_device *device, cln_device_info *info)
+/* Fills in the kernel parameters that a training with a preset would use. */
+static cln_status tell_tune(const cln_device *device, const char *preset, char network[32],
+                            char text[256], char from[512])
 {
     cln_status st = CLN_OK;
     cln_config config;
     cln_network net;
     cln_tune tune;
 
-    CLN_TRY(cln_config_preset("fast", &config));
+    CLN_TRY(cln_config_preset(preset, &config));
     CLN_TRY(cln_network_layout(&config, &net));
-    cln_network_text(&net, info->network);
-    cln_device_tune(device, info->network, &tune, info->tune_from);
+    cln_network_text(&net, network);
+    cln_device_tune(device, network, &tune, from);
     cln_pipeline_fit(device, &net, &tune);
-    cln_tune_text(&tune, info->tune);
+    cln_tune_text(&tune, text);
 done:
     return st;
 }
@@ -43,7 +44,10 @@ static cln_status judge(int row, const cln_device_desc *given, bool test, cln_de
     if (st == CLN_INPUT || st == CLN_USAGE)
         return st;
     if (st == CLN_OK)
-        st = tell_tune(device, info);
+        st = tell_tune(device, "fast", info->network, info->tune, info->tune_from);
+    if (st == CLN_OK)
+        st = tell_tune(device, "voxel", info->voxel_network, info->voxel_tune,
+                       info->voxel_tune_from);
     if (st == CLN_OK && test)
         st = cln_selftest_device(device, &(cln_selftest_plan){.shapes = CLN_SHAPES_QUICK});
     if (test)

@@ -37,7 +37,7 @@ cln_status cln_info_scene(const char *path, const cln_settings *settings, char *
     cameras = json_incref(json_object_get(document, "cameras"));
     json_object_del(document, "cameras");
     json_object_set_new(document, "training",
-                        cln_needs_describe(scene, settings, &(cln_device_desc){0}, 0));
+                        cln_needs_describe(scene, settings, &(cln_device_desc){0}, 0, NULL));
     json_object_set_new(document, "cameras", cameras); /* the longest list comes last */
     CLN_TRY(to_text(document, path, json));
 done:

@@ -8,6 +8,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "base/callbacks.h"
 #include "base/config.h"
 #include "base/number.h"
 #include "check/synthetic.h"
@@ -65,7 +66,8 @@ static int count_hits(const cln_ray_result *results, int rays)
 
 /* Times steps for about `budget` seconds. leaves: of the tree that it stands for. */
 static cln_status time_steps(cln_synthetic *work, cln_pipeline *p, const cln_config *config,
-                             double leaves, double budget, timing *out)
+                             double leaves, double budget, const cln_callbacks *callbacks,
+                             timing *out)
 {
     cln_status st = CLN_OK;
     double taken[MOST_STEPS], began = 0, per_ray = 0, samples = 0;
@@ -80,6 +82,7 @@ static cln_status time_steps(cln_synthetic *work, cln_pipeline *p, const cln_con
     while (out->steps < MOST_STEPS && (out->steps < LEAST_STEPS || cln_now() < began + budget)) {
         const double start = cln_now();
 
+        CLN_TRY(cln_tell_work(callbacks, NULL, 0, 0));
         CLN_TRY(cln_synthetic_step(work, p));
         taken[out->steps++] = (cln_now() - start) * samples / fmax(1, work->samples);
     }
@@ -114,7 +117,7 @@ done:
 
 /* Times a tree, the first one (leaves 0) or one of `leaves` leaves, and pictures on it. */
 static cln_status time_tree(cln_device *device, const cln_config *config, int leaves, bool pictures,
-                            double budget, timing *out)
+                            double budget, const cln_callbacks *callbacks, timing *out)
 {
     cln_status st = CLN_OK;
     cln_config ours = *config;
@@ -138,7 +141,7 @@ static cln_status time_tree(cln_device *device, const cln_config *config, int le
                                 &p));
     CLN_TRY(cln_synthetic_upload(&work, &p));
     CLN_TRY(time_steps(&work, &p, config, leaves > 0 ? leaves : work.model.tree.leaf_count, budget,
-                       out));
+                       callbacks, out));
     if (pictures)
         CLN_TRY(time_picture(&work, &p, out));
 done:
@@ -170,18 +173,25 @@ static double picture_pixels(const cln_scene *scene)
 }
 
 static void add_time(json_t *about, cln_device *device, const cln_scene *scene, const cln_config *c,
-                     double steps, double budget)
+                     double steps, double budget, const cln_callbacks *callbacks)
 {
-    const int most = cln_config_most_leaves(c);
+    const int most = cln_config_most_leaves(c), trees = most > SMALL ? 2 : 1;
     cln_status st = CLN_OK;
     timing first, last;
     double step = 0;
     json_t *time = NULL;
 
-    st = time_tree(device, c, 0, most <= SMALL, budget / 2, &first);
-    last = first; /* a tree that stays small is the first one */
-    if (st == CLN_OK && most > SMALL)
-        st = time_tree(device, c, most, true, budget / 2, &last);
+    st = cln_tell_work(callbacks, "timing", 0, trees);
+    if (st == CLN_OK)
+        st = time_tree(device, c, 0, most <= SMALL, budget / 2, callbacks, &first);
+    if (st == CLN_OK)
+        st = cln_tell_work(callbacks, "timing", 1, trees);
+    if (st == CLN_OK && trees > 1)
+        st = time_tree(device, c, most, true, budget / 2, callbacks, &last);
+    else
+        last = first; /* a tree that stays small is the first one */
+    if (st == CLN_OK && trees > 1)
+        st = cln_tell_work(callbacks, "timing", trees, trees);
     if (st != CLN_OK) {
         json_object_set_new(about, "no_time", json_string(cln_error_text()));
         cln_clear_error();
@@ -192,7 +202,7 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
                      "step_seconds_first", first.median, "step_seconds_last", last.median,
                      "step_seconds_least", fmin(first.least, last.least), "step_seconds_most",
                      fmax(first.most, last.most), "steps_timed",
-                     first.steps + (most > SMALL ? last.steps : 0), "picture_seconds",
+                     first.steps + (trees > 1 ? last.steps : 0), "picture_seconds",
                      last.ray * picture_pixels(scene), "picture_pixels", picture_pixels(scene),
                      "how_good", how_good);
     json_object_set_new(time, "seconds", steps > 0 ? json_real(steps * step) : json_null());
@@ -207,7 +217,8 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
 }
 
 json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
-                           const cln_device_desc *wanted, double probe)
+                           const cln_device_desc *wanted, double probe,
+                           const cln_callbacks *callbacks)
 {
     const cln_config *c = &settings->config;
     const bool timed = c->steps > 0 || c->time_limit > 0;
@@ -243,7 +254,7 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
         json_object_set_new(about, "host_memory", json_real(host.total));
         json_object_set_new(about, "host_memory_limit", json_real(host.limit));
         if (probe > 0)
-            add_time(about, device, scene, c, steps, probe);
+            add_time(about, device, scene, c, steps, probe, callbacks);
     } else {
         json_object_set_new(about, "device", json_null());
         json_object_set_new(about, "no_device", json_string(cln_error_text()));

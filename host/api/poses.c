@@ -174,7 +174,7 @@ static cln_status take_frames(work *w)
     const char *video = w->desc->photos;
     const int frames = w->desc->frames > 0 ? w->desc->frames : FRAMES;
     const cln_command_watch watch = {read_duration, is_interrupted, w, w->log};
-    char *rate = NULL, *names = NULL;
+    char *rate = NULL, *names = NULL, *why = NULL;
 
     if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
         CLN_TRY(cln_fail(CLN_FAILED,
@@ -182,9 +182,18 @@ static cln_status take_frames(work *w)
                          "install it (Debian: apt install ffmpeg), or take the frames with another "
                          "program and give their folder",
                          video));
-    CLN_TRY(cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
-                                                  "format=duration", "-of", "csv=p=0", video, NULL},
-                            &watch));
+    st = cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
+                                               "format=duration", "-of", "csv=p=0", video, NULL},
+                         &watch);
+    if (st == CLN_FAILED) {
+        why = strdup(cln_error_text());
+        cln_clear_error();
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: cannot be read as a video (%s); give another file, or a folder of "
+                         "photos",
+                         video, why ? why : "out of memory"));
+    }
+    CLN_TRY(st);
     if (!(w->duration > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?", video));
     CLN_TRY(cln_asprintf(&rate, "fps=%.6f", frames / w->duration));
@@ -195,6 +204,7 @@ static cln_status take_frames(work *w)
 done:
     free(rate);
     free(names);
+    free(why);
     return st;
 }
 
@@ -480,8 +490,8 @@ static cln_status match(work *w)
 
     snprintf(overlap, sizeof overlap, "%d", NEXT);
     if (next) {
-        cln_info("matching each photo with the next %d, as there are many and they are numbered",
-                 NEXT);
+        cln_info("matching each photo with the next %d%s", NEXT,
+                 automatic ? ", as there are many and they are numbered" : "");
         return run(w, "poses: matches",
                    (const char *const[]){"colmap", "sequential_matcher", "--database_path",
                                          w->database, "--SequentialMatching.overlap", overlap,

@@ -495,7 +495,7 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
     } else {
         CLN_TRY(cln_scene_load(&desc, &t->scene));
     }
-    CLN_TRY(cln_plan_place_images(t->device, config, cln_config_most_leaves(config),
+    CLN_TRY(cln_plan_place_images(t->device, config, cln_config_most_leaves(config), 0,
                                   cln_coverage_bytes(t->scene), t->scene));
 done:
     return st;

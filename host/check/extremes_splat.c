@@ -228,25 +228,26 @@ static bool kept(const cln_config *config, const scene *s, int index)
            (double)(float)config->splat_min_alpha;
 }
 
-/* An entry of list `list` of view and level: its place in the list's square, and its depth along
- * the ray through the square's middle, from where rays begin. */
+/* An entry of list `list` of view and level: its place in the list's rectangle, and its depth
+ * along the ray through the rectangle's middle, from where rays begin. */
 static void compare_entry(const cln_pipeline *p, const scene *s, uint32_t i, int view,
                           const cln_grid *grid, rows *to)
 {
     const int index = (int)s->values[i];
     const cln_camera *c = &s->cameras[view];
     const uint32_t list = (uint32_t)(s->keys[i] >> 32) - grid->first;
-    const double k = grid->coarse, x = list % grid->row * k, y = list / grid->row * k;
+    const double kx = grid->coarse_x, x = list % grid->row * kx;
+    const double ky = grid->coarse_y, y = list / grid->row * ky;
     const float start = p->host_cameras[view].start;
     const spot at = project(s, view, index);
     double o[3], d[3], t = 0, away = 0, distance = 0;
-    const bool found = cln_camera_ray(c, x + k / 2, y + k / 2, o, d);
+    const bool found = cln_camera_ray(c, x + kx / 2, y + ky / 2, o, d);
     const double ahead = c->c2w[2] * d[0] + c->c2w[6] * d[1] + c->c2w[10] * d[2];
 
     if (isfinite(at.hair))
-        cln_extreme_meet(&to->pixel, fmax(-fmin(inside(at.u, x, x + k), inside(at.v, y, y + k)), 0),
-                         0, at.hair, 1, "view %d, cell %d, %g pixels allowed", view, index,
-                         at.hair);
+        cln_extreme_meet(&to->pixel,
+                         fmax(-fmin(inside(at.u, x, x + kx), inside(at.v, y, y + ky)), 0), 0,
+                         at.hair, 1, "view %d, cell %d, %g pixels allowed", view, index, at.hair);
     cln_space_ray_to_cube(s->space, o, d, o, d);
     for (int a = 0; a < 3; a++) {
         t += (at.point[a] - o[a]) * d[a];
@@ -357,7 +358,7 @@ static double depth_of(const cln_config *config, const scene *s, const cln_inter
 {
     const cln_grid *grid = &s->grids[r / EACH * (int)s->levels + 1];
     const uint32_t list =
-        grid->first + s->pixels[r].y / grid->coarse * grid->row + s->pixels[r].x / grid->coarse;
+        grid->first + s->pixels[r].y / grid->coarse_y * grid->row + s->pixels[r].x / grid->coarse_x;
     const ref_interval whole = {v->slot, v->t_in, v->t_out};
     double t[ALL], sigma[ALL], lengths[ALL];
     int m = 0;

@@ -6,41 +6,18 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include "base/log.h"
 #include "base/text.h"
 #include "cli/console.h"
 
-enum { COLUMNS_LEAST = 40, COLUMNS = 96 };
+enum { COLUMNS = 96 };
 
-/* Columns of the terminal, so that it breaks no word; COLUMNS without a terminal. */
-static int columns(void)
-{
-    const int has = cln_terminal_columns(STDOUT_FILENO, COLUMNS);
-
-    return has > COLUMNS ? COLUMNS : has > COLUMNS_LEAST ? has : COLUMNS_LEAST;
-}
-
-/* Prints a text in lines of at most columns(), all but the first indented. */
+/* In lines of the terminal's width, without one of COLUMNS; all but the first are indented. */
 static void print_wrapped(int column, int indent, const char *text)
 {
-    const int most = columns();
-    bool first = true;
+    const int has = cln_stdout_columns(COLUMNS);
 
-    while (*text) {
-        const int word = (int)strcspn(text, " ");
-
-        if (!first && column + 1 + word > most) {
-            printf("\n%*s", indent, "");
-            column = indent;
-        } else if (!first) {
-            column += printf(" ");
-        }
-        column += printf("%.*s", word, text);
-        text += word + strspn(text + word, " ");
-        first = false;
-    }
-    putchar('\n');
+    cln_print_wrapped(column, indent, has < COLUMNS ? has : COLUMNS, text);
 }
 
 static double number(const json_t *object, const char *key)
@@ -180,18 +157,22 @@ static void print_training(const json_t *training)
 cln_status cln_cmd_check(const cln_options *options)
 {
     cln_status st = CLN_OK;
-    const cln_check_desc desc = {.scene = options->operand,
-                                 .settings = options->settings,
-                                 .device = options->device,
-                                 .probe = options->probe,
-                                 .page = options->output,
-                                 .overwrite = options->overwrite};
+    cln_check_desc desc = {.scene = options->operand,
+                           .settings = options->settings,
+                           .device = options->device,
+                           .probe = options->probe,
+                           .page = options->output,
+                           .overwrite = options->overwrite};
+    cln_console console = {0};
     char *text = NULL;
     json_t *document = NULL;
 
     if (options->conf_said)
         cln_info("settings %s", options->conf_said);
+    CLN_TRY(cln_console_open(options, &console));
+    desc.callbacks = console.callbacks;
     CLN_TRY(cln_check(&desc, &text));
+    cln_console_close(&console);
     if (options->json) {
         CLN_TRY(cln_write_stdout(text, strlen(text)));
         CLN_TRY(cln_write_stdout("\n", 1));
@@ -206,6 +187,7 @@ cln_status cln_cmd_check(const cln_options *options)
     if (options->output)
         printf("page     %s\n", options->output);
 done:
+    cln_console_close(&console);
     json_decref(document);
     free(text);
     return st;

@@ -49,12 +49,15 @@ static void put_words(const char *words)
         putchar(*words == '|' ? ' ' : *words);
 }
 
-/* Prints a text that stands within single quotes; the characters that would end it, quotes and
- * brackets, become similar ones. */
+/* Prints a text that stands within single quotes. Brackets, which would end it in zsh, become
+ * parentheses. */
 static void put_text(const char *text)
 {
     for (; *text; text++)
-        putchar(*text == '\'' ? '`' : *text == '[' ? '(' : *text == ']' ? ')' : *text);
+        if (*text == '\'')
+            printf("'\\''");
+        else
+            putchar(*text == '[' ? '(' : *text == ']' ? ')' : *text);
 }
 
 /* The words that a command's operand can be, if it is no file. */

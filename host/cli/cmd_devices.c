@@ -4,22 +4,28 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include "cli/console.h"
 #include "io/json.h"
 
 static json_t *device_json(int index, const cln_device_info *d)
 {
     return json_pack(
-        "{s:i s:s s:s s:s s:s s:s s:s s:o s:o s:i s:s* s:s* s:s* s:s*}", "index", index, "name",
-        d->name, "type", d->type, "vendor", d->vendor, "platform", d->platform, "version",
-        d->version, "driver", d->driver, "global_mem", cln_json_real(d->global_mem), "max_alloc",
-        cln_json_real(d->max_alloc), "compute_units", d->compute_units, "verdict",
+        "{s:i s:s s:s s:s s:s s:s s:s s:o s:o s:i s:s* s:s* s:s* s:s* s:s* s:s* s:s*}", "index",
+        index, "name", d->name, "type", d->type, "vendor", d->vendor, "platform", d->platform,
+        "version", d->version, "driver", d->driver, "global_mem", cln_json_real(d->global_mem),
+        "max_alloc", cln_json_real(d->max_alloc), "compute_units", d->compute_units, "verdict",
         *d->verdict ? d->verdict : NULL, "tune", *d->tune ? d->tune : NULL, "tune_from",
-        *d->tune_from ? d->tune_from : NULL, "tune_network", *d->network ? d->network : NULL);
+        *d->tune_from ? d->tune_from : NULL, "tune_network", *d->network ? d->network : NULL,
+        "voxel_tune", *d->voxel_tune ? d->voxel_tune : NULL, "voxel_tune_from",
+        *d->voxel_tune_from ? d->voxel_tune_from : NULL, "voxel_tune_network",
+        *d->voxel_network ? d->voxel_network : NULL);
 }
 
 void cln_print_device(FILE *to, int index, const cln_device_info *d)
 {
+    const bool both = *d->voxel_tune && strcmp(d->tune, d->voxel_tune) == 0 &&
+                      strcmp(d->tune_from, d->voxel_tune_from) == 0;
     char global[32], largest[32];
 
     cln_format_bytes(d->global_mem, global);
@@ -31,8 +37,12 @@ void cln_print_device(FILE *to, int index, const cln_device_info *d)
     fprintf(to, "    version    %s\n", d->version);
     fprintf(to, "    driver     %s\n", d->driver);
     if (*d->tune)
-        fprintf(to, "    kernels    %s\n               from %s, for networks of %s\n", d->tune,
-                d->tune_from, d->network);
+        fprintf(to, "    kernels    %s\n               from %s, for networks of %s%s%s\n", d->tune,
+                d->tune_from, d->network, both ? " and voxels of " : "",
+                both ? d->voxel_network : "");
+    if (*d->voxel_tune && !both)
+        fprintf(to, "    of voxels  %s\n               from %s, for voxels of %s\n", d->voxel_tune,
+                d->voxel_tune_from, d->voxel_network);
     if (*d->verdict)
         fprintf(to, "    self-test  %s\n", d->verdict);
 }

@@ -8,6 +8,7 @@
 #include <unistd.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "cli/console.h"
 #include "export/list.h"
 
@@ -161,6 +162,26 @@ done:
     return st;
 }
 
+/* CLN_USAGE for `export --mesh RUN FILE`. */
+static cln_status check_order(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    char *manifest = NULL, run[CLN_QUOTED_BYTES], file[CLN_QUOTED_BYTES];
+
+    CLN_TRY(cln_path_join(&manifest, options->export_file, "run.json"));
+    if (cln_is_file(manifest) && !cln_is_dir(options->operand))
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--%s %s: this is a run; it comes first, and the file here: `cl-nascent export "
+                         "%s --%s %s`",
+                         options->export_what, options->export_file,
+                         cln_shell_quote(options->export_file, run, sizeof run),
+                         options->export_what,
+                         cln_shell_quote(options->operand, file, sizeof file)));
+done:
+    free(manifest);
+    return st;
+}
+
 cln_status cln_cmd_export(const cln_options *options)
 {
     cln_status st = CLN_OK;
@@ -179,6 +200,7 @@ cln_status cln_cmd_export(const cln_options *options)
                             .triangles = options->triangles,
                             .device = options->device};
 
+    CLN_TRY(check_order(options));
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     if (to_stdout)

@@ -2,6 +2,7 @@
  * reading. */
 #include "cli/commands.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,22 +15,22 @@
 
 enum { LISTED = 8, NAMED = 16 };
 
-static void print_scalar(const json_t *value)
+static void write_scalar(FILE *to, const json_t *value)
 {
     const double number = json_number_value(value);
     char *text = NULL;
 
     if (json_is_real(value) && fabs(number) >= 1e5 && fabs(number) < 1e15 &&
         number == floor(number)) { /* counts and seeds, which some writers keep as reals */
-        printf("%.0f", number);
+        fprintf(to, "%.0f", number);
         return;
     }
     if (json_is_string(value)) {
-        printf("%s", json_string_value(value));
+        fprintf(to, "%s", json_string_value(value));
         return;
     }
     text = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(7));
-    printf("%s", json_is_null(value) ? "-" : text ? text : "?");
+    fprintf(to, "%s", json_is_null(value) ? "-" : text ? text : "?");
     free(text);
 }
 
@@ -54,8 +55,8 @@ static bool ends_with(const char *text, const char *end)
     return length >= n && strcmp(text + length - n, end) == 0;
 }
 
-/* Prints bytes for people, if the key names memory or belongs to a memory plan. */
-static bool print_memory(const char *parent, const char *key, const json_t *value)
+/* Writes bytes for people, if the key names memory or belongs to a memory plan. */
+static bool write_memory(FILE *to, const char *parent, const char *key, const json_t *value)
 {
     char text[32];
 
@@ -65,24 +66,24 @@ static bool print_memory(const char *parent, const char *key, const json_t *valu
         strcmp(key, "max_alloc") != 0 && !ends_with(parent, "plan"))
         return false;
     cln_format_bytes(json_number_value(value), text);
-    printf("%s", text);
+    fprintf(to, "%s", text);
     return true;
 }
 
-/* Prints minutes and seconds; those of a training to come are an estimate. */
-static bool print_time(const char *parent, const char *key, const json_t *value)
+/* Writes minutes and seconds; those of a training to come are an estimate. */
+static bool write_time(FILE *to, const char *parent, const char *key, const json_t *value)
 {
     char text[32];
 
     if (!json_is_number(value) || !(strcmp(key, "seconds") == 0 || ends_with(key, "_seconds")))
         return false;
     cln_format_duration(json_number_value(value), text);
-    printf("%s%s", strcmp(parent, "training") == 0 ? "about " : "", text);
+    fprintf(to, "%s%s", strcmp(parent, "training") == 0 ? "about " : "", text);
     return true;
 }
 
-/* Prints scalars in one line: "800, 600" or "name lego/r_0.png, width 800". */
-static void print_inline(const json_t *value)
+/* Writes scalars in one line: "800, 600" or "name lego/r_0.png, width 800". */
+static void write_inline(FILE *to, const json_t *value)
 {
     const char *key = NULL;
     json_t *member = NULL;
@@ -90,39 +91,68 @@ static void print_inline(const json_t *value)
 
     if (json_is_array(value)) {
         for (size_t i = 0; i < json_array_size(value); i++) {
-            printf("%s", i ? ", " : "");
-            print_inline(json_array_get(value, i));
+            fprintf(to, "%s", i ? ", " : "");
+            write_inline(to, json_array_get(value, i));
         }
     } else if (json_is_object(value)) {
         json_object_foreach((json_t *)value, key, member)
         {
             if (json_is_object(member) && json_object_size(member) == 0)
                 continue;
-            printf("%s%s ", comma, key);
-            print_inline(member);
+            fprintf(to, "%s%s ", comma, key);
+            write_inline(to, member);
             comma = ", ";
         }
     } else {
-        print_scalar(value);
+        write_scalar(to, value);
     }
+}
+
+/* Prints "KEY  VALUE", the key in `width` columns, unless it is "". On a terminal, lines are broken
+ * at its width; elsewhere they stay whole, for other programs. */
+static cln_status print_entry(const char *parent, const char *key, int width, int indent,
+                              const json_t *value)
+{
+    cln_status st = CLN_OK;
+    const int gap = *key ? 2 : 0, begin = indent + width + gap;
+    const int columns = cln_stdout_columns(INT_MAX);
+    char *text = NULL;
+    size_t bytes = 0;
+    FILE *to = open_memstream(&text, &bytes);
+
+    if (!to)
+        CLN_TRY(cln_fail(CLN_MEMORY, "description: out of memory"));
+    if (json_is_array(value) && json_array_size(value) == 0)
+        fprintf(to, "none");
+    else if (!write_memory(to, parent, key, value) && !write_time(to, parent, key, value))
+        write_inline(to, value);
+    if (fclose(to) != 0)
+        CLN_TRY(cln_fail(CLN_MEMORY, "description: out of memory"));
+    printf("%*s%-*s%*s", indent, "", width, key, gap, "");
+    cln_print_wrapped(begin, begin < columns / 2 ? (*key ? begin : indent + 2) : indent + 2,
+                      columns, text);
+done:
+    free(text);
+    return st;
 }
 
 /* Prints a line for each member; of long lists only for the first ones. */
-static void print_list(const json_t *array, int indent)
+static cln_status print_list(const json_t *array, int indent)
 {
+    cln_status st = CLN_OK;
     size_t count = json_array_size(array);
 
-    for (size_t i = 0; i < count && i < LISTED; i++) {
-        printf("%*s", indent, "");
-        print_inline(json_array_get(array, i));
-        putchar('\n');
-    }
+    for (size_t i = 0; i < count && i < LISTED; i++)
+        CLN_TRY(print_entry("", "", 0, indent, json_array_get(array, i)));
     if (count > LISTED)
         printf("%*s... %zu more, all with --json\n", indent, "", count - LISTED);
+done:
+    return st;
 }
 
-static void print_object(const char *name, const json_t *object, int indent)
+static cln_status print_object(const char *name, const json_t *object, int indent)
 {
+    cln_status st = CLN_OK;
     const char *key = NULL;
     json_t *value = NULL;
     int width = 0;
@@ -136,19 +166,16 @@ static void print_object(const char *name, const json_t *object, int indent)
     {
         if (json_is_object(value)) {
             printf("%*s%s\n", indent, "", key);
-            print_object(key, value, indent + 2);
+            CLN_TRY(print_object(key, value, indent + 2));
         } else if (json_is_array(value) && !is_flat(value)) {
             printf("%*s%s\n", indent, "", key);
-            print_list(value, indent + 2);
+            CLN_TRY(print_list(value, indent + 2));
         } else {
-            printf("%*s%-*s  ", indent, "", width, key);
-            if (json_is_array(value) && json_array_size(value) == 0)
-                printf("none");
-            else if (!print_memory(name, key, value) && !print_time(name, key, value))
-                print_inline(value);
-            putchar('\n');
+            CLN_TRY(print_entry(name, key, width, indent, value));
         }
     }
+done:
+    return st;
 }
 
 /* ---- time ---- */
@@ -326,7 +353,7 @@ cln_status cln_cmd_info(const cln_options *options)
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));
     else
-        print_object("", document, 0);
+        CLN_TRY(print_object("", document, 0));
 done:
     json_decref(document);
     free(text);

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include "base/log.h"
 #include "device/device.h"
 #include "ranks/ranks.h"
@@ -140,7 +141,11 @@ static void show_work(const char *what, int done, int total, void *user)
     }
     cln_format_count(done, count);
     cln_format_count(total, of);
-    snprintf(line, sizeof line, "%s %s/%s %.0f%%%s", what, count, of, floor(100 * fraction), left);
+    if (total > 0)
+        snprintf(line, sizeof line, "%s %s/%s %.0f%%%s", what, count, of, floor(100 * fraction),
+                 left);
+    else /* not known yet */
+        snprintf(line, sizeof line, "%s", what);
     cln_progress_show(console->progress, fraction, line);
 }
 
@@ -173,6 +178,45 @@ void cln_console_close(cln_console *console)
 }
 
 /* ---- results ---- */
+
+int cln_stdout_columns(int otherwise)
+{
+    enum { LEAST = 40 };
+    const int has = cln_terminal_columns(STDOUT_FILENO, 0);
+
+    return has == 0 ? otherwise : has > LEAST ? has : LEAST;
+}
+
+/* Characters of the first `bytes` bytes. */
+static int characters(const char *text, size_t bytes)
+{
+    int count = 0;
+
+    for (size_t i = 0; i < bytes; i++)
+        count += ((unsigned char)text[i] & 0xc0) != 0x80; /* not a byte that goes on */
+    return count;
+}
+
+void cln_print_wrapped(int column, int indent, int columns, const char *text)
+{
+    bool first = true;
+
+    while (*text) {
+        const size_t space = strspn(text, " "), word = strcspn(text + space, " ");
+        const int wide = characters(text + space, word);
+
+        if (!first && wide > 0 && column + (int)space + wide > columns && column > indent) {
+            printf("\n%*s%.*s", indent, "", (int)word, text + space);
+            column = indent + wide;
+        } else {
+            printf("%.*s", (int)(space + word), text);
+            column += (int)space + wide;
+        }
+        text += space + word;
+        first = false;
+    }
+    putchar('\n');
+}
 
 cln_status cln_print_json(json_t *document)
 {

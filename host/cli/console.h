@@ -28,6 +28,14 @@ void cln_console_close(cln_console *console); /* ends the line; signals have the
 /* The live line of a training, as the manual shows it. */
 void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes);
 
+/* Columns of the terminal behind standard output, at least 40; `otherwise` if there is none. */
+int cln_stdout_columns(int otherwise);
+
+/* Prints a text and a newline to standard output, of which `column` characters are printed already,
+ * in lines of at most `columns` characters where its words allow it; all but the first begin with
+ * `indent` spaces. The text keeps its spaces, but for those where a line ends. */
+void cln_print_wrapped(int column, int indent, int columns, const char *text);
+
 /* One JSON document and a newline on standard output; takes the reference. */
 cln_status cln_print_json(json_t *document);
 

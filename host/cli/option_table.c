@@ -287,7 +287,8 @@ const cln_arg cln_args[] = {
 
     FLAG(EVERY & ~(CLN_BUGREPORT | CLN_VIEW | CLN_COMPLETION), "json", json,
          "results as one JSON document on standard output"),
-    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE | CLN_POSES, "progress", progress,
+    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE | CLN_POSES | CLN_EXPORT | CLN_CHECK_SCENE,
+         "progress", progress,
          "auto|bar|line|none",
          "a live line on a terminal, plain lines now and then, or neither", .standard = "auto"),
     WORD(EVERY, "color", color, "auto|always|never",
@@ -433,6 +434,7 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"near-plane", "near"},
                 {"camera-path", "poses"},
                 {"camera-path-filename", "poses"},
+                {"path", "interpolate"},
                 {"trajectory", "orbit"},
                 {"traj", "orbit"},
                 {"ply", "points"},

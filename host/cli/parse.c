@@ -294,7 +294,11 @@ static cln_status parse_operand(parser *p, const char *argument)
     if (p->out->operand)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'%s",
                         argument, command->name, command->operand, p->out->operand,
-                        cln_arg_find_letter(command, 'o') ? "; name the output with -o" : "");
+                        cln_arg_find_letter(command, 'o') ? "; name the output with -o"
+                        : cln_arg_find(command, "mesh", 4)
+                            ? "; what to write is an option, such as "
+                              "--mesh FILE.glb"
+                            : "");
     if (!*argument)
         return cln_fail(CLN_USAGE, "%s: the name of %s is empty", command->name, command->operand);
     p->out->operand = argument;

@@ -119,7 +119,7 @@ void cln_progress_show(cln_progress *progress, double fraction, const char *text
     snprintf(progress->text, sizeof progress->text, "%s", text);
     progress->stale = true;
     if (progress->mode == MODE_BAR)
-        due = due || waited >= bar_seconds;
+        due = due || waited >= bar_seconds || fraction < progress->shown_fraction; /* other work */
     else
         due = due ||
               (waited >= line_seconds && (fraction >= progress->shown_fraction + line_fraction ||

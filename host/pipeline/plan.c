@@ -483,18 +483,19 @@ void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan
 }
 
 cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
-                                 double coverage_bytes, cln_scene *scene)
+                                 int depth, double coverage_bytes, cln_scene *scene)
 {
     cln_status st = CLN_OK;
     cln_pipeline outline;
     cln_plan plan, host;
     const cln_plan_desc desc = {
-        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), 0};
+        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), depth};
     double left = 0;
 
     CLN_TRY(cln_pipeline_outline(device, config,
                                  &(cln_pipeline_facts){.lenses = scene->lenses,
                                                        .alpha = scene->has_alpha,
+                                                       .depth = depth,
                                                        .space = &scene->space},
                                  &outline));
     cln_plan_device(&desc, &plan);

@@ -63,11 +63,10 @@ void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_p
 
 /* Called before a pipeline is made: if the host's plan leaves too little memory for the scene's
  * images, they go to a file (cln_scene_shrink), of which at most an eighth of the limit is kept in
- * memory. coverage_bytes: as in cln_plan_desc; below 0 if only pictures are made. CLN_OUTPUT,
- * CLN_MEMORY.
- */
+ * memory. depth, coverage_bytes: as in cln_plan_desc; the latter below 0 if only pictures are made.
+ * CLN_OUTPUT, CLN_MEMORY. */
 cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
-                                 double coverage_bytes, cln_scene *scene);
+                                 int depth, double coverage_bytes, cln_scene *scene);
 
 /* CLN_MEMORY if a plan exceeds its limit, or a buffer (or part) the device's largest allocation. */
 cln_status cln_plan_check(const cln_device *device, const cln_plan *plan);

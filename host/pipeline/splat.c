@@ -15,12 +15,26 @@
 
 enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 
+/* Enlarges coarse pixels of kx x ky pixels, which are `wide` and `high` seen from a distance of 1.
+ * Where pixels are far from square, only the shorter side grows, as long as it can. Sides are powers
+ * of two, so that bands of rows never cut a coarse pixel. */
+static void enlarge(double wide, double high, cl_uint *kx, cl_uint *ky)
+{
+    const bool x_waits = wide > M_SQRT2 * high && *ky < MAX_COARSENING;
+    const bool y_waits = high > M_SQRT2 * wide && *kx < MAX_COARSENING;
+
+    if (!x_waits && *kx < MAX_COARSENING)
+        *kx *= 2;
+    if (!y_waits && *ky < MAX_COARSENING)
+        *ky *= 2;
+}
+
 /* Grid of a view and a level, all but `first`. A leaf's cells of spacing s = side / n1, seen from
- * distance z with focal length f, give n1 (z / (f s))^2 samples per pixel; k^2 times that must
- * reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every s^3 f^2
- * / (k t)^2 of a ray on average. In a forward space, a pixel has the same size at any t: about
- * scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees a whole leaf.
- */
+ * distance z with focal lengths fx and fy, give n1 z^2 / (fx fy s^2) samples per pixel; kx ky times
+ * that must reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every
+ * s^3 fx fy / (kx ky t^2) of a ray on average. In a forward space, a pixel has the same size at any
+ * t: about scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees a whole
+ * leaf. */
 static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level,
                           double *reached)
 {
@@ -30,22 +44,23 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
     const double distance = fmax(sqrt(o[0] * o[0] + o[1] * o[1] + o[2] * o[2]), 0.5);
     const bool forward = p->space.forward;
     const double area = forward ? p->space.scale[0] * p->space.scale[1] / (c->fx * c->fy) : 0;
-    const double footprint = distance / (c->fx * spacing);
-    const double per_pixel = forward ? n1 * area / (spacing * spacing) : n1 * footprint * footprint;
+    const double footprint = distance * distance / (c->fx * c->fy * spacing * spacing);
+    const double per_pixel = n1 * (forward ? area / (spacing * spacing) : footprint);
     const double volume = spacing * spacing * spacing;
     const double per_area = forward ? volume / area : volume * c->fx * c->fy;
-    cl_uint k = 1;
+    cl_uint kx = 1, ky = 1;
 
-    /* a power of two, so that bands of rows never cut a coarse pixel */
-    while (k < MAX_COARSENING && k * k * per_pixel < p->config.splat_per_ray)
-        k *= 2;
-    *reached = k * k * per_pixel;
-    const double spread = per_area / (k * k);
+    while ((kx < MAX_COARSENING || ky < MAX_COARSENING) &&
+           kx * ky * per_pixel < p->config.splat_per_ray)
+        enlarge(kx / c->fx, ky / c->fy, &kx, &ky);
+    *reached = kx * ky * per_pixel;
+    const double spread = per_area / (kx * ky);
     const bool far = c->start > 0; /* t begins at the cube */
     const double at = forward ? 1 : distance;
 
-    return (cln_grid){.coarse = k,
-                      .row = ((cl_uint)c->width + k - 1) / k,
+    return (cln_grid){.coarse_x = kx,
+                      .coarse_y = ky,
+                      .row = ((cl_uint)c->width + kx - 1) / kx,
                       .cell = (float)(far || forward ? fmax(spacing, spread / (at * at)) : spacing),
                       .spread = far || forward ? 0 : (float)spread};
 }
@@ -84,7 +99,8 @@ static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
             *grid = make_grid(p, c, level, &reached);
             say_short(p, level, reached);
             grid->first = (cl_uint)next;
-            next += (uint64_t)grid->row * (((cl_uint)c->height + grid->coarse - 1) / grid->coarse);
+            next +=
+                (uint64_t)grid->row * (((cl_uint)c->height + grid->coarse_y - 1) / grid->coarse_y);
         }
     if (next >= INT_MAX) {
         st = cln_fail(CLN_MEMORY,

@@ -105,8 +105,8 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
              opened->device->info.platform, opened->device->info.compute_units);
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     if (opened->scene)
-        CLN_TRY(cln_plan_place_images(opened->device, &config, opened->model.tree.leaf_count, -1,
-                                      opened->scene));
+        CLN_TRY(cln_plan_place_images(opened->device, &config, opened->model.tree.leaf_count,
+                                      cln_octree_depth(&opened->model.tree), -1, opened->scene));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(
         cln_pipeline_create(opened->device, &config,

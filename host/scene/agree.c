@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/callbacks.h"
 #include "base/memory.h"
 #include "base/number.h"
 
@@ -43,6 +44,7 @@ const cln_reading cln_readings[CLN_READINGS] = {
 
 typedef struct work {
     const cln_scene *scene;
+    const cln_callbacks *callbacks;
     cln_agreement *out;
     cln_features *features; /* [view]; list NULL: not found yet */
     double reach;           /* typical distance of a camera from the middle of all */
@@ -293,12 +295,14 @@ static cln_status find_ties(work *w)
         const int view = (int)((int64_t)i * count / asked);
         int neighbours[NEIGHBOURS], found = 0;
 
+        CLN_TRY(cln_tell_work(w->callbacks, "compared", i, asked));
         find_neighbours(w, view, neighbours, &found);
         for (int k = 0; k < found; k++)
             CLN_TRY(compare(w, view, neighbours[k]));
         if (view + 1 < count && unlike(w, view, view + 1) < INFINITY)
             CLN_TRY(compare(w, view, view + 1));
     }
+    CLN_TRY(cln_tell_work(w->callbacks, "compared", asked, asked));
     for (int i = 0; i < count; i++) {
         w->out->looked_at += w->out->views[i].looked_at;
         w->out->views[i].features = w->features[i].count;
@@ -558,6 +562,18 @@ static cln_status find_exposures(work *w)
                 ratios[count++] = pairs[p].a == v ? pairs[p].ratio : -pairs[p].ratio;
         cln_reals_sort(ratios, count);
         out->views[v].jump = count ? ratios[count / 2] : NAN;
+        memset(sum, 0, (size_t)views * sizeof *sum); /* how much views differ from others than v */
+        for (int p = 0; p < pair_count; p++)
+            if (pairs[p].a != v && pairs[p].b != v) {
+                sum[pairs[p].a] = fmax(sum[pairs[p].a], fabs(pairs[p].ratio));
+                sum[pairs[p].b] = fmax(sum[pairs[p].b], fabs(pairs[p].ratio));
+            }
+        count = 0;
+        for (int p = 0; p < pair_count; p++)
+            if (pairs[p].a == v || pairs[p].b == v)
+                ratios[count++] = sum[pairs[p].a == v ? pairs[p].b : pairs[p].a];
+        cln_reals_sort(ratios, count);
+        out->views[v].around = count ? ratios[count / 2] : 0;
     }
 done:
     free(pairs);
@@ -593,10 +609,10 @@ done:
     return st;
 }
 
-cln_status cln_agree(const cln_scene *scene, cln_agreement *out)
+cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln_agreement *out)
 {
     cln_status st = CLN_OK;
-    work w = {.scene = scene, .out = out};
+    work w = {.scene = scene, .callbacks = callbacks, .out = out};
 
     *out = (cln_agreement){.share = NAN, .kept_share = NAN, .focal = 1};
     CLN_TRY(cln_alloc(&out->views, (size_t)scene->view_count, sizeof *out->views, "views"));

@@ -30,6 +30,7 @@ typedef struct cln_agree_view {
     int partners;       /* other views with which several ties agree */
     double exposure;    /* brightness relative to all others, in stops; or NaN */
     double jump;        /* the same, to those that it was compared with; or NaN */
+    double around;      /* the most that these differ from others, in stops: the median of them */
     bool bad;           /* its pose does not fit its photo, while others' do */
     int pose_of;        /* the view whose pose fits this photo better; -1 */
 } cln_agree_view;
@@ -51,8 +52,9 @@ typedef struct cln_agreement {
     double (*points)[3]; /* scene units */
 } cln_agreement;
 
-/* CLN_MEMORY. Free *out in any case. */
-cln_status cln_agree(const cln_scene *scene, cln_agreement *out);
+/* callbacks: told of the views that are compared; NULL: none. CLN_MEMORY; CLN_SIGINT, CLN_SIGTERM:
+ * it was interrupted. Free *out in any case. */
+cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln_agreement *out);
 void cln_agreement_free(cln_agreement *a);
 
 #endif

@@ -60,7 +60,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc);
 
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits; of
  * several ranks, each its own. CLN_USAGE if their files, masks or turns differ. */
-cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS]);
+cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc);
 
 /* background.c: the background, by config.background and the training photos that are loaded. */
 cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config);

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/callbacks.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -315,6 +316,8 @@ done:
 typedef struct job {
     cln_scene *scene;
     const bool *wanted;
+    const cln_callbacks *callbacks; /* called by `thread` alone */
+    pthread_t thread;
     uint64_t *digests; /* [view] */
     size_t *places;    /* [view] in scene->pixels, or in the store */
     atomic_int next;
@@ -540,7 +543,10 @@ static void *read_views(void *argument)
 
         if (index >= work->scene->view_count)
             break;
-        st = read_view(work, index);
+        if (pthread_equal(pthread_self(), work->thread))
+            st = cln_tell_work(work->callbacks, "images", index, work->scene->view_count);
+        if (st == CLN_OK)
+            st = read_view(work, index);
         if (st != CLN_OK) {
             atomic_store(&work->stop, true);
             take_failure(work, index, st);
@@ -628,16 +634,21 @@ static uint64_t digest_of_kept(const cln_scene *scene)
     return digest;
 }
 
-cln_status cln_scene_read_images(cln_scene *scene, const bool wanted[CLN_SPLITS])
+cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
 {
     cln_status st = CLN_OK;
-    job work = {.scene = scene, .wanted = wanted, .failed_view = -1};
+    job work = {.scene = scene,
+                .wanted = desc->pixels,
+                .callbacks = desc->callbacks,
+                .thread = pthread_self(),
+                .failed_view = -1};
     pthread_t threads[THREADS - 1];
     int started = 0;
 
     pthread_mutex_init(&work.mutex, NULL);
     CLN_TRY(cln_alloc(&work.digests, (size_t)scene->view_count, sizeof *work.digests, "digests"));
     CLN_TRY(make_room(&work));
+    CLN_TRY(cln_tell_work(desc->callbacks, "images", 0, scene->view_count));
     /* This thread works too; if no other can be started it works alone. */
     while (started < THREADS - 1 && !pthread_create(&threads[started], NULL, read_views, &work))
         started++;

@@ -27,6 +27,7 @@ static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 static const double COPY = 0.004, FLAT = 0.02;
 static const double EXPOSURE_JUMP = 0.7, EXPOSURE_RANGE = 0.6; /* factors of 2 */
+static const double EXPOSURE_TREND = 2;                        /* a jump over those around it */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12;     /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
@@ -453,8 +454,8 @@ static void check_masks(inspection *in)
                         masks, 100 * area);
 }
 
-/* Finds photos that are brighter or darker than their neighbours; if there are none, slow changes
- * over the set. */
+/* Finds photos that are brighter or darker than their neighbours, much more than these than theirs:
+ * where light changes with the place, all differ. If there are none, slow changes over the set. */
 static void check_exposure(inspection *in)
 {
     double low = INFINITY, high = -INFINITY, most = 0;
@@ -468,7 +469,7 @@ static void check_exposure(inspection *in)
             continue;
         low = fmin(low, v->exposure);
         high = fmax(high, v->exposure);
-        if (fabs(v->jump) > EXPOSURE_JUMP) {
+        if (fabs(v->jump) > fmax(EXPOSURE_JUMP, EXPOSURE_TREND * v->around)) {
             add_view(views, in, i);
             most = fmax(most, fabs(v->jump));
         }
@@ -623,7 +624,7 @@ static json_t *by_weight(const json_t *findings)
     return sorted;
 }
 
-cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
+cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callbacks, json_t **out)
 {
     cln_status st = CLN_OK;
     inspection in = {.scene = scene, .findings = json_array(), .measures = json_object()};
@@ -632,7 +633,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, json_t **out)
     CLN_TRY(cln_alloc(&in.photos, (size_t)scene->view_count, sizeof *in.photos, "photos"));
     for (int i = 0; i < scene->view_count; i++)
         cln_photo_measure(&scene->views[i], &in.photos[i]);
-    CLN_TRY(cln_agree(scene, &in.agreement));
+    CLN_TRY(cln_agree(scene, callbacks, &in.agreement));
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
     cln_scene_tell_turns(scene, in.findings);

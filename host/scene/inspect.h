@@ -13,7 +13,8 @@ void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json
                      const char *fmt, ...) __attribute__((format(printf, 5, 6)));
 
 /* *out = {"findings": [as above, likely faults first], "measures": {...}, "views": [{name, split,
- * place, axis, ...}], "points": [[x, y, z]]}, docs/formats.md. The caller owns it. */
-cln_status cln_scene_inspect(const cln_scene *scene, json_t **out);
+ * place, axis, ...}], "points": [[x, y, z]]}, docs/formats.md. The caller owns it. callbacks: told
+ * of what is compared; NULL: none. */
+cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callbacks, json_t **out);
 
 #endif

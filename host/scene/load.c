@@ -279,7 +279,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
         CLN_TRY(cln_scene_find_sights(scene, result));
     CLN_TRY(cln_scene_deal(scene));
     CLN_TRY(cln_scene_place_images(scene, desc));
-    CLN_TRY(cln_scene_read_images(scene, desc->pixels));
+    CLN_TRY(cln_scene_read_images(scene, desc));
     CLN_TRY(cln_scene_find_background(scene, desc->config));
 done:
     free(others);

@@ -3,6 +3,7 @@
  * in images_2, _4, _8 (dataset.h); cameras follow the images' size. Poses are world-to-camera with
  * our axes; the centre of the top-left pixel is (0.5, 0.5) there, too. Points say where the cube
  * is. One camera and several are the same case. */
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,25 +43,35 @@ static int find_place(const char *path, const char **missing)
     return PLACES;
 }
 
-/* Finds the folder that `path` is in, from its text if that is enough. The caller frees *out. */
+/* Where the last name of a path begins. */
+static char *last_name(char *path)
+{
+    char *slash = strrchr(path, '/');
+
+    return slash ? slash + 1 : path;
+}
+
+/* Finds the folder that `path` is in, from its text if that is enough, else from the whole path of
+ * it. The caller frees *out. */
 static cln_status parent(const char *path, char **out)
 {
     cln_status st = CLN_OK;
     size_t length = strlen(path);
-    const char *last = NULL;
+    char *last = NULL;
 
     while (length > 1 && path[length - 1] == '/')
         length--;
     CLN_TRY(cln_asprintf(out, "%.*s", (int)length, path));
-    last = strrchr(*out, '/');
-    last = last ? last + 1 : *out;
+    last = last_name(*out);
     if (!strcmp(last, ".") || !strcmp(last, "..") || last == *out) {
         free(*out);
-        *out = NULL;
-        CLN_TRY(cln_asprintf(out, "%.*s/..", (int)length, path));
-    } else {
-        (*out)[last - *out - (last - *out > 1)] = 0; /* "/x" is in "/" */
+        *out = realpath(path, NULL);
+        if (!*out)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: its whole path cannot be found: %s; give that instead",
+                             path, strerror(errno)));
+        last = last_name(*out);
     }
+    last[last - *out > 1 ? -1 : 0] = 0; /* "/x" is in "/" */
 done:
     return st;
 }

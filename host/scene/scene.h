@@ -138,6 +138,7 @@ typedef struct cln_scene_desc {
                                  cameras, sizes and masks always */
     bool unseen;              /* no error if no camera sees the cube */
     double elsewhere;         /* bytes of host memory that images must leave */
+    const cln_callbacks *callbacks; /* told of the images that are read; NULL: none */
 } cln_scene_desc;
 
 /* Reads a scene. Limits: 100,000 frames, 32,768 pixels a side, 2^28 pixels an image. Errors

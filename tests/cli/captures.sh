@@ -500,6 +500,9 @@ section_poses() {
     expect "a second time: nothing is replaced" 7 "posed sparse -o" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed"
 
+    expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/posed next" --match next --progress none
+    check "no reason is given for what was asked for" eval '! said "as there are many"'
     expect "how far it is" 0 "~registered.photos.23/24" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed 2" --progress line
     for how in all next; do
@@ -532,6 +535,12 @@ section_poses() {
     echo >"$work/walk.mp4"
     expect "a video without ffmpeg" 1 "apt ffmpeg" env PATH="$work/bin:$work/perl" "$cln" poses \
         "$work/walk.mp4" -o "$work/walk"
+    printf '#!/bin/sh\necho "walk.mp4: Invalid data" >&2\nexit 1\n' >"$work/bin/ffmpeg"
+    chmod +x "$work/bin/ffmpeg"
+    cp "$work/bin/ffmpeg" "$work/bin/ffprobe"
+    expect "a file that is no video: it is named first, with the reason" 3 \
+        "~cl-nascent:.[^:]*walk.mp4:.*video.*Invalid.data.*give" env PATH="$path" "$cln" poses \
+        "$work/walk.mp4" -o "$work/walk" --progress none
     printf '#!/bin/sh\necho 10.0\n' >"$work/bin/ffprobe"
     cat >"$work/bin/ffmpeg" <<END
 #!/bin/sh

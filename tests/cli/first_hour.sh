@@ -103,6 +103,9 @@ section_words() {
     expect "the run as an option" 2 "~RUN.needs.none.*eval.RUN" "$cln" eval --model_path r
     expect "the output as --model_path" 2 "--output" "$cln" train s --model_path r
     expect "an output without -o" 2 "-o" "$cln" train s r
+    expect "an export without an option" 2 "~such.as.--mesh" "$cln" export r x.glb
+    expect "a path of poses, as other programs call it" 2 "~mean.--interpolate[?]" \
+        "$cln" render r --path 60
     expect "a folder in place of a command" 2 "~command.comes.first train" "$cln" "$work"
     expect "--help" 0 "" "$cln" --help
     check "commands and purposes are apart" eval '! grep -qE "^  [a-z]+[A-Z]" "$work/out"'
@@ -146,7 +149,8 @@ section_words() {
 
 # What lies at a path, and settings beside a scene.
 section_scenes() {
-    local s=$work/scene conf=$work/scene/cl-nascent.conf
+    local s=$work/scene conf=$work/scene/cl-nascent.conf c
+    local tree=(--width 16 --depth 2 --view-width 16 --start-level 1 --level-at 2:0.4 --max-leaves 80)
     "$make_scene" "$s" --size 32 --train 6 --test 3 >/dev/null
     printf '%s\n' '# settings of this scene' 'eval-images = 2' '  --rays=512  # few' no-skip \
         'background "black"' >"$conf"
@@ -182,6 +186,25 @@ section_scenes() {
     expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
     expect "that folder with --no-conf" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
+
+    expect "check says how far it is" 0 "~images.0/9 ~timing.2/2" \
+        "$cln" check "$s" --probe 0.1 --progress line "${tree[@]}"
+    check "on stderr alone" eval '! grep -qE "(compared|timing) [0-9]+/" "$work/out"'
+    expect "check --json with it" 0 "~compared.9/9" \
+        "$cln" check "$s" --probe 0 --progress line --json
+    check "standard output is a document" [ "$(json schema)" = cl-nascent.check/1 ]
+    for c in "-q" "--progress none"; do
+        # shellcheck disable=SC2086 # two words
+        expect "check $c" 0 "" "$cln" check "$s" --probe 0 $c
+        check "check $c: no progress" [ ! -s "$work/err" ]
+    done
+    env --default-signal=INT "$cln" check "$s" --probe 600 --progress bar "${tree[@]}" \
+        >"$work/out" 2>"$work/err" &
+    while kill -0 $! && ! said "timing 0/2"; do sleep 0.1; done
+    kill -INT $!
+    wait $!
+    check "check that is interrupted: exit code 130" [ $? = 130 ]
+    check "it prints no figures" [ ! -s "$work/out" ]
 
     # what other programs write otherwise: the model in lower case, null for what they do not know
     "$make_scene" "$work/others" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
@@ -527,7 +550,15 @@ section_edges() {
 section_results() {
     local r="$work/run's 1" c
     [ -d "$r" ] || section_training
+    on_terminal 60 "$cln" info "$r"
+    check "info breaks its lines at the terminal's width" [ -z "$(tr -d '\r' <"$work/out" |
+        awk 'length > 60 && NF > 2')" ]
+    check "and goes on under the value" grep -qE '^ {12,}[a-z]' "$work/out"
+    expect "info into a pipe" 0 "" "$cln" info "$r"
+    check "its lines are whole there" [ -n "$(awk 'length > 60 && NF > 2' "$work/out")" ]
     expect "a file of a run instead of the run" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
+    expect "export with run and file exchanged" 2 "~export.'.*run.*--mesh.a.glb" \
+        "$cln" export --mesh "$r" a.glb
     expect "export into a missing folder: refused at once" 7 "$work/none ~no.folder" \
         "$cln" export "$r" --mesh "$work/none/a.ply"
     expect "export where nothing can be made: before the work" 7 "/proc/a.ply ~created.in./proc" \
@@ -584,6 +615,10 @@ section_results() {
     mv "$work/cameras" "$work/model"
     expect "they are a scene in its folder" 0 "" "$cln" info "$work/model/cameras" --json
     check "with all photos, too" [ "$(json splits.train)$(json splits.test)" = 51 ]
+    expect "read from within its folder" 0 "" \
+        bash -c 'cd "$1" && exec "$2" info cameras' - "$work/model" "$cln"
+    check "its folder of images is named without ways back" eval \
+        'grep -q "images are from .*model" "$work/out" && ! grep -qF "/.." "$work/out"'
     "$make_scene" "$work/cut out" --format nerfstudio --masks --size 40 --train 6 --test 2 \
         >/dev/null
     sed -i 's/"mask_path"/"alpha_path"/' "$work/cut out/transforms.json"

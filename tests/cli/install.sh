@@ -87,6 +87,7 @@ check "fish has the same" \
     "$work/words"
 check "fish completes help's command" grep -qE "from help' -f -a '.* eval( |')" "$fish_completion"
 for file in "$zsh_completion" "$fish_completion"; do
+    check "apostrophes stay in ${file##*/}" grep -qF "of a run'\\''s renders" "$file"
     shell=$([ "$file" = "$zsh_completion" ] && echo zsh || echo fish)
     if command -v "$shell" >/dev/null; then
         run "$shell" -n "$file"

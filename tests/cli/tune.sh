@@ -61,6 +61,16 @@ section_tune() {
     expect "devices" 0 "" "$cln" devices --no-test --json
     check "devices names the parameters" grep -q '"VW=4,NV=1,LS=1,TS=4,' "$work/out"
     check "devices names their source" [ "$(json devices.0.tune_from)" = "$rows, line 4" ]
+    check "the row is not for voxels" eval '[[ "$(json devices.0.voxel_tune_network)" = X[0-9]* &&
+        "$(json devices.0.voxel_tune_from)" != "$rows"* ]]'
+    echo '* | * | X* | VW=4,WG=8' >>"$rows"
+    expect "devices, with a row for voxels" 0 "" "$cln" devices --no-test --json
+    check "devices names the parameters of voxels" \
+        grep -q '"voxel_tune": "VW=4,.*,WG=8,' "$work/out"
+    check "and their source" [ "$(json devices.0.voxel_tune_from)" = "$rows, line 5" ]
+    expect "devices, as text" 0 "" "$cln" devices --no-test
+    check "it has the row of networks" grep -qF "from $rows, line 4, for networks of W32" "$work/out"
+    check "and that of voxels" grep -qF "from $rows, line 5, for voxels of X" "$work/out"
     expect "tune again, to another file" 0 "" "$cln" tune "${net[@]}" --budget 2 --json \
         --progress none --tune VW=4,TS=5 -o "$work/rows/mine.txt"
     check "tune --json is one document" [ "$(json schema)" = cl-nascent.tune/1 ]

@@ -7,6 +7,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <stdlib.h>
 #include "pipeline/plan.h"
 #include "run_fixture.h"
 #include "tests.h"
@@ -394,6 +395,45 @@ static void test_pictures_fit(void **state)
     }
 }
 
+/* Pictures of a shallow tree need less than those of the deepest that its settings allow: images
+ * that fit beside them stay in memory. */
+static void test_images_stay(void **state)
+{
+    enum { WIDE = 1024, DEPTH = 2 };
+    cln_config config = preset("fast");
+    fake f;
+    cln_pipeline outline;
+    cln_plan plan, host;
+    uint8_t *pixels = calloc((size_t)WIDE * WIDE, 4);
+
+    (void)state;
+    assert_non_null(pixels);
+    make_fake(&f, &config, 4096 * MIB, "cpu");
+    f.scene.space = cln_space_unit;
+    for (int i = 0; i < 4; i++) {
+        f.views[i].camera.width = f.views[i].camera.height = WIDE;
+        f.views[i].pixels = pixels;
+    }
+    assert_true(DEPTH + 2 < cln_config_deepest(&config));
+    config.host_mem = 1; /* the smallest plan */
+    assert_ok(cln_pipeline_outline(&f.device, &config,
+                                   &(cln_pipeline_facts){.depth = DEPTH, .space = &f.scene.space},
+                                   &outline));
+    f.desc.pipeline = &outline;
+    f.desc.training = false;
+    f.desc.depth = DEPTH;
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    config.host_mem = host.total;
+    assert_ok(cln_plan_place_images(&f.device, &config, f.desc.leaves, DEPTH, -1, &f.scene));
+    assert_null(f.scene.store);
+    config.host_mem = host.total - 1;
+    assert_ok(cln_plan_place_images(&f.device, &config, f.desc.leaves, DEPTH, -1, &f.scene));
+    assert_non_null(f.scene.store);
+    cln_store_free(f.scene.store);
+    free(pixels);
+}
+
 /* ---- runs ---- */
 
 static char warnings[4096], said[16384];
@@ -680,6 +720,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_pictures_fit),
+        cmocka_unit_test(test_images_stay),
         cmocka_unit_test(test_peak_is_planned),
         cmocka_unit_test(test_growth_stops_at_the_limit),
         cmocka_unit_test(test_cut_batches),

@@ -59,18 +59,29 @@ static void look(const double origin[3], const double forward[3], cln_camera *c)
     }
 }
 
-/* What the views are seen through: the last ones see more than a half-space, the one inside a leaf
- * all of it. */
-typedef enum { PINHOLES, BENT, WIDE, FORWARD } views;
+/* What the views are seen through: wide ones see more than a half-space, the one inside a leaf all
+ * of it; the pixels of stretched ones are far from square. */
+typedef enum { PINHOLES, BENT, WIDE, FORWARD, STRETCHED } views;
 static const unsigned lenses_of[] = {0, 1u << CLN_LENS_OPENCV,
                                      1u << CLN_LENS_OPENCV_FISHEYE | 1u << CLN_LENS_EUCM |
                                          1u << CLN_LENS_EQUIRECTANGULAR |
                                          1u << CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
-                                     0};
+                                     0, 0};
 
 static cln_space space_of(views kind)
 {
     return kind == FORWARD ? cln_check_forward_space(1) : cln_space_unit;
+}
+
+/* Pixels of another shape, and as many more or fewer of them. */
+static void stretch(double x, double y, cln_camera *c)
+{
+    c->width = (int)(c->width * x);
+    c->height = (int)(c->height * y);
+    c->fx *= x;
+    c->cx *= x;
+    c->fy *= y;
+    c->cy *= y;
 }
 
 static void make_cameras(views kind, cln_camera cameras[VIEWS])
@@ -107,6 +118,8 @@ static void make_cameras(views kind, cln_camera cameras[VIEWS])
             c->k1 = 0.03 * (v - 1);
             c->p1 = 0.001 * v;
         }
+        if (kind == STRETCHED)
+            stretch(v % 2 ? 3 : 1, v % 2 ? 0.25 : 3, c);
         if (kind == WIDE) {
             c->lens = wide[v].lens;
             c->fx = c->fy = wide[v].f;
@@ -184,7 +197,7 @@ static uint32_t list_of(const splat_lists *l, const cln_pixel *pixel, int level)
 {
     const cln_grid *grid = &l->grids[(int)pixel->pad * l->levels + level];
 
-    return grid->first + pixel->y / grid->coarse * grid->row + pixel->x / grid->coarse;
+    return grid->first + pixel->y / grid->coarse_y * grid->row + pixel->x / grid->coarse_x;
 }
 
 /* What a sample at t stands for (method.md 5): a cell, or where a coarse pixel meets fewer samples
@@ -194,12 +207,13 @@ static double length_of(const splat_lists *l, const cln_pixel *pixel, int slot, 
     const cln_octree *tree = &l->model->tree;
     const cln_camera *c = &l->cameras[pixel->view];
     const int level = tree->level[tree->leaf[slot]];
-    const double k = l->grids[(int)pixel->pad * l->levels + level].coarse;
+    const cln_grid *grid = &l->grids[(int)pixel->pad * l->levels + level];
+    const double wide = grid->coarse_x / c->fx, high = grid->coarse_y / c->fy;
     const double s = 2.0 / (1 << level) / l->model->config.n1;
 
     if (l->space.forward) /* pixels have one size in the cube */
-        return fmax(s, s * s * s / (k * l->space.scale[0] / c->fx * k * l->space.scale[1] / c->fy));
-    return fmax(s, s * s * s / (k * t / c->fx * (k * t / c->fy)));
+        return fmax(s, s * s * s / (wide * l->space.scale[0] * high * l->space.scale[1]));
+    return fmax(s, s * s * s / (wide * t * (high * t)));
 }
 
 /* ref_points_fn: entries of the ray's list inside the chord. */
@@ -280,14 +294,15 @@ static bool project_cell(const cln_config *config, const cln_model *model, const
         const double x = u + (k % 2 ? hair : -hair), y = v + (k / 2 ? hair : -hair);
 
         if (x >= 0 && y >= 0 && x < c->width && y < c->height)
-            skip[grid->first + (uint32_t)y / grid->coarse * grid->row +
-                 (uint32_t)x / grid->coarse] = 1;
+            skip[grid->first + (uint32_t)y / grid->coarse_y * grid->row +
+                 (uint32_t)x / grid->coarse_x] = 1;
     }
     if (!inside)
         return false;
-    e->list = grid->first + (uint32_t)v / grid->coarse * grid->row + (uint32_t)u / grid->coarse;
-    inside = cln_camera_ray(c, (uint32_t)u / grid->coarse * grid->coarse + grid->coarse / 2.0,
-                            (uint32_t)v / grid->coarse * grid->coarse + grid->coarse / 2.0, o, d);
+    e->list = grid->first + (uint32_t)v / grid->coarse_y * grid->row + (uint32_t)u / grid->coarse_x;
+    inside =
+        cln_camera_ray(c, (uint32_t)u / grid->coarse_x * grid->coarse_x + grid->coarse_x / 2.0,
+                       (uint32_t)v / grid->coarse_y * grid->coarse_y + grid->coarse_y / 2.0, o, d);
     cln_space_ray_to_cube(&l->space, o, d, o, d);
     for (int a = 0; a < 3; a++)
         t += (point[a] - o[a]) * d[a];
@@ -426,10 +441,11 @@ static void check_splat(int set, int n1, views kind)
     from.tree = &run.model.tree;
     from.user = &lists;
     check_samples(&run.model.tree, &run.samples, run.o, run.d);
-    compare_samples(kind == FORWARD ? "splat, forward"
-                    : kind == WIDE  ? "splat, wide"
-                    : kind == BENT  ? "splat, distorted"
-                                    : "splat",
+    compare_samples(kind == FORWARD     ? "splat, forward"
+                    : kind == WIDE      ? "splat, wide"
+                    : kind == BENT      ? "splat, distorted"
+                    : kind == STRETCHED ? "splat, stretched"
+                                        : "splat",
                     &from, &run.samples, run.o, run.d, 0.1);
     free_lists(&lists);
     free_run(&run);
@@ -441,6 +457,7 @@ static void test_lists(void **state)
     for (int set = 0; set < TUNE_SETS; set++)
         check_splat(set, set % 2 ? 5 : 8, set == 2 ? BENT : set == 3 ? WIDE : PINHOLES);
     check_splat(0, 8, FORWARD);
+    check_splat(0, 8, STRETCHED);
     test_report("splatted samples");
 }
 
@@ -613,10 +630,10 @@ static double sum_depths(cln_pipeline *p, int slot, int *number)
     return sum;
 }
 
-/* A slab of dense cells in the middle of otherwise faint leaves: the optical depth of rays along
- * its normal is the slab's, whether or not the faint samples are left out of the lists, and leaves
+/* A slab of dense cells in the middle of otherwise faint leaves, seen in pixels of any shape: the
+ * optical depth of rays along its normal is the slab's, whether or not the faint samples are left out of the lists, and leaves
  * behind are seen through it. The rule for bins has no part in this expectation. */
-static void check_slab(int set)
+static void check_slab(int set, double x, double y)
 {
     enum { N1 = 12, CELLS = N1 * N1 * N1 };
     const double tau = 4, spacing = 1.0 / N1;
@@ -633,6 +650,7 @@ static void check_slab(int set)
     make_cameras(PINHOLES, cameras);
     for (int v = 0; v < VIEWS; v++) { /* all along z */
         memcpy(cameras[v].c2w, cameras[0].c2w, sizeof cameras[v].c2w);
+        stretch(x, y, &cameras[v]);
         list[v] = &cameras[v];
     }
     make_pixels(cameras, pixels);
@@ -684,9 +702,10 @@ static void check_slab(int set)
         }
         /* coarse pixels meet few samples, and some none of the slab */
         if (!(fabs(depth / exact - 1) < 0.15))
-            fail_msg("%s: optical depths sum to %g, the slabs' to %g", what, depth, exact);
+            fail_msg("%s, %g x %g: optical depths sum to %g, the slabs' to %g", what, x, y, depth,
+                     exact);
         if (number < 0.95 * expected) /* T is e^-4 behind the slab, e^-8 behind the next one */
-            fail_msg("%s: %d of %d intervals are seen", what, number, expected);
+            fail_msg("%s, %g x %g: %d of %d intervals are seen", what, x, y, number, expected);
         device_samples_free(&got);
         cln_model_free(&model);
     }
@@ -695,7 +714,9 @@ static void check_slab(int set)
 static void test_slab(void **state)
 {
     (void)state;
-    check_slab(0);
+    check_slab(0, 1, 1);
+    check_slab(0, 1, 16);
+    check_slab(0, 16, 1);
 }
 
 /* A log sink. */

@@ -171,7 +171,7 @@ static int findings_of(const cln_scene *scene, const char *word)
     json_t *all = NULL;
     int count = 0;
 
-    assert_int_equal(cln_scene_inspect(scene, &all), CLN_OK);
+    assert_int_equal(cln_scene_inspect(scene, NULL, &all), CLN_OK);
     for (size_t i = 0; i < json_array_size(json_object_get(all, "findings")); i++) {
         const json_t *one = json_array_get(json_object_get(all, "findings"), i);
 
