@@ -1,6 +1,7 @@
 /* Decides on culling of empty leaves and on growth by schedule. See structure.h. */
 #include "model/structure.h"
 
+#include <math.h>
 #include <string.h>
 #include "base/config.h"
 #include "base/log.h"
@@ -44,6 +45,45 @@ void cln_structure_empty(const cln_octree *tree, const cln_leaf_stats *stats,
     for (int s = 0; s < tree->leaf_count; s++)
         empty[s] = is_empty(config, stats->mean[s], stats->peak[s],
                             2.0 / (1 << tree->level[tree->leaf[s]]));
+}
+
+static float value_of(uint16_t bfloat16)
+{
+    const uint32_t bits = (uint32_t)bfloat16 << 16;
+    float value = 0;
+
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+uint8_t cln_structure_children(const cln_config *config, int level, const uint16_t *density,
+                               const uint8_t *seen)
+{
+    const int n1 = config->n1, part = (n1 + 1) / 2;
+    uint8_t children = 0;
+
+    for (int child = 0; child < 8; child++) {
+        const int low[3] = {(child & 1) * (n1 / 2), (child >> 1 & 1) * (n1 / 2),
+                            (child >> 2) * (n1 / 2)};
+        float sum = 0, peak = 0;
+        int count = 0;
+
+        for (int i = 0; i < part * part * part; i++) {
+            const size_t at = cln_cell_at(low[0] + i % part, low[1] + i / part % part,
+                                          low[2] + i / part / part, n1);
+
+            if (seen[at]) {
+                const float sigma = value_of(density[at]);
+
+                sum += sigma;
+                peak = fmaxf(peak, sigma);
+                count++;
+            }
+        }
+        if (!is_empty(config, count > 0 ? sum / (float)count : 0, peak, 1.0 / (1 << level)))
+            children |= (uint8_t)(1 << child);
+    }
+    return children;
 }
 
 int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,

@@ -61,6 +61,56 @@ static void test_cull_two_strikes(void **state)
     cln_octree_free(&c.tree);
 }
 
+/* Children of a leaf of level 1 with 4 cells an axis: theirs are 0.125 wide, so a peak of 0.4 and
+ * more is kept by the guard. Octants: nothing; full; one cell of 0.5; one of 0.3125; one of 0.5
+ * that no view sees; nothing; one of 0.625, the only one seen; nothing. */
+static void test_children(void **state)
+{
+    enum { HALF = 0x3f00, TWO = 0x4000, BELOW = 0x3ea0, ABOVE = 0x3f20 }; /* bfloat16 */
+    uint16_t density[64] = {0};
+    uint8_t seen[64];
+    cln_config config;
+
+    (void)state;
+    assert_int_equal(cln_config_preset("paper", &config), CLN_OK);
+    config.n1 = 4;
+    config.cull_mean = 0.5;
+    memset(seen, 1, sizeof seen);
+    for (int i = 0; i < 8; i++)
+        density[cln_cell_at(2 + (i & 1), i >> 1 & 1, i >> 2, 4)] = TWO;
+    density[cln_cell_at(1, 3, 0, 4)] = HALF;
+    density[cln_cell_at(3, 2, 1, 4)] = BELOW;
+    density[cln_cell_at(0, 0, 3, 4)] = HALF;
+    seen[cln_cell_at(0, 0, 3, 4)] = 0;
+    for (int i = 0; i < 8; i++)
+        seen[cln_cell_at(i & 1, 2 + (i >> 1 & 1), 2 + (i >> 2), 4)] = i == 5;
+    density[cln_cell_at(1, 2, 3, 4)] = ABOVE;
+    config.cull = CLN_CULL_GUARDED;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen), 1 << 1 | 1 << 2 | 1 << 6);
+    config.cull = CLN_CULL_MEAN;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen), 1 << 1 | 1 << 6);
+    config.cull = CLN_CULL_GUARDED; /* cells twice as wide */
+    assert_int_equal(cln_structure_children(&config, 0, density, seen),
+                     1 << 1 | 1 << 2 | 1 << 3 | 1 << 6);
+}
+
+/* An odd number of cells: those in the middle are of both sides. */
+static void test_children_of_odd_cells(void **state)
+{
+    uint16_t density[27] = {0};
+    uint8_t seen[27];
+    cln_config config;
+
+    (void)state;
+    assert_int_equal(cln_config_preset("paper", &config), CLN_OK);
+    config.n1 = 3;
+    memset(seen, 1, sizeof seen);
+    density[cln_cell_at(1, 2, 0, 3)] = 0x4000;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen), 1 << 2 | 1 << 3);
+    density[cln_cell_at(1, 1, 1, 3)] = 0x4000;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen), 0xff);
+}
+
 /* Marks without a new check: the same, and never all. */
 static void test_marked(void **state)
 {
@@ -171,9 +221,10 @@ static void test_growth(void **state)
 int test_group_structure(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cull_two_strikes),    cmocka_unit_test(test_marked),
-        cmocka_unit_test(test_cull_keeps_thin_rod), cmocka_unit_test(test_cull_never_all),
-        cmocka_unit_test(test_cull_keeps_nan),      cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_cull_two_strikes),      cmocka_unit_test(test_children),
+        cmocka_unit_test(test_children_of_odd_cells), cmocka_unit_test(test_marked),
+        cmocka_unit_test(test_cull_keeps_thin_rod),   cmocka_unit_test(test_cull_never_all),
+        cmocka_unit_test(test_cull_keeps_nan),        cmocka_unit_test(test_growth),
     };
 
     return cmocka_run_group_tests_name("structure", tests, NULL, NULL);
