@@ -231,7 +231,7 @@ done:
 }
 
 /* Takes a way for each of `count` numbers of leaves where it costs less than those before. */
-static void take_way(const double *before, double more, uint8_t way, int count, double *cost,
+static void take_way(const double *before, double more, uint8_t taking, int count, double *cost,
                      uint8_t *taken)
 {
     for (int c = 0; c < count; c++) {
@@ -239,7 +239,7 @@ static void take_way(const double *before, double more, uint8_t way, int count, 
         const bool less = with < cost[c];
 
         cost[c] = less ? with : cost[c];
-        taken[c] = less ? way : taken[c];
+        taken[c] = less ? taking : taken[c];
     }
 }
 
