@@ -56,31 +56,41 @@ static float value_of(uint16_t bfloat16)
     return value;
 }
 
+/* A surface moves a little when cells become finer, and a part that is thinner than a cell shows
+ * first as a faint one. So a child also has the cells next to its octant, and its guard is
+ * stricter. */
+enum { AROUND = 1, STRICTER = 4 };
+
 uint8_t cln_structure_children(const cln_config *config, int level, const uint16_t *density,
                                const uint8_t *seen)
 {
     const int n1 = config->n1, part = (n1 + 1) / 2;
+    const double side = 1.0 / (1 << level);
     uint8_t children = 0;
 
     for (int child = 0; child < 8; child++) {
-        const int low[3] = {(child & 1) * (n1 / 2), (child >> 1 & 1) * (n1 / 2),
-                            (child >> 2) * (n1 / 2)};
         float sum = 0, peak = 0;
         int count = 0;
 
-        for (int i = 0; i < part * part * part; i++) {
-            const size_t at = cln_cell_at(low[0] + i % part, low[1] + i / part % part,
-                                          low[2] + i / part / part, n1);
+        for (int i = 0; i < n1 * n1 * n1; i++) {
+            const int at[3] = {i % n1, i / n1 % n1, i / n1 / n1};
+            bool inside = true, close = true;
 
-            if (seen[at]) {
-                const float sigma = value_of(density[at]);
+            for (int a = 0; a < 3; a++) {
+                const int x = at[a] - (child >> a & 1) * (n1 / 2);
 
-                sum += sigma;
-                peak = fmaxf(peak, sigma);
+                inside = inside && x >= 0 && x < part;
+                close = close && x >= -AROUND && x < part + AROUND;
+            }
+            if (!seen[i] || !close)
+                continue;
+            peak = fmaxf(peak, value_of(density[i]));
+            if (inside) {
+                sum += value_of(density[i]);
                 count++;
             }
         }
-        if (!is_empty(config, count > 0 ? sum / (float)count : 0, peak, 1.0 / (1 << level)))
+        if (!is_empty(config, count > 0 ? sum / (float)count : 0, peak, STRICTER * side))
             children |= (uint8_t)(1 << child);
     }
     return children;
