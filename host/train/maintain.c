@@ -200,16 +200,18 @@ done:
 }
 
 /* Whether whole levels of voxels may still grow: always in a tree that does not adapt. In one that
- * does, before the first decision, while a level takes at most a WHOLE_PART of --max-leaves: single
+ * does, before the first decision, while a level takes at most a WHOLE_PART of --max-leaves once
+ * its empty leaves are culled, as SURFACE_CHILDREN of a leaf's children usually are not: single
  * leaves are chosen for the rest. */
-enum { WHOLE_PART = 4 };
+enum { WHOLE_PART = 3, SURFACE_CHILDREN = 4 };
 
 static bool has_whole_levels(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
 
     return !c->adaptive ||
-           (t->model.decisions == 0 && 8 * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
+           (t->model.decisions == 0 &&
+            SURFACE_CHILDREN * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
 }
 
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
