@@ -720,13 +720,20 @@ static bool decision_comes(cln_trainer *t, double fraction)
     return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
 }
 
-/* Whether a whole level of voxels is due, and only waits for the one before: decisions do, too. */
+/* Whether a whole level of voxels is due, and only waits for the one before: decisions do, too. The
+ * first of them also waits until the empty leaves of the last level are culled, as they would take
+ * the budget, and the others have been measured. */
 static bool awaits_level(const cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;
 
-    return cln_leaf_kind_of(c->encoding)->levels_first && !t->finest && !t->full &&
-           has_whole_levels(t) && t->model.level < cln_structure_level(c, fraction);
+    if (!cln_leaf_kind_of(c->encoding)->levels_first)
+        return false;
+    if (t->model.decisions == 0 &&
+        t->model.step < t->model.growth_step + c->cull_after + c->refresh_every)
+        return true;
+    return !t->finest && !t->full && has_whole_levels(t) &&
+           t->model.level < cln_structure_level(c, fraction);
 }
 
 /* method.md 12.3: decides only when the error no longer falls from interval to interval. */
