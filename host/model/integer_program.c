@@ -3,15 +3,16 @@
  * Leaves share constraints within their group only, groups share the budget only. So a group has a
  * short list of ways, each with a number of leaves and a cost:
  *
- *   merge      1 leaf           if it may merge
- *   split k    m + 7 k leaves   the k members that gain most, k = 0..members that may split
+ *   merge      1 leaf     if it may merge
+ *   split      l leaves   of all sets of members that may split, the one of least cost with l
  *
  * A way is left out if another one has no more leaves and costs no more. Choosing one way per group
  * under the budget is a multiple-choice knapsack: after each group, cost[c] is the least cost of
  * the groups so far with c leaves in all, and one byte per group and c records the way. A byte
  * exists only for each c that the groups so far can reach and that leaves room for the remaining
- * groups: about 1 MB at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves). Ties go to
- * fewer leaves, then to the earlier way; among members, to the lower slot. */
+ * groups: about 1 MB at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves) and a budget
+ * of its size. Ties go to fewer leaves, then to the earlier way; among members, to the lower slot.
+ */
 #include "model/integer_program.h"
 
 #include <math.h>
@@ -22,15 +23,21 @@
 #include "base/memory.h"
 #include "base/number.h"
 
-enum { SIBLINGS = 8, WAYS = SIBLINGS + 2, MERGE = -1 };
+enum {
+    SIBLINGS = 8,
+    MORE = SIBLINGS - 1,        /* leaves that a split adds at most */
+    SETS = SIBLINGS * MORE + 1, /* numbers of leaves that splits of a group can add */
+    WAYS_A_LEAF = MORE + 2,     /* of a group at most, for each member */
+    MERGE = -1
+};
 
 /* Keeps the sum over all leaves finite. */
 static const double LARGEST_COST = 1e300;
 
 typedef struct way {
     double cost;
-    int leaves;
-    int splits; /* how many of by_gain are split, or MERGE */
+    int16_t leaves;
+    int16_t split; /* bit i: member i is split; or MERGE */
 } way;
 
 /* ACTIVE siblings; the root as a leaf is a group of its own. */
@@ -38,15 +45,16 @@ typedef struct group {
     int count, slot[SIBLINGS];              /* rising */
     double keep[SIBLINGS], split[SIBLINGS]; /* costs [member] */
     double merge;                           /* cost of the whole group */
+    int children[SIBLINGS];                 /* leaves that a split makes of a member */
     bool may_split[SIBLINGS], may_merge;
-    int splittable, by_gain[SIBLINGS]; /* members that may split, largest gain first */
     int way_count;
-    way ways[WAYS]; /* leaves rise, cost falls */
+    way *ways; /* leaves rise, cost falls */
 } group;
 
 typedef struct program {
     int count;
     group *groups;    /* in the order of their first slots */
+    way *ways;        /* of all groups */
     int fewest, most; /* leaves, if every group takes its first or its last way */
 } program;
 
@@ -101,7 +109,12 @@ static cln_status set_costs(const cln_integer_program_desc *desc, group *g)
         g->split[i] = isnan(m->saved) ? desc->split_factor * g->keep[i] : m->saved;
         CLN_TRY(check_number(slot, "the cost of keeping it", g->keep[i]));
         CLN_TRY(check_number(slot, "the cost of its split", g->split[i]));
-        g->may_split[i] = m->may_split && level < desc->max_level && level < CLN_MAX_LEVEL;
+        if (m->children < 0 || m->children > SIBLINGS)
+            CLN_TRY(cln_fail(CLN_INTERNAL, "integer program: slot %d: %d children, not 0..%d", slot,
+                             m->children, SIBLINGS));
+        g->children[i] = m->children;
+        g->may_split[i] =
+            m->may_split && m->children > 0 && level < desc->max_level && level < CLN_MAX_LEVEL;
         errors += m->error;
         density = fmax(density, m->density);
     }
@@ -113,41 +126,18 @@ done:
     return st;
 }
 
-static void sort_by_gain(group *g)
+/* Summed in the order of slots. */
+static double cost_of_splits(const group *g, int split)
 {
-    for (int i = 0; i < g->count; i++) {
-        double gain = g->keep[i] - g->split[i];
-        int at = g->splittable;
-
-        if (!g->may_split[i])
-            continue;
-        for (; at > 0; at--) {
-            int other = g->by_gain[at - 1];
-            if (g->keep[other] - g->split[other] >= gain)
-                break;
-            g->by_gain[at] = other;
-        }
-        g->by_gain[at] = i;
-        g->splittable++;
-    }
-}
-
-/* Summed anew for every number of splits, in slot order: subtracting gains from one sum could leave
- * nothing but rounding errors. */
-static double cost_of_splits(const group *g, int splits)
-{
-    bool split[SIBLINGS] = {false};
     double cost = 0;
 
-    for (int k = 0; k < splits; k++)
-        split[g->by_gain[k]] = true;
     for (int i = 0; i < g->count; i++)
-        cost += split[i] ? g->split[i] : g->keep[i];
+        cost += split >> i & 1 ? g->split[i] : g->keep[i];
     return cost;
 }
 
 /* Adds a way to a group. Ways come in ascending order of leaves. */
-static void add_way(group *g, int leaves, double cost, int splits)
+static void add_way(group *g, int leaves, double cost, int split)
 {
     if (g->way_count > 0) {
         const way *last = &g->ways[g->way_count - 1];
@@ -156,41 +146,80 @@ static void add_way(group *g, int leaves, double cost, int splits)
         if (leaves == last->leaves)
             g->way_count--;
     }
-    g->ways[g->way_count++] = (way){cost, leaves, splits};
+    g->ways[g->way_count++] = (way){cost, (int16_t)leaves, (int16_t)split};
+}
+
+/* sets[more]: the members whose splits add `more` leaves at the least cost, cost[more], which is
+ * INFINITY if there are none. Of equal ones, those that split lower slots. Costs are summed member
+ * by member: subtracting gains from one sum could leave nothing but rounding errors. Returns the
+ * most leaves that splits add. */
+static int list_sets(const group *g, double cost[SETS], uint8_t sets[SETS])
+{
+    int most = 0;
+
+    cost[0] = 0;
+    sets[0] = 0;
+    for (int i = 0; i < g->count; i++) {
+        const int adds = g->may_split[i] ? g->children[i] - 1 : 0;
+
+        for (int more = most + 1; more <= most + adds; more++)
+            cost[more] = INFINITY;
+        most += adds;
+        for (int more = most; more >= 0; more--) { /* downwards: reads what is not yet changed */
+            const double kept = cost[more] + g->keep[i];
+            const double split =
+                g->may_split[i] && more >= adds ? cost[more - adds] + g->split[i] : INFINITY;
+
+            if (split < kept)
+                sets[more] = (uint8_t)(sets[more - adds] | 1 << i);
+            cost[more] = fmin(kept, split);
+        }
+    }
+    return most;
 }
 
 static void list_ways(group *g)
 {
+    double cost[SETS];
+    uint8_t sets[SETS];
+    const int most = list_sets(g, cost, sets);
+
     if (g->may_merge && g->count > 1)
         add_way(g, 1, g->merge, MERGE);
-    add_way(g, g->count, cost_of_splits(g, 0), 0);
+    add_way(g, g->count, cost[0], sets[0]);
     if (g->may_merge && g->count == 1) /* frees no leaf: only if cheaper than keeping */
         add_way(g, 1, g->merge, MERGE);
-    for (int k = 1; k <= g->splittable; k++)
-        add_way(g, g->count + 7 * k, cost_of_splits(g, k), k);
+    for (int more = 1; more <= most; more++)
+        if (isfinite(cost[more]))
+            add_way(g, g->count + more, cost[more], sets[more]);
 }
 
 static void free_program(program *p)
 {
     free(p->groups);
+    free(p->ways);
     memset(p, 0, sizeof *p);
 }
 
 static cln_status make_program(const cln_integer_program_desc *desc, program *p)
 {
     cln_status st = CLN_OK;
-    int leaves = desc->tree->leaf_count;
+    const int leaves = desc->tree->leaf_count;
+    way *next = NULL;
 
     memset(p, 0, sizeof *p);
     CLN_TRY(cln_alloc(&p->groups, (size_t)leaves, sizeof *p->groups, "sibling groups"));
+    CLN_TRY(cln_alloc(&p->ways, (size_t)leaves * WAYS_A_LEAF, sizeof *p->ways, "sibling groups"));
+    next = p->ways;
     for (int s = 0; s < leaves; s++) {
         group *g = &p->groups[p->count];
 
         if (!gather(desc->tree, s, g))
             continue;
         CLN_TRY(set_costs(desc, g));
-        sort_by_gain(g);
+        g->ways = next;
         list_ways(g);
+        next += g->way_count;
         p->fewest += g->ways[0].leaves;
         p->most += g->ways[g->way_count - 1].leaves;
         p->count++;
@@ -201,12 +230,26 @@ done:
     return st;
 }
 
+/* Takes a way for each of `count` numbers of leaves where it costs less than those before. */
+static void take_way(const double *before, double more, uint8_t taking, int count, double *cost,
+                     uint8_t *taken)
+{
+    for (int c = 0; c < count; c++) {
+        const double with = before[c] + more;
+        const bool less = with < cost[c];
+
+        cost[c] = less ? with : cost[c];
+        taken[c] = less ? taking : taken[c];
+    }
+}
+
 /* Solves the knapsack: chosen[group] is its way, for fewest <= max_leaves < most. */
 static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
 {
     cln_status st = CLN_OK;
     span *spans = NULL;    /* [group + 1], the first is before any group */
-    double *cost = NULL;   /* [leaves] */
+    double *cost = NULL;   /* [leaves], of the groups so far */
+    double *before = NULL; /* [leaves], without the last of them */
     uint8_t *taken = NULL; /* [group][its span] */
     size_t cells = 0;
     int leaves = 0;
@@ -226,28 +269,26 @@ static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
         cells += (size_t)(after->high - after->low) + 1;
     }
     CLN_TRY(cln_alloc(&cost, (size_t)max_leaves + 1, sizeof *cost, "integer program"));
+    CLN_TRY(cln_alloc(&before, (size_t)max_leaves + 1, sizeof *before, "integer program"));
     CLN_TRY(cln_alloc(&taken, cells, sizeof *taken, "integer program"));
 
-    /* Downwards: every way has a leaf, so a cell is overwritten only after its last use. */
     for (int i = 0; i < p->count; i++) {
         const group *g = &p->groups[i];
-        const span *before = &spans[i], *after = &spans[i + 1];
+        const span *from = &spans[i], *to = &spans[i + 1];
+        double *swap = before;
 
-        for (int c = after->high; c >= after->low; c--) {
-            double least = INFINITY;
-            int best = 0;
+        before = cost;
+        cost = swap;
+        for (int c = to->low; c <= to->high; c++)
+            cost[c] = INFINITY;
+        for (int w = 0; w < g->way_count; w++) {
+            const int leaves_more = g->ways[w].leaves;
+            const int low = from->low + leaves_more;
+            const int high =
+                from->high + leaves_more < to->high ? from->high + leaves_more : to->high;
 
-            for (int w = 0; w < g->way_count; w++) {
-                int from = c - g->ways[w].leaves;
-                if (from < before->low || from > before->high)
-                    continue;
-                if (cost[from] + g->ways[w].cost < least) {
-                    least = cost[from] + g->ways[w].cost;
-                    best = w;
-                }
-            }
-            cost[c] = least;
-            taken[after->start + (size_t)(c - after->low)] = (uint8_t)best;
+            take_way(before + from->low, g->ways[w].cost, (uint8_t)w, high - low + 1, cost + low,
+                     taken + to->start + (low - to->low));
         }
     }
     leaves = spans[p->count].low;
@@ -265,21 +306,25 @@ static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
 done:
     free(spans);
     free(cost);
+    free(before);
     free(taken);
     return st;
 }
 
 static void mark(const group *g, const way *w, cln_integer_program_result *out)
 {
-    if (w->splits == MERGE) {
+    if (w->split == MERGE) {
         for (int i = 0; i < g->count; i++)
             out->merge[g->slot[i]] = 1;
         out->merges++;
     } else {
-        for (int k = 0; k < w->splits; k++)
-            out->split[g->slot[g->by_gain[k]]] = 1;
-        out->splits += w->splits;
-        out->keeps += g->count - w->splits;
+        for (int i = 0; i < g->count; i++) {
+            const bool split = w->split >> i & 1;
+
+            out->split[g->slot[i]] = split;
+            out->splits += split;
+            out->keeps += !split;
+        }
     }
     out->leaves += w->leaves;
     out->objective += w->cost;
@@ -307,8 +352,8 @@ cln_status cln_integer_program_solve(const cln_integer_program_desc *desc,
     CLN_TRY(cln_alloc(&out->merge, slots, sizeof *out->merge, "merge marks"));
     CLN_TRY(cln_alloc(&chosen, (size_t)p.count, sizeof *chosen, "integer program"));
 
-    /* If the first ways together exceed the budget, they come nearest to it: no split, and every
-     * merge that frees leaves. */
+    /* If the first ways together exceed the budget, they come nearest to it: no split that adds
+     * leaves, and every merge that frees some. */
     out->infeasible = p.fewest > desc->max_leaves;
     if (!out->infeasible && p.most > desc->max_leaves)
         CLN_TRY(choose(&p, desc->max_leaves, chosen));
@@ -378,7 +423,7 @@ static void write_rows(FILE *f, const program *p, int max_leaves)
         for (int k = 0; k < g->count; k++) {
             fprintf(f, "  + n%d", g->slot[k]);
             if (g->may_split[k])
-                fprintf(f, " + 8 s%d", g->slot[k]);
+                fprintf(f, " + %d s%d", g->children[k], g->slot[k]);
             if (g->may_merge && k == 0)
                 fprintf(f, " + g%d", g->slot[k]);
             fputc('\n', f);
@@ -419,7 +464,7 @@ cln_status cln_integer_program_write_lp(const cln_integer_program_desc *desc, co
     f = cln_atomic_stream(file);
     fprintf(f,
             "\\ Structure optimisation of an octree of %d leaves; by slot: n = the leaf stays,\n"
-            "\\ s = it is split into eight, g = it is merged with its siblings.\n"
+            "\\ s = it is split, g = it is merged with its siblings.\n"
             "\\ The g of a group are equal (rows same...), so in the budget the first of them\n"
             "\\ stands for all with 1, instead of each of the m with 1/m.\n",
             desc->tree->leaf_count);

@@ -6,7 +6,7 @@
  *   min  sum_b keep_b n_b + split_b s_b + merge_b g_b                     n_b, s_b, g_b binary
  *   s.t. n_b + s_b + g_b = 1                                              every leaf b
  *        g_b = g_q for siblings b, q; g_b = 0 with no_merges, or if a sibling of b is an INNER node
- *        sum_b n_b + 8 s_b + g_b / m_b <= max_leaves                   m_b: ACTIVE siblings and b
+ *        sum_b n_b + c_b s_b + g_b / m_b <= max_leaves                 m_b: ACTIVE siblings and b
  *
  *   keep_b  = e_b d_b
  *   split_b = saved_b if it is not NaN, else split_factor e_b d_b
@@ -22,6 +22,7 @@ typedef struct cln_leaf_measure {
     double error;   /* e_b: aggregated reprojection error, >= 0 */
     double density; /* d_b = D_b^cost-density, >= 0 */
     double saved;   /* cost of its children, measured before they were merged; NaN = not known */
+    int children;   /* c_b: leaves that a split makes of it, 0..8; of 0 it is not split */
     bool may_split; /* it met enough samples; the solver checks the depth limit */
 } cln_leaf_measure;
 
@@ -38,7 +39,7 @@ typedef struct cln_integer_program_result {
     int splits, merges, keeps;     /* leaves split; groups merged; leaves kept */
     int leaves;                    /* ACTIVE leaves afterwards */
     double objective, cost_before; /* of the solution; of keeping every leaf */
-    bool infeasible; /* no choice meets the budget: every merge that may be, no split */
+    bool infeasible; /* no choice meets the budget: every merge that may be, no leaf more */
 } cln_integer_program_result;
 
 /* Finds the optimum; of several equal ones, always the same. CLN_MEMORY; CLN_INTERNAL for a measure

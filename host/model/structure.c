@@ -1,6 +1,7 @@
 /* Decides on culling of empty leaves and on growth by schedule. See structure.h. */
 #include "model/structure.h"
 
+#include <math.h>
 #include <string.h>
 #include "base/config.h"
 #include "base/log.h"
@@ -44,6 +45,55 @@ void cln_structure_empty(const cln_octree *tree, const cln_leaf_stats *stats,
     for (int s = 0; s < tree->leaf_count; s++)
         empty[s] = is_empty(config, stats->mean[s], stats->peak[s],
                             2.0 / (1 << tree->level[tree->leaf[s]]));
+}
+
+static float value_of(uint16_t bfloat16)
+{
+    const uint32_t bits = (uint32_t)bfloat16 << 16;
+    float value = 0;
+
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+/* A surface moves a little when cells become finer, and a part that is thinner than a cell shows
+ * first as a faint one. So a child also has the cells next to its octant, and its guard is
+ * stricter. */
+enum { AROUND = 1, STRICTER = 4 };
+
+uint8_t cln_structure_children(const cln_config *config, int level, const uint16_t *density,
+                               const uint8_t *seen)
+{
+    const int n1 = config->n1, part = (n1 + 1) / 2;
+    const double side = 1.0 / (1 << level);
+    uint8_t children = 0;
+
+    for (int child = 0; child < 8; child++) {
+        float sum = 0, peak = 0;
+        int count = 0;
+
+        for (int i = 0; i < n1 * n1 * n1; i++) {
+            const int at[3] = {i % n1, i / n1 % n1, i / n1 / n1};
+            bool inside = true, close = true;
+
+            for (int a = 0; a < 3; a++) {
+                const int x = at[a] - (child >> a & 1) * (n1 / 2);
+
+                inside = inside && x >= 0 && x < part;
+                close = close && x >= -AROUND && x < part + AROUND;
+            }
+            if (!seen[i] || !close)
+                continue;
+            peak = fmaxf(peak, value_of(density[i]));
+            if (inside) {
+                sum += value_of(density[i]);
+                count++;
+            }
+        }
+        if (!is_empty(config, count > 0 ? sum / (float)count : 0, peak, STRICTER * side))
+            children |= (uint8_t)(1 << child);
+    }
+    return children;
 }
 
 int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,

@@ -18,6 +18,13 @@ typedef struct cln_leaf_stats {
 int cln_structure_cull(cln_octree *tree, const cln_leaf_stats *stats, const cln_config *config,
                        uint8_t *cull);
 
+/* Bit i is set if child i of a leaf is surely not empty after a split, or may not be, by the leaf's
+ * cached densities [n1^3], bfloat16, of cells that a training view sees [n1^3]: by the mean of its
+ * octant (with n1 odd, cells in the middle are of both sides) and, guarded, by the peak of it and
+ * of the cells around it, at a quarter of the threshold. */
+uint8_t cln_structure_children(const cln_config *config, int level, const uint16_t *density,
+                               const uint8_t *seen);
+
 /* Marks the leaves that are empty now, by the means and guards of cln_structure_cull, [slot]. */
 void cln_structure_empty(const cln_octree *tree, const cln_leaf_stats *stats,
                          const cln_config *config, uint8_t *empty);

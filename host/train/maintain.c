@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "device/queue.h"
 #include "train/carve.h"
+#include "train/children.h"
 #include "train/distil.h"
 #include "train/regrow.h"
 #include "train/step.h"
@@ -199,16 +200,18 @@ done:
 }
 
 /* Whether whole levels of voxels may still grow: always in a tree that does not adapt. In one that
- * does, before the first decision, while a level takes at most a WHOLE_PART of --max-leaves: single
+ * does, before the first decision, while a level takes at most a WHOLE_PART of --max-leaves once
+ * its empty leaves are culled, as SURFACE_CHILDREN of a leaf's children usually are not: single
  * leaves are chosen for the rest. */
-enum { WHOLE_PART = 4 };
+enum { WHOLE_PART = 3, SURFACE_CHILDREN = 4 };
 
 static bool has_whole_levels(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
 
     return !c->adaptive ||
-           (t->model.decisions == 0 && 8 * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
+           (t->model.decisions == 0 &&
+            SURFACE_CHILDREN * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
 }
 
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
@@ -496,9 +499,10 @@ static void save_costs(const cln_model *model, const float *mean, const uint8_t 
 }
 
 /* Changes the model's tree by merges, then splits; *change: both as one. split, merge: marks [old
- * slot]. *fresh: marks of new leaves [slot], merged ones included. */
+ * slot]; children [old slot]: bit i is set if a split leaf gets child i. *fresh: marks of new
+ * leaves [slot], merged ones included. */
 static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                               cln_octree_change *change, uint8_t **fresh)
+                               const uint8_t *children, cln_octree_change *change, uint8_t **fresh)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
@@ -506,14 +510,17 @@ static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8
     const size_t nodes = (size_t)tree->node_count, old = (size_t)tree->leaf_count;
     cln_octree_change splits = {0};
     float *mean = NULL, *peak = NULL;
-    uint8_t *marks = NULL, *by_node = NULL;
+    uint8_t *marks = NULL, *by_node = NULL, *children_by_node = NULL;
     double *cost = NULL;
 
     CLN_TRY(cln_alloc(&by_node, nodes, 1, "leaf marks"));
+    CLN_TRY(cln_alloc(&children_by_node, nodes, 1, "leaf marks"));
     CLN_TRY(cln_alloc(&cost, nodes, sizeof *cost, "costs of leaves"));
     CLN_TRY(leaf_stats(t, &mean, &peak));
-    for (size_t s = 0; s < old; s++)
+    for (size_t s = 0; s < old; s++) {
         by_node[tree->leaf[s]] = split[s];
+        children_by_node[tree->leaf[s]] = children[s];
+    }
     save_costs(m, mean, merge, cost);
     CLN_TRY(cln_octree_merge(tree, merge, mean, change));
     CLN_TRY(cln_model_follow(m, change));
@@ -525,6 +532,7 @@ static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8
     }
     CLN_TRY(cln_octree_split(tree, marks, &splits));
     CLN_TRY(cln_model_follow(m, &splits));
+    CLN_TRY(cln_children_drop(m, children_by_node, &splits));
     CLN_TRY(cln_octree_change_join(change, &splits));
     CLN_TRY(cln_alloc(fresh, (size_t)tree->leaf_count, 1, "leaf marks"));
     for (int s = 0; s < tree->leaf_count; s++)
@@ -534,13 +542,14 @@ done:
     free(peak);
     free(marks);
     free(by_node);
+    free(children_by_node);
     free(cost);
     cln_octree_change_free(&splits);
     return st;
 }
 
 cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                                    int leaves_after, cln_decision *d)
+                                    const uint8_t *children, int leaves_after, cln_decision *d)
 {
     cln_status st = CLN_OK;
     cln_distil distil = {0};
@@ -551,7 +560,7 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
     CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
     CLN_TRY(cln_distil_prepare(t, merge, &distil));
     make_plans(t, leaves_after, &next);
-    CLN_TRY(change_model(t, split, merge, &change, &fresh));
+    CLN_TRY(change_model(t, split, merge, children, &change, &fresh));
     CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
@@ -627,7 +636,7 @@ done:
 
 /* Measures every leaf: error per ray, density, whether it may split. Errors also go into the
  * model. */
-static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
+static cln_status measure(cln_trainer *t, cln_leaf_measure **out, uint8_t **children)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
@@ -645,11 +654,13 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out)
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, leaves * sizeof *sums));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
     CLN_TRY(fine_leaves(t, met, &fine));
+    CLN_TRY(cln_children_find(t, children));
     for (size_t i = 0; i < leaves; i++) {
         m->error[i] = sums[i][0][0] / (float)m->sum_rays;
         (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
                                        .density = pow(fmax(mean[i], 0), m->config.cost_density),
                                        .saved = m->saved[i],
+                                       .children = cln_children_count((*children)[i]),
                                        .may_split = met[i] >= m->config.split_samples && !fine[i]};
     }
 done:
@@ -676,7 +687,7 @@ static void say(const cln_trainer *t, const cln_decision *d)
     if (d->infeasible)
         cln_warn("no choice of splits and merges meets --max-leaves %d; %s", d->budget,
                  merges ? "only merges were made"
-                        : "none was split, as voxels do not merge; give more");
+                        : "no leaf was added, as voxels do not merge; give more");
 }
 
 static cln_status decide(cln_trainer *t)
@@ -685,6 +696,7 @@ static cln_status decide(cln_trainer *t)
     cln_model *m = &t->model;
     const double began = cln_now(), square = m->sum_square / (double)m->sum_rays;
     cln_leaf_measure *measures = NULL;
+    uint8_t *children = NULL;
     cln_integer_program_result r = {0};
     cln_decision d = {.leaves_before = t->pipeline.leaves,
                       .psnr_before = NAN,
@@ -697,7 +709,7 @@ static cln_status decide(cln_trainer *t)
                                      .merge_factor = m->config.merge_factor,
                                      .no_merges = !cln_config_merges(&m->config)};
 
-    CLN_TRY(measure(t, &measures));
+    CLN_TRY(measure(t, &measures, &children));
     desc.measures = measures;
     CLN_TRY(cln_integer_program_solve(&desc, &r));
     if (t->desc->dump_program)
@@ -711,9 +723,9 @@ static cln_status decide(cln_trainer *t)
     d.objective = r.objective;
     d.objective_before = r.cost_before;
     if (r.splits + r.merges > 0) {
-        CLN_TRY(cln_maintain_restructure(t, r.split, r.merge, r.leaves, &d));
+        CLN_TRY(cln_maintain_restructure(t, r.split, r.merge, children, r.leaves, &d));
         m->last_square = 0;
-        if (8 * r.splits + r.merges > r.leaves / 8) /* as after a growth, densities change fast */
+        if (r.leaves - r.keeps > r.leaves / 8) /* as after a growth, densities change fast */
             m->growth_step = m->step;
     } else {
         m->last_square = square;
@@ -724,6 +736,7 @@ static cln_status decide(cln_trainer *t)
     CLN_TRY(cln_record_decision(t, &d));
 done:
     free(measures);
+    free(children);
     cln_integer_program_result_free(&r);
     return st;
 }
@@ -744,13 +757,20 @@ static bool decision_comes(cln_trainer *t, double fraction)
     return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
 }
 
-/* Whether a whole level of voxels is due, and only waits for the one before: decisions do, too. */
+/* Whether a whole level of voxels is due, and only waits for the one before: decisions do, too. The
+ * first of them also waits until the empty leaves of the last level are culled, as they would take
+ * the budget, and the others have been measured. */
 static bool awaits_level(const cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;
 
-    return cln_leaf_kind_of(c->encoding)->levels_first && !t->finest && !t->full &&
-           has_whole_levels(t) && t->model.level < cln_structure_level(c, fraction);
+    if (!cln_leaf_kind_of(c->encoding)->levels_first)
+        return false;
+    if (t->model.decisions == 0 &&
+        t->model.step < t->model.growth_step + c->cull_after + c->refresh_every)
+        return true;
+    return !t->finest && !t->full && has_whole_levels(t) &&
+           t->model.level < cln_structure_level(c, fraction);
 }
 
 /* method.md 12.3: decides only when the error no longer falls from interval to interval. */

@@ -15,9 +15,11 @@ cln_status cln_maintain(cln_trainer *t, double fraction);
 cln_status cln_maintain_probe(cln_trainer *t, double *psnr);
 
 /* Carries out a solution of the integer program: merges (with distillation), splits, refresh of new
- * leaves. split, merge: marks [slot]; leaves_after: the resulting number of leaves. Fills in the
- * decision's PSNRs and distil_steps. CLN_MEMORY, CLN_CL. */
+ * leaves. split, merge: marks [slot]; children [slot]: of a split leaf, bit i is set if it gets
+ * child i; leaves_after: the resulting number of leaves. Fills in the decision's PSNRs and
+ * distil_steps. CLN_MEMORY, CLN_CL. */
 cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                                    int leaves_after, cln_decision *decision);
+                                    const uint8_t *children, int leaves_after,
+                                    cln_decision *decision);
 
 #endif

@@ -145,6 +145,11 @@ section_voxels() {
         --rays 512 --leaf-samples 0 --steps 240 --level-at "" --start-level 2 \
         --cell-pixels 0.2 --structure-from 0.4 --structure-every 0.2 --structure-until 0.9 \
         --split-samples 0 --max-leaves 150
+    # eight children of a split leaf are seven leaves more
+    check "children that are empty are not counted" eval '
+        grep "leaves_before" "$work/adapts/metrics.jsonl" |
+            sed -E "s/.*_before\":([0-9]+),\"leaves\":([0-9]+),\"split\":([0-9]+),.*/\1 \2 \3/" |
+            awk "{ fewer += \$3 > 0 && \$2 - \$1 < 7 * \$3 } END { exit !fewer }"'
     expect "info" 0 "" "$cln" info "$work/adapts"
     check "there are leaves of two levels" grep -Eq "leaves_by_level *0, 0, [1-9][0-9]*, [1-9]" \
         "$work/out"

@@ -101,7 +101,7 @@ static void measure(problem *p, int max_leaves)
     p->measures = calloc((size_t)p->tree.leaf_count + 1, sizeof *p->measures);
     assert_non_null(p->measures);
     for (int s = 0; s < p->tree.leaf_count; s++)
-        p->measures[s] = (cln_leaf_measure){1, 1, NAN, true};
+        p->measures[s] = (cln_leaf_measure){1, 1, NAN, 8, true};
     p->desc = (cln_integer_program_desc){.tree = &p->tree,
                                          .measures = p->measures,
                                          .max_leaves = max_leaves,
@@ -110,7 +110,7 @@ static void measure(problem *p, int max_leaves)
                                          .merge_factor = 1.1};
 }
 
-/* Costs of 1e-4 to 1e5, some zero, some saved, some equal. */
+/* Costs of 1e-4 to 1e5, some zero, some saved, some equal; a split makes 0 to 8 leaves. */
 static void measure_random(problem *p, int max_leaves)
 {
     measure(p, max_leaves);
@@ -120,6 +120,8 @@ static void measure_random(problem *p, int max_leaves)
         m->density = pow(10, -1 + 3 * uniform(p));
         m->saved = uniform(p) < 0.3 ? m->error * m->density * pow(10, -2 + 3 * uniform(p)) : NAN;
         m->may_split = uniform(p) < 0.8;
+        if (uniform(p) < 0.5)
+            m->children = (int)(draw(p) % 9);
         if (s > 0 && uniform(p) < 0.1)
             *m = m[-1];
     }
@@ -165,7 +167,8 @@ static bool can_split(const problem *p, int slot)
 {
     int level = p->tree.level[p->tree.leaf[slot]];
 
-    return p->measures[slot].may_split && level < p->desc.max_level && level < CLN_MAX_LEVEL;
+    return p->measures[slot].may_split && p->measures[slot].children > 0 &&
+           level < p->desc.max_level && level < CLN_MAX_LEVEL;
 }
 
 static double keep_cost(const problem *p, int slot)
@@ -194,6 +197,15 @@ static double merge_cost(const problem *p, int slot)
     return p->desc.merge_factor / m * errors * density;
 }
 
+/* What a leaf costs if it is no more than one afterwards. */
+static double least_cost_of_one(const problem *p, int slot)
+{
+    double keep = keep_cost(p, slot);
+
+    return can_split(p, slot) && p->measures[slot].children == 1 ? fmin(keep, split_cost(p, slot))
+                                                                 : keep;
+}
+
 /* Fewest possible leaves; *cost: the least cost with them; *most: most possible leaves. */
 static int fewest_leaves(const problem *p, double *cost, int *most)
 {
@@ -206,13 +218,13 @@ static int fewest_leaves(const problem *p, double *cost, int *most)
         bool any_inner = false;
         int m = siblings(p, s, group, &any_inner);
 
-        *most += can_split(p, s) ? 8 : 1;
+        *most += can_split(p, s) ? p->measures[s].children : 1;
         if (!can_merge(p, s)) {
             fewest++;
-            *cost += keep_cost(p, s);
+            *cost += least_cost_of_one(p, s);
         } else {
             fewest += group[0] == s;
-            *cost += m == 1 ? fmin(keep_cost(p, s), merge_cost(p, s)) : merge_cost(p, s);
+            *cost += m == 1 ? fmin(least_cost_of_one(p, s), merge_cost(p, s)) : merge_cost(p, s);
         }
     }
     return fewest;
@@ -223,7 +235,7 @@ static int fewest_leaves(const problem *p, double *cost, int *most)
 /* Invariants of any answer, optimal or not. */
 static void check_answer(const problem *p, const cln_integer_program_result *r)
 {
-    int splits = 0, merges = 0, keeps = 0, leaves = 0, fewest = 0, most = 0;
+    int splits = 0, more = 0, merges = 0, keeps = 0, leaves = 0, fewest = 0, most = 0;
     double cost = 0, before = 0, least = 0;
 
     for (int s = 0; s < p->tree.leaf_count; s++) {
@@ -238,7 +250,8 @@ static void check_answer(const problem *p, const cln_integer_program_result *r)
         if (r->split[s]) {
             assert_true(can_split(p, s));
             splits++;
-            leaves += 8;
+            more += p->measures[s].children - 1;
+            leaves += p->measures[s].children;
             cost += split_cost(p, s);
         } else if (r->merge[s]) {
             assert_true(can_merge(p, s));
@@ -263,7 +276,7 @@ static void check_answer(const problem *p, const cln_integer_program_result *r)
     fewest = fewest_leaves(p, &least, &most);
     assert_int_equal(r->infeasible, fewest > p->desc.max_leaves);
     if (r->infeasible) {
-        assert_int_equal(splits, 0);
+        assert_int_equal(more, 0);
         assert_int_equal(leaves, fewest);
         assert_near(r->objective, least, 1e-10 * least);
     } else {
@@ -321,6 +334,35 @@ static void test_split(void **state)
     p.desc.max_level = 2;
     p.desc.split_factor = 1; /* a split gains nothing: fewer leaves are better */
     assert_solution(&p, "nnnnnnnn", 17);
+    end(&p);
+}
+
+/* The budget counts the leaves that a split makes, not eight: of eight leaves with room for three
+ * more, two splits of small gain are better than one of larger gain. */
+static void test_children(void **state)
+{
+    problem p;
+
+    (void)state;
+    start(&p, 1, 0);
+    measure(&p, 11);
+    p.measures[1].error = 12; /* gains 3 */
+    p.measures[1].children = 4;
+    p.measures[2].error = 7; /* gains 1.75 */
+    p.measures[2].children = 2;
+    p.measures[5].error = 8; /* gains 2 */
+    p.measures[5].children = 3;
+    assert_solution(&p, "nnsnnsnn", 5 + 12 + 0.75 * 15);
+    p.desc.max_leaves = 10; /* no room for both */
+    assert_solution(&p, "nnnnnsnn", 5 + 12 + 7 + 6);
+    p.measures[1].children = 0; /* nothing would be left of it */
+    p.desc.max_leaves = 64;
+    assert_solution(&p, "snssssss", 12 + 0.75 * 20);
+    for (int s = 0; s < 8; s++)
+        p.measures[s].children = 1; /* finer at no cost, even without room */
+    p.measures[3].may_split = false;
+    p.desc.max_leaves = 8;
+    assert_solution(&p, "sssnssss", 1 + 0.75 * 31);
     end(&p);
 }
 
@@ -467,11 +509,12 @@ static void test_refused_measures(void **state)
         cln_leaf_measure measure;
         const char *what;
     } wrong[] = {
-        {{-1, 1, NAN, true}, "error"},       {{NAN, 1, NAN, true}, "error"},
-        {{INFINITY, 1, NAN, true}, "error"}, {{1, -1e-9, NAN, true}, "density"},
-        {{1, NAN, NAN, false}, "density"},   {{0, INFINITY, 1, true}, "density"},
-        {{1, 1, -2, true}, "split"},         {{1, 1, INFINITY, false}, "split"},
-        {{1e200, 1e200, 1, true}, "keep"},
+        {{-1, 1, NAN, 8, true}, "error"},       {{NAN, 1, NAN, 8, true}, "error"},
+        {{INFINITY, 1, NAN, 8, true}, "error"}, {{1, -1e-9, NAN, 8, true}, "density"},
+        {{1, NAN, NAN, 8, false}, "density"},   {{0, INFINITY, 1, 8, true}, "density"},
+        {{1, 1, -2, 8, true}, "split"},         {{1, 1, INFINITY, 8, false}, "split"},
+        {{1e200, 1e200, 1, 8, true}, "keep"},   {{1, 1, NAN, 9, true}, "children"},
+        {{1, 1, NAN, -1, true}, "children"},
     };
 
     (void)state;
@@ -520,7 +563,7 @@ static int list_ways(const problem *p, const int *group, int m, way ways[ALL_WAY
                 w.cost += keep_cost(p, group[i]);
             } else if (rest % 3 == 1) {
                 allowed = allowed && can_split(p, group[i]);
-                w.leaves += 8;
+                w.leaves += p->measures[group[i]].children;
                 w.cost += split_cost(p, group[i]);
             } else {
                 merged++;
@@ -654,8 +697,8 @@ static void test_lp_text(void **state)
     while (p.tree.leaf_count > 2)
         reshape_slot(&p, 1, true);
     measure(&p, 9);
-    p.measures[0] = (cln_leaf_measure){2, 3, NAN, true};
-    p.measures[1] = (cln_leaf_measure){1, 4, NAN, false};
+    p.measures[0] = (cln_leaf_measure){2, 3, NAN, 8, true};
+    p.measures[1] = (cln_leaf_measure){1, 4, NAN, 8, false};
     p.desc.merge_factor = 1.5; /* 1.5 x 3 x 4 = 18, half for each */
     assert_int_equal(cln_integer_program_write_lp(&p.desc, path), CLN_OK);
     text = scratch_get(path, &bytes);
@@ -785,9 +828,10 @@ static double relaxed(const problem *p, double price, double *cost, int *leaves)
             continue;
         for (int i = 0; i < m; i++) {
             double keep = keep_cost(p, group[i]), split = split_cost(p, group[i]);
-            bool splits = can_split(p, group[i]) && split + 7 * price < keep;
+            int more = p->measures[group[i]].children - 1;
+            bool splits = can_split(p, group[i]) && split + more * price < keep;
             apart += splits ? split : keep;
-            apart_leaves += splits ? 8 : 1;
+            apart_leaves += splits ? p->measures[group[i]].children : 1;
         }
         merged = can_merge(p, s) ? m * merge_cost(p, s) : INFINITY;
         if (merged + price < apart + apart_leaves * price) {
@@ -857,6 +901,7 @@ int test_group_integer_program(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_split),
+        cmocka_unit_test(test_children),
         cmocka_unit_test(test_saved),
         cmocka_unit_test(test_merge),
         cmocka_unit_test(test_merge_with_culled),

@@ -61,6 +61,60 @@ static void test_cull_two_strikes(void **state)
     cln_octree_free(&c.tree);
 }
 
+/* Children of a leaf of level 1 with 8 cells an axis, theirs being a sixteenth wide: a peak of 0.2
+ * and more is kept by the guard, which is four times as strict as that of leaves. By octants:
+ * nothing; three layers of 2; one cell of 0.5; one of 0.16; one of 0.5 that no view sees; nothing
+ * but a cell of 0.5 next to it; one of 0.625, the only one seen; that cell of 0.5. */
+static void test_children(void **state)
+{
+    enum { N = 8, HALF = 0x3f00, TWO = 0x4000, BELOW = 0x3e20, ABOVE = 0x3f20 }; /* bfloat16 */
+    uint16_t density[N * N * N] = {0};
+    uint8_t seen[N * N * N];
+    cln_config config;
+
+    (void)state;
+    assert_int_equal(cln_config_preset("paper", &config), CLN_OK);
+    config.n1 = N;
+    config.cull_mean = 0.5;
+    memset(seen, 1, sizeof seen);
+    for (int i = 0; i < 27; i++)
+        density[cln_cell_at(5 + i % 3, i / 3 % 3, i / 9, N)] = TWO;
+    density[cln_cell_at(0, 7, 0, N)] = HALF;
+    density[cln_cell_at(7, 7, 0, N)] = BELOW;
+    density[cln_cell_at(0, 0, 7, N)] = HALF;
+    seen[cln_cell_at(0, 0, 7, N)] = 0;
+    density[cln_cell_at(7, 4, 7, N)] = HALF;
+    for (int i = 0; i < 64; i++)
+        seen[cln_cell_at(i % 4, 4 + i / 4 % 4, 4 + i / 16, N)] = i == 41;
+    density[cln_cell_at(1, 6, 6, N)] = ABOVE;
+    config.cull = CLN_CULL_GUARDED;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen),
+                     1 << 1 | 1 << 2 | 1 << 5 | 1 << 6 | 1 << 7);
+    config.cull = CLN_CULL_MEAN;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen), 1 << 1 | 1 << 6);
+    config.cull = CLN_CULL_GUARDED; /* cells twice as wide */
+    assert_int_equal(cln_structure_children(&config, 0, density, seen),
+                     1 << 1 | 1 << 2 | 1 << 3 | 1 << 5 | 1 << 6 | 1 << 7);
+}
+
+/* An odd number of cells: those in the middle are of both sides. */
+static void test_children_of_odd_cells(void **state)
+{
+    uint16_t density[27] = {0};
+    uint8_t seen[27];
+    cln_config config;
+
+    (void)state;
+    assert_int_equal(cln_config_preset("paper", &config), CLN_OK);
+    config.n1 = 3;
+    config.cull = CLN_CULL_MEAN;
+    memset(seen, 1, sizeof seen);
+    density[cln_cell_at(1, 2, 0, 3)] = 0x4000;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen), 1 << 2 | 1 << 3);
+    density[cln_cell_at(1, 1, 1, 3)] = 0x4000;
+    assert_int_equal(cln_structure_children(&config, 1, density, seen), 0xff);
+}
+
 /* Marks without a new check: the same, and never all. */
 static void test_marked(void **state)
 {
@@ -171,9 +225,10 @@ static void test_growth(void **state)
 int test_group_structure(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cull_two_strikes),    cmocka_unit_test(test_marked),
-        cmocka_unit_test(test_cull_keeps_thin_rod), cmocka_unit_test(test_cull_never_all),
-        cmocka_unit_test(test_cull_keeps_nan),      cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_cull_two_strikes),      cmocka_unit_test(test_children),
+        cmocka_unit_test(test_children_of_odd_cells), cmocka_unit_test(test_marked),
+        cmocka_unit_test(test_cull_keeps_thin_rod),   cmocka_unit_test(test_cull_never_all),
+        cmocka_unit_test(test_cull_keeps_nan),        cmocka_unit_test(test_growth),
     };
 
     return cmocka_run_group_tests_name("structure", tests, NULL, NULL);
