@@ -209,9 +209,8 @@ static bool has_whole_levels(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
 
-    return !c->adaptive ||
-           (t->model.decisions == 0 &&
-            SURFACE_CHILDREN * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
+    return !c->adaptive || (t->model.decisions == 0 &&
+                            SURFACE_CHILDREN * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
 }
 
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
