@@ -472,7 +472,7 @@ static void test_adaptive_voxels(void **state)
     assert_int_equal(decisions("voxels", "merged", &sum), 4);
     assert_true(sum == 0);
     decisions("voxels", "split", &sum);
-    assert_int_equal((int)sum * 7, whole.leaves - 64);
+    assert_true(whole.leaves - 64 <= 7 * (int)sum); /* a split drops children that are empty */
     assert_fails(fixture_train("halves", false, &config, &stop, &part), CLN_SIGINT, "");
     assert_ok(fixture_train("halves", true, &config, NULL, &part));
     assert_int_equal(part.digest, whole.digest);
