@@ -206,6 +206,7 @@ static cln_status mark(cln_pipeline *p, const cln_buffer *links, int count, cl_u
     CLN_TRY(CLN_RESERVE(p, halo_far, (size_t)p->leaves));
     CLN_TRY(CLN_RESERVE(p, halo_marks, all));
     CLN_TRY(CLN_RESERVE(p, halo_places, all + 1));
+    CLN_TRY(CLN_RESERVE(p, met, 0)); /* a change of the tree may precede all steps */
     if (count == 0)
         return CLN_OK;
     CLN_TRY(CLN_LAUNCH(p->device, p->k.halo_mark, CLN_STAGE_ADAM, cln_groups(all, wg), wg,
@@ -390,7 +391,6 @@ cln_status cln_halo_decoder(cln_pipeline *p)
     cln_ranks_gather(sums, bytes, each, true);
     CLN_TRY(cln_buffer_write(p->device, &p->decoder_grads, 0, sums, ranks * bytes));
     p->decoder_groups = p->ranks;
-    p->common.bytes += (double)bytes * (p->ranks - 1);
 done:
     return st;
 }

@@ -74,7 +74,7 @@ typedef struct cln_common {
     int *up_first, *down_first; /* [ranks + 1] */
     int far_leaves;             /* of other ranks, in `down` */
     cl_uint *far, *met;         /* [leaf]; [far leaf][met_of(p)]: what came in a step */
-    double bytes;               /* that this rank sent in steps so far */
+    double bytes;               /* that this rank sent so far: in steps, at changes of the tree */
 } cln_common;
 
 struct cln_pipeline {

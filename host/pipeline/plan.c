@@ -123,15 +123,29 @@ static bool is_linked(const cln_plan_desc *d)
            cln_leaf_kind_of(d->pipeline->net.encoding)->joined;
 }
 
-/* An estimate of the links of one direction (halo.h): a cut of a full grid through a run of leaves
- * in Morton order, of which a rank has two ends, passes fewer faces than 1.5 times those across the
- * grid; no more than every leaf's outer vertices. */
+/* Leaves that have slices of this rank's samples. */
+static double own_leaves(const cln_plan_desc *d, double leaves)
+{
+    return is_linked(d) ? cln_share_most(d->pipeline, (int)leaves) : leaves;
+}
+
+/* Leaves of other ranks that have common vertices with this rank's, whose owner is here; or the
+ * other way round. Voxels lie on surfaces: if a cut between ranks lies along one, each leaf has one
+ * across (ground at half the cube's height: half of all leaves, of two ranks). And if a rank's m^3
+ * leaves fill a block, three of its sides have 3 m^2 + 3 m + 1 at them. */
+static double far_leaves(const cln_plan_desc *d, double leaves)
+{
+    if (!is_linked(d))
+        return 0;
+    return fmin(leaves, ceil(pow(cbrt(own_leaves(d, leaves)) + 1, 3)));
+}
+
+/* Links of one direction (halo.h): each of those leaves has a face's. */
 static double links_of(const cln_plan_desc *d, double leaves)
 {
-    const double side = d->pipeline->net.cells + 1, inside = side - 2;
+    const double side = d->pipeline->net.cells + 1;
 
-    return fmin(3 * pow(leaves, 2.0 / 3) * side * side,
-                leaves * (side * side * side - inside * inside * inside));
+    return far_leaves(d, leaves) * side * side;
 }
 
 static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
@@ -229,18 +243,25 @@ static double longest_row(const cln_plan_desc *d, const sizes *s, cln_per per)
     return longest;
 }
 
-/* Most slices of n samples: one for each leaf that has any, and one for every `slice` samples. */
-static double slices_of(double n, double leaves, double slice)
+/* Most slices of n samples: one for each leaf that has any, and one for every `slice` samples; and
+ * one for each leaf of other ranks, wherever samples are (halo.h). */
+static double slices_of(const cln_plan_desc *d, double n, double leaves)
 {
-    return fmin(n, leaves) + floor(n / slice);
+    const double own = fmin(n, own_leaves(d, leaves)), far = far_leaves(d, leaves);
+
+    return fmin(own + far, leaves) + floor(n / d->pipeline->tune.sl);
 }
 
 /* The inverse: samples that make at most `most` slices. */
-static double samples_of(double most, double leaves, double slice)
+static double samples_of(const cln_plan_desc *d, double most, double leaves)
 {
-    const double spread = floor(most / (1 + 1 / slice)); /* every sample in a leaf of its own */
+    const double slice = d->pipeline->tune.sl, left = most - far_leaves(d, leaves);
+    const double own = own_leaves(d, leaves);
+    double n = floor(left / (1 + 1 / slice)); /* every sample in a leaf of its own */
 
-    return most > leaves ? fmax(spread, (most - leaves) * slice) : spread;
+    if (left > own)
+        n = fmax(n, (left - own) * slice);
+    return fmax(n, (most - leaves) * slice);
 }
 
 /* The most intervals of a ray in the deepest tree. */
@@ -269,7 +290,7 @@ static double fit_samples(const cln_plan_desc *d, const sizes *s, int batches, d
             s->split ? CLN_PARTS * s->part_slices : floor(largest / BYTES(d, grads));
 
         room = fmin(room, d->pipeline->tune.leaf ? fmax(slice, gradients * floor(slice / 2))
-                                                 : samples_of(gradients, s->leaves, slice));
+                                                 : samples_of(d, gradients, s->leaves));
     }
     return fmax(fmin(wanted, room), least);
 }
@@ -305,9 +326,7 @@ static sizes find_sizes(const cln_plan_desc *d, int batches)
 
     s.samples = fit_samples(d, &s, batches, largest);
     s.rays = fit_rays(d, largest);
-    s.slices = slices_of(s.samples, s.leaves, p->tune.sl);
-    if (is_linked(d)) /* other ranks' leaves have one each, wherever the samples are */
-        s.slices = s.leaves + floor(s.samples / p->tune.sl);
+    s.slices = slices_of(d, s.samples, s.leaves);
     s.gradients = cln_pipeline_gradients(&p->tune, s.samples, s.slices);
     if (s.distil) { /* nets trained together, limited by samples and by points */
         const double pool = (double)CLN_DISTIL_BATCHES * c->distil_samples;

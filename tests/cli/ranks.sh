@@ -311,7 +311,10 @@ section_voxels() {
         "${step[@]}"
     check "the decoder's gradient is that of one" \
         equal "$work/decoder-1" "$work/decoder-2" decoder_m 4
-    for n in 1 2 3; do
+    cp -r "$work/vox-2" "$work/vox-on-1"
+    expect "one process goes on with voxels of two" 0 "resumed" "$cln" train \
+        --resume "$work/vox-on-1" --skip-selftest --progress none --steps +10
+    for n in 2 3; do
         cp -r "$work/vox-2" "$work/vox-on-$n"
         expect "$n go on with voxels of two" 0 "resumed" "${mpi[@]}" -n $n "$ranked" train \
             --resume "$work/vox-on-$n" --skip-selftest --progress none --steps +10 "${samples[@]}"
