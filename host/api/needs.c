@@ -177,7 +177,7 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
 {
     const int most = cln_config_most_leaves(c), trees = most > SMALL ? 2 : 1;
     cln_status st = CLN_OK;
-    timing first, last;
+    timing first = {0}, last = {0};
     double step = 0;
     json_t *time = NULL;
 
@@ -188,7 +188,7 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
         st = cln_tell_work(callbacks, "timing", 1, trees);
     if (st == CLN_OK && trees > 1)
         st = time_tree(device, c, most, true, budget / 2, callbacks, &last);
-    else
+    else if (st == CLN_OK)
         last = first; /* a tree that stays small is the first one */
     if (st == CLN_OK && trees > 1)
         st = cln_tell_work(callbacks, "timing", trees, trees);

@@ -171,8 +171,8 @@ static cln_status check_order(const cln_options *options)
     CLN_TRY(cln_path_join(&manifest, options->export_file, "run.json"));
     if (cln_is_file(manifest) && !cln_is_dir(options->operand))
         CLN_TRY(cln_fail(CLN_USAGE,
-                         "--%s %s: this is a run; it comes first, and the file here: `cl-nascent export "
-                         "%s --%s %s`",
+                         "--%s %s: this is a run; it comes first, and the file here: "
+                         "`cl-nascent export %s --%s %s`",
                          options->export_what, options->export_file,
                          cln_shell_quote(options->export_file, run, sizeof run),
                          options->export_what,

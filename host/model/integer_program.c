@@ -10,8 +10,11 @@
  * under the budget is a multiple-choice knapsack: after each group, cost[c] is the least cost of
  * the groups so far with c leaves in all, and one byte per group and c records the way. A byte
  * exists only for each c that the groups so far can reach and that leaves room for the remaining
- * groups: about 1 MB at 2,700 leaves, 58 MB for the largest full tree (32,768 leaves) and a budget
- * of its size. Ties go to fewer leaves, then to the earlier way; among members, to the lower slot.
+ * groups: at most groups (budget - fewest + 1) bytes, where `fewest` is the sum of the leaves of
+ * first ways. That is about 1 MB at 2,700 leaves, and 58 MB for a full tree of 32,768 leaves that
+ * may merge and a budget of its size; but up to 300 MB for 40,000 leaves in 15,000 groups (voxels,
+ * whose empty siblings are culled) and a budget of 60,000. Ties go to fewer leaves, then to the
+ * earlier way; among members, to the lower slot.
  */
 #include "model/integer_program.h"
 

@@ -16,8 +16,8 @@
 enum { MAX_COARSENING = 64, RUN = CLN_SPLAT_RUN };
 
 /* Enlarges coarse pixels of kx x ky pixels, which are `wide` and `high` seen from a distance of 1.
- * Where pixels are far from square, only the shorter side grows, as long as it can. Sides are powers
- * of two, so that bands of rows never cut a coarse pixel. */
+ * Where pixels are far from square, only the shorter side grows, as long as it can. Sides are
+ * powers of two, so that bands of rows never cut a coarse pixel. */
 static void enlarge(double wide, double high, cl_uint *kx, cl_uint *ky)
 {
     const bool x_waits = wide > M_SQRT2 * high && *ky < MAX_COARSENING;
@@ -31,10 +31,10 @@ static void enlarge(double wide, double high, cl_uint *kx, cl_uint *ky)
 
 /* Grid of a view and a level, all but `first`. A leaf's cells of spacing s = side / n1, seen from
  * distance z with focal lengths fx and fy, give n1 z^2 / (fx fy s^2) samples per pixel; kx ky times
- * that must reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample every
- * s^3 fx fy / (kx ky t^2) of a ray on average. In a forward space, a pixel has the same size at any
- * t: about scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees a whole
- * leaf. */
+ * that must reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample
+ * every s^3 fx fy / (kx ky t^2) of a ray on average. In a forward space, a pixel has the same size
+ * at any t: about scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees
+ * a whole leaf. */
 static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level,
                           double *reached)
 {

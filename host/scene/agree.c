@@ -24,6 +24,8 @@ static const double BAD = 0.2;        /* share of a bad view; another pose must 
 static const double STRAY = 0.7;      /* share of a stray over that of all views */
 static const double FAR_APART = 3e-4; /* squared sine of 1 deg, from which on distances are known */
 
+const double cln_exposure_jump = 0.7;
+
 const cln_reading cln_readings[CLN_READINGS] = {
     {"as given", "", {1, 0, 0, 0, 1, 0, 0, 0, 1}, false},
     {"with the axes of the other convention",
@@ -503,6 +505,74 @@ done:
 
 /* ---- brightness ---- */
 
+/* Of a pair of views: that of a over b's, in stops. */
+typedef struct brightness {
+    int a, b;
+    double ratio;
+} brightness;
+
+static bool jumps(const cln_agree_view *v)
+{
+    return fabs(v->jump) > cln_exposure_jump;
+}
+
+/* jump: the median over a view's pairs, then over its pairs with views that do not jump, if there
+ * are any: next to two faulty photos, the good ones look faulty at first. values: room for those of
+ * a view. next: for all views. */
+static void find_jumps(cln_agree_view *views, int view_count, const brightness *pairs,
+                       int pair_count, double *values, double *next)
+{
+    enum { ROUNDS = 4 };
+
+    for (int v = 0; v < view_count; v++)
+        views[v].jump = 0;
+    for (int round = 0; round < ROUNDS; round++) {
+        for (int v = 0; v < view_count; v++) {
+            int count = 0;
+
+            next[v] = round == 0 ? NAN : views[v].jump;
+            for (int p = 0; p < pair_count; p++) {
+                const bool is_a = pairs[p].a == v;
+
+                if ((is_a || pairs[p].b == v) && !jumps(&views[is_a ? pairs[p].b : pairs[p].a]))
+                    values[count++] = is_a ? pairs[p].ratio : -pairs[p].ratio;
+            }
+            cln_reals_sort(values, count);
+            if (count > 0)
+                next[v] = values[count / 2];
+        }
+        for (int v = 0; v < view_count; v++)
+            views[v].jump = next[v];
+    }
+}
+
+/* around: the median over a view's partners of the largest difference from others, but for those
+ * that jump, too: these may be as faulty. most: for all views. */
+static void find_around(cln_agree_view *views, int view_count, const brightness *pairs,
+                        int pair_count, double *values, double *most)
+{
+    for (int v = 0; v < view_count; v++) {
+        int count = 0;
+
+        memset(most, 0, (size_t)view_count * sizeof *most);
+        for (int p = 0; p < pair_count; p++) {
+            const int a = pairs[p].a, b = pairs[p].b;
+
+            if (a == v || b == v)
+                continue;
+            if (!jumps(&views[b]))
+                most[a] = fmax(most[a], fabs(pairs[p].ratio));
+            if (!jumps(&views[a]))
+                most[b] = fmax(most[b], fabs(pairs[p].ratio));
+        }
+        for (int p = 0; p < pair_count; p++)
+            if (pairs[p].a == v || pairs[p].b == v)
+                values[count++] = most[pairs[p].a == v ? pairs[p].b : pairs[p].a];
+        cln_reals_sort(values, count);
+        views[v].around = count ? values[count / 2] : 0;
+    }
+}
+
 /* Takes the median ratio of brightness of each pair; then finds one value for each view by
  * relaxation, so that the differences of values fit the pairs' ratios best. */
 static cln_status find_exposures(work *w)
@@ -511,10 +581,7 @@ static cln_status find_exposures(work *w)
     enum { ROUNDS = 200, FEWEST_RATIOS = 8 };
     cln_agreement *out = w->out;
     const int views = w->scene->view_count;
-    struct {
-        int a, b;
-        double ratio;
-    } *pairs = NULL;
+    brightness *pairs = NULL;
     double *ratios = NULL, *sum = NULL, *weight = NULL;
     int count = 0, pair_count = 0;
 
@@ -555,26 +622,8 @@ static cln_status find_exposures(work *w)
             if (weight[v] > 0)
                 out->views[v].exposure = 0.5 * out->views[v].exposure + 0.5 * sum[v] / weight[v];
     }
-    for (int v = 0; v < views; v++) {
-        count = 0;
-        for (int p = 0; p < pair_count; p++)
-            if (pairs[p].a == v || pairs[p].b == v)
-                ratios[count++] = pairs[p].a == v ? pairs[p].ratio : -pairs[p].ratio;
-        cln_reals_sort(ratios, count);
-        out->views[v].jump = count ? ratios[count / 2] : NAN;
-        memset(sum, 0, (size_t)views * sizeof *sum); /* how much views differ from others than v */
-        for (int p = 0; p < pair_count; p++)
-            if (pairs[p].a != v && pairs[p].b != v) {
-                sum[pairs[p].a] = fmax(sum[pairs[p].a], fabs(pairs[p].ratio));
-                sum[pairs[p].b] = fmax(sum[pairs[p].b], fabs(pairs[p].ratio));
-            }
-        count = 0;
-        for (int p = 0; p < pair_count; p++)
-            if (pairs[p].a == v || pairs[p].b == v)
-                ratios[count++] = sum[pairs[p].a == v ? pairs[p].b : pairs[p].a];
-        cln_reals_sort(ratios, count);
-        out->views[v].around = count ? ratios[count / 2] : 0;
-    }
+    find_jumps(out->views, views, pairs, pair_count, ratios, weight);
+    find_around(out->views, views, pairs, pair_count, ratios, sum);
 done:
     free(pairs);
     free(ratios);

@@ -23,14 +23,16 @@ typedef struct cln_reading {
 enum { CLN_READINGS = 8 }; /* the first is the given one */
 extern const cln_reading cln_readings[CLN_READINGS];
 
+extern const double cln_exposure_jump; /* stops: views that jump by more may be faulty */
+
 typedef struct cln_agree_view {
     bool looked_at;     /* false: the set was too large */
     int features;       /* of its photo */
     int ties, agreeing; /* with other views */
     int partners;       /* other views with which several ties agree */
     double exposure;    /* brightness relative to all others, in stops; or NaN */
-    double jump;        /* the same, to those that it was compared with; or NaN */
-    double around;      /* the most that these differ from others, in stops: the median of them */
+    double jump;        /* the same, to those it was compared with that do not jump; or NaN */
+    double around;      /* the most that these differ from others without a jump: their median */
     bool bad;           /* its pose does not fit its photo, while others' do */
     int pose_of;        /* the view whose pose fits this photo better; -1 */
 } cln_agree_view;

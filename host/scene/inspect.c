@@ -26,9 +26,9 @@ static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over t
 static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 static const double COPY = 0.004, FLAT = 0.02;
-static const double EXPOSURE_JUMP = 0.7, EXPOSURE_RANGE = 0.6; /* factors of 2 */
-static const double EXPOSURE_TREND = 2;                        /* a jump over those around it */
-static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12;     /* points in the cube: share, span */
+static const double EXPOSURE_RANGE = 0.6;                  /* factors of 2 */
+static const double EXPOSURE_TREND = 2;                    /* a jump over those around it */
+static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
 
@@ -469,7 +469,7 @@ static void check_exposure(inspection *in)
             continue;
         low = fmin(low, v->exposure);
         high = fmax(high, v->exposure);
-        if (fabs(v->jump) > fmax(EXPOSURE_JUMP, EXPOSURE_TREND * v->around)) {
+        if (fabs(v->jump) > fmax(cln_exposure_jump, EXPOSURE_TREND * v->around)) {
             add_view(views, in, i);
             most = fmax(most, fabs(v->jump));
         }

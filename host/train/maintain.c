@@ -230,7 +230,8 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
     if (*grows && !has_whole_levels(t)) {
         if (!t->whole)
-            cln_info("whole levels end at level %d, with %d leaves; single leaves split now",
+            cln_info("whole levels end at level %d, with %d leaves; single leaves split from "
+                     "--structure-from on",
                      t->model.level, t->pipeline.leaves);
         t->whole = true;
         *grows = false;
@@ -633,9 +634,10 @@ done:
     return st;
 }
 
-/* Measures every leaf: error per ray, density, whether it may split. Errors also go into the
- * model. */
-static cln_status measure(cln_trainer *t, cln_leaf_measure **out, uint8_t **children)
+/* Measures every leaf: error per ray, density, whether it may split, and into which children:
+ * before --cull-from, into all. Errors also go into the model. */
+static cln_status measure(cln_trainer *t, double fraction, cln_leaf_measure **out,
+                          uint8_t **children)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
@@ -643,7 +645,7 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out, uint8_t **chil
     const size_t leaves = (size_t)p->leaves;
     float *mean = NULL, *peak = NULL, (*sums)[CLN_MEASURES][2] = NULL;
     int32_t *met = NULL;
-    uint8_t *fine = NULL;
+    uint8_t *stays = NULL, *asked = NULL;
 
     CLN_TRY(cln_alloc(out, leaves, sizeof **out, "measures of leaves"));
     CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "measures of leaves"));
@@ -652,22 +654,28 @@ static cln_status measure(cln_trainer *t, cln_leaf_measure **out, uint8_t **chil
     CLN_TRY(cln_share_sums(p));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, leaves * sizeof *sums));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
-    CLN_TRY(fine_leaves(t, met, &fine));
-    CLN_TRY(cln_children_find(t, children));
+    CLN_TRY(fine_leaves(t, met, &stays));
+    CLN_TRY(cln_alloc(&asked, leaves, 1, "leaf marks"));
+    for (size_t i = 0; i < leaves; i++) {
+        stays[i] = stays[i] || met[i] < m->config.split_samples;
+        asked[i] = !stays[i] && fraction >= m->config.cull_from;
+    }
+    CLN_TRY(cln_children_find(t, asked, children));
     for (size_t i = 0; i < leaves; i++) {
         m->error[i] = sums[i][0][0] / (float)m->sum_rays;
         (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
                                        .density = pow(fmax(mean[i], 0), m->config.cost_density),
                                        .saved = m->saved[i],
                                        .children = cln_children_count((*children)[i]),
-                                       .may_split = met[i] >= m->config.split_samples && !fine[i]};
+                                       .may_split = !stays[i]};
     }
 done:
     free(mean);
     free(peak);
     free(sums);
     free(met);
-    free(fine);
+    free(stays);
+    free(asked);
     return st;
 }
 
@@ -689,7 +697,7 @@ static void say(const cln_trainer *t, const cln_decision *d)
                         : "no leaf was added, as voxels do not merge; give more");
 }
 
-static cln_status decide(cln_trainer *t)
+static cln_status decide(cln_trainer *t, double fraction)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
@@ -708,7 +716,7 @@ static cln_status decide(cln_trainer *t)
                                      .merge_factor = m->config.merge_factor,
                                      .no_merges = !cln_config_merges(&m->config)};
 
-    CLN_TRY(measure(t, &measures, &children));
+    CLN_TRY(measure(t, fraction, &measures, &children));
     desc.measures = measures;
     CLN_TRY(cln_integer_program_solve(&desc, &r));
     if (t->desc->dump_program)
@@ -772,8 +780,25 @@ static bool awaits_level(const cln_trainer *t, double fraction)
            t->model.level < cln_structure_level(c, fraction);
 }
 
+/* Says once that the tree never adapted, as the first decision waited (awaits_level) until
+ * --structure-until: a training too short for --cull-after. */
+static void say_none_came(cln_trainer *t, double fraction)
+{
+    const cln_config *c = &t->model.config;
+
+    if (t->none_came || !c->adaptive || c->tree_from[0] || t->model.decisions > 0 ||
+        c->structure_from >= c->structure_until || fraction < c->structure_until ||
+        t->model.level >= c->max_level || !awaits_level(t, c->structure_until))
+        return;
+    t->none_came = true;
+    cln_warn("no single leaf was split: at --structure-until %g, the tree still waited for "
+             "--cull-after %d + --refresh-every %d steps after its last level, at step %lld; give "
+             "a smaller --cull-after, or more --steps",
+             c->structure_until, c->cull_after, c->refresh_every, (long long)t->model.growth_step);
+}
+
 /* method.md 12.3: decides only when the error no longer falls from interval to interval. */
-static cln_status wait_or_decide(cln_trainer *t)
+static cln_status wait_or_decide(cln_trainer *t, double fraction)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
@@ -783,7 +808,7 @@ static cln_status wait_or_decide(cln_trainer *t)
     CLN_TRY(cln_step_catch_up(t));
     square = m->sum_square / (double)m->sum_rays;
     if (wait <= 0 || (m->last_square > 0 && square >= wait * m->last_square))
-        return decide(t);
+        return decide(t, fraction);
     cln_debug("step %lld: mean square error %.4g after %.4g: the tree waits", (long long)m->step,
               square, m->last_square);
     m->last_square = square;
@@ -818,6 +843,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         CLN_TRY(regrow(t, 8, &regrown));
     if (grown)
         CLN_TRY(grow(t));
+    say_none_came(t, fraction);
     decision = !grown && !awaits_level(t, fraction) && decision_comes(t, fraction);
     if (grown || decision || t->model.step == 0 ||
         (!c->rolling_refresh && refresh_age >= refresh_interval(t))) {
@@ -836,7 +862,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
         t->model.step >= t->model.growth_step + c->cull_after)
         CLN_TRY(cull(t, decision));
     if (decision)
-        CLN_TRY(wait_or_decide(t));
+        CLN_TRY(wait_or_decide(t, fraction));
     if (decision) {
         CLN_TRY(regrow(t, 1, &regrown));
         if (regrown)

@@ -44,6 +44,7 @@ typedef struct cln_trainer {
     bool full;                    /* no memory for a finer tree: warned once, tried again */
     bool finest;                  /* voxels are as fine as the photos: said once */
     bool whole;                   /* no whole level of voxels comes any more: said once */
+    bool none_came;               /* no decision until --structure-until: warned once */
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     double clock;                 /* training seconds by this rank's clock */

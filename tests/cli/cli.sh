@@ -488,7 +488,8 @@ section_regrow() {
         "$("$query" result.psnr_test <"$work/regrow0/run.json" | awk '{ print $1 + 4 }')"
     run "$cln" train "$work/missing" -o "$work/regrow-slab" "${culled[@]}" --cull-from 1 --slab \
         --bbox=-1.2,-1.2,-1.2,1.2,1.2,0
-    check "the upper half is missing, and stays out" eval 'grep -q "something is missing" "$work/err" &&
+    check "the upper half is missing, and stays out" eval '
+        grep -q "something is missing" "$work/err" &&
         [ "$(grep -c "outside the box" "$work/err")" = 2 ]' # at the start, and when the tree grows
     start "$cln" train "$work/missing" -o "$work/regrow-half" "${culled[@]}" --log-every 1
     wait_for 60 rows_of "$work/regrow-half" 100

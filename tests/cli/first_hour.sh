@@ -150,7 +150,8 @@ section_words() {
 # What lies at a path, and settings beside a scene.
 section_scenes() {
     local s=$work/scene conf=$work/scene/cl-nascent.conf c
-    local tree=(--width 16 --depth 2 --view-width 16 --start-level 1 --level-at 2:0.4 --max-leaves 80)
+    local tree=(--width 16 --depth 2 --view-width 16 --start-level 1 --level-at 2:0.4
+        --max-leaves 80)
     "$make_scene" "$s" --size 32 --train 6 --test 3 >/dev/null
     printf '%s\n' '# settings of this scene' 'eval-images = 2' '  --rays=512  # few' no-skip \
         'background "black"' >"$conf"

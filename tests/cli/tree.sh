@@ -97,6 +97,15 @@ digest() {
     "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
 }
 
+# decisions RUN: of each its step, the leaves before and after it, the leaves split, and the budget
+decisions() {
+    grep '"event":"structure"' "$1/metrics.jsonl" >"$work/rows"
+    for key in step leaves_before leaves split budget; do
+        "$query" -l "$key" <"$work/rows" >"$work/rows.$key"
+    done
+    paste -d' ' "$work"/rows.{step,leaves_before,leaves,split,budget}
+}
+
 # Voxels: as fine as the photos and no finer, resumed, measured, rendered and exported.
 section_voxels() {
     local psnr
@@ -155,6 +164,30 @@ section_voxels() {
         "$work/out"
     expect "eval" 0 "" "$cln" eval "$work/adapts" --json --no-save-images
     check "voxels of two sizes show the object" number_above "$(json mean.psnr)" 20
+    local -a levels=(--preset voxel --adaptive --progress none --rays 512 --leaf-samples 0
+        --start-level 1 --level-at 2:0.1 --cell-pixels 0.2 --split-samples 0 --max-leaves 150
+        --structure-from 0.1 --structure-every 0.2 --structure-until 0.9 --refresh-every 16)
+    expect "voxels that are never culled" 0 "" "$cln" train "$work/object" -o "$work/eights" \
+        "${levels[@]}" --steps 240 --cull-after 20 --cull-from 1 -v
+    cp "$work/err" "$work/eights.log"
+    decisions "$work/eights" >"$work/decisions"
+    check "they split into eight" awk \
+        '{ bad += $3 - $2 != 7 * $4; some += $4 } END { exit bad || !some }' "$work/decisions"
+    check "the first decision waits for the last level's empty leaves" awk '
+        FILENAME ~ /log$/ && match($0, /step [0-9]+: level [0-9]+,/) {
+            split(substr($0, RSTART, RLENGTH), word, /[ :]+/)
+            grown = word[2]
+        }
+        FILENAME ~ /decisions$/ && !first { first = $1 }
+        END { exit !(grown > 0 && first >= grown + 20) }' "$work/eights.log" "$work/decisions"
+    decisions "$work/adapts" >>"$work/decisions"
+    check "no decision exceeds its budget" awk \
+        '{ bad += $3 > $5 || $5 > 150 } END { exit bad || !NR }' "$work/decisions"
+    expect "a training too short for --cull-after" 0 \
+        "~no.single.leaf.was.split:.*--cull-after.200.*--steps" "$cln" train "$work/object" \
+        -o "$work/short" "${levels[@]}" --steps 40 --cull-after 200
+    check "it is said once" [ "$(grep -c "no single leaf was split" "$work/err")" = 1 ]
+    check "and it made no decision" [ -z "$(decisions "$work/short")" ]
 }
 
 run_sections "culling resume seams voxels" "$@"

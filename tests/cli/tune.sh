@@ -69,7 +69,8 @@ section_tune() {
         grep -q '"voxel_tune": "VW=4,.*,WG=8,' "$work/out"
     check "and their source" [ "$(json devices.0.voxel_tune_from)" = "$rows, line 5" ]
     expect "devices, as text" 0 "" "$cln" devices --no-test
-    check "it has the row of networks" grep -qF "from $rows, line 4, for networks of W32" "$work/out"
+    check "it has the row of networks" \
+        grep -qF "from $rows, line 4, for networks of W32" "$work/out"
     check "and that of voxels" grep -qF "from $rows, line 5, for voxels of X" "$work/out"
     expect "tune again, to another file" 0 "" "$cln" tune "${net[@]}" --budget 2 --json \
         --progress none --tune VW=4,TS=5 -o "$work/rows/mine.txt"

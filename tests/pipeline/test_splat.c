@@ -631,8 +631,9 @@ static double sum_depths(cln_pipeline *p, int slot, int *number)
 }
 
 /* A slab of dense cells in the middle of otherwise faint leaves, seen in pixels of any shape: the
- * optical depth of rays along its normal is the slab's, whether or not the faint samples are left out of the lists, and leaves
- * behind are seen through it. The rule for bins has no part in this expectation. */
+ * optical depth of rays along its normal is the slab's, whether or not the faint samples are left
+ * out of the lists, and leaves behind are seen through it.
+ * The rule for bins has no part in this expectation. */
 static void check_slab(int set, double x, double y)
 {
     enum { N1 = 12, CELLS = N1 * N1 * N1 };
