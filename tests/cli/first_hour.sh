@@ -199,7 +199,8 @@ section_scenes() {
         expect "check $c" 0 "" "$cln" check "$s" --probe 0 $c
         check "check $c: no progress" [ ! -s "$work/err" ]
     done
-    env --default-signal=INT "$cln" check "$s" --probe 600 --progress bar "${tree[@]}" \
+    # steps that are long enough to be interrupted
+    env --default-signal=INT "$cln" check "$s" --probe 600 --progress bar --preset paper \
         >"$work/out" 2>"$work/err" &
     while kill -0 $! && ! said "timing 0/2"; do sleep 0.1; done
     kill -INT $!
