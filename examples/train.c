@@ -93,7 +93,7 @@ int main(int argc, char **argv)
     cln_log_to(CLN_LOG_WARN, log_line, NULL);
     signal(SIGINT, on_signal);
     resume = stat(argv[2], &info) == 0;
-    st = resume ? cln_settings_of_run(argv[2], &settings) : cln_settings_create("fast", &settings);
+    st = resume ? cln_settings_of_run(argv[2], &settings) : cln_settings_create(NULL, &settings);
     for (int i = 3; i < argc && st == CLN_OK; i++)
         st = set(settings, argv[i]);
     if (st == CLN_OK)

@@ -87,7 +87,7 @@ CLN_API void cln_log_to(cln_log_level most, cln_log_sink *sink, void *user);
  * "view-width"), earlier names included; switches take "yes" and "no". One thread at a time. */
 typedef struct cln_settings cln_settings;
 
-/* preset: "fast", "paper", "nerf", "kilonerf"; NULL = "fast". CLN_USAGE for another. */
+/* preset: "voxel", "fast", "paper", "nerf", "kilonerf"; NULL = "voxel". CLN_USAGE for another. */
 CLN_API cln_status cln_settings_create(const char *preset, cln_settings **out);
 /* An existing run's settings, to resume it with. */
 CLN_API cln_status cln_settings_of_run(const char *run, cln_settings **out);

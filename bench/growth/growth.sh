@@ -53,8 +53,8 @@ measure() {
         bench_say "$run"
         rm -rf "$run"
         printf '%s\n' "$given" >"$run.options"
-        "$cln" train "$out/scene-$size" -o "$run" --start-level "$level" --level-at "" \
-            --no-adaptive \
+        "$cln" train "$out/scene-$size" -o "$run" --preset fast --start-level "$level" \
+            --level-at "" --no-adaptive \
             --cull-from 1 --batch-samples "$samples" --rays "$samples" --steps "$steps" \
             --log-every "$(((steps + 7) / 8))" --progress none --json "$@" >"$run.log" 2>&1 \
             || status=$?

@@ -1,6 +1,6 @@
 #!/bin/sh
 # The adaptive tree against its baselines, for the same time on one scene. Two tables:
-#   methods   the presets nerf (one network), kilonerf (a uniform grid, from scratch) and fast
+#   methods   the presets nerf (one network), kilonerf (a uniform grid, from scratch), fast, voxel
 #   levels    whole levels 3, 4, 5, without their empty leaves, each with an adaptive tree of at
 #             most as many leaves as it ended with, adapted from the next coarser level
 # Nothing else should run on the machine.
@@ -27,10 +27,10 @@ for part in ${PARTS:-methods levels}; do
     bench_open "$part" "$scene" "$out" "$limit"
     case $part in
     methods)
-        for preset in nerf kilonerf fast; do
+        for preset in nerf kilonerf fast voxel; do
             bench_train "$preset" "$preset" "$preset" "$@"
         done
-        bench_table "One network, a uniform grid, an adaptive tree: PSNR over training time, dB"
+        bench_table "One network, a uniform grid, an adaptive tree, voxels: PSNR over training time, dB"
         ;;
     levels)
         for level in ${LEVELS:-3 4 5}; do

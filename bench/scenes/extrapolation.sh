@@ -1,7 +1,7 @@
 #!/bin/sh
 # View extrapolation, the paper's visual claim: how error grows away from the training cameras.
 # Trains on part of the views of the generated object (--from of build/make-scene: a cone of
-# directions, a height, a distance), with the presets fast, nerf and kilonerf for the same time, and
+# directions, a height, a distance), with the presets voxel, fast, nerf and kilonerf for the same time, and
 # prints PSNR and depth error of test views all around by angle and distance from the nearest
 # training camera.
 # Nothing else should run on the machine.
@@ -29,7 +29,7 @@ for from in ${FROM:-cone low near}; do
             --test "${TEST:-32}" >&2
     bench_open "extrapolation-$from" "$scene" "$base/$from" "$limit"
     runs=
-    for preset in ${PRESETS:-fast nerf kilonerf}; do
+    for preset in ${PRESETS:-voxel fast nerf kilonerf}; do
         bench_train "$preset" "$preset" "$preset" "$@"
         [ "$trained" = yes ] || continue
         "$cln" eval "$out/$preset" --no-save-images --progress none -q >&2

@@ -36,10 +36,11 @@ bool cln_config_named(const cln_config_row *row, const char *name, size_t length
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);
 
-#define CLN_PRESETS "fast|paper|nerf|kilonerf|voxel"
+#define CLN_PRESETS        "voxel|fast|paper|nerf|kilonerf"
+#define CLN_DEFAULT_PRESET "voxel" /* best by error against run time: docs/results.md */
 
-/* *out = preset "fast" or "paper"; a baseline, "nerf" (one network) or "kilonerf" (a uniform grid
- * of small ones, from scratch); or "voxel" (no networks); these three otherwise fast. CLN_USAGE for
+/* *out = preset "fast" or "paper"; "voxel" (no networks); or a baseline, "nerf" (one network) or
+ * "kilonerf" (a uniform grid of small ones, from scratch); these three otherwise fast. CLN_USAGE for
  * another name. */
 cln_status cln_config_preset(const char *name, cln_config *out);
 

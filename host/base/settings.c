@@ -14,7 +14,7 @@ cln_status cln_settings_create(const char *preset, cln_settings **out)
     cln_settings *settings = NULL;
 
     *out = NULL;
-    preset = preset ? preset : "fast";
+    preset = preset ? preset : CLN_DEFAULT_PRESET;
     CLN_ASSERT(cln_config_row_count <= CLN_SETTINGS_MAX);
     CLN_TRY(cln_alloc(&settings, 1, sizeof *settings, "settings"));
     CLN_TRY(cln_config_preset(preset, &settings->config));
@@ -156,6 +156,11 @@ done:
 
 cln_status cln_settings_check(const cln_settings *settings)
 {
+    if (settings->preset[0] && settings->base.encoding == CLN_ENCODING_VOXEL &&
+        settings->config.encoding != CLN_ENCODING_VOXEL && !is_given(settings, "lr"))
+        return cln_fail(CLN_USAGE, "--encoding: networks do not train at preset %s's learning rate "
+                                   "(--lr); give --preset fast, too",
+                        settings->preset);
     return cln_config_check(&settings->config);
 }
 

@@ -25,7 +25,7 @@ cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln
                                void *user);
 
 /* Runs the checks before a training: the quick set, for a forward or shell space its rays, and
- * these settings if their networks' kernels differ from the fast preset's. Shows its progress and
+ * these settings if their leaves' kernels differ from the default preset's. Shows its progress and
  * can be interrupted (CLN_SIGINT, CLN_SIGTERM), as it takes a minute if the driver has to compile
  * all kernels. */
 cln_status cln_selftest_training(cln_device *device, const cln_config *config,

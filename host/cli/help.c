@@ -91,15 +91,44 @@ static void put_arg(FILE *to, const cln_arg *arg)
     put_entry(to, left, help);
 }
 
-static void put_row(FILE *to, const cln_config_row *row, const cln_config *fast,
-                    const cln_config *paper)
+/* The presets that help names values of, the default one first. */
+static const char *const shown_presets[] = {CLN_DEFAULT_PRESET, "fast", "paper"};
+enum { SHOWN = sizeof shown_presets / sizeof shown_presets[0] };
+
+/* "default X" where all presets agree, else "voxel X, fast Y, paper Z"; those that agree share a
+ * value: "voxel and fast X, paper Y". */
+static void text_of_values(const cln_config presets[SHOWN], const cln_config_row *row, char *out,
+                           size_t bytes)
 {
-    char left[96], help[768], range[2 * CLN_NUMBER_BYTES + 8] = "";
-    char in_fast[CLN_TEXT_BYTES], in_paper[CLN_TEXT_BYTES];
+    char values[SHOWN][CLN_TEXT_BYTES];
+    size_t used = 0;
+    bool equal = true;
+
+    for (int i = 0; i < SHOWN; i++) {
+        cln_config_text(&presets[i], row, values[i]);
+        equal = equal && strcmp(values[i], values[0]) == 0;
+    }
+    if (equal) {
+        snprintf(out, bytes, "default %s", *values[0] ? values[0] : "none");
+        return;
+    }
+    for (int i = 0; i < SHOWN; i++) {
+        const bool next = i + 1 < SHOWN && strcmp(values[i], values[i + 1]) == 0;
+
+        used += (size_t)snprintf(out + used, bytes - used, "%s ", shown_presets[i]);
+        used += next ? (size_t)snprintf(out + used, bytes - used, "and ")
+                     : (size_t)snprintf(out + used, bytes - used, "%s%s",
+                                        *values[i] ? values[i] : "none", i + 1 < SHOWN ? ", " : "");
+    }
+}
+
+static void put_row(FILE *to, const cln_config_row *row, const cln_config presets[SHOWN])
+{
+    char left[96], help[1280], range[2 * CLN_NUMBER_BYTES + 8] = "";
+    char values[SHOWN * (CLN_TEXT_BYTES + 16)];
     char min[CLN_NUMBER_BYTES], max[CLN_NUMBER_BYTES], alias[64] = "";
 
-    cln_config_text(fast, row, in_fast);
-    cln_config_text(paper, row, in_paper);
+    text_of_values(presets, row, values, sizeof values);
     if (row->type == CLN_ROW_BOOL)
         snprintf(left, sizeof left, "  --[no-]%s", row->option);
     else
@@ -116,21 +145,17 @@ static void put_row(FILE *to, const cln_config_row *row, const cln_config *fast,
     }
     if (row->alias)
         snprintf(alias, sizeof alias, "; also --%s", row->alias);
-    if (strcmp(in_fast, in_paper) == 0)
-        snprintf(help, sizeof help, "%s (%sdefault %s%s)", row->help, range,
-                 *in_fast ? in_fast : "none", alias);
-    else
-        snprintf(help, sizeof help, "%s (%sfast %s, paper %s%s)", row->help, range,
-                 *in_fast ? in_fast : "none", *in_paper ? in_paper : "none", alias);
+    snprintf(help, sizeof help, "%s (%s%s%s)", row->help, range, values, alias);
     put_entry(to, left, help);
 }
 
 static void put_rows(FILE *to, const cln_command *command)
 {
-    cln_config fast, paper;
+    cln_config presets[SHOWN];
 
-    if (cln_config_preset("fast", &fast) != CLN_OK || cln_config_preset("paper", &paper) != CLN_OK)
-        return;
+    for (int i = 0; i < SHOWN; i++)
+        if (cln_config_preset(shown_presets[i], &presets[i]) != CLN_OK)
+            return;
     for (int g = 0; g < CLN_CONFIG_GROUPS; g++) {
         bool titled = false;
 
@@ -143,7 +168,7 @@ static void put_rows(FILE *to, const cln_command *command)
             if (!titled)
                 fprintf(to, "\n%s:\n", cln_config_groups[g][1]);
             titled = true;
-            put_row(to, row, &fast, &paper);
+            put_row(to, row, presets);
         }
     }
 }

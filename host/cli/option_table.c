@@ -135,9 +135,9 @@ const cln_arg cln_args[] = {
     INT(CLN_POSES, "frames", frames, "N", 3, 10000,
         "frames to take from a video", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE, "preset", preset, CLN_PRESETS,
-         "defaults of the options below: chosen for a CPU, the paper's, those of two baselines "
-         "(nerf: one network; kilonerf: a uniform grid of small ones), or voxels instead of "
-         "networks", .standard = "fast"),
+         "defaults of the options below: leaves of voxels; of networks, chosen for a CPU (fast) or "
+         "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones)",
+         .standard = CLN_DEFAULT_PRESET),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
          "continue a run with its settings; options that are given replace them; --steps, --epochs "
          "and --time-limit take +N for N more"),

@@ -93,6 +93,14 @@ static void test_refused(void **state)
     set(settings, "lr-final", "0.5");
     assert_int_equal(cln_settings_check(settings), CLN_USAGE);
     cln_clear_error();
+    assert_int_equal(cln_settings_create(NULL, &none), CLN_OK);
+    set(none, "encoding", "grid");
+    assert_int_equal(cln_settings_check(none), CLN_USAGE); /* at voxels' learning rate */
+    assert_non_null(strstr(cln_error_text(), "--preset fast"));
+    cln_clear_error();
+    set(none, "lr", "0.01");
+    assert_int_equal(cln_settings_check(none), CLN_OK);
+    cln_settings_free(none);
     assert_int_equal(cln_settings_create("slow", &none), CLN_USAGE);
     assert_null(none);
     cln_clear_error();
@@ -286,8 +294,8 @@ static void test_idle(void **state)
          "decoder-lr=1 encoding=voxel decoder-width=32"},
         {"harmonics=2 encoding=voxel view-dependence=no", "--harmonics", "--view-dependence",
          "harmonics=2 encoding=voxel"},
-        {"width=16 encoding=voxel", "--width", "--encoding frequency", "width=16"},
-        {"rrelu-lower=-0.5 encoding=voxel", "--rrelu-lower", "--encoding frequency",
+        {"width=16 encoding=voxel", "--width", "--preset fast", "width=16"},
+        {"rrelu-lower=-0.5 encoding=voxel", "--rrelu-lower", "--preset fast",
          "rrelu-lower=-0.5"},
         {"view-width=64 view-dependence=no", "--view-width", "--view-dependence", "view-width=64"},
         {"view-l2=1 view-dependence=no", "--view-l2", "--view-dependence", "view-l2=1"},

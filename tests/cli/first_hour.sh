@@ -14,8 +14,8 @@ work=$(mktemp -d "${TMPDIR:-/tmp}/cln hour XXXXXX")
 trap 'rm -rf "$work"' EXIT
 
 # A network small enough for a second's training.
-small=(--skip-selftest --progress line --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
-    --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+small=(--skip-selftest --progress line --preset fast --width 16 --depth 2 --view-width 16
+    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
     --cull-from 0.3 --cull-after 0 --max-leaves 60 --distil-steps 20)
 
 . tests/support/checks.sh
@@ -150,7 +150,7 @@ section_words() {
 # What lies at a path, and settings beside a scene.
 section_scenes() {
     local s=$work/scene conf=$work/scene/cl-nascent.conf c
-    local tree=(--width 16 --depth 2 --view-width 16 --start-level 1 --level-at 2:0.4
+    local tree=(--preset fast --width 16 --depth 2 --view-width 16 --start-level 1 --level-at 2:0.4
         --max-leaves 80)
     "$make_scene" "$s" --size 32 --train 6 --test 3 >/dev/null
     printf '%s\n' '# settings of this scene' 'eval-images = 2' '  --rays=512  # few' no-skip \

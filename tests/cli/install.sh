@@ -213,9 +213,8 @@ export LD_LIBRARY_PATH=$lib
 # ---- the examples ----
 
 "$make_scene" "$work/scene" --size 32 --train 8 --test 2 >/dev/null || bad "make-scene"
-small=(width=16 depth=2 view-width=16 bands=4 n1=8 rays=256 batch-samples=4096 start-level=1
-    level-at=
-    max-level=1 cull-after=0 log-every=20)
+small=(grid-cells=4 n1=8 rays=256 batch-samples=4096 start-level=1
+    level-at= max-level=1 cull-after=0 log-every=20)
 
 digest() {
     "$usr/bin/cl-nascent" info "$1" --json 2>/dev/null | "$query" model_digest

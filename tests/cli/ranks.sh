@@ -28,8 +28,8 @@ export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREA
 mpi=(mpirun --oversubscribe --bind-to none)
 
 # a tree that grows, is culled, splits and merges on the way
-small=(--skip-selftest --progress none --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
-    --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+small=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
+    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
     --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60 --structure-from 0.5
     --structure-every 0.1 --structure-until 0.95 --split-samples 0 --distil-steps 20)
 
@@ -364,8 +364,8 @@ section_resume() {
 # What does not fit --device-mem of one process is trained by four, each within it.
 section_memory() {
     local limit on=$work/full
-    local large=(--skip-selftest --progress none --width 64 --depth 8 --start-level 2 --level-at ""
-        --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
+    local large=(--skip-selftest --progress none --preset fast --width 64 --depth 8 --start-level 2
+        --level-at "" --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
     baseline
     run "$cln" train "$work/scene" -o "$on" "${large[@]}" --device-mem 1M
     limit=$(grep -oE '= [0-9.]+ MiB of' "$work/err" | awk '{ printf "%.1fM", 0.88 * $2 }')

@@ -72,19 +72,23 @@ static void help_names_every_option_with_its_defaults(void **state)
 static void help_shows_ranges_words_and_presets(void **state)
 {
     char *text = printed(cln_help_print, cln_command_find("train"), true);
-    char wanted[1024], fast[CLN_TEXT_BYTES], paper[CLN_TEXT_BYTES];
-    cln_config in_fast, in_paper;
+    char wanted[1024], voxel[CLN_TEXT_BYTES], fast[CLN_TEXT_BYTES], paper[CLN_TEXT_BYTES];
+    cln_config in_voxel, in_fast, in_paper;
     const cln_config_row *row = cln_config_find("n1");
 
     (void)state;
     assert_non_null(row);
+    assert_int_equal(cln_config_preset("voxel", &in_voxel), CLN_OK);
     assert_int_equal(cln_config_preset("fast", &in_fast), CLN_OK);
     assert_int_equal(cln_config_preset("paper", &in_paper), CLN_OK);
+    cln_config_text(&in_voxel, row, voxel);
     cln_config_text(&in_fast, row, fast);
     cln_config_text(&in_paper, row, paper);
     assert_string_not_equal(fast, paper);
-    snprintf(wanted, sizeof wanted, "(2 to 128; fast %s, paper %s)", fast, paper);
+    snprintf(wanted, sizeof wanted, "(2 to 128; voxel %s, fast %s, paper %s)", voxel, fast, paper);
     assert_non_null(strstr(text, wanted));
+    assert_non_null(strstr(text, "voxel and fast 0.7, paper 0)")); /* --regrow */
+    assert_non_null(strstr(text, "default 0.25)"));                /* --uniform-share */
     assert_non_null(strstr(text, "--cull guarded|mean "));
     assert_non_null(strstr(text, "CL_NASCENT_DEVICE"));
     assert_non_null(strstr(text, "also --t-min)"));

@@ -201,11 +201,15 @@ static void presets_are_the_base(void **state)
         assert_string_equal(text, wanted);
     }
     done(&l);
-    parsed(&l, "train s -o r");
+    parsed(&l, "train s -o r --preset fast");
     assert_int_equal(l.options.settings->config.depth, fast.depth);
     assert_string_equal(l.options.preset, "fast");
     done(&l);
-    assert_refused("train s -o r --preset=slow", "--preset|slow|fast|paper|nerf|kilonerf|voxel");
+    parsed(&l, "train s -o r");
+    assert_int_equal(l.options.settings->config.encoding, CLN_ENCODING_VOXEL);
+    assert_string_equal(l.options.preset, "voxel");
+    done(&l);
+    assert_refused("train s -o r --preset=slow", "--preset|slow|voxel|fast|paper|nerf|kilonerf");
 }
 
 static void repeated_options_the_last_counts(void **state)

@@ -13,7 +13,7 @@ work=$(mktemp -d "${TMPDIR:-/tmp}/cln-tree-XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
-net=(--skip-selftest --progress none --width 16 --view-width 16 --n1 8 --cull-after 0
+net=(--skip-selftest --progress none --preset fast --width 16 --view-width 16 --n1 8 --cull-after 0
     --split-samples 0)
 
 # Changing the tree costs about ten steps, so culling waits for a hundredth of the leaves, or for a

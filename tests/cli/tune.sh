@@ -13,7 +13,7 @@ work=$(mktemp -d "${TMPDIR:-/tmp}/cln tune [*] (+) XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
-net=(--width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1)
+net=(--preset fast --width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1)
 "$make_scene" "$work/blender" --size 32 --train 6 --test 2 >/dev/null
 
 # Every set of the last `tune --json` but the first was judged by its figures, and stderr says so.
