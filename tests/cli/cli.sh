@@ -377,6 +377,14 @@ section_train() {
         --steps $steps
     check "one thread, same bits" is_whole "$work/thread"
 
+    run "$cln" train "$work/blender" -o "$work/usual" --skip-selftest --progress none --rays 512 \
+        --steps 8 --json
+    check "train without options" [ $rc = 0 ]
+    check "by default there are voxels" \
+        [ "$("$query" config.encoding <"$work/usual/run.json")" = voxel ]
+    expect "--encoding grid at voxels' rates" 2 "--encoding ~--preset.fast" "$cln" train \
+        "$work/blender" -o "$work/never" --encoding grid
+
     psnr=$("$query" result.psnr_test <"$work/whole/run.json")
     train gpu-shaped --json --tune \
         VW=1,NV=1,LS=16,TS=8,NB=16,SL=128,WG=64,SG=256,DB=8,CHUNK=2048,LEAF=0
