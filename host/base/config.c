@@ -153,6 +153,7 @@ static const setting voxel[] = {
     {"lr", "0.1"},
     {"lr-final", "0.01"},
     {"beta1", "0"},
+    {"distortion-loss", "0.004"},
     {"density-lr", "4"},
     {"harmonics-lr", "0.2"},
     {"smooth-density", "4e-9"},
