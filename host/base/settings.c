@@ -158,8 +158,9 @@ cln_status cln_settings_check(const cln_settings *settings)
 {
     if (settings->preset[0] && settings->base.encoding == CLN_ENCODING_VOXEL &&
         settings->config.encoding != CLN_ENCODING_VOXEL && !is_given(settings, "lr"))
-        return cln_fail(CLN_USAGE, "--encoding: networks do not train at preset %s's learning rate "
-                                   "(--lr); give --preset fast, too",
+        return cln_fail(CLN_USAGE,
+                        "--encoding: networks do not train at preset %s's learning rate "
+                        "(--lr); give --preset fast, too",
                         settings->preset);
     return cln_config_check(&settings->config);
 }

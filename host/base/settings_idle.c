@@ -42,8 +42,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "only networks of 6 layers or more have a skip connection; give --depth 6"},
         {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope "
          "rrelu-lower rrelu-upper init min-leaf-samples",
-         !cln_leaf_kind_of(c->encoding)->network,
-         "voxels have no network; give --preset fast"},
+         !cln_leaf_kind_of(c->encoding)->network, "voxels have no network; give --preset fast"},
         {"harmonics decoder-width decoder-lr density-lr harmonics-lr smooth-density smooth-colour "
          "smooth-density-delta smooth-colour-delta cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},

@@ -134,7 +134,7 @@ const cln_arg cln_args[] = {
          "of a video, or more than 120 numbered photos", .standard = "auto"),
     INT(CLN_POSES, "frames", frames, "N", 3, 10000,
         "frames to take from a video", .standard = "150"),
-    WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE, "preset", preset, CLN_PRESETS,
+    WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE | CLN_INFO, "preset", preset, CLN_PRESETS,
          "defaults of the options below: leaves of voxels; of networks, chosen for a CPU (fast) or "
          "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones)",
          .standard = CLN_DEFAULT_PRESET),

@@ -95,7 +95,7 @@ section_refused() {
     mkdir -p "$work/off" && cp kernels/lanes.h "$work/off/"
     printf '#undef MAD\n#define MAD(a, b, c) (1.001f * fma((a), (b), (c)))\n' >>"$work/off/lanes.h"
     expect "train on a device that fails the self-test: case, way out" 10 \
-        "~fast.preset:.[a-z]+: ~does.not.compute --skip-selftest" \
+        "~voxels:.[a-z]+: ~does.not.compute --skip-selftest" \
         "$cln" train "$work/blender" -o "$work/refused" "${tiny[@]:1}" --steps 2 \
         --kernel-dir "$work/off"
     check "it names the device" said "$("$cln" devices --no-test --json | "$query" devices.0.name)"
