@@ -7,6 +7,7 @@
 #include "io/json.h"
 #include "io/run_folder.h"
 #include "render/open_run.h"
+#include "ranks/ranks.h"
 #include "render/orbit.h"
 #include "view/facts.h"
 #include "view/server.h"
@@ -47,15 +48,23 @@ static cln_status serve(cln_server *server, const cln_callbacks *callbacks)
 
         if (signal == SIGINT || signal == SIGTERM)
             CLN_TRY(cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal"));
+        cln_ranks_answer(); /* the others wait for a picture */
         CLN_TRY(cln_server_turn(server, 0.1, &painted));
     }
 done:
     return st;
 }
 
+/* By ranks: rank 0 serves, and the others render their part of each batch. */
+static cln_status check_ranks(const cln_model *model)
+{
+    return cln_ranks_count() > 1 ? cln_ranks_agree(cln_model_digest(model), "checkpoint") : CLN_OK;
+}
+
 cln_status cln_view_run(const cln_view_desc *desc)
 {
     cln_status st = CLN_OK;
+    const bool serves = cln_ranks_me() == 0;
     cln_listener listener = {.socket = -1};
     cln_open_run opened = {0};
     cln_painter painter = {.pipeline = &opened.pipeline, .model = &opened.model};
@@ -67,11 +76,17 @@ cln_status cln_view_run(const cln_view_desc *desc)
 
     CLN_TRY(cln_serve_possible());
     CLN_TRY(cln_device_check(&desc->device));
-    CLN_TRY(cln_listen_open(desc->listen, desc->port, &listener));
+    if (serves)
+        CLN_TRY(cln_listen_open(desc->listen, desc->port, &listener));
     CLN_TRY(open_run(desc, &opened, &frame));
+    CLN_TRY(check_ranks(&opened.model));
     facts.scene = painter.scene = opened.scene;
     CLN_TRY(cln_facts_camera(&frame, &first));
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene ? opened.scene->lenses : 0));
+    if (!serves) {
+        st = cln_painter_follow(&painter);
+        goto done;
+    }
     CLN_TRY(cln_painter_open(&painter, &first));
     CLN_TRY(cln_facts_text(&facts, &text));
     CLN_TRY(cln_server_open(
@@ -80,6 +95,8 @@ cln_status cln_view_run(const cln_view_desc *desc)
         desc->ready(listener.address, desc->callbacks.user);
     st = serve(server, &desc->callbacks);
 done:
+    if (st == CLN_OK || st == CLN_SIGINT || st == CLN_SIGTERM) /* else it ends all */
+        cln_painter_end(&painter);
     cln_server_close(server);
     cln_listen_close(&listener);
     cln_open_run_close(&opened);

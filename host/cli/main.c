@@ -37,10 +37,10 @@ static cln_status join_ranks(const cln_command *command)
     CLN_TRY(cln_ranks_open());
     if (cln_ranks_me() > 0) /* rank 0 has the log */
         cln_log_set_level(CLN_LOG_WARN);
-    if (cln_ranks_count() > 1 && !(command->bit & (CLN_TRAIN | CLN_EVAL | CLN_RENDER)))
+    if (cln_ranks_count() > 1 && !(command->bit & (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW)))
         CLN_TRY(cln_fail(CLN_USAGE,
                          "%s: runs in one process, not in %d; start it without mpirun or srun "
-                         "(only train, eval and render take several)",
+                         "(only train, eval, render and view take several)",
                          command->name, cln_ranks_count()));
 done:
     return st;

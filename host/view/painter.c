@@ -11,6 +11,7 @@
 
 #include "base/memory.h"
 #include "io/image.h"
+#include "ranks/ranks.h"
 #include "render/depth_picture.h"
 #include "render/orbit.h"
 #include "render/tree_picture.h"
@@ -60,6 +61,34 @@ done:
     return st;
 }
 
+/* What a batch of rays depends on, besides the model: rank 0 tells it the others. */
+typedef struct order {
+    bool last; /* there are no more batches */
+    cln_camera camera;
+    cln_crop crop;
+    float background[3];
+    int done, next; /* as in cln_rendering */
+} order;
+
+static void lead(const cln_painter *painter, const cln_ask *ask, const cln_camera *camera,
+                 const cln_rendering *r)
+{
+    order o = {.camera = *camera, .crop = ask->crop, .done = r->done, .next = r->next};
+
+    memcpy(o.background, ask->background, sizeof o.background);
+    if (painter->leads)
+        cln_ranks_tell(&o, sizeof o);
+}
+
+void cln_painter_end(cln_painter *painter)
+{
+    order o = {.last = true};
+
+    if (painter->leads)
+        cln_ranks_tell(&o, sizeof o);
+    painter->leads = false;
+}
+
 /* A training may have changed the tree and the memory plan since the last batch. */
 static cln_status step_rendering(cln_painter *painter, cln_rendering *r)
 {
@@ -70,6 +99,35 @@ static cln_status step_rendering(cln_painter *painter, cln_rendering *r)
     if (p->max_rays > 0 && p->max_rays < r->most)
         r->most = p->max_rays;
     return cln_rendering_step(painter->pipeline, r);
+}
+
+/* Renders a batch; the picture is rank 0's. */
+static cln_status follow(cln_painter *painter, order *o)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline *p = painter->pipeline;
+    cln_rendering r = {0};
+
+    CLN_TRY(set_up(painter, &o->camera, &o->crop));
+    CLN_TRY(cln_rendering_begin(p, 0, o->background, false, &r));
+    r.done = o->done;
+    r.next = o->next;
+    CLN_TRY(step_rendering(painter, &r));
+done:
+    cln_rendering_end(p, &r);
+    return st;
+}
+
+cln_status cln_painter_follow(cln_painter *painter)
+{
+    cln_status st = CLN_OK;
+    order o = {0};
+
+    CLN_TRY(cln_render_prepare(painter->pipeline));
+    for (cln_ranks_tell(&o, sizeof o); !o.last; cln_ranks_tell(&o, sizeof o))
+        CLN_TRY(follow(painter, &o));
+done:
+    return st;
 }
 
 /* Reduces the picture to as many pixels as the device renders within the budget. */
@@ -235,6 +293,7 @@ static cln_status step_picture(cln_painter *painter, cln_painting *g)
         /* another picture may have come between */
         CLN_TRY(set_up(painter, &g->ask.camera, &g->ask.crop));
     }
+    lead(painter, &g->ask, &g->ask.camera, r);
     CLN_TRY(step_rendering(painter, r));
     if (r->done == g->width * g->height)
         CLN_TRY(deliver(painter, g));
@@ -304,6 +363,7 @@ static cln_status paint_point(cln_painter *painter, cln_painting *g)
     one.width = one.height = 1;
     CLN_TRY(set_up(painter, &one, &g->ask.crop));
     CLN_TRY(cln_rendering_begin(painter->pipeline, 0, g->ask.background, false, &g->rendering));
+    lead(painter, &g->ask, &one, &g->rendering);
     CLN_TRY(step_rendering(painter, &g->rendering));
     cln_camera_ray(&one, 0.5, 0.5, origin, direction);
     if (g->rendering.picture.opacity[0] > 0)
@@ -422,6 +482,8 @@ cln_status cln_painter_step(cln_painter *painter, cln_painting *g)
         learn_speed(painter, g);
     if (st == CLN_OK || st == CLN_CL || st == CLN_BUILD || st == CLN_INTERNAL)
         return st;
+    if (painter->leads && g->rendering.under_way)
+        return st;
     cln_painting_say(g, status_of(st), cln_error_text());
     cln_clear_error();
     return CLN_OK;
@@ -433,6 +495,7 @@ cln_status cln_painter_open(cln_painter *painter, const cln_camera *first)
     cln_painting g = {0};
 
     painter->seconds_per_pixel = 1e-6;
+    painter->leads = painter->pipeline->ranks > 1;
     if (!painter->training)
         CLN_TRY(cln_render_prepare(painter->pipeline));
     for (int i = 0; i < 3; i++) { /* the first one also warms the driver up */

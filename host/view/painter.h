@@ -16,6 +16,7 @@ typedef struct cln_painter {
     bool training; /* the pipeline is a training's: pictures take its densities as they are */
     double seconds_per_pixel; /* of pictures, encoding included; measured */
     cln_reel reel;            /* the film that is made or was made last */
+    bool leads;               /* other ranks follow */
 } cln_painter;
 
 /* A request and its answer; the caller zeroes it and sets `ask`. */
@@ -41,9 +42,15 @@ typedef struct cln_painting {
 cln_status cln_painter_open(cln_painter *painter, const cln_camera *first);
 
 /* Continues a painting by one batch; it is done when its status is not 0. An error of one painting
- * (no memory for its size, a photo that cannot be read) becomes its answer; errors of the device
- * are returned. */
+ * (no memory for its size, a photo that cannot be read) becomes its answer; errors of the device,
+ * and those in a batch that other ranks render, too, are returned. */
 cln_status cln_painter_step(cln_painter *painter, cln_painting *painting);
+
+/* With a pipeline that ranks share, rank 0 paints, and each of its batches of rays takes all of
+ * them: the others follow it, instead of opening a painter, until it says that there are no more.
+ * CLN_CL, CLN_MEMORY. */
+cln_status cln_painter_follow(cln_painter *painter);
+void cln_painter_end(cln_painter *painter);
 
 /* Makes a sentence the answer. */
 void cln_painting_say(cln_painting *painting, int status, const char *sentence);

@@ -579,7 +579,6 @@ section_pictures() {
         -o "$work/voxels-two"
     check "frames of voxels are those of one process" \
         diff -r "$work/voxels-one" "$work/voxels-two"
-    expect "view by several is refused" 2 "one process" "${mpi[@]}" -n 2 "$ranked" view "$work/one"
     run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --width 64 \
         --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \
         --n1 8 --steps 1
@@ -590,6 +589,51 @@ section_pictures() {
     run "$cln" render "$work/large" -o "$work/alone"
     check "the pictures are those of one process with room" \
         diff -r "$work/alone" "$work/views of four"
+}
+
+# shown FOLDER PROGRAM...: what a viewer of the first run sends for some requests; $rc: its end
+shown() {
+    local to=$1 child address end=$((SECONDS + 120)) path i=0 first
+    shift
+    mkdir "$to"
+    : >"$work/out"
+    env --default-signal=INT,TERM "$@" view "$work/one" >"$work/out" 2>"$work/err" &
+    child=$!
+    until [ -s "$work/out" ] || ! kill -0 "$child" 2>/dev/null || [ $SECONDS -ge $end ]; do
+        sleep 0.05
+    done
+    address=$(cat "$work/out")
+    for path in "picture?view=9&format=png" "picture?view=3&width=200&format=png&show=depth" \
+        "picture?view=9&format=png&crop=-1,-1,-1,1,0.2,1&background=1,0,0" "point?view=9&x=24&y=20" \
+        "picture?view=9&format=png&show=level" "photo?view=2&side=48"; do
+        curl -sg --max-time 120 -o "$to/$((i++))" -H "X-Viewer: me" "${address%/}/$path"
+    done
+    curl -sg --max-time 120 -o "$to/small" -H "X-Viewer: me" "${address%/}/picture?view=9&ms=1"
+    [ -s "$to/small" ] && rm "$to/small" # its size depends on the device's speed
+    first=$(process 0)
+    kill -TERM "${first:-$child}"
+    wait "$child"
+    rc=$?
+}
+
+# Rank 0 serves a browser, the others render their part.
+section_view() {
+    baseline
+    shown "$work/shown-one" "$cln"
+    check "one process shows a run" [ $rc = 0 ]
+    check "it sends pictures" grep -q PNG "$work/shown-one/0"
+    shown "$work/shown-two" "${mpi[@]}" -n 2 "$ranked"
+    check "two ranks show a run, until a signal" [ $rc = 0 ]
+    check "what they send is what one process sends" \
+        diff -r "$work/shown-one" "$work/shown-two"
+    check "rank 0 alone says that the viewer ends" [ "$(grep -c 'viewer has ended' "$work/err")" = 1 ]
+    cp -r "$work/one" "$work/changed"
+    run "$cln" train --resume "$work/changed" --skip-selftest --progress none --steps +1
+    expect "viewers of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \
+        "${mpi[@]}" -n 1 "$ranked" view "$work/one" : \
+        -n 1 "$ranked" view "$work/changed"
+    expect "export by several is refused" 2 "one process" "${mpi[@]}" -n 2 "$ranked" export \
+        "$work/one" -o "$work/no"
 }
 
 # bench/scale computes the bytes that a training counted.
@@ -610,4 +654,4 @@ section_scale() {
 }
 
 run_sections "same photos stretches step voxels resume checkpoints dies hangs differ memory \
-devices pictures scale" "$@"
+devices pictures view scale" "$@"
