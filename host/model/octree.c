@@ -271,22 +271,16 @@ done:
 
 /* Marked cells that cln_octree_regrow() makes leaves of. */
 typedef struct regrowth {
-    const uint8_t *cells;
-    int depth, level;
+    const cln_marks *marks;
+    int level;
     const uint8_t *empty; /* [old slot] */
 } regrowth;
 
 static bool has_marked(const cln_octree *tree, int node, const regrowth *g)
 {
-    int low[3], high[3];
+    const int cell[3] = {tree->pos[node][0], tree->pos[node][1], tree->pos[node][2]};
 
-    cln_octree_cells(tree, node, g->depth, low, high);
-    for (int z = low[2]; z < high[2]; z++)
-        for (int y = low[1]; y < high[1]; y++)
-            for (int x = low[0]; x < high[0]; x++)
-                if (g->cells[cln_cell_at(x, y, z, 1 << g->depth)])
-                    return true;
-    return false;
+    return cln_marks_meet(g->marks, tree->level[node], cell);
 }
 
 static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
@@ -308,7 +302,8 @@ static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
         return CLN_OK;
     }
     if (tree->state[node] == CLN_NODE_CULLED) {
-        CLN_TRY(reserve(tree, 8));
+        if (tree->node_capacity - tree->node_count < 8) /* a copy of the tree, so not each time */
+            CLN_TRY(reserve(tree, 8 + tree->node_count / 2));
         add_children(tree, node);
         for (int i = 0; i < 8; i++)
             tree->state[tree->child[node] + i] = CLN_NODE_CULLED;
@@ -319,11 +314,11 @@ done:
     return st;
 }
 
-cln_status cln_octree_regrow(cln_octree *tree, const uint8_t *cells, int depth, int level,
+cln_status cln_octree_regrow(cln_octree *tree, const cln_marks *marks, int level,
                              const uint8_t *empty, cln_octree_change *change)
 {
     cln_status st = CLN_OK;
-    const regrowth g = {cells, depth, level, empty};
+    const regrowth g = {marks, level, empty};
     int32_t *leaf = NULL;
 
     memset(change, 0, sizeof *change);

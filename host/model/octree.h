@@ -16,6 +16,7 @@
 #include <stdint.h>
 #include "base/status.h"
 #include "device_abi.h"
+#include "model/marks.h"
 
 enum { CLN_NODE_INNER, CLN_NODE_ACTIVE, CLN_NODE_CULLED };
 
@@ -65,10 +66,10 @@ bool cln_octree_can_merge(const cln_octree *tree, int slot);
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
 
-/* Makes ACTIVE leaves of `level` again in CULLED nodes where cells are marked (cells[(z n + y) n +
- * x], n = 2^depth); a marked CULLED node of that level or deeper becomes ACTIVE itself. ACTIVE
- * leaves that are `empty` [slot] but have a marked cell begin anew. */
-cln_status cln_octree_regrow(cln_octree *tree, const uint8_t *cells, int depth, int level,
+/* Makes ACTIVE leaves of `level` again in CULLED nodes where cells are marked (marks in order); a
+ * marked CULLED node of that level or deeper becomes ACTIVE itself. ACTIVE leaves that are `empty`
+ * [slot] but have a marked cell begin anew. */
+cln_status cln_octree_regrow(cln_octree *tree, const cln_marks *marks, int level,
                              const uint8_t *empty, cln_octree_change *change);
 
 /* Joins two successive changes: *change becomes *change, then `next`. A leaf is new in at most one

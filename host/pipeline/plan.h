@@ -21,7 +21,8 @@ enum {
      * in pictures if memory allows, else for 2 or 1. */
     CLN_TRAINING_BATCHES = 2,
     CLN_RENDER_BATCHES = 4,
-    CLN_DISTIL_BATCHES = 16 /* batches of distil-samples points that a merge cycles through */
+    CLN_DISTIL_BATCHES = 16, /* batches of distil-samples points that a merge cycles through */
+    CLN_LOOK_RAYS = 1 << 18  /* rays that --regrow looks at, of all photos */
 };
 
 /* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this

@@ -371,7 +371,7 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     if (missing.errors + missing.cut == 0)
         goto done;
     CLN_TRY(cln_octree_copy(&t->model.tree, &tree));
-    CLN_TRY(cln_octree_regrow(&tree, missing.cells, missing.depth, t->model.level, empty, &change));
+    CLN_TRY(cln_octree_regrow(&tree, &missing.marks, t->model.level, empty, &change));
     CLN_TRY(carve_fresh(t, &tree, &change, &fresh));
     if (fresh == 0)
         goto done;
@@ -398,7 +398,7 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
               (long long)t->model.step, fresh, t->pipeline.leaves, missing.errors, missing.cut,
               cln_now() - began);
 done:
-    free(missing.cells);
+    cln_marks_free(&missing.marks);
     free(empty);
     free(stats.mean);
     free(stats.peak);

@@ -12,13 +12,12 @@
 #include "train/step.h"
 
 enum {
-    ERROR_LEVEL = 5,     /* level of the cells tested for errors */
-    MOST_VIEWS = 48,     /* photos looked at, evenly chosen */
-    MOST_RAYS = 1 << 18, /* rays in all of them */
-    LEAST_ENDS = 3,      /* rays that must end at a face that cuts a surface off */
-    LEAST_SEEN = 3,      /* photos that must see a place */
-    POINTS = 3,          /* places of a cell along an axis */
-    LEAST_POINTS = 2,    /* of a cell's POINTS^3 that must show errors */
+    ERROR_LEVEL = 5,  /* level of the cells tested for errors */
+    MOST_VIEWS = 48,  /* photos looked at, evenly chosen */
+    LEAST_ENDS = 3,   /* rays that must end at a face that cuts a surface off */
+    LEAST_SEEN = 3,   /* photos that must see a place */
+    POINTS = 3,       /* places of a cell along an axis */
+    LEAST_POINTS = 2, /* of a cell's POINTS^3 that must show errors */
 };
 
 /* A ray ends at a face if it does within this share of the leaf's side behind it. */
@@ -41,9 +40,9 @@ typedef struct looks {
     look look[MOST_VIEWS];
     double square; /* sum of errors' squares */
     int64_t rays;
-    double least;  /* a larger difference is an error */
-    int depth;     /* of the tree, ERROR_LEVEL at least */
-    uint8_t *ends; /* [cell of that level] rays that end right behind it, up to LEAST_ENDS */
+    double least;    /* a larger difference is an error */
+    int depth;       /* of the tree, ERROR_LEVEL at least */
+    cln_marks *ends; /* a cell of that level for each ray that ends right behind it */
 } looks;
 
 static void free_looks(looks *all)
@@ -52,7 +51,6 @@ static void free_looks(looks *all)
         free(all->look[i].error);
         free(all->look[i].depth);
     }
-    free(all->ends);
 }
 
 /* Number of blocks along a side of `pixels` whose middle is in the image, at least one. */
@@ -122,9 +120,9 @@ static double way_back(const double at[3], const double way[3], double side)
     return least;
 }
 
-/* Counts, in the cell before it, a ray that ends right behind a leaf's face with no leaf before:
- * the surface that it meets may go on there. */
-static void count_end(const cln_trainer *t, looks *all, const look *l, int ray)
+/* Marks the cell before it for a ray that ends right behind a leaf's face with no leaf before: the
+ * surface that it meets may go on there. */
+static cln_status mark_end(const cln_trainer *t, looks *all, const look *l, int ray)
 {
     enum { NEARBY = 1024 }; /* a ray of the scene is straight in the cube over a part of so many */
     const cln_space *space = &t->scene->space;
@@ -138,38 +136,36 @@ static void count_end(const cln_trainer *t, looks *all, const look *l, int ray)
     int slot = 0, cell[3];
 
     if (!(depth > 0 && isfinite(depth)) || !cln_camera_ray(c, u, v, origin, way))
-        return;
+        return CLN_OK;
     point_on_ray(space, origin, way, depth, at);
     point_on_ray(space, origin, way, depth - depth / NEARBY, before);
     slot = cln_octree_find(tree, at);
     if (slot < 0)
-        return;
+        return CLN_OK;
     for (int a = 0; a < 3; a++) {
         way[a] = at[a] - before[a];
         length += way[a] * way[a];
     }
     length = sqrt(length);
     if (length == 0)
-        return;
+        return CLN_OK;
     const double side = ldexp(2, -tree->level[tree->leaf[slot]]);
 
     for (int a = 0; a < 3; a++)
         way[a] /= length;
     back = way_back(at, way, side);
     if (back > AT_FACE * side || back > length * NEARBY) /* the latter: the camera is in the leaf */
-        return;
+        return CLN_OK;
     back += side / NEARBY;
     for (int a = 0; a < 3; a++) {
         before[a] = at[a] - way[a] * back;
         if (!(before[a] >= -1 && before[a] < 1))
-            return;
+            return CLN_OK;
         cell[a] = (int)fmin((before[a] + 1) / 2 * n, n - 1);
     }
     if (cln_octree_find(tree, before) >= 0 || (space->shell && !cln_shell_holds(before)))
-        return;
-    uint8_t *ends = &all->ends[cln_cell_at(cell[0], cell[1], cell[2], n)];
-
-    *ends += *ends < LEAST_ENDS;
+        return CLN_OK;
+    return cln_marks_add(all->ends, all->depth, cell);
 }
 
 static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
@@ -206,77 +202,128 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
         cln_batch_look(&t->batch, t->scene, used);
         compare(t, all, l, first, used);
         for (int i = first; i < first + used; i++)
-            count_end(t, all, l, i);
+            CLN_TRY(mark_end(t, all, l, i));
     }
 done:
     return st;
 }
 
-/* Whether at least `share` of the photos that see a point of the cube have an error there. */
-static bool has_errors(const looks *all, const cln_space *space, const double cube[3], double share)
-{
+/* A place of the scene: photos that see it, and those of them that have an error there. */
+typedef struct place {
     double scene[3];
-    int seen = 0, bad = 0;
+    int seen, bad;
+} place;
 
-    cln_space_point_to_scene(space, cube, scene);
-    for (int i = 0; i < all->count && seen - bad <= (1 - share) * all->count; i++) {
-        const look *l = &all->look[i];
-        double u = 0, v = 0, z = 0, square = 0;
-        int at = 0;
+static place place_at(const cln_space *space, const double cube[3])
+{
+    place p = {.seen = 0};
 
-        if (!cln_camera_project(&l->view->camera, scene, &u, &v, &z) ||
-            !(u >= 0 && u < l->view->camera.width && v >= 0 && v < l->view->camera.height))
-            continue;
-        at = (int)fmin(floor(v / all->stride), l->down - 1) * l->across +
-             (int)fmin(floor(u / all->stride), l->across - 1);
-        for (int a = 0; a < 3; a++) {
-            const double d = (scene[a] - l->view->camera.c2w[4 * a + 3]) / space->half;
-
-            square += d * d;
-        }
-        if (l->depth[at] < sqrt(square)) /* hidden, or the pixel does not count */
-            continue;
-        seen++;
-        bad += l->error[at] > all->least;
-    }
-    return seen >= LEAST_SEEN && bad >= share * seen;
+    cln_space_point_to_scene(space, cube, p.scene);
+    return p;
 }
 
-static bool is_missing(const cln_trainer *t, const looks *all, const uint8_t *empty, int cell)
+/* Looks at places in one photo, whose errors stay in the cache meanwhile. most: no more photos may
+ * see a place without an error; then it is not missing. */
+static void look_at(const looks *all, const look *l, const cln_space *space, double most,
+                    place *places, int n)
 {
-    const cln_space *space = &t->scene->space;
-    const double share = t->model.config.regrow;
-    const int n = 1 << ERROR_LEVEL, corner[3] = {cell % n, cell / n % n, cell / n / n};
-    double at[3];
-    int slot = 0, missing = 0;
+    const cln_camera *c = &l->view->camera;
 
-    for (int a = 0; a < 3; a++)
-        at[a] = 2 * (corner[a] + 0.5) / n - 1;
-    slot = cln_octree_find(&t->model.tree, at);
-    if (space->shell && !cln_shell_holds(at))
-        return false;
-    if ((slot >= 0 && !empty[slot]) || !has_errors(all, space, at, share / 2))
-        return false; /* a cheap test that leaves few cells for the close look */
-    for (int p = 0; p < POINTS * POINTS * POINTS && missing < LEAST_POINTS; p++) {
-        const int part[3] = {p % POINTS, p / POINTS % POINTS, p / POINTS / POINTS};
+    for (place *p = places; p < places + n; p++) {
+        double u = 0, v = 0, z = 0, square = 0;
+        int x = 0, y = 0, at = 0;
 
-        for (int a = 0; a < 3; a++)
-            at[a] = 2 * (corner[a] + (part[a] + 0.5) / POINTS) / n - 1;
-        missing += has_errors(all, space, at, share);
+        if (p->seen - p->bad > most || !cln_camera_project(c, p->scene, &u, &v, &z) ||
+            !(u >= 0 && u < c->width && v >= 0 && v < c->height))
+            continue;
+        x = (int)(u / all->stride);
+        y = (int)(v / all->stride);
+        at = (y < l->down ? y : l->down - 1) * l->across + (x < l->across ? x : l->across - 1);
+        if (l->depth[at] < INFINITY) { /* hidden, or the pixel does not count? */
+            for (int a = 0; a < 3; a++) {
+                const double d = (p->scene[a] - c->c2w[4 * a + 3]) / space->half;
+
+                square += d * d;
+            }
+            if (l->depth[at] < sqrt(square))
+                continue;
+        }
+        p->seen++;
+        p->bad += l->error[at] > all->least;
+    }
+}
+
+/* Looks at places in all photos, where at least `share` of those that see a missing one have an
+ * error there. */
+static void look_around(const looks *all, const cln_space *space, double share, place *places,
+                        int n)
+{
+    for (int i = 0; i < all->count; i++)
+        look_at(all, &all->look[i], space, (1 - share) * all->count, places, n);
+}
+
+static bool has_errors(const place *p, double share)
+{
+    return p->seen >= LEAST_SEEN && p->bad >= share * p->seen;
+}
+
+/* Whether enough places of a cell of ERROR_LEVEL are missing: a close look. */
+static bool is_missing(const looks *all, const cln_space *space, double share, const int cell[3])
+{
+    const int n = 1 << ERROR_LEVEL;
+    int missing = 0;
+
+    for (int row = 0; row < POINTS * POINTS && missing < LEAST_POINTS; row++) {
+        place places[POINTS];
+
+        for (int x = 0; x < POINTS; x++) {
+            const int part[3] = {x, row % POINTS, row / POINTS};
+            double at[3];
+
+            for (int a = 0; a < 3; a++)
+                at[a] = 2 * (cell[a] + (part[a] + 0.5) / POINTS) / n - 1;
+            places[x] = place_at(space, at);
+        }
+        look_around(all, space, share, places, POINTS);
+        for (int x = 0; x < POINTS; x++)
+            missing += has_errors(&places[x], share);
     }
     return missing >= LEAST_POINTS;
 }
 
-/* Marks the cells [2^depth an axis] of one of ERROR_LEVEL. */
-static void mark_under(cln_missing *missing, int cell)
+/* Marks the cells of ERROR_LEVEL with this z that have no leaf or an empty one, and errors. */
+static cln_status mark_errors(const cln_trainer *t, const looks *all, const uint8_t *empty, int z,
+                              cln_missing *missing)
 {
-    const int n = 1 << ERROR_LEVEL, wide = 1 << (missing->depth - ERROR_LEVEL);
-    const int from[3] = {cell % n * wide, cell / n % n * wide, cell / n / n * wide};
+    enum { N = 1 << ERROR_LEVEL };
+    cln_status st = CLN_OK;
+    const cln_space *space = &t->scene->space;
+    const double share = t->model.config.regrow;
+    place middles[N * N];
+    int cells[N * N][3], n = 0;
 
-    for (int z = from[2]; z < from[2] + wide; z++)
-        for (int y = from[1]; y < from[1] + wide; y++)
-            for (int x = from[0]; x < from[0] + wide; x++)
-                missing->cells[cln_cell_at(x, y, z, 1 << missing->depth)] = 1;
+    for (int i = 0; i < N * N; i++) {
+        const int cell[3] = {i % N, i / N, z};
+        double at[3];
+        int slot = 0;
+
+        for (int a = 0; a < 3; a++)
+            at[a] = 2 * (cell[a] + 0.5) / N - 1;
+        slot = cln_octree_find(&t->model.tree, at);
+        if ((slot >= 0 && !empty[slot]) || (space->shell && !cln_shell_holds(at)))
+            continue;
+        memcpy(cells[n], cell, sizeof cell);
+        middles[n++] = place_at(space, at);
+    }
+    look_around(all, space, share / 2, middles, n); /* cheap, and most need no close look */
+    for (int i = 0; i < n; i++) {
+        if (!has_errors(&middles[i], share / 2) || !is_missing(all, space, share, cells[i]))
+            continue;
+        CLN_TRY(cln_marks_add(&missing->marks, ERROR_LEVEL, cells[i]));
+        missing->errors++;
+    }
+done:
+    return st;
 }
 
 cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, cln_missing *missing)
@@ -285,15 +332,13 @@ cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, cln_missing *mi
     const int views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN);
     const int depth = cln_octree_depth(&t->model.tree);
     looks all = {.count = views < MOST_VIEWS ? views : MOST_VIEWS,
-                 .depth = depth > ERROR_LEVEL ? depth : ERROR_LEVEL};
-    const size_t cells = (size_t)1 << (3 * all.depth);
+                 .depth = depth > ERROR_LEVEL ? depth : ERROR_LEVEL,
+                 .ends = &missing->marks};
 
-    *missing = (cln_missing){.depth = all.depth};
-    CLN_TRY(cln_alloc(&missing->cells, cells, 1, "marks of cells"));
+    *missing = (cln_missing){.errors = 0};
     if (t->scene->space.forward)
-        goto done;
-    CLN_TRY(cln_alloc(&all.ends, cells, 1, "marks of cells"));
-    all.stride = cln_scene_spread_stride(t->scene, CLN_SPLIT_TRAIN, all.count, MOST_RAYS);
+        return CLN_OK;
+    all.stride = cln_scene_spread_stride(t->scene, CLN_SPLIT_TRAIN, all.count, CLN_LOOK_RAYS);
     CLN_TRY(cln_step_catch_up(t));
     cln_queue_book(t->device, CLN_STAGE_PROBE);
     t->drawn = false; /* its batch is overwritten */
@@ -302,15 +347,11 @@ cln_status cln_regrow_find(cln_trainer *t, const uint8_t *empty, cln_missing *mi
             t, &all, cln_scene_spread_view(t->scene, CLN_SPLIT_TRAIN, i, all.count), &all.look[i]));
     all.least = 2 * sqrt(all.square / fmax(1, (double)all.rays));
     all.least = fmin(LARGE_ERROR, fmax(LEAST_ERROR, all.least));
-    for (size_t i = 0; i < cells; i++) {
-        missing->cells[i] = all.ends[i] == LEAST_ENDS;
-        missing->cut += missing->cells[i];
-    }
-    for (int i = 0; i < 1 << (3 * ERROR_LEVEL); i++)
-        if (is_missing(t, &all, empty, i)) {
-            mark_under(missing, i);
-            missing->errors++;
-        }
+    cln_marks_keep(&missing->marks, LEAST_ENDS);
+    missing->cut = missing->marks.count;
+    for (int z = 0; z < 1 << ERROR_LEVEL; z++)
+        CLN_TRY(mark_errors(t, &all, empty, z, missing));
+    cln_marks_order(&missing->marks);
 done:
     cln_queue_book(t->device, CLN_STAGES);
     free_looks(&all);

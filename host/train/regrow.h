@@ -7,10 +7,8 @@
 
 #include "train/trainer.h"
 
-/* Cells of the cube [z][y][x], 2^depth an axis: what lacks a leaf is marked. */
 typedef struct cln_missing {
-    int depth;
-    uint8_t *cells; /* the caller frees them */
+    cln_marks marks; /* what lacks a leaf, in order; the caller frees them */
     int errors,
         cut; /* cells of level 5 found by errors; cells found by surfaces that are cut off */
 } cln_missing;

@@ -439,8 +439,14 @@ static void same_tree(const cln_octree *a, const cln_octree *b)
  * cells restart; all others stay as they are. */
 static void test_regrow(void **state)
 {
-    enum { N = 8 };
-    uint8_t marks[64] = {0}, empty[64] = {0}, cells[N * N * N] = {0};
+    static const int marked[][3] = {
+        {0, 0, 0}, {1, 0, 0}, /* two cells of level 3 in the group */
+        {3, 3, 3},            /* another, in its last child */
+        {7, 7, 7},            /* one in the leaf at the highest corner */
+        {4, 0, 0}, {6, 0, 0}, /* in the first two leaves of the second group */
+    };
+    uint8_t marks[64] = {0}, empty[64] = {0};
+    cln_marks cells = {0};
     cln_octree tree;
     cln_octree_change change;
     int fresh = 0;
@@ -451,19 +457,17 @@ static void test_regrow(void **state)
     marks[63] = 1;       /* the leaf at the highest corner */
     assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
     cln_octree_change_free(&change);
-    assert_int_equal(cln_octree_regrow(&tree, cells, 3, 3, empty, &change), CLN_OK);
+    assert_int_equal(cln_octree_regrow(&tree, &cells, 3, empty, &change), CLN_OK);
     assert_int_equal(change.count, 55); /* no marks, no change */
     for (int s = 0; s < 55; s++)
         assert_true(change.octant[s] == CLN_COPIED && change.from[s] == s);
     cln_octree_change_free(&change);
 
-    cells[0] = cells[1] = 1;        /* two cells of level 3 in the group */
-    cells[(3 * N + 3) * N + 3] = 1; /* another, in its last child */
-    cells[N * N * N - 1] = 1;       /* one in the leaf at the highest corner */
-    cells[4] = 1;                   /* in the first two leaves of the second group */
-    cells[6] = 1;
+    for (size_t i = 0; i < sizeof marked / sizeof marked[0]; i++)
+        assert_int_equal(cln_marks_add(&cells, 3, marked[i]), CLN_OK);
+    cln_marks_order(&cells);
     empty[0] = 1;
-    assert_int_equal(cln_octree_regrow(&tree, cells, 3, 3, empty, &change), CLN_OK);
+    assert_int_equal(cln_octree_regrow(&tree, &cells, 3, empty, &change), CLN_OK);
     assert_int_equal(tree.leaf_count, 55 + 4);
     check_tree(&tree);
     for (int s = 0; s < change.count; s++) {
@@ -483,12 +487,15 @@ static void test_regrow(void **state)
     assert_int_equal(cln_octree_find(&tree, (double[3]){-0.9, -0.6, -0.9}), -1);
     cln_octree_change_free(&change);
 
-    cells[2] = 1; /* a level above that of the culled nodes: those themselves come back */
+    /* a level above that of the culled nodes: those themselves come back */
+    assert_int_equal(cln_marks_add(&cells, 3, (int[3]){2, 0, 0}), CLN_OK);
+    cln_marks_order(&cells);
     memset(empty, 0, sizeof empty);
-    assert_int_equal(cln_octree_regrow(&tree, cells, 3, 1, empty, &change), CLN_OK);
+    assert_int_equal(cln_octree_regrow(&tree, &cells, 1, empty, &change), CLN_OK);
     assert_int_equal(tree.leaf_count, 60);
     check_tree(&tree);
     cln_octree_change_free(&change);
+    cln_marks_free(&cells);
     cln_octree_free(&tree);
 }
 

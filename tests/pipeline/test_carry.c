@@ -14,18 +14,18 @@
 
 enum { ROUNDS = 7 };
 
-static const uint8_t all_cells = 1; /* the one cell of depth 0 */
-
 /* The same change in both models; `other` only follows: the device holds its weights. */
 static void change_both(cln_model *host, cln_model *other, const uint8_t *marks, int kind,
                         cln_octree_change *change)
 {
     cln_octree_change again;
     cln_model *models[2] = {host, other};
+    cln_marks all_cells = {0};
     float *weight = test_alloc((size_t)host->tree.leaf_count + 1, sizeof *weight);
 
     for (int s = 0; s < host->tree.leaf_count; s++)
         weight[s] = (float)test_uniform(5, s, 0, 1);
+    assert_ok(cln_marks_add(&all_cells, 0, (int[3]){0, 0, 0}));
     for (int i = 0; i < 2; i++) {
         cln_octree_change *out = i ? &again : change;
 
@@ -36,12 +36,13 @@ static void change_both(cln_model *host, cln_model *other, const uint8_t *marks,
         else if (kind == 2)
             assert_ok(cln_octree_cull(&models[i]->tree, marks, out));
         else /* all cells are marked: every culled node comes back, every marked leaf restarts */
-            assert_ok(cln_octree_regrow(&models[i]->tree, &all_cells, 0, 0, marks, out));
+            assert_ok(cln_octree_regrow(&models[i]->tree, &all_cells, 0, marks, out));
     }
     assert_ok(cln_model_apply(host, change));
     assert_ok(cln_model_follow(other, &again));
     assert_null(other->params);
     cln_octree_change_free(&again);
+    cln_marks_free(&all_cells);
     free(weight);
 }
 

@@ -404,6 +404,32 @@ static void test_entries_of_a_cpu(void **state)
     assert_ok(cln_plan_check_host(&host));
 }
 
+/* The search for missing leaves (--regrow) counts by the rays that it looks at, however fine the
+ * tree is. */
+static void test_search(void **state)
+{
+    enum { RAY = 8 + 3 * 8 }; /* a difference, a depth, an old mark and two places in a new list */
+    cln_config config = preset("voxel");
+    double bytes[2][2]; /* [large photos][searched] */
+
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        fake f;
+        cln_plan plan, host;
+
+        config.regrow = i % 2 ? 0.7 : 0;
+        make_fake(&f, &config, 4096 * MIB, "gpu");
+        f.desc.depth = i < 2 ? 3 : CLN_MAX_LEVEL;
+        for (int v = 0; v < 4 && i >= 2; v++)
+            f.views[v].camera.width = f.views[v].camera.height = 2000;
+        cln_plan_device(&f.desc, &plan);
+        cln_plan_host(&f.desc, &plan, &host);
+        bytes[i / 2][i % 2] = row_bytes(&host, "changes of the tree", false);
+    }
+    assert_true(bytes[0][1] - bytes[0][0] == RAY * 4.0 * 100 * 50);
+    assert_true(bytes[1][1] - bytes[1][0] == RAY * (double)CLN_LOOK_RAYS);
+}
+
 static void test_limits_by_name(void **state)
 {
     cln_config config = preset("fast");
@@ -412,13 +438,13 @@ static void test_limits_by_name(void **state)
 
     (void)state;
     config.device_mem = 20 * MIB;
-    config.host_mem = 310 * MIB;
+    config.host_mem = 311 * MIB;
     make_fake(&f, &config, 4096 * MIB, "gpu");
     cln_plan_device(&f.desc, &plan);
     assert_true(plan.limit == 20 * MIB);
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--device-mem");
     cln_plan_host(&f.desc, &plan, &host);
-    assert_true(host.limit == 310 * MIB);
+    assert_true(host.limit == 311 * MIB);
     assert_true(row_bytes(&host, "images", false) == 4 * 100 * 50 * 4);
     assert_ok(cln_plan_check_host(&host));
     f.views[2].camera.width = 300000; /* one is large: 60 MB */
@@ -843,6 +869,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_slices_fit),
         cmocka_unit_test(test_links_fit),
         cmocka_unit_test(test_entries_of_a_cpu),
+        cmocka_unit_test(test_search),
         cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_pictures_fit),
         cmocka_unit_test(test_images_stay),

@@ -475,19 +475,20 @@ static void test_regrown(void **state)
 {
     const cln_config config = config_of(&cases[0]);
     cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
-    uint8_t cells[MOST], empty[2 * MOST] = {0};
+    uint8_t empty[2 * MOST] = {0};
+    cln_marks marks = {0};
     cln_octree_change change = {0};
     cln_model model = {0};
     float *got = NULL;
     int row = 0, features = 0, fresh = 0, joined = 0, new = 0;
 
     (void)state;
-    memset(cells, 1, sizeof cells);
+    assert_ok(cln_marks_add(&marks, 0, (int[3]){0, 0, 0})); /* all cells */
     make_model(&config, &model);
     row = model.net.params;
     features = model.net.features;
     assert_ok(cln_pipeline_upload(p, &model, true));
-    assert_ok(cln_octree_regrow(&model.tree, cells, 2, 2, empty, &change));
+    assert_ok(cln_octree_regrow(&model.tree, &marks, 2, empty, &change));
     assert_ok(cln_pipeline_carry(p, &model.tree, &change));
     got = test_alloc((size_t)(model.tree.leaf_count * row), sizeof *got);
     assert_ok(CLN_GET(p, params, got, (size_t)model.tree.leaf_count));
@@ -511,6 +512,7 @@ static void test_regrown(void **state)
     assert_true(fresh > 3 && joined > 50 && new > 50);
     free(got);
     cln_octree_change_free(&change);
+    cln_marks_free(&marks);
     cln_model_free(&model);
 }
 

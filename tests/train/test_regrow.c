@@ -1,0 +1,131 @@
+/* The search for places that lack a leaf. Tested: on the fixture's ball, in a tree of a single
+ * place far from it, that the ball's inside is found and what photos show to be empty is not; that
+ * memory follows what is found, not the finest leaf. Oracle: the ball. tests/cli/cli.sh trains. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <malloc.h>
+#include "tests.h"
+#include "train/regrow.h"
+#include "trainer_fixture.h"
+
+enum { LEVEL = 5, SIDE_CELLS = 1 << LEVEL };
+
+static cln_config settings(void)
+{
+    cln_config config;
+
+    memset(&config, 0, sizeof config);
+    assert_ok(cln_config_preset("fast", &config));
+    config.start_level = 2;
+    config.max_level = CLN_MAX_LEVEL;
+    config.regrow = 0.7; /* five of six photos: one may see the corner's leaves behind the ball */
+    config.rays = 96;
+    config.batch_samples = 4096;
+    config.steps = STEPS;
+    config.depth_loss = 0;
+    assert_ok(cln_config_check(&config));
+    return config;
+}
+
+/* Keeps the leaf at the cube's lowest corner alone, and splits the one in its corner down to the
+ * last level. */
+static void keep_corner(cln_trainer *t)
+{
+    cln_plan_desc plan = {&t->pipeline, t->scene, 0, true, 0, CLN_MAX_LEVEL};
+    cln_model *model = &t->model;
+    cln_octree_change change;
+    uint8_t marks[64];
+
+    memset(marks, 1, sizeof marks);
+    marks[0] = 0;
+    assert_ok(cln_octree_cull(&model->tree, marks, &change));
+    assert_ok(cln_model_apply(model, &change));
+    cln_octree_change_free(&change);
+    memset(marks, 0, sizeof marks);
+    marks[0] = 1;
+    for (int level = 2; level < CLN_MAX_LEVEL; level++) {
+        assert_ok(cln_octree_split(&model->tree, marks, &change));
+        assert_ok(cln_model_apply(model, &change));
+        cln_octree_change_free(&change);
+    }
+    plan.leaves = model->tree.leaf_count;
+    cln_plan_device(&plan, &t->plan);
+    cln_plan_apply(&t->plan, &t->pipeline);
+    assert_ok(cln_pipeline_rebuild(&t->pipeline, model->tree.leaf_count));
+    assert_ok(cln_pipeline_upload(&t->pipeline, model, true));
+    assert_ok(cln_stage_seen(&t->pipeline));
+    cln_step_cover(t);
+    assert_ok(cln_stage_refresh(&t->pipeline, 0, t->pipeline.leaves, true, 1, 0));
+}
+
+/* Bytes that this process has allocated; 0 under sanitizers. */
+static double allocated(void)
+{
+    const struct mallinfo2 all = mallinfo2();
+
+    return (double)all.uordblks + (double)all.hblkhd;
+}
+
+static void test_ball(void **state)
+{
+    const cln_config config = settings();
+    const double most = 1 << 20; /* of 2^(3 CLN_MAX_LEVEL) cells there are 16 of these */
+    cln_trainer t;
+    cln_missing missing, again;
+    uint8_t *empty = NULL;
+    double before = 0;
+    int inside = 0, outside = 0;
+
+    (void)state;
+    open_trainer(&config, &t);
+    keep_corner(&t);
+    assert_int_equal(cln_octree_depth(&t.model.tree), CLN_MAX_LEVEL);
+    assert_ok(cln_alloc(&empty, (size_t)t.pipeline.leaves, 1, "test"));
+    assert_ok(cln_regrow_find(&t, empty, &again)); /* the device's buffers are there now */
+    before = allocated();
+    assert_ok(cln_regrow_find(&t, empty, &missing));
+    assert_true(allocated() - before < most);
+    assert_int_equal(missing.errors, again.errors);
+    assert_int_equal(missing.cut, again.cut);
+    assert_int_equal(missing.marks.count, again.marks.count);
+    assert_memory_equal(missing.marks.mark, again.marks.mark,
+                        (size_t)again.marks.count * sizeof *again.marks.mark);
+    for (int i = 0; i < SIDE_CELLS * SIDE_CELLS * SIDE_CELLS; i++) {
+        const int cell[3] = {i % SIDE_CELLS, i / SIDE_CELLS % SIDE_CELLS,
+                             i / SIDE_CELLS / SIDE_CELLS};
+        double cube[3], scene[3], square = 0;
+
+        for (int a = 0; a < 3; a++)
+            cube[a] = 2 * (cell[a] + 0.5) / SIDE_CELLS - 1;
+        cln_space_point_to_scene(&t.model.space, cube, scene);
+        for (int a = 0; a < 3; a++)
+            square += scene[a] * scene[a];
+        if (square < 0.8 * 0.8) {
+            if (!cln_marks_meet(&missing.marks, LEVEL, cell))
+                fail_msg("cell %d %d %d of the ball is not found; %d are", cell[0], cell[1],
+                         cell[2], missing.errors);
+            inside++;
+        } else if (square > 2 * 2 && fmax(cube[0], fmax(cube[1], cube[2])) > 0) {
+            /* not near the corner's leaves, which the photos do not show */
+            if (cln_marks_meet(&missing.marks, LEVEL, cell))
+                fail_msg("cell %d %d %d, which is empty, is found", cell[0], cell[1], cell[2]);
+            outside++;
+        }
+    }
+    assert_true(inside > 1000 && outside > 500);
+    assert_in_range(missing.errors, inside, SIDE_CELLS * SIDE_CELLS * SIDE_CELLS - outside);
+    cln_marks_free(&missing.marks);
+    cln_marks_free(&again.marks);
+    free(empty);
+    close_trainer(&t);
+}
+
+int test_group_regrow(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ball)};
+
+    return cmocka_run_group_tests_name("regrow", tests, fixture_setup, fixture_teardown);
+}
