@@ -25,7 +25,8 @@ trap 'chmod -R u+w "$work"; rm -rf "$work"' EXIT
 
 # A tree that grows, is culled and restructured on the way.
 small=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
+    --batch-samples 4096 --refresh-every 16
     --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60
     --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --split-samples 0
     --distil-steps 5 --save-every 1)

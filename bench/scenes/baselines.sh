@@ -30,7 +30,7 @@ for part in ${PARTS:-methods levels}; do
         for preset in nerf kilonerf fast voxel; do
             bench_train "$preset" "$preset" "$preset" "$@"
         done
-        bench_table "One network, a uniform grid, an adaptive tree, voxels: PSNR over training time, dB"
+        bench_table "One network, a uniform grid, an adaptive tree, voxels: PSNR over time, dB"
         ;;
     levels)
         for level in ${LEVELS:-3 4 5}; do

@@ -1,8 +1,8 @@
 #!/bin/sh
 # View extrapolation, the paper's visual claim: how error grows away from the training cameras.
 # Trains on part of the views of the generated object (--from of build/make-scene: a cone of
-# directions, a height, a distance), with the presets voxel, fast, nerf and kilonerf for the same time, and
-# prints PSNR and depth error of test views all around by angle and distance from the nearest
+# directions, a height, a distance), with the presets voxel, fast, nerf and kilonerf for the same
+# time, and prints PSNR and depth error of test views all around by angle and distance from the nearest
 # training camera.
 # Nothing else should run on the machine.
 #

@@ -40,8 +40,8 @@ const char *cln_config_nearest(const char *option);
 #define CLN_DEFAULT_PRESET "voxel" /* best by error against run time: docs/results.md */
 
 /* *out = preset "fast" or "paper"; "voxel" (no networks); or a baseline, "nerf" (one network) or
- * "kilonerf" (a uniform grid of small ones, from scratch); these three otherwise fast. CLN_USAGE for
- * another name. */
+ * "kilonerf" (a uniform grid of small ones, from scratch); these three otherwise fast.
+ * CLN_USAGE for another name. */
 cln_status cln_config_preset(const char *name, cln_config *out);
 
 /* Sets a value from text, range-checked, independent of LC_NUMERIC. Units by the row's flags

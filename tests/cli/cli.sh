@@ -20,7 +20,8 @@ trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work
 
 # A network small enough for a second's training, on a tree that grows and is culled on the way.
 small=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
+    --batch-samples 4096 --refresh-every 16
     --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60
     --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --split-samples 0
     --distil-steps 20)
@@ -464,7 +465,8 @@ section_structure() {
 
     # merging costs much, and there is room: leaves are only split
     run "$cln" train "$work/demo" -o "$work/splits" --skip-selftest --progress none \
-        --preset fast --width 16 --view-width 16 --steps 200 --start-level 1 --level-at 2:0.1 --n1 8 --rays 512 \
+        --preset fast --width 16 --view-width 16 --steps 200 --start-level 1 --level-at 2:0.1 --n1 8 \
+        --rays 512 \
         --log-every 100 --cull-from 1 --cull-after 0 --max-leaves 150 --structure-from 0.6 \
         --structure-every 0.5 --structure-until 0.95 --split-samples 100 --merge-factor 100
     decision_rows "$work/splits" >"$work/out"
@@ -477,7 +479,8 @@ section_structure() {
 # A tree that is culled down to one leaf after half of its steps, just before it grows: what is
 # missing comes back, unless that is switched off; and a resumed run decides alike.
 section_regrow() {
-    local share culled=(--skip-selftest --progress none --preset fast --steps 320 --level-at 3:0.515 --cull mean
+    local share culled=(--skip-selftest --progress none --preset fast --steps 320
+        --level-at 3:0.515 --cull mean
         --cull-mean 6 --cull-from 0.05 --cull-after 160 --refresh-every 16 --no-adaptive --rays 512
         --batch-samples 8192 -v)
     scene missing --size 48 --train 20 --test 3

@@ -15,7 +15,8 @@ trap 'rm -rf "$work"' EXIT
 
 # A network small enough for a second's training.
 small=(--skip-selftest --progress line --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
+    --batch-samples 4096 --refresh-every 16
     --cull-from 0.3 --cull-after 0 --max-leaves 60 --distil-steps 20)
 
 . tests/support/checks.sh

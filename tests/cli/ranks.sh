@@ -29,7 +29,8 @@ mpi=(mpirun --oversubscribe --bind-to none)
 
 # a tree that grows, is culled, splits and merges on the way
 small=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
+    --batch-samples 4096 --refresh-every 16
     --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60 --structure-from 0.5
     --structure-every 0.1 --structure-until 0.95 --split-samples 0 --distil-steps 20)
 
@@ -579,7 +580,7 @@ section_pictures() {
         -o "$work/voxels-two"
     check "frames of voxels are those of one process" \
         diff -r "$work/voxels-one" "$work/voxels-two"
-    run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --width 64 \
+    run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --preset fast --width 64 \
         --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \
         --n1 8 --steps 1
     expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
@@ -604,7 +605,8 @@ shown() {
     done
     address=$(cat "$work/out")
     for path in "picture?view=9&format=png" "picture?view=3&width=200&format=png&show=depth" \
-        "picture?view=9&format=png&crop=-1,-1,-1,1,0.2,1&background=1,0,0" "point?view=9&x=24&y=20" \
+        "picture?view=9&format=png&crop=-1,-1,-1,1,0.2,1&background=1,0,0" \
+        "point?view=9&x=24&y=20" \
         "picture?view=9&format=png&show=level" "photo?view=2&side=48"; do
         curl -sg --max-time 120 -o "$to/$((i++))" -H "X-Viewer: me" "${address%/}/$path"
     done
@@ -626,7 +628,8 @@ section_view() {
     check "two ranks show a run, until a signal" [ $rc = 0 ]
     check "what they send is what one process sends" \
         diff -r "$work/shown-one" "$work/shown-two"
-    check "rank 0 alone says that the viewer ends" [ "$(grep -c 'viewer has ended' "$work/err")" = 1 ]
+    check "rank 0 alone says that the viewer ends" \
+        [ "$(grep -c 'viewer has ended' "$work/err")" = 1 ]
     cp -r "$work/one" "$work/changed"
     run "$cln" train --resume "$work/changed" --skip-selftest --progress none --steps +1
     expect "viewers of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \

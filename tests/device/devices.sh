@@ -108,7 +108,8 @@ section_unit() {
 
 section_train() {
     local i psnr leaves first="" first_leaves=0
-    local settings=(--preset fast --width 16 --depth 2 --view-width 16 --bands 4 --view-bands 1 --start-level 1
+    local settings=(--preset fast --width 16 --depth 2 --view-width 16 --bands 4
+        --view-bands 1 --start-level 1
         --level-at "2:0.2,3:0.4" --n1 8 --rays 512 --max-leaves 120
         --structure-from 0.5 --structure-until 0.9 --split-samples 0 --steps 200)
     "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
@@ -153,7 +154,8 @@ noticed() {
 }
 
 section_broken() {
-    local settings=(--preset fast --width 16 --depth 2 --bands 2 --steps 3 --rays 64 --edge 0.1 --quiet \
+    local settings=(--preset fast --width 16 --depth 2 --bands 2 --steps 3 --rays 64 \
+        --edge 0.1 --quiet \
         --progress none)
     run "$cases" -d "${devices[$best]}" -s tiny -r "$work/whole"
     add "device ${names[$best]}: tiny shapes" || return
