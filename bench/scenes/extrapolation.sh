@@ -2,8 +2,8 @@
 # View extrapolation, the paper's visual claim: how error grows away from the training cameras.
 # Trains on part of the views of the generated object (--from of build/make-scene: a cone of
 # directions, a height, a distance), with the presets voxel, fast, nerf and kilonerf for the same
-# time, and prints PSNR and depth error of test views all around by angle and distance from the nearest
-# training camera.
+# time, and prints PSNR and depth error of test views all around by angle and distance from the
+# nearest training camera.
 # Nothing else should run on the machine.
 #
 #   bench/scenes/extrapolation.sh OUT LIMIT [TRAIN OPTIONS]

@@ -465,8 +465,8 @@ section_structure() {
 
     # merging costs much, and there is room: leaves are only split
     run "$cln" train "$work/demo" -o "$work/splits" --skip-selftest --progress none \
-        --preset fast --width 16 --view-width 16 --steps 200 --start-level 1 --level-at 2:0.1 --n1 8 \
-        --rays 512 \
+        --preset fast --width 16 --view-width 16 --steps 200 --start-level 1 --level-at 2:0.1 \
+        --n1 8 --rays 512 \
         --log-every 100 --cull-from 1 --cull-after 0 --max-leaves 150 --structure-from 0.6 \
         --structure-every 0.5 --structure-until 0.95 --split-samples 100 --merge-factor 100
     decision_rows "$work/splits" >"$work/out"

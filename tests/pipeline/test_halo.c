@@ -1,5 +1,5 @@
 /* Common vertices of voxels by ranks (kernels/halo.cl, links of pipeline/halo.c) against a search
- * of vertices by their places, and sums in double. One process takes the place of each rank in turn,
+ * of vertices by places, and sums in double. One process takes the place of each rank in turn,
  * with that rank's leaves alone, and the test carries what ranks would send. Numbers that a kernel
  * must not read are NaN; all that it must not write is compared, too. */
 #include <stdarg.h>

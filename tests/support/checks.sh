@@ -11,8 +11,8 @@ export XDG_CONFIG_HOME=$work/config # without the user's rows
 
 # A network and a tree that are trained in a second, for those who add --steps.
 # shellcheck disable=SC2034
-tiny=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16 --view-bands 1
-    --bands 2
+tiny=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
+    --view-bands 1 --bands 2
     --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256 --batch-samples 2048
     --refresh-every 8)
 

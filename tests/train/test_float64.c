@@ -448,7 +448,10 @@ static double step_in_double(twin *w, const step_work *k, const cln_batch *batch
                              uint32_t step)
 {
     const cln_config *c = w->config;
-    const ref_loss loss = {.kind = c->loss, .huber_delta = c->huber_delta, .alpha = c->alpha_loss};
+    const ref_loss loss = {.kind = c->loss,
+                           .huber_delta = c->huber_delta,
+                           .distortion = c->distortion_loss,
+                           .alpha = c->alpha_loss};
     const uint32_t key = cln_hash(step + cln_hash((uint32_t)c->seed));
     const double fraction = (double)step / CURVE;
     const double lr = c->lr_schedule == CLN_SCHEDULE_STEP
