@@ -361,9 +361,18 @@ section_resume() {
     check "which is not that of four" [ "$(digest "$work/four")" != "$(digest "$work/four-1")" ]
 }
 
+# near_plan RUN: the rank that took most device memory took no more than the plan, and the plan has
+# no more than 15 % above that
+near_plan() {
+    awk -v most="$(sed -n 's/.*"device_peaks":[[][^,]*,\([0-9.e+]*\).*/\1/p' "$1/metrics.jsonl" |
+        tail -n 1)" -v plan="$("$query" plan.total <"$1/run.json")" 'BEGIN {
+            printf "plan %.1f MiB, allocated %.1f\n", plan / 1048576, most / 1048576 >"/dev/stderr"
+            exit !(most > 0 && most <= plan && plan <= 1.15 * most) }' 2>"$work/err"
+}
+
 # What does not fit --device-mem of one process is trained by four, each within it.
 section_memory() {
-    local limit on=$work/full
+    local limit n on=$work/full
     local large=(--skip-selftest --progress none --width 64 --depth 8 --start-level 2 --level-at ""
         --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
     baseline
@@ -378,6 +387,13 @@ section_memory() {
     check "rank 0 in that memory" \
         number_above "$(awk -v m="${limit%M}" 'BEGIN { print m * 1048576 }')" \
         "$("$query" result.device_peak <"$on/run.json")"
+    # most memory is that of voxels' leaves; most of these split, then some move
+    for n in 2 3; do
+        run "${mpi[@]}" -n $n "$ranked" train "$work/scene" -o "$work/planned-$n" "${voxels[@]}" \
+            --start-level 2 --level-at "" --max-alloc 5M --batch-samples 2048 --rays 256 \
+            --cull-from 1 --max-level 3 --max-leaves 400 --regrow 0 --steps 36
+        check "memory of $n ranks is as planned" near_plan "$work/planned-$n"
+    done
 }
 
 # Ranks of a machine take the devices that match in turn: here two of different kinds, which one
