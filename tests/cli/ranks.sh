@@ -663,6 +663,11 @@ section_scale() {
     check "the bytes are the model's within 5 %" \
         awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05) }' \
         "$work/out"
+    run "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$work/vox-bytes" "${voxels[@]}" \
+        --steps 128 --log-every 8 --level-at "" --no-adaptive --cull-from 1 --start-level 2
+    expect "bytes of a step of voxels" 0 "" build/mpi/bench-scale bytes "$work/vox-bytes"
+    check "the bytes but those of common vertices are the model's within 5 %" \
+        awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05 && $4 > 1000) }' "$work/out"
     expect "messages between two" 0 "" "${mpi[@]}" -n 2 build/mpi/bench-scale messages
     check "messages have latency and bandwidth" \
         awk '{ exit !($1 > 0 && $2 > 0 && NF == 2) }' "$work/out"
