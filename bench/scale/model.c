@@ -56,9 +56,60 @@ double scale_sent(const scale_work *w, double share, double leaf_share)
     return (share * told + even + leaf_share * kept / w->refresh_every) * (w->ranks - 1);
 }
 
+/* Parts into which boxes cut an axis. */
+static double parts_of(double ranks, int axis)
+{
+    const double bits = floor(log2(ranks) + 1e-9);
+    const double parts = exp2(floor((bits + axis) / 3));
+
+    return axis == 2 ? parts * ranks / exp2(bits) : parts; /* the axis that is cut first */
+}
+
+double scale_faces(double leaves, double ranks)
+{
+    double cuts = 0;
+
+    for (int axis = 0; axis < 3; axis++)
+        cuts += parts_of(ranks, axis) - 1;
+    return cuts * pow(leaves, 2.0 / 3);
+}
+
+double scale_first_faces(double leaves, double ranks)
+{
+    double parts = 0;
+
+    for (int axis = 0; axis < 3; axis++)
+        parts += parts_of(ranks, axis) > 1 ? parts_of(ranks, axis) : 0;
+    return parts / ranks * pow(leaves, 2.0 / 3);
+}
+
+/* Of the vertices on a face, those with samples in the cells around them. */
+static double met_of(const scale_work *w, double around)
+{
+    return -expm1(-w->places * around * w->samples / w->leaves / pow(w->cells, 3));
+}
+
+static double face_bytes(const scale_work *w)
+{
+    return w->row_bytes * (w->cells + 1) * (w->cells + 1);
+}
+
+double scale_vertices(const scale_work *w)
+{
+    if (!(w->cells > 0))
+        return 0;
+    return scale_faces(w->leaves, w->ranks) / w->ranks * face_bytes(w) *
+           (met_of(w, 4) + met_of(w, 8));
+}
+
+double scale_first_vertices(const scale_work *w)
+{
+    return w->cells > 0 ? scale_first_faces(w->leaves, w->ranks) * face_bytes(w) * met_of(w, 8) : 0;
+}
+
 scale_step scale_predict(const scale_machine *m, const scale_network *net, const scale_work *w)
 {
-    scale_step s = {.sent = scale_sent(w, 1 / w->ranks, 1 / w->ranks)};
+    scale_step s = {.sent = scale_sent(w, 1 / w->ranks, 1 / w->ranks) + scale_vertices(w)};
     const double met = w->leaves * -expm1(-w->samples / w->leaves);
     const double passes = m->repeated.leaf * scale_passes(w->leaves) * w->rays;
     double dealt = 0, waits = 1; /* of the time for passes; messages that wait, of a step */
@@ -74,7 +125,8 @@ scale_step scale_predict(const scale_machine *m, const scale_network *net, const
                                     w->balance / w->ranks;
     s.repeated = m->repeated.step + m->repeated.each * w->rays + passes - dealt;
     if (w->ranks > 1) /* with equal shares a rank receives as much as it sends */
-        s.messages = net->latency * ceil(log2(w->ranks)) * waits + s.sent / net->bandwidth;
+        s.messages = net->latency * (ceil(log2(w->ranks)) * waits + (w->cells > 0 ? 2 : 0)) +
+                     s.sent / net->bandwidth;
     s.waiting = m->spread * scale_slowest(w->ranks) * (s.shared + s.repeated);
     s.total = s.shared + s.repeated + s.messages + s.waiting;
     return s;

@@ -27,6 +27,15 @@
  *     20 bytes a leaf; all time for leaves that rays pass is then shared.
  *   - Consecutive leaves of a ray belong to different ranks as often as a leaf's face lies on the
  *     surface of its rank's region: (ranks / leaves)^(1/3) for compact regions.
+ *   - Voxels also tell what leaves of two ranks have in common, in two more messages that wait, of
+ *     neighbours alone, so that each takes the latency once. Ranks' regions are boxes: halves of
+ *     the cube along an axis, quarters, eighths and so on. Of the two leaves at a face between
+ *     ranks, the first has the common vertices, (cells + 1)^2 of them, and the other a copy of
+ *     each. A copy's gradient travels if samples of its leaf met the vertex, the new numbers if
+ *     samples of either did. A leaf's samples lie near each other: of n samples, `places` n count
+ *     as at random places. A vertex is met by those in the 4 cells around it in its own leaf, or in
+ *     the 8 of both. Vertices that more than two leaves have, and the decoder's gradients, count as
+ *     nothing. Where leaves lie on surfaces instead of in a full grid, ranks have less in common.
  *   - Left out: 64 bytes of numbers per step, each rank's work every 16 steps, decisions and
  *     distillation, and the weights of leaves that move, which is rare. */
 #ifndef SCALE_MODEL_H
@@ -59,11 +68,14 @@ typedef struct scale_work {
     double balance;              /* >= 1; for one rank 1 */
     scale_walk walk;
     double intervals; /* of a step's rays, leaves that have samples; for SCALE_OWN_RAYS */
+    double cells;     /* of a leaf of voxels along an axis; 0: networks */
+    double row_bytes; /* of a vertex in a message */
+    double places;    /* of a sample: the part that is at a place of its own */
 } scale_work;
 
 typedef struct scale_step {
     double shared, repeated, messages, waiting, total; /* seconds */
-    double sent; /* bytes by a rank with the mean share of stretches and leaves */
+    double sent; /* bytes by a rank with the mean share of stretches, leaves and vertices */
 } scale_step;
 
 scale_step scale_predict(const scale_machine *machine, const scale_network *network,
@@ -79,8 +91,17 @@ double scale_slowest(double n);
 /* Leaves that a ray passes. */
 double scale_passes(double leaves);
 
-/* Bytes per step that a rank sends to the ranks - 1 others: `share` of the stretches or samples, an
- * even part of the pixels, and the densities of `leaf_share` of the leaves. */
+/* Faces of leaves between all ranks; of rank 0, whose leaves are the first at each of its own. */
+double scale_faces(double leaves, double ranks);
+double scale_first_faces(double leaves, double ranks);
+
+/* Bytes per step about common vertices of voxels: by the mean rank; by rank 0. */
+double scale_vertices(const scale_work *work);
+double scale_first_vertices(const scale_work *work);
+
+/* Bytes per step that a rank sends to the ranks - 1 others, without common vertices: `share` of the
+ * stretches or samples, an even part of the pixels, and the densities of `leaf_share` of the
+ * leaves. */
 double scale_sent(const scale_work *work, double share, double leaf_share);
 
 /* Fits cost to n rows by least squares of relative errors, without negative costs. x: [n][3],

@@ -2,7 +2,8 @@
  * folders; model.h has the arithmetic and its assumptions.
  *
  *   mpirun -n 2 bench-scale messages   latency and bandwidth of training's messages, measured
- *   bench-scale bytes RUN              bytes per step that rank 0 sent: model, run, error
+ *   bench-scale bytes RUN              bytes per step that rank 0 sent: model, run, error; those
+ *                                      about common vertices of voxels are apart, of the run
  *   bench-scale predict LATENCY BANDWIDTH CORES RUN... -- RUN...
  *
  * predict fits the costs to the runs before --, of one process each, compares the model with all
@@ -49,15 +50,21 @@ typedef struct run {
     double sent, own_share, messages; /* rank 0's bytes per step and its share of what ranks send;
                                          seconds per step */
     double own_leaves;
+    double vertices; /* of sent: about common vertices of voxels */
 } run;
 
 /* ---- from a run folder ---- */
 
+static double number_or_0(const json_t *of, const char *name)
+{
+    const double x = cln_json_number(of, name);
+
+    return isfinite(x) ? x : 0;
+}
+
 static double stage(const json_t *row, const char *name)
 {
-    const double s = cln_json_number(json_object_get(row, "stages"), name);
-
-    return isfinite(s) ? s : 0;
+    return number_or_0(json_object_get(row, "stages"), name);
 }
 
 /* Stages whose work ranks share: each works on the samples of its own leaves. */
@@ -84,6 +91,7 @@ static void add_row(const json_t *row, const json_t *before, run *r)
     r->refresh += stage(row, "stage 1 refresh");
     if (isfinite(share)) {
         r->sent += cln_json_number(row, "sent_bytes") - cln_json_number(before, "sent_bytes");
+        r->vertices += number_or_0(row, "vertex_bytes") - number_or_0(before, "vertex_bytes");
         r->messages +=
             cln_json_number(row, "message_seconds") - cln_json_number(before, "message_seconds");
         r->own_share += share * samples;
@@ -98,19 +106,25 @@ static cln_status read_rows(run *r, double from)
     char *path = NULL, *text = NULL, *rest = NULL;
     size_t bytes = 0;
     json_t *before = NULL;
+    bool moved = false;
 
     CLN_TRY(cln_path_join(&path, r->path, "metrics.jsonl"));
     CLN_TRY(cln_read_file(path, (size_t)1 << 28, &text, &bytes));
     for (char *line = strtok_r(text, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest)) {
         json_t *row = json_loads(line, 0, NULL);
+        const char *event = json_string_value(json_object_get(row, "event"));
 
-        if (!row || json_object_get(row, "event")) {
+        moved = moved || (event && strcmp(event, "balance") == 0);
+        if (!row || event) {
             json_decref(row);
             continue;
         }
-        /* a row with an evaluation also counts the evaluation's bytes */
-        if (before && cln_json_number(before, "step") >= from && !json_object_get(row, "psnr_test"))
+        /* a row with an evaluation also counts the evaluation's bytes, one with a move those of
+         * leaves */
+        if (before && cln_json_number(before, "step") >= from &&
+            !json_object_get(row, "psnr_test") && !moved)
             add_row(row, before, r);
+        moved = false;
         r->work.ranks = cln_json_number(row, "ranks");
         json_decref(before);
         before = row;
@@ -123,9 +137,11 @@ static cln_status read_rows(run *r, double from)
     r->own_share /= r->work.samples;
     r->own_leaves /= r->work.samples;
     r->work.balance /= r->work.samples;
-    for (size_t i = 0; i < 9; i++)
-        *(double *[]){&r->step, &r->work.rays, &r->work.samples, &r->shared,        &r->refresh,
-                      &r->sent, &r->messages,  &r->repeated,     &r->work.stretches}[i] /= r->steps;
+    for (size_t i = 0; i < 10; i++)
+        *(double *[]){
+            &r->step, &r->work.rays, &r->work.samples, &r->shared,         &r->refresh,
+            &r->sent, &r->messages,  &r->repeated,     &r->work.stretches, &r->vertices}[i] /=
+            r->steps;
     if (!(r->work.ranks > 1)) {
         r->work.ranks = r->work.balance = 1;
         r->own_share = 1;
@@ -137,6 +153,21 @@ done:
     free(path);
     free(text);
     return st;
+}
+
+/* A vertex in a message is a number and its features (kernels/halo.cl). */
+static void read_voxels(const json_t *config, scale_work *work)
+{
+    static const int features[] = {4, 16, 32}; /* by harmonics (model/network.c) */
+    const char *encoding = json_string_value(json_object_get(config, "encoding"));
+    const json_int_t degree = json_integer_value(json_object_get(config, "harmonics"));
+    const bool views = json_is_true(json_object_get(config, "view_dependence"));
+
+    if (!encoding || strcmp(encoding, "voxel") != 0)
+        return;
+    work->cells = cln_json_number(config, "grid_cells");
+    work->row_bytes = 4 + 4 * features[views && degree >= 0 && degree <= 2 ? degree : 0];
+    work->places = 1;
 }
 
 static cln_status read_run(const char *path, run *r)
@@ -152,6 +183,7 @@ static cln_status read_run(const char *path, run *r)
     r->work.leaves = cln_json_number(result, "leaves");
     r->work.density_bytes = 2 * pow(cln_json_number(config, "n1"), 3);
     r->work.refresh_every = cln_json_number(config, "refresh_every");
+    read_voxels(config, &r->work);
     CLN_TRY(read_rows(r, floor(cln_json_number(result, "step") / 2)));
 done:
     json_decref(document);
@@ -215,8 +247,12 @@ static cln_status compare_bytes(const char *path)
     CLN_TRY(read_run(path, &r));
     if (!(r.sent > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: the run was not trained by several processes", path));
+    r.sent -= r.vertices;
     model = scale_sent(&r.work, r.own_share, r.own_leaves / r.work.leaves);
-    printf("%.0f %.0f %.4f\n", model, r.sent, model / r.sent - 1);
+    printf("%.0f %.0f %.4f", model, r.sent, model / r.sent - 1);
+    if (r.vertices > 0)
+        printf(" %.0f", r.vertices);
+    puts("");
 done:
     return st;
 }
@@ -265,6 +301,28 @@ static double fit_spread(const scale_machine *m, const scale_network *here, doub
     return below > 0 ? fmax(0, above / below) : 0;
 }
 
+/* The part of samples with which the model is nearest to the runs' bytes about common vertices: the
+ * mean of its relative errors is 0. */
+static double fit_places(const run *runs, int count)
+{
+    double low = 1e-6, high = 1e3;
+
+    while (high / low > 1.0001) {
+        const double middle = sqrt(low * high);
+        double error = 0;
+
+        for (int i = 0; i < count; i++) {
+            scale_work w = runs[i].work;
+
+            w.places = middle;
+            if (runs[i].vertices > 0)
+                error += scale_first_vertices(&w) / runs[i].vertices - 1;
+        }
+        *(error < 0 ? &low : &high) = middle;
+    }
+    return low;
+}
+
 static void put_check(const scale_machine *m, const scale_network *here, double cores, const run *r)
 {
     const scale_machine slowed = shared_cores(m, cores, r->work.ranks);
@@ -274,11 +332,17 @@ static void put_check(const scale_machine *m, const scale_network *here, double 
            r->work.leaves, r->work.samples, r->work.balance, 1e3 * s.waiting, 1e3 * s.total,
            1e3 * r->step, 100 * (s.total / r->step - 1));
     if (r->work.ranks > 1) {
-        const double sent = scale_sent(&r->work, r->own_share, r->own_leaves / r->work.leaves);
+        const double vertices = scale_first_vertices(&r->work);
+        const double sent =
+            scale_sent(&r->work, r->own_share, r->own_leaves / r->work.leaves) + vertices;
 
-        printf(" %.0f | %.0f | %+.1f %% |\n", sent, r->sent, 100 * (sent / r->sent - 1));
+        printf(" %.0f | %.0f | %+.1f %% |", sent, r->sent, 100 * (sent / r->sent - 1));
+        if (r->vertices > 0)
+            printf(" %.0f | %.0f | %+.1f %% |", vertices, r->vertices,
+                   100 * (vertices / r->vertices - 1));
+        puts("");
     } else {
-        puts(" | | |");
+        puts(r->work.cells > 0 ? " | | | | | |" : " | | |");
     }
 }
 
@@ -293,9 +357,8 @@ static const char *reason(const scale_step *s)
                                       : "work repeated on every rank";
 }
 
-/* rays: per step; passed: leaves with samples per ray. */
-static void put_network(const scale_machine *m, int n, double density_bytes, double rays,
-                        double passed)
+/* base: of one rank, without leaves; passed: leaves with samples per ray. */
+static void put_network(const scale_machine *m, int n, const scale_work *base, double passed)
 {
     printf(
         "\n### %s, %.0f us\n\n"
@@ -304,23 +367,19 @@ static void put_network(const scale_machine *m, int n, double density_bytes, dou
         "of densities on every rank |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
         networks[n].name, 1e6 * networks[n].network.latency);
     for (double leaves = 1e4; leaves < 2e7; leaves *= 10) {
-        scale_work w = {.samples = STEP_SAMPLES,
-                        .leaves = leaves,
-                        .rays = rays,
-                        .density_bytes = density_bytes,
-                        .refresh_every = REFRESH_EVERY,
-                        .ranks = 1,
-                        .balance = 1};
-        const double alone = scale_predict(m, &networks[n].network, &w).total;
-        double most = 1, by = 1, half = 1;
-        scale_step end = scale_predict(m, &networks[n].network, &w);
+        scale_work w = *base;
+        double alone = 0, most = 1, by = 1, half = 1;
+        scale_step end;
 
+        w.leaves = leaves;
+        end = scale_predict(m, &networks[n].network, &w);
+        alone = end.total;
         printf("| %.0e | %.3g", leaves, 1 / alone);
         for (int ranks = 2; ranks <= 1024; ranks *= 2) {
             scale_step s;
 
             w.ranks = ranks;
-            w.stretches = rays * scale_stretches(passed, leaves, ranks);
+            w.stretches = w.rays * scale_stretches(passed, leaves, ranks);
             w.balance = BALANCE;
             s = scale_predict(m, &networks[n].network, &w);
             if (alone / s.total > most) {
@@ -336,12 +395,12 @@ static void put_network(const scale_machine *m, int n, double density_bytes, dou
                 printf(" | %.2f", alone / s.total);
         }
         printf(" | %.2f | %.0f | %.0f | %.2f | %s | %.3g |\n", most, by, half, 1e-6 * end.sent,
-               reason(&end), leaves * density_bytes / (1 << 30));
+               reason(&end), leaves * w.density_bytes / (1 << 30));
     }
 }
 
 /* What ways of sharing the walk of rays would gain, which no run checks. */
-static void put_walks(const scale_machine *m, double density_bytes, double rays, double passed)
+static void put_walks(const scale_machine *m, const scale_work *base, double passed)
 {
     static const struct {
         const char *name;
@@ -356,26 +415,23 @@ static void put_walks(const scale_machine *m, double density_bytes, double rays,
            networks[0].name);
     for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
         for (double leaves = 1e4; leaves < 2e7; leaves *= 10) {
-            scale_work w = {.samples = STEP_SAMPLES,
-                            .leaves = leaves,
-                            .rays = rays,
-                            .density_bytes = density_bytes,
-                            .refresh_every = REFRESH_EVERY,
-                            .ranks = 1,
-                            .balance = 1,
-                            .walk = ways[i].walk,
-                            .intervals = rays * passed};
-            const double alone = scale_predict(m, &networks[0].network, &w).total;
             const double held = ways[i].walk == SCALE_OWN_CELLS ? leaves / 1024 : leaves;
+            scale_work w = *base;
+            double alone = 0;
+
+            w.leaves = leaves;
+            w.walk = ways[i].walk;
+            w.intervals = w.rays * passed;
+            alone = scale_predict(m, &networks[0].network, &w).total;
 
             printf("| %s | %.0e", ways[i].name, leaves);
             for (size_t k = 0; k < 6; k++) {
                 w.ranks = (double[]){2, 4, 16, 64, 256, 1024}[k];
-                w.stretches = rays * scale_stretches(passed, leaves, w.ranks);
+                w.stretches = w.rays * scale_stretches(passed, leaves, w.ranks);
                 w.balance = BALANCE;
                 printf(" | %.2f", alone / scale_predict(m, &networks[0].network, &w).total);
             }
-            printf(" | %.3g |\n", held * density_bytes / (1 << 30));
+            printf(" | %.3g |\n", held * w.density_bytes / (1 << 30));
         }
 }
 
@@ -405,13 +461,13 @@ static cln_status predict(int argc, char **argv)
     const scale_network here = {atof(argv[0]), atof(argv[1])};
     const double cores = atof(argv[2]);
     scale_machine m = {0};
-    scale_work first = {.samples = STEP_SAMPLES,
-                        .leaves = 1e4,
-                        .refresh_every = REFRESH_EVERY,
-                        .ranks = 1,
-                        .balance = 1};
+    scale_work base = {.samples = STEP_SAMPLES,
+                       .leaves = 1e4,
+                       .refresh_every = REFRESH_EVERY,
+                       .ranks = 1,
+                       .balance = 1};
     int count = 0, alone = 0, refreshed = 0, several = 0;
-    double rays = 0, passed = 0;
+    double passed = 0;
 
     for (int i = 3; i < argc; i++) {
         if (strcmp(argv[i], "--") == 0) {
@@ -440,7 +496,7 @@ static cln_status predict(int argc, char **argv)
             m.refresh += runs[i].refresh * w->refresh_every / w->leaves;
             refreshed++;
         }
-        rays += w->rays / w->samples / alone * STEP_SAMPLES;
+        base.rays += w->rays / w->samples / alone * STEP_SAMPLES;
     }
     for (int i = alone; i < count; i++)
         if (runs[i].work.stretches > 0) {
@@ -457,6 +513,12 @@ static cln_status predict(int argc, char **argv)
     m.shared = scale_fit(alone, (const double(*)[3])met, shared_s);
     m.repeated = scale_fit(alone, (const double(*)[3])x, repeated_s);
     m.cells = CELLS;
+    base.density_bytes = runs[0].work.density_bytes;
+    base.cells = runs[0].work.cells;
+    base.row_bytes = runs[0].work.row_bytes;
+    base.places = fit_places(runs, count);
+    for (int i = 0; i < count; i++)
+        runs[i].work.places = base.places;
     m.spread = fit_spread(&m, &here, cores, runs, count);
     printf("# Scaling by ranks\n\n| a step costs | ms | us each | us a leaf |\n"
            "|---|---|---|---|\n");
@@ -469,11 +531,15 @@ static cln_status predict(int argc, char **argv)
         "A ray has samples in %.1f leaves, by the stretches of the runs by ranks; their steps tell "
         "that\na rank's time for a step has a standard deviation of %.0f %%.\n",
         passed, 100 * m.spread);
+    if (base.cells > 0)
+        printf("Of a leaf's samples, a part of %.3f counts as at random places, by the runs' bytes "
+               "about\ncommon vertices, %.0f each.\n",
+               base.places, base.row_bytes);
     printf("\n## The model and the runs here, on %.0f cores\n\n| ranks | leaves | samples | "
            "balance | ms of waiting, model | ms a step, model | run | error | bytes a step of rank "
-           "0, model | run | error "
-           "|\n|---|---|---|---|---|---|---|---|---|---|---|\n",
-           cores);
+           "0, model | run | error |%s\n|---|---|---|---|---|---|---|---|---|---|---|%s\n",
+           cores, base.cells > 0 ? " of common vertices, model | run | error |" : "",
+           base.cells > 0 ? "---|---|---|" : "");
     for (int i = 0; i < count; i++)
         put_check(&m, &here, cores, &runs[i]);
     printf("\n## What 1 to 1,024 ranks would do\n\nEach rank is a machine with one core like this "
@@ -482,11 +548,9 @@ static cln_status predict(int argc, char **argv)
            "efficiency: a speed-up of at least half the ranks. See bench/scale/model.h.\n",
            STEP_SAMPLES, REFRESH_EVERY, BALANCE);
     for (int n = 0; n < 2; n++)
-        put_network(&m, n, runs[0].work.density_bytes, rays, passed);
-    put_walks(&m, runs[0].work.density_bytes, rays, passed);
-    first.rays = rays;
-    first.density_bytes = runs[0].work.density_bytes;
-    put_photos(scale_predict(&m, &here, &first).total, rays);
+        put_network(&m, n, &base, passed);
+    put_walks(&m, &base, passed);
+    put_photos(scale_predict(&m, &here, &base).total, base.rays);
 done:
     return st;
 }

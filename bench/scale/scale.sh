@@ -11,7 +11,7 @@
 #   RANKS=...    numbers of ranks of the runs that check the model ("2 4")
 #   CLN, SCALE, MAKE_SCENE: the programs, of `make MPI=1 bench-scale-programs`
 # Prints the tables, also into OUT/scale.md. A rank has one thread. Every call makes its runs again.
-# TRAIN OPTIONS go to every run (a larger network).
+# TRAIN OPTIONS go to every run (a larger network, or --preset voxel).
 set -eu
 [ $# -ge 1 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 out=$1
@@ -50,8 +50,10 @@ for level in 2 3; do
     done
 done
 for ranks in ${RANKS:-2 4}; do
-    measure "$ranks-3-16384" "$ranks" 3 16384 "$@"
-    together="$together $run"
+    for samples in 4096 16384; do
+        measure "$ranks-3-$samples" "$ranks" 3 "$samples" "$@"
+        together="$together $run"
+    done
 done
 messages=$(mpirun --oversubscribe --bind-to none -n 2 "$scale" messages)
 # shellcheck disable=SC2086 # lists of words: OUT has no spaces

@@ -24,6 +24,7 @@
 #include "render/quality.h"
 #include "render/recorded.h"
 #include "train/carve.h"
+#include "train/deal.h"
 #include "train/loop.h"
 #include "train/record.h"
 #include "train/refine.h"
@@ -265,13 +266,16 @@ static cln_status plan(cln_trainer *t)
                                 t->model.tree.leaf_count,
                                 true,
                                 cln_coverage_bytes(t->scene),
-                                cln_octree_depth(&t->model.tree)};
+                                cln_octree_depth(&t->model.tree),
+                                NULL};
     const cln_config *c = &t->model.config;
     const int wanted = t->desc->resume ? cln_config_most_rays(c) : c->rays;
     int most = 0, first = 0;
 
     cln_plan_device(&desc, &t->plan);
     cln_plan_host(&desc, &t->plan, &t->host_plan);
+    cln_share_evenly(&t->pipeline, desc.leaves);
+    CLN_TRY(cln_deal_plan(t));
     CLN_TRY(cln_plan_check(t->device, &t->plan));
     CLN_TRY(cln_plan_check_host(&t->host_plan));
     cln_plan_apply(&t->plan, &t->pipeline);

@@ -97,7 +97,6 @@ typedef enum cln_when {
     X(decoder_v, cl_float, p->net.decoder_params, MODEL, OPTIMISER, TRAINING, "decoder")          \
     X(decoder_grads, cl_float, decoder_part_of(p), SLICE, GRADIENTS, TRAINING, "decoder")         \
     X(feature_grads, cl_float, decoded_of(p), SAMPLE, ACTIVATIONS, TRAINING, "feature gradients") \
-    X(around, cl_int, around_of(p), LEAF, OPTIMISER, TRAINING, "neighbours of leaves")            \
     X(met, cl_uint, met_of(p), SLICE, GRADIENTS, TRAINING, "met vertices")                        \
     /* kept by the forward pass; inputs of the backward pass, in order of grouped samples */      \
     X(acts, cl_uchar, kept_of(p), SAMPLE, ACTIVATIONS, TRAINING, "activations")                   \
@@ -120,6 +119,7 @@ typedef enum cln_when {
       "densities of pictures")                                                                    \
     /* minimum x, y, z and side of leaves; octree map; runs and slices of grouped samples */      \
     X(boxes, cl_float4, 1, LEAF, TREE, ALWAYS, "leaf boxes")                                      \
+    X(around, cl_int, around_of(p), LEAF, TREE, TRAINING, "neighbours of leaves")                 \
     X(map, cl_int, 1, CELL, TREE, ALWAYS, "leaf map")                                             \
     X(begin, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                         \
     X(end, cl_uint, 1, LEAF, TREE, ALWAYS, "leaf runs")                                           \

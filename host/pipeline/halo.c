@@ -29,19 +29,25 @@ static bool is_here(const cln_pipeline *p, int slot)
     return cln_share_row(p, slot) >= 0;
 }
 
-static int rank_of(const cln_pipeline *p, int slot)
+/* first: [ranks + 1] */
+static int rank_in(const int *first, int ranks, int slot)
 {
-    int low = 0, high = p->ranks;
+    int low = 0, high = ranks;
 
     while (high - low > 1) {
         const int middle = (low + high) / 2;
 
-        if (p->rank_first[middle] <= slot)
+        if (first[middle] <= slot)
             low = middle;
         else
             high = middle;
     }
     return low;
+}
+
+static int rank_of(const cln_pipeline *p, int slot)
+{
+    return rank_in(p->rank_first, p->ranks, slot);
 }
 
 /* Whose numbers hold: of the lowest grade, the first (model/encoding_voxel.c). octant: of a change
@@ -54,22 +60,22 @@ static int grade_of(const int8_t *octant, int slot)
 }
 
 /* The owner of a leaf's vertices on a face, an edge or a corner, `face` along the axes: -1, 0 or 1.
- * shift: what to add to a vertex' number in the leaf. */
-static int owner_of(const cln_pipeline *p, const int8_t *octant, int slot, const int face[3],
+ * around: its neighbours. shift: what to add to a vertex' number in the leaf. */
+static int owner_of(const int32_t around[27], int cells, const int8_t *octant, const int face[3],
                     int *shift)
 {
-    const int side = p->net.cells + 1;
+    const int side = cells + 1;
     int best = -1;
 
     for (int z = face[2] < 0 ? -1 : 0; z <= (face[2] > 0); z++)
         for (int y = face[1] < 0 ? -1 : 0; y <= (face[1] > 0); y++)
             for (int x = face[0] < 0 ? -1 : 0; x <= (face[0] > 0); x++) {
-                const int other = p->common.around[slot][SELF + (z * 3 + y) * 3 + x];
+                const int other = around[SELF + (z * 3 + y) * 3 + x];
 
                 if (other < 0 || (best >= 0 && grade_of(octant, other) >= grade_of(octant, best)))
                     continue;
                 best = other;
-                *shift = -((z * side + y) * side + x) * p->net.cells;
+                *shift = -((z * side + y) * side + x) * cells;
             }
     return best;
 }
@@ -91,7 +97,7 @@ static void list_leaf(const cln_pipeline *p, const int8_t *octant, int slot, boo
     for (int n = 0; n < AROUND; n++) {
         const int face[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1};
         int shift = 0, rank = 0, from[3], to[3];
-        const int owner = owner_of(p, octant, slot, face, &shift);
+        const int owner = owner_of(p->common.around[slot], cells, octant, face, &shift);
 
         if (n == SELF || is_here(p, owner) == up)
             continue;
@@ -108,6 +114,52 @@ static void list_leaf(const cln_pipeline *p, const int8_t *octant, int slot, boo
                                                 (cl_uint)(vertex + shift)}};
                 }
     }
+}
+
+/* Counts the links of a leaf for both ranks, and the leaf for each other one with an owner. */
+static void count_leaf(const int32_t around[27], int cells, const int *first, int ranks, int slot,
+                       int *links, int *far)
+{
+    const int mine = rank_in(first, ranks, slot);
+    int told[AROUND], n_told = 0;
+
+    for (int n = 0; n < AROUND; n++) {
+        const int face[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1};
+        int shift = 0, vertices = 1, k = 0;
+        const int owner = rank_in(first, ranks, owner_of(around, cells, NULL, face, &shift));
+
+        if (owner == mine)
+            continue;
+        for (int a = 0; a < 3; a++)
+            vertices *= face[a] ? 1 : cells - 1;
+        links[mine] += vertices;
+        links[owner] += vertices;
+        while (k < n_told && told[k] != owner)
+            k++;
+        if (k == n_told) {
+            told[n_told++] = owner;
+            far[owner]++;
+        }
+    }
+}
+
+/* A change of the tree may turn links round. */
+cln_status cln_halo_count(const cln_pipeline *p, const cln_octree *tree, const int *first,
+                          int *links, int *far)
+{
+    cln_status st = CLN_OK;
+    int32_t(*around)[27] = NULL;
+
+    memset(links, 0, CLN_RANKS_MOST * sizeof *links);
+    memset(far, 0, CLN_RANKS_MOST * sizeof *far);
+    if (!is_linked(p))
+        return CLN_OK;
+    CLN_TRY(cln_octree_around(tree, &around));
+    for (int s = 0; s < tree->leaf_count; s++)
+        count_leaf(around[s], p->net.cells, first, p->ranks, s, links, far);
+done:
+    free(around);
+    return st;
 }
 
 /* Has it a neighbour that is here? */

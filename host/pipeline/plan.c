@@ -10,9 +10,11 @@
 #include "base/memory.h"
 #include "io/progress.h"
 #include "pipeline/carry.h"
+#include "pipeline/halo.h"
 #include "pipeline/share.h"
 #include "pipeline/splat.h"
 #include "pipeline/stages.h"
+#include "ranks/ranks.h"
 
 static void row(cln_plan *plan, const char *purpose, const char *way_out)
 {
@@ -123,29 +125,63 @@ static bool is_linked(const cln_plan_desc *d)
            cln_leaf_kind_of(d->pipeline->net.encoding)->joined;
 }
 
-/* Leaves that have slices of this rank's samples. */
+/* Leaves that have their weights here, and slices of samples. */
 static double own_leaves(const cln_plan_desc *d, double leaves)
 {
-    return is_linked(d) ? cln_share_most(d->pipeline, (int)leaves) : leaves;
+    if (d->pipeline->ranks <= 1)
+        return leaves;
+    return d->deal ? d->deal->own : cln_share_most(d->pipeline, (int)leaves);
 }
 
-/* Leaves of other ranks that have common vertices with this rank's, whose owner is here; or the
- * other way round. Voxels lie on surfaces: if a cut between ranks lies along one, each leaf has one
- * across (ground at half the cube's height: half of all leaves, of two ranks). And if a rank's m^3
- * leaves fill a block, three of its sides have 3 m^2 + 3 m + 1 at them. */
+/* Of `leaves`, those of other ranks that have common vertices with `own` of this rank, whose owner
+ * is here; or the other way round. Voxels lie on surfaces: if a cut between ranks lies along one,
+ * each leaf has one across (ground at half the cube's height: half of all leaves, of two ranks). And
+ * if a rank's m^3 leaves fill a block, three of its sides have 3 m^2 + 3 m + 1 at them. */
+static int most_far(int leaves, int own)
+{
+    return (int)fmin(leaves, ceil(pow(cbrt(own) + 1, 3)));
+}
+
+/* Links of one direction (halo.h): each of those leaves has a face's. */
+static int most_links(const cln_pipeline *p, int far)
+{
+    return far * (p->net.cells + 1) * (p->net.cells + 1);
+}
+
 static double far_leaves(const cln_plan_desc *d, double leaves)
 {
     if (!is_linked(d))
         return 0;
-    return fmin(leaves, ceil(pow(cbrt(own_leaves(d, leaves)) + 1, 3)));
+    return d->deal ? d->deal->far : most_far((int)leaves, (int)own_leaves(d, leaves));
 }
 
-/* Links of one direction (halo.h): each of those leaves has a face's. */
 static double links_of(const cln_plan_desc *d, double leaves)
 {
-    const double side = d->pipeline->net.cells + 1;
+    return d->deal ? d->deal->links : most_links(d->pipeline, (int)far_leaves(d, leaves));
+}
 
-    return far_leaves(d, leaves) * side * side;
+static int larger(int a, int b)
+{
+    return a > b ? a : b;
+}
+
+cln_status cln_plan_deal(const cln_pipeline *p, const cln_octree *tree, cln_deal *out)
+{
+    cln_status st = CLN_OK;
+    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST], sliced = 0;
+
+    *out = (cln_deal){.own = p->ranks > 1 ? 0 : tree->leaf_count};
+    CLN_TRY(cln_halo_count(p, tree, p->rank_first, links, far));
+    for (int r = 0; p->ranks > 1 && r < p->ranks; r++) {
+        const int own = p->rank_first[r + 1] - p->rank_first[r];
+
+        out->own = larger(out->own, own);
+        out->links = larger(out->links, links[r]);
+        sliced = larger(sliced, own + far[r]);
+    }
+    out->far = larger(sliced - out->own, 0);
+done:
+    return st;
 }
 
 static bool is_there(const cln_plan_desc *d, const sizes *s, cln_when when)
@@ -338,6 +374,31 @@ static sizes find_sizes(const cln_plan_desc *d, int batches)
     return s;
 }
 
+/* A change of the tree holds one array twice: this rank's weights, or the densities of all leaves. */
+static void find_successor(const cln_plan_desc *d, const sizes *s, double *rows, double *bytes)
+{
+    const double weights = BYTES(d, params), densities = BYTES(d, density);
+
+    *rows = own_leaves(d, s->leaves);
+    *bytes = weights;
+    if (s->leaves * densities > *rows * weights) {
+        *rows = s->leaves;
+        *bytes = densities;
+    }
+}
+
+/* It frees some arrays before, and pictures, which have densities of their own, free theirs. Counts
+ * of the successor, added last, only what is more than these. */
+static void share_successor(const cln_plan_desc *d, const sizes *s, double bytes, cln_plan *out)
+{
+    const double freed = s->gradients * BYTES(d, grads) + s->leaves * BYTES(d, seen) +
+                         own_leaves(d, s->leaves) * BYTES(d, transposed);
+    const double counted = fmax(bytes - freed, s->leaves * BYTES(d, picture_density));
+
+    out->rows[out->count - 1].bytes += fmin(counted, bytes) - bytes;
+    out->total += fmin(counted, bytes) - bytes;
+}
+
 /* Adds the rows of all planned buffers, in the order of their purposes. */
 static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
@@ -356,15 +417,17 @@ static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
             const cln_buffer_row *buffer = &cln_buffer_rows[id];
             const bool own = buffer->per != CLN_PER_MODEL &&
                              (purpose == CLN_FOR_WEIGHTS || purpose == CLN_FOR_OPTIMISER);
-            const double rows =
-                own ? cln_share_most(d->pipeline, (int)s->leaves) : most_rows(d, s, buffer->per);
-            const double bytes = bytes_of(d, (cln_buffer_id)id);
+            const double all = most_rows(d, s, buffer->per);
+            double rows = own ? own_leaves(d, s->leaves) : all;
+            double bytes = bytes_of(d, (cln_buffer_id)id);
 
             if ((int)buffer->purpose != purpose || !is_there(d, s, buffer->when))
                 continue;
             if (!begun)
                 row(out, purposes[purpose].name, lower(d, purposes[purpose].ways_out[d->training]));
             begun = true;
+            if (id == CLN_BUFFER_successor)
+                find_successor(d, s, &rows, &bytes);
             if (buffer->per == CLN_PER_LEAF_P)
                 add_parts(out, rows, s->part_leaves, bytes);
             else if (buffer->per == CLN_PER_GRADIENT_P && s->split)
@@ -372,6 +435,8 @@ static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
             else
                 for (int i = 0; i < buffer->count; i++)
                     add(out, rows * bytes);
+            if (id == CLN_BUFFER_successor)
+                share_successor(d, s, rows * bytes, out);
         }
         if (purpose == CLN_FOR_TREE) /* empty buffers and parts have 16 bytes */
             add(out, 16.0 * CLN_PARTS * CLN_BUFFERS);
@@ -496,6 +561,35 @@ void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
         batches /= 2;
 }
 
+static bool fits_with(const cln_plan_desc *d, int own)
+{
+    const int far = is_linked(d) ? most_far(d->leaves, own) : 0;
+    const cln_deal deal = {own, far, most_links(d->pipeline, far)};
+    cln_plan_desc moved = *d;
+    cln_plan plan, host;
+
+    moved.deal = &deal;
+    cln_plan_device(&moved, &plan);
+    cln_plan_host(&moved, &plan, &host);
+    return plan.total <= plan.limit && host.total <= host.limit;
+}
+
+int cln_plan_most_own(const cln_plan_desc *d)
+{
+    int low = d->deal->own, high = cln_share_most(d->pipeline, d->leaves);
+
+    if (high <= low || fits_with(d, high))
+        return high > low ? high : low;
+    if (!fits_with(d, low))
+        return 0;
+    while (high - low > 1) {
+        const int middle = low + (high - low) / 2;
+
+        *(fits_with(d, middle) ? &low : &high) = middle;
+    }
+    return low;
+}
+
 void cln_plan_apply(const cln_plan *plan, cln_pipeline *p)
 {
     p->device->limit = (size_t)plan->limit;
@@ -523,7 +617,7 @@ cln_status cln_plan_place_images(cln_device *device, const cln_config *config, i
     cln_pipeline outline;
     cln_plan plan, host;
     const cln_plan_desc desc = {
-        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), depth};
+        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), depth, NULL};
     double left = 0;
 
     CLN_TRY(cln_pipeline_outline(device, config,

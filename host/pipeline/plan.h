@@ -47,6 +47,12 @@ typedef struct cln_plan {
     int distil_nets;      /* merged leaves trained together */
 } cln_plan;
 
+/* What a rank has at most: leaves; besides as many, other ranks' leaves with vertices that are its
+ * own; links (halo.h). */
+typedef struct cln_deal {
+    int own, far, links;
+} cln_deal;
+
 typedef struct cln_plan_desc {
     const cln_pipeline *pipeline; /* device, settings, network; no buffers needed */
     const cln_scene *scene;
@@ -54,7 +60,15 @@ typedef struct cln_plan_desc {
     bool training;         /* else only rendering */
     double coverage_bytes; /* training: host memory of train/coverage.h */
     int depth;             /* of the tree; 0: as deep as it may become */
+    const cln_deal *deal;  /* by ranks; NULL: the leaves may be dealt in any way (share.h) */
 } cln_plan_desc;
+
+/* The deal of a tree by p->rank_first. */
+cln_status cln_plan_deal(const cln_pipeline *p, const cln_octree *tree, cln_deal *out);
+
+/* The most leaves that a rank may get, however they lie in the tree, so that the device's plan and
+ * the host's are within their limits: up to cln_share_most(), 0 if not even the deal's fit. */
+int cln_plan_most_own(const cln_plan_desc *desc);
 
 /* limit: --device-mem, else 90 % of the device's memory. */
 void cln_plan_device(const cln_plan_desc *desc, cln_plan *out);

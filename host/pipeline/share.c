@@ -321,17 +321,25 @@ static const double LIMIT = 1.04;
  * than it takes to move all leaves; training one takes as long as moving WORTH leaves. */
 enum { WORTH = 256 };
 
-/* A rank gets at most 1.5 times the mean number of leaves; memory plans count on that. */
+/* A rank gets at most 1.5 times the mean number of leaves, and no more than its memory has room
+ * for. */
 int cln_share_most(const cln_pipeline *p, int leaves)
 {
     return p->ranks > 1 ? (int)ceil(1.5 * leaves / p->ranks) : leaves;
+}
+
+/* Leaves may move: ranks have room for more than their even share. */
+static bool may_move(const cln_pipeline *p)
+{
+    return p->ranks > 1 && (int64_t)p->most_own * p->ranks >= p->leaves;
 }
 
 /* Finds each rank's first leaf so that all ranks have about the same load. A leaf counts with its
  * own load and, because its densities are computed anew, with a tenth of the mean load. */
 static void find_balance(const cln_pipeline *p, const double *load, int *first)
 {
-    const int most = cln_share_most(p, p->leaves);
+    const int by_mean = cln_share_most(p, p->leaves);
+    const int most = p->most_own < by_mean ? p->most_own : by_mean;
     double total = 0, sum = 0;
     int rank = 1;
 
@@ -417,7 +425,7 @@ cln_status cln_share_balance(cln_pipeline *p, cln_share_move *out)
     double loads[CLN_RANKS_MOST] = {0};
 
     *out = (cln_share_move){.before = 1, .after = 1};
-    if (p->ranks <= 1)
+    if (!may_move(p))
         return CLN_OK;
     for (int s = p->first; s < p->first + p->own; s++)
         loads[me] += p->load[s];
@@ -451,7 +459,7 @@ cln_status cln_share_lend(cln_pipeline *p, const double *work, int **lent)
     int next[CLN_RANKS_MOST + 1];
 
     *lent = NULL;
-    if (p->ranks <= 1)
+    if (!may_move(p))
         return CLN_OK;
     for (int s = 0; s < p->leaves; s++)
         total += work[s];

@@ -92,8 +92,10 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_pipeline *p = &opened->pipeline;
     char text[1024];
     const cln_scene none = {0}, *scene = opened->scene ? opened->scene : &none;
+    cln_deal deal;
     const cln_plan_desc desc = {p,     scene, opened->model.tree.leaf_count,
-                                false, 0,     cln_octree_depth(&opened->model.tree)};
+                                false, 0,     cln_octree_depth(&opened->model.tree),
+                                &deal};
     cln_plan plan, host_plan;
 
     if (device->device_mem)
@@ -118,6 +120,8 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_pipeline_share(p));
     cln_tune_text(&p->tune, text);
     cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
+    cln_share_evenly(p, desc.leaves);
+    CLN_TRY(cln_plan_deal(p, &opened->model.tree, &deal));
     cln_plan_device(&desc, &plan);
     cln_plan_host(&desc, &plan, &host_plan);
     CLN_TRY(cln_plan_check(opened->device, &plan));

@@ -12,6 +12,7 @@
 #include "pipeline/share.h"
 #include "pipeline/stretch.h"
 #include "ranks/ranks.h"
+#include "train/deal.h"
 
 enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
 
@@ -395,6 +396,8 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
     for (int n = 0; n < d->nets; n++)
         work[t->model.tree.slot[d->nodes[n]]] = 1;
     CLN_TRY(cln_share_lend(&t->pipeline, work, &lent));
+    if (lent)
+        CLN_TRY(cln_deal_plan(t));
     /* A rank goes only through its own nets, which are a run. By samples, its batches have the
      * samples of all, so that they are those of one process. */
     while (alone && first < end && row_of(t, d, first) < 0)

@@ -13,6 +13,7 @@
 #include "device/queue.h"
 #include "train/carve.h"
 #include "train/children.h"
+#include "train/deal.h"
 #include "train/distil.h"
 #include "train/regrow.h"
 #include "train/step.h"
@@ -124,7 +125,8 @@ static void make_plans(const cln_trainer *t, int leaves, plans *out)
                                 leaves,
                                 true,
                                 cln_coverage_bytes(t->scene),
-                                1 + (depth > grown ? depth : grown)};
+                                1 + (depth > grown ? depth : grown),
+                                NULL};
 
     cln_plan_device(&desc, &out->device);
     cln_plan_host(&desc, &out->device, &out->host);
@@ -299,6 +301,7 @@ static cln_status grow(cln_trainer *t)
     t->model.last_square = 0;
     adopt_plans(t, &next);
     CLN_TRY(carry(t, change.count > 0 ? &change : &splits));
+    CLN_TRY(cln_deal_plan(t));
     CLN_TRY(restart_measures(t));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
               p->leaves);
@@ -387,6 +390,7 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     CLN_TRY(cln_model_follow(&t->model, &change));
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
+    CLN_TRY(cln_deal_plan(t));
     CLN_TRY(restart_measures(t));
     if (missing.errors > 0) { /* densities change fast */
         t->model.growth_step = t->model.step;
@@ -564,6 +568,7 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
     CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
+    CLN_TRY(cln_deal_plan(t));
     CLN_TRY(restart_measures(t));
     CLN_TRY(refresh_marked(t, fresh));
     CLN_TRY(cln_maintain_probe(t, &d->psnr_after));
@@ -870,8 +875,10 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
     }
     if (t->model.step > 0 && t->model.step % BALANCE_EVERY == 0) {
         CLN_TRY(cln_share_balance(p, &move));
-        if (move.leaves > 0)
+        if (move.leaves > 0) {
+            CLN_TRY(cln_deal_plan(t));
             CLN_TRY(cln_record_move(t, &move));
+        }
     }
 done:
     return st;

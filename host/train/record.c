@@ -245,11 +245,11 @@ static void add_balance(cln_trainer *t, json_t *row)
 }
 
 /* Each stage's seconds of the idlest and of the busiest rank since the previous row, and the same
- * for messages: all ranks call it. photos: the least and the most bytes of host memory that a
- * rank's photos take. NULL without memory. */
-static json_t *find_ends(cln_trainer *t, double photos[2])
+ * for messages: all ranks call it. The least and the most of a rank's bytes: photos: of host memory
+ * that its photos take; device: of device memory, so far. NULL without memory. */
+static json_t *find_ends(cln_trainer *t, double photos[2], double device[2])
 {
-    double now[CLN_STAGES + 1], ends[2][CLN_STAGES + 2];
+    double now[CLN_STAGES + 1], ends[2][CLN_STAGES + 3];
     json_t *stages = json_object();
 
     memcpy(now, t->device->stage_seconds, sizeof t->device->stage_seconds);
@@ -260,10 +260,14 @@ static json_t *find_ends(cln_trainer *t, double photos[2])
     }
     memcpy(t->window.ranked_seconds, now, sizeof now);
     ends[1][CLN_STAGES + 1] = cln_scene_pixel_bytes(t->scene);
-    ends[0][CLN_STAGES + 1] = 0 - ends[1][CLN_STAGES + 1];
-    cln_ranks_largest(ends[0], 2 * (CLN_STAGES + 2));
+    ends[1][CLN_STAGES + 2] = (double)t->device->peak;
+    for (int i = 1; i < 3; i++)
+        ends[0][CLN_STAGES + i] = 0 - ends[1][CLN_STAGES + i];
+    cln_ranks_largest(ends[0], 2 * (CLN_STAGES + 3));
     photos[0] = 0 - ends[0][CLN_STAGES + 1];
     photos[1] = ends[1][CLN_STAGES + 1];
+    device[0] = 0 - ends[0][CLN_STAGES + 2];
+    device[1] = ends[1][CLN_STAGES + 2];
     for (int i = 0; i <= CLN_STAGES; i++)
         if (ends[1][i] > 0)
             json_object_set_new(stages, i < CLN_STAGES ? cln_stage_names[i] : "messages",
@@ -276,9 +280,9 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
     cln_status st = CLN_OK;
     const double spent = t->model.train_seconds - t->window.began_seconds;
     const double waits = (double)(t->device->waits - t->window.waits);
-    double leaf_samples = 0, padding = 0, photos[2] = {0};
+    double leaf_samples = 0, padding = 0, photos[2] = {0}, device[2] = {0};
     json_t *stages = NULL, *row = NULL;
-    json_t *ends = cln_ranks_count() > 1 ? find_ends(t, photos) : NULL;
+    json_t *ends = cln_ranks_count() > 1 ? find_ends(t, photos, device) : NULL;
 
     if (!t->writes)
         goto done;
@@ -314,6 +318,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
             json_object_set_new(row, "vertex_bytes", json_real(t->pipeline.common.bytes));
         json_object_set(row, "ranks_stages", ends);
         json_object_set_new(row, "photo_bytes", json_pack("[f, f]", photos[0], photos[1]));
+        json_object_set_new(row, "device_peaks", json_pack("[f, f]", device[0], device[1]));
         add_balance(t, row);
     }
     if (evaluated) {

@@ -170,6 +170,47 @@ static void test_own_rays(void **state)
     assert_true(fabs(s.messages - (1e-3 * 2 * 2.1 + s.sent * 1e-6)) < 1e-12);
 }
 
+/* Voxels of 4 cells on 4,096 leaves, 16 along an axis: two ranks have a face of 16 x 16 leaves
+ * between them, all copies of rank 1's; four have two, of which a half is rank 0's; eight three, of
+ * which it has a quarter. A face has 5 x 5 vertices of 20 bytes. With as many samples as leaves, a
+ * part of 64 cells, met with 1 - exp(-c / 64) where c cells are around a vertex. */
+static void test_vertices(void **state)
+{
+    const scale_machine m = {.shared = {0, 1e-6, 0}};
+    const scale_network slow = {1e-3, 1e6};
+    scale_work w = {.samples = 4096,
+                    .leaves = 4096,
+                    .stretches = 1,
+                    .refresh_every = 1e9,
+                    .ranks = 2,
+                    .balance = 1,
+                    .cells = 4,
+                    .row_bytes = 20,
+                    .places = 1};
+    const double own = 1 - exp(-4.0 / 64), any = 1 - exp(-8.0 / 64);
+    scale_step s;
+
+    (void)state;
+    assert_true(fabs(scale_faces(4096, 2) - 256) < 1e-9);
+    assert_true(fabs(scale_faces(4096, 4) - 512) < 1e-9);
+    assert_true(fabs(scale_faces(4096, 8) - 768) < 1e-9);
+    assert_true(fabs(scale_faces(4096, 16) - 5 * 256) < 1e-9);
+    assert_true(fabs(scale_faces(4096, 4096) - 3 * 15 * 256) < 1e-6); /* every face */
+    assert_true(fabs(scale_first_faces(4096, 2) - 256) < 1e-9);
+    assert_true(fabs(scale_first_faces(4096, 4) - 256) < 1e-9);
+    assert_true(fabs(scale_first_faces(4096, 8) - 192) < 1e-9);
+    assert_true(scale_faces(4096, 1) == 0 && scale_first_faces(4096, 1) == 0);
+    assert_true(fabs(scale_first_vertices(&w) - 256 * 500 * any) < 1e-6);
+    assert_true(fabs(scale_vertices(&w) - 128 * 500 * (own + any)) < 1e-6);
+    s = scale_predict(&m, &slow, &w); /* 16 bytes of a stretch */
+    assert_true(fabs(s.sent - 16 - scale_vertices(&w)) < 1e-3);
+    assert_true(fabs(s.messages - 3e-3 - s.sent * 1e-6) < 1e-9); /* two messages more */
+    w.places = 0.5;
+    assert_true(fabs(scale_first_vertices(&w) - 256 * 500 * own) < 1e-6);
+    w.cells = 0;
+    assert_true(scale_vertices(&w) == 0 && scale_first_vertices(&w) == 0);
+}
+
 /* The largest of two normal numbers is 1 / sqrt(pi) on average, of three 1.5 / sqrt(pi), of ten
  * 1.53875 by tables. A step of 2 ms that spreads by a tenth ends so much later. */
 static void test_waiting(void **state)
@@ -218,7 +259,8 @@ int test_group_scale(void)
         cmocka_unit_test(test_messages),   cmocka_unit_test(test_stretches),
         cmocka_unit_test(test_passes),     cmocka_unit_test(test_balance_and_leaves),
         cmocka_unit_test(test_own_cells),  cmocka_unit_test(test_own_rays),
-        cmocka_unit_test(test_waiting),    cmocka_unit_test(test_fit),
+        cmocka_unit_test(test_vertices),   cmocka_unit_test(test_waiting),
+        cmocka_unit_test(test_fit),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -362,11 +362,26 @@ section_resume() {
     check "which is not that of four" [ "$(digest "$work/four")" != "$(digest "$work/four-1")" ]
 }
 
+# near_plan RUN: the rank that took most device memory took no more than the plan, and the plan has
+# no more than 15 % above that
+near_plan() {
+    awk -v most="$(sed -n 's/.*"device_peaks":[[][^,]*,\([0-9.e+]*\).*/\1/p' "$1/metrics.jsonl" |
+        tail -n 1)" -v plan="$("$query" plan.total <"$1/run.json")" 'BEGIN {
+            printf "plan %.1f MiB, allocated %.1f\n", plan / 1048576, most / 1048576 >"/dev/stderr"
+            exit !(most > 0 && most <= plan && plan <= 1.15 * most) }' 2>"$work/err"
+}
+
 # What does not fit --device-mem of one process is trained by four, each within it.
 section_memory() {
+<<<<<<< HEAD
     local limit on=$work/full
     local large=(--skip-selftest --progress none --preset fast --width 64 --depth 8 --start-level 2
         --level-at "" --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
+=======
+    local limit n on=$work/full
+    local large=(--skip-selftest --progress none --width 64 --depth 8 --start-level 2 --level-at ""
+        --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
+>>>>>>> h/ranks
     baseline
     run "$cln" train "$work/scene" -o "$on" "${large[@]}" --device-mem 1M
     limit=$(grep -oE '= [0-9.]+ MiB of' "$work/err" | awk '{ printf "%.1fM", 0.88 * $2 }')
@@ -379,6 +394,13 @@ section_memory() {
     check "rank 0 in that memory" \
         number_above "$(awk -v m="${limit%M}" 'BEGIN { print m * 1048576 }')" \
         "$("$query" result.device_peak <"$on/run.json")"
+    # most memory is that of voxels' leaves; most of these split, then some move
+    for n in 2 3; do
+        run "${mpi[@]}" -n $n "$ranked" train "$work/scene" -o "$work/planned-$n" "${voxels[@]}" \
+            --start-level 2 --level-at "" --max-alloc 5M --batch-samples 2048 --rays 256 \
+            --cull-from 1 --max-level 3 --max-leaves 400 --regrow 0 --steps 36
+        check "memory of $n ranks is as planned" near_plan "$work/planned-$n"
+    done
 }
 
 # Ranks of a machine take the devices that match in turn: here two of different kinds, which one
@@ -650,6 +672,11 @@ section_scale() {
     check "the bytes are the model's within 5 %" \
         awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05) }' \
         "$work/out"
+    run "${mpi[@]}" -n 2 "$ranked" train "$work/scene" -o "$work/vox-bytes" "${voxels[@]}" \
+        --steps 128 --log-every 8 --level-at "" --no-adaptive --cull-from 1 --start-level 2
+    expect "bytes of a step of voxels" 0 "" build/mpi/bench-scale bytes "$work/vox-bytes"
+    check "the bytes but those of common vertices are the model's within 5 %" \
+        awk '{ exit !($2 > 1000 && $3 > -0.05 && $3 < 0.05 && $4 > 1000) }' "$work/out"
     expect "messages between two" 0 "" "${mpi[@]}" -n 2 build/mpi/bench-scale messages
     check "messages have latency and bandwidth" \
         awk '{ exit !($1 > 0 && $2 > 0 && NF == 2) }' "$work/out"

@@ -10,6 +10,7 @@
 #include "device_test.h"
 #include "pipeline/halo.h"
 #include "pipeline/share.h"
+#include "ranks/ranks.h"
 #include "tests.h"
 
 enum { MOST = 128, RANKS = 5 }; /* leaves; ranks */
@@ -257,6 +258,28 @@ static void check_order(const world *w)
             assert_memory_equal(from->up + from->up_first[b], to->down + to->down_first[a],
                                 (size_t)n * sizeof *from->up);
         }
+}
+
+/* The count of a deal has each rank's links of both directions, and leaves of others with links
+ * down. */
+static void check_count(const world *w)
+{
+    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST];
+
+    assert_ok(cln_halo_count(w->p, &w->model.tree, w->p->rank_first, links, far));
+    for (int r = 0; r < w->c->ranks; r++) {
+        const rank *mine = &w->ranks[r];
+        const int n = mine->down_first[w->c->ranks];
+        bool seen[MOST] = {false};
+        int leaves = 0;
+
+        for (int i = 0; i < n; i++) {
+            leaves += !seen[mine->down[i].s[0]];
+            seen[mine->down[i].s[0]] = true;
+        }
+        assert_int_equal(links[r], n + mine->up_first[w->c->ranks]);
+        assert_int_equal(far[r], leaves);
+    }
 }
 
 /* Marks n links on the device: want[link]. Returns how many are. */
@@ -559,6 +582,7 @@ static void check_case(const halo_case *c)
     for (int r = 0; r < c->ranks; r++)
         check_links(&w, r);
     check_order(&w);
+    check_count(&w);
     for (int r = 0; r < c->ranks; r++)
         send_gradients(&w, r);
     for (int k = 0; k < 2; k++) {

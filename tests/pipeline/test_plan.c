@@ -52,7 +52,7 @@ static void make_fake(fake *f, const cln_config *config, double max_alloc, const
     }
     f->scene.views = f->views;
     f->scene.view_count = 4;
-    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0};
+    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0, NULL};
 }
 
 static cln_config preset(const char *name)
@@ -86,7 +86,9 @@ static void test_adds_up(void **state)
         make_fake(&f, &config, 4096 * MIB, "gpu");
         cln_plan_device(&f.desc, &plan);
         for (int k = 0; k < plan.count; k++) {
-            assert_true(plan.rows[k].largest > 0 && plan.rows[k].largest <= plan.rows[k].bytes);
+            assert_true(plan.rows[k].largest > 0);
+            assert_true(plan.rows[k].largest <= plan.rows[k].bytes ||
+                        strcmp(plan.rows[k].purpose, "changes of the tree") == 0);
             sum += plan.rows[k].bytes;
         }
         assert_true(fabs(sum - plan.total) < 1);
@@ -381,6 +383,54 @@ static void test_links_fit(void **state)
                          links, most, slices, own + far);
             assert_true(links < 3.0 * leaves * pow(f.pipeline.net.cells + 1, 2)); /* bearable */
         }
+}
+
+/* By ranks, a plan of a known deal has its leaves, links and others' leaves: 4 ranks with 250 of
+ * 1,000 leaves, where moves may bring 375. Moves are limited to what fits. */
+static void test_deals(void **state)
+{
+    cln_config config = preset("voxel");
+    const cln_deal even = {250, 60, 7000};
+    fake f;
+    cln_plan loose, plan;
+    double params = 0;
+    int most = 0, before = 375;
+
+    (void)state;
+    make_fake(&f, &config, 4096 * MIB, "gpu");
+    f.pipeline.ranks = 4;
+    f.desc.leaves = 1000;
+    params = 4.0 * f.pipeline.net.params;
+    cln_plan_device(&f.desc, &loose);
+    assert_true(fabs(row_bytes(&loose, "network weights", false) - 375 * params) < 1);
+    f.desc.deal = &even;
+    cln_plan_device(&f.desc, &plan);
+    assert_true(fabs(row_bytes(&plan, "network weights", false) - 250 * params) < 1);
+    assert_true(fabs(row_bytes(&plan, "changes of the tree", true) - 250 * params) < 1);
+    assert_true(fabs(row_bytes(&plan, "weight gradients", true) -
+                     (310 + floor((double)plan.max_samples / 480)) * params) < 1);
+    /* the gradients are free then, and more than the weights; 8 bytes a leaf, pictures' densities */
+    assert_true(fabs(row_bytes(&plan, "changes of the tree", false) - 8.0 * 1000 -
+                     2000.0 * config.n1 * config.n1 * config.n1) < 1);
+    /* two directions, marks, places: 40 bytes a link */
+    assert_true(row_bytes(&loose, "tree and cameras", false) -
+                    row_bytes(&plan, "tree and cameras", false) >
+                40.0 * 7000);
+    f.pipeline.config.device_mem = loose.total;
+    assert_int_equal(cln_plan_most_own(&f.desc), before);
+    for (double less = 0.98; less > 0.8; less -= 0.02) {
+        f.pipeline.config.device_mem = less * loose.total;
+        most = cln_plan_most_own(&f.desc);
+        assert_true(most < before && (most == 0 || most >= 250));
+        before = most > 0 ? most : 1;
+    }
+    f.pipeline.config.device_mem = plan.total / 2;
+    assert_int_equal(cln_plan_most_own(&f.desc), 0);
+    f.pipeline.config.device_mem = 0;
+    f.pipeline.config.n1 = 64; /* densities of all leaves are more than a rank's weights */
+    cln_plan_device(&f.desc, &plan);
+    assert_true(fabs(row_bytes(&plan, "changes of the tree", true) - 1000.0 * 2 * 64 * 64 * 64) <
+                1);
 }
 
 /* Projected samples take half of what is left: of a CPU's memory, which is the host's, half of what
@@ -868,6 +918,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_cut_below_the_largest),
         cmocka_unit_test(test_slices_fit),
         cmocka_unit_test(test_links_fit),
+        cmocka_unit_test(test_deals),
         cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_search),
         cmocka_unit_test(test_limits_by_name),
