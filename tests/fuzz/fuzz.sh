@@ -3,6 +3,7 @@
 #
 #   tests/fuzz/fuzz.sh SECONDS [TARGET...]   searches so long in each target, with libFuzzer (make
 #                                            fuzz); found inputs stay in build/fuzz/corpus
+#   TIMEOUT=20                               seconds that an input may take: more beside other work
 #   tests/fuzz/fuzz.sh replay                reads the corpus and always the same changes of it
 #                                            (make test)
 #
@@ -47,8 +48,8 @@ else
     [ $# != 0 ] || set -- $($program)
     for target in "$@"; do
         mkdir -p "build/fuzz/corpus/$target"
-        one $program "$target" -max_total_time="$seconds" -timeout=20 -rss_limit_mb=3000 \
-            -max_len=16384 -artifact_prefix="$PWD/build/fuzz/found/$target-" \
+        one $program "$target" -max_total_time="$seconds" -timeout="${TIMEOUT:-20}" \
+            -rss_limit_mb=3000 -max_len=16384 -artifact_prefix="$PWD/build/fuzz/found/$target-" \
             "build/fuzz/corpus/$target"
     done
 fi | tee build/fuzz/all.log
