@@ -13,6 +13,7 @@
 #include "tests.h"
 
 enum { CELLS = 4, SIDE = CELLS + 1, VERTICES = SIDE * SIDE * SIDE, MOST = 64, EVERY = 4 };
+enum { DEEPEST = 3, WIDE = (CELLS << DEEPEST) + 1, KEYS = WIDE * WIDE * WIDE * (DEEPEST + 1) };
 
 typedef struct voxel_case {
     const char *name;
@@ -69,7 +70,30 @@ static int key_of(const cln_octree *tree, int slot, int v)
 
     for (int a = 2; a >= 0; a--)
         key = key * n + tree->pos[node][a] * CELLS + at[a];
-    return key * 4 + level;
+    return key * (DEEPEST + 1) + level;
+}
+
+/* The vertices that share a place, as circles of rows (slot * VERTICES + v): each has the next one's
+ * row, the last one the first's. The caller frees it. */
+static int *circles_of(const cln_octree *tree)
+{
+    const int rows = tree->leaf_count * VERTICES;
+    int *next = test_alloc((size_t)rows, sizeof *next);
+    int *last = test_alloc(KEYS, sizeof *last); /* its row + 1; 0: none yet */
+
+    for (int row = 0; row < rows; row++) {
+        const int key = key_of(tree, row / VERTICES, row % VERTICES);
+
+        assert_in_range(key, 0, KEYS - 1);
+        next[row] = row;
+        if (last[key] > 0) {
+            next[row] = next[last[key] - 1];
+            next[last[key] - 1] = row;
+        }
+        last[key] = row + 1;
+    }
+    free(last);
+    return next;
 }
 
 /* A number of a vertex; reds of neighbours are often equal. */
@@ -233,34 +257,32 @@ static void smooth(const cln_config *config, const cln_model *model, uint32_t ke
 }
 
 /* One step of a leaf's vertex: the sum over all that share it, with the rates of its numbers. */
-static void step(const cln_config *config, const cln_model *model, const double *grads, int slot,
-                 int v, double lr, double want[32], double second[32])
+static void step(const cln_config *config, const cln_model *model, const double *grads,
+                 const int *next, int row, double lr, double want[32], double second[32])
 {
-    const int features = model->net.features, key = key_of(&model->tree, slot, v);
+    const int features = model->net.features, params = model->net.params;
 
     for (int f = 0; f < features; f++) {
         const double rate = f == 3 ? config->density_rate : f > 3 ? config->harmonic_rate : 1;
         double g = 0, m = 0;
+        int w = row;
 
-        for (int s = 0; s < model->tree.leaf_count; s++)
-            for (int w = 0; w < VERTICES; w++)
-                if (key_of(&model->tree, s, w) == key)
-                    g += grads[s * model->net.params + w * features + f];
-        want[f] = model->params[slot * model->net.params + v * features + f];
+        do
+            g += grads[w / VERTICES * params + w % VERTICES * features + f];
+        while ((w = next[w]) != row);
+        want[f] = model->params[row / VERTICES * params + row % VERTICES * features + f];
         second[f] = 0;
         ref_voxel_step(&want[f], g, &m, &second[f], lr * rate, (float)config->beta1,
                        (float)config->beta2, (float)config->epsilon);
     }
 }
 
-static bool is_met(const cln_model *model, const uint8_t *met, int slot, int v)
+static bool is_met(const int *next, const uint8_t *met, int row)
 {
-    const int key = key_of(&model->tree, slot, v);
-    bool any = false;
+    bool any = met[row];
 
-    for (int s = 0; s < model->tree.leaf_count && !any; s++)
-        for (int w = 0; w < VERTICES && !any; w++)
-            any = met[s * VERTICES + w] && key_of(&model->tree, s, w) == key;
+    for (int w = next[row]; w != row && !any; w = next[w])
+        any = met[w];
     return any;
 }
 
@@ -314,12 +336,13 @@ static void check_case(const voxel_case *c)
     float *got = NULL, *moments = NULL;
     uint8_t *met = NULL;
     uint32_t slices = 0;
-    int row = 0, leaves = 0, met_count = 0, tied = 0, features = 0;
+    int *next = NULL, row = 0, leaves = 0, met_count = 0, tied = 0, features = 0;
     double worst = 0, wrong = 0, largest = 0;
 
     make_model(&config, &model);
     make_batch(&model.tree, c->smooth_density + c->smooth_colour > 0, &b);
     leaves = model.tree.leaf_count;
+    next = circles_of(&model.tree);
     row = model.net.params;
     features = model.net.features;
     grads = test_alloc((size_t)(leaves * row), sizeof *grads);
@@ -346,29 +369,29 @@ static void check_case(const voxel_case *c)
     for (int s = 0; s < leaves; s += 3)
         for (int v = s % 2; v < VERTICES; v += 2) {
             const float *mine = got + s * row + v * features;
+            const int here = s * VERTICES + v;
             double want[32], second[32], seconds[32] = {0};
+            int copy = here;
 
-            if (!is_met(&model, met, s, v)) {
+            if (!is_met(next, met, here)) {
                 assert_memory_equal(mine, model.params + s * row + v * features,
                                     (size_t)features * sizeof *mine);
                 continue;
             }
             met_count++;
-            step(&config, &model, grads, s, v, lr, want, second);
+            step(&config, &model, grads, next, here, lr, want, second);
             for (int f = 0; f < features; f++) {
                 assert_true(isfinite(mine[f]));
                 worst = fmax(worst, fabs(mine[f] - want[f]) / lr);
             }
-            for (int other = 0; other < leaves; other++)
-                for (int w = 0; w < VERTICES; w++) {
-                    if (key_of(&model.tree, other, w) != key_of(&model.tree, s, v))
-                        continue;
-                    assert_memory_equal(mine, got + other * row + w * features,
-                                        (size_t)features * sizeof *mine);
-                    for (int f = 0; f < features; f++) /* one of the copies has the moment */
-                        seconds[f] += moments[other * row + w * features + f];
-                    tied += other != s;
-                }
+            do {
+                const int at = copy / VERTICES * row + copy % VERTICES * features;
+
+                assert_memory_equal(mine, got + at, (size_t)features * sizeof *mine);
+                for (int f = 0; f < features; f++) /* one of the copies has the moment */
+                    seconds[f] += moments[at + f];
+                tied += copy != here;
+            } while ((copy = next[copy]) != here);
             for (int f = 0; f < features; f++) {
                 largest = fmax(largest, second[f]);
                 wrong = fmax(wrong, fabs(sqrt(seconds[f]) - sqrt(second[f])));
@@ -387,6 +410,7 @@ static void check_case(const voxel_case *c)
     free(grads);
     free(decoder);
     free(met);
+    free(next);
     free(got);
     free_batch(&b);
     cln_model_free(&model);
@@ -479,7 +503,7 @@ static void test_regrown(void **state)
     cln_octree_change change = {0};
     cln_model model = {0};
     float *got = NULL;
-    int row = 0, features = 0, fresh = 0, joined = 0, new = 0;
+    int *next = NULL, row = 0, features = 0, fresh = 0, joined = 0, new = 0;
 
     (void)state;
     memset(cells, 1, sizeof cells);
@@ -489,19 +513,19 @@ static void test_regrown(void **state)
     assert_ok(cln_pipeline_upload(p, &model, true));
     assert_ok(cln_octree_regrow(&model.tree, cells, 2, 2, empty, &change));
     assert_ok(cln_pipeline_carry(p, &model.tree, &change));
+    next = circles_of(&model.tree);
     got = test_alloc((size_t)(model.tree.leaf_count * row), sizeof *got);
     assert_ok(CLN_GET(p, params, got, (size_t)model.tree.leaf_count));
     for (int s = 0; s < model.tree.leaf_count; s++) {
         fresh += change.octant[s] == CLN_FRESH;
         for (int v = 0; change.octant[s] == CLN_FRESH && v < VERTICES; v++) {
+            const int here = s * VERTICES + v;
             const float zero[32] = {0};
             const float *want = zero;
 
-            for (int other = 0; other < model.tree.leaf_count; other++)
-                for (int w = 0; w < VERTICES; w++)
-                    if (change.octant[other] != CLN_FRESH &&
-                        key_of(&model.tree, other, w) == key_of(&model.tree, s, v))
-                        want = got + other * row + w * features;
+            for (int copy = next[here]; copy != here; copy = next[copy])
+                if (change.octant[copy / VERTICES] != CLN_FRESH)
+                    want = got + copy / VERTICES * row + copy % VERTICES * features;
             joined += want != zero;
             new += want == zero;
             assert_memory_equal(got + s * row + v * features, want,
@@ -509,6 +533,7 @@ static void test_regrown(void **state)
         }
     }
     assert_true(fresh > 3 && joined > 50 && new > 50);
+    free(next);
     free(got);
     cln_octree_change_free(&change);
     cln_model_free(&model);
@@ -524,7 +549,7 @@ static void check_split(const voxel_case *c)
     cln_model model = {0}, host = {0};
     uint8_t split[2 * MOST] = {0};
     float *got = NULL, child[VERTICES * 32];
-    int row = 0, features = 0, copies = 0, joined = 0, exact = 0;
+    int *next = NULL, row = 0, features = 0, copies = 0, joined = 0, exact = 0;
 
     make_model(&config, &model);
     make_model(&config, &host);
@@ -536,6 +561,7 @@ static void check_split(const voxel_case *c)
     assert_ok(cln_octree_split(&model.tree, split, &change));
     assert_ok(cln_octree_split(&host.tree, split, &same));
     assert_ok(cln_pipeline_carry(p, &model.tree, &change));
+    next = circles_of(&model.tree);
     got = test_alloc((size_t)(model.tree.leaf_count * row), sizeof *got);
     assert_ok(CLN_GET(p, params, got, (size_t)model.tree.leaf_count));
     for (int s = 0; s < model.tree.leaf_count; s++) {
@@ -547,15 +573,14 @@ static void check_split(const voxel_case *c)
             const float *mine = got + s * row + v * features;
             const float *want = (change.octant[s] < 0 ? from : child) + v * features;
             bool stays = false;
+            int copy = s * VERTICES + v;
 
-            for (int other = 0; other < model.tree.leaf_count; other++)
-                for (int w = 0; w < VERTICES; w++)
-                    if (key_of(&model.tree, other, w) == key_of(&model.tree, s, v)) {
-                        assert_memory_equal(mine, got + other * row + w * features,
-                                            (size_t)features * sizeof *mine);
-                        stays = stays || change.octant[other] < 0;
-                        copies += other != s;
-                    }
+            do {
+                assert_memory_equal(mine, got + copy / VERTICES * row + copy % VERTICES * features,
+                                    (size_t)features * sizeof *mine);
+                stays = stays || change.octant[copy / VERTICES] < 0;
+                copies += copy / VERTICES != s;
+            } while ((copy = next[copy]) != s * VERTICES + v);
             if (change.octant[s] < 0)
                 assert_memory_equal(mine, want, (size_t)features * sizeof *mine);
             if (!stays)
@@ -567,6 +592,7 @@ static void check_split(const voxel_case *c)
     assert_true(copies > 1000 && joined > 10 && exact > 1000);
     assert_ok(cln_model_apply(&host, &same));
     assert_memory_equal(got, host.params, (size_t)(model.tree.leaf_count * row) * sizeof *got);
+    free(next);
     free(got);
     cln_octree_change_free(&change);
     cln_octree_change_free(&same);
