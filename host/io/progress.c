@@ -112,6 +112,8 @@ void cln_progress_show(cln_progress *progress, double fraction, const char *text
 {
     double now = monotonic_seconds();
     double waited = now - progress->shown_at;
+    /* other work begins with another word */
+    const bool other = strncmp(progress->text, text, strcspn(text, " ") + 1) != 0;
     bool due = !progress->shown;
 
     if (progress->mode == MODE_NONE)
@@ -119,7 +121,7 @@ void cln_progress_show(cln_progress *progress, double fraction, const char *text
     snprintf(progress->text, sizeof progress->text, "%s", text);
     progress->stale = true;
     if (progress->mode == MODE_BAR)
-        due = due || waited >= bar_seconds || fraction < progress->shown_fraction; /* other work */
+        due = due || waited >= bar_seconds || fraction < progress->shown_fraction || other;
     else
         due = due ||
               (waited >= line_seconds && (fraction >= progress->shown_fraction + line_fraction ||

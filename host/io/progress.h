@@ -15,9 +15,10 @@ typedef struct cln_progress cln_progress;
 cln_status cln_progress_open(const char *mode, cln_progress **out);
 
 /* Shows text, one line without its newline; fraction (0..1) of the work is done. A bar is redrawn
- * at most 10 times a second, or when other work has begun, with as many of its fields (" | "
- * between them) as the terminal has room for. A plain line is written at most every 10 s: when 1 %
- * more is done, when other work has begun (the fraction falls), or after a minute. */
+ * at most 10 times a second, or when other work has begun (another first word, or the fraction
+ * falls), with as many of its fields (" | " between them) as the terminal has room for. A plain
+ * line is written at most every 10 s: when 1 % more is done, when other work has begun (the
+ * fraction falls), or after a minute. */
 void cln_progress_show(cln_progress *progress, double fraction, const char *text);
 
 /* Shows the last text, ends the line and gives the log back to stderr; accepts NULL. */

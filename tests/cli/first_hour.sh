@@ -202,7 +202,7 @@ section_scenes() {
     # steps that are long enough to be interrupted
     env --default-signal=INT "$cln" check "$s" --probe 600 --progress bar --preset paper \
         >"$work/out" 2>"$work/err" &
-    while kill -0 $! && ! said timing; do sleep 0.1; done # 0/2 is shown if the bar is due then
+    while kill -0 $! && ! said timing; do sleep 0.1; done
     kill -INT $!
     wait $!
     check "check that is interrupted: exit code 130" [ $? = 130 ]

@@ -94,6 +94,28 @@ static void progress_as_a_bar_redraws_its_line(void **state)
     free(text);
 }
 
+static void show_two(void)
+{
+    cln_progress *progress = NULL;
+
+    assert_int_equal(cln_progress_open("bar", &progress), CLN_OK);
+    cln_progress_show(progress, 0, "images 0/9 0%");
+    cln_progress_show(progress, 0.1, "images 1/9 11%");
+    cln_progress_show(progress, 1, "timing 2/2 100%");
+    cln_progress_show(progress, 1, "timing 2/2 100%");
+    cln_progress_close(progress);
+}
+
+/* Even if it is begun at once and is as far: it may be long. */
+static void progress_as_a_bar_shows_other_work_at_once(void **state)
+{
+    char *text = stderr_of(*state, show_two);
+
+    assert_string_equal(text, "\rimages 0/9 0%\033[K\rtiming 2/2 100%\033[K"
+                              "\rtiming 2/2 100%\033[K\n");
+    free(text);
+}
+
 static void show_fields(void)
 {
     cln_progress *progress = NULL;
@@ -176,6 +198,7 @@ int test_group_progress(void)
     const struct CMUnitTest tests[] = {
         ON_DISK(progress_off_a_terminal_is_plain_lines),
         ON_DISK(progress_as_a_bar_redraws_its_line),
+        ON_DISK(progress_as_a_bar_shows_other_work_at_once),
         ON_DISK(progress_as_a_bar_shows_whole_fields),
         ON_DISK(progress_can_be_off),
         cmocka_unit_test(formats_are_for_people),
