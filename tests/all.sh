@@ -2,10 +2,11 @@
 # The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
 # AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed
 # library, and the devices side by side. A driver compiles kernels with one thread, so as many
-# parts as there are processors run at once, long ones first; each is printed when it ends. It ends
-# with a line "N passed, N failed[, N skipped]"; the last line here is their sum, and the exit
-# status is non-zero if anything failed. A part that breaks without this line counts as one failure.
-# Failures are repeated before the sum.
+# parts as there are processors run at once, long ones first, so that all processors are busy to the
+# end; a part that mostly waits runs beside them. Each is printed when it ends, with its seconds and
+# those of processors. It ends with a line "N passed, N failed[, N skipped]"; the last line here is
+# their sum, and the exit status is non-zero if anything failed. A part that breaks without this
+# line counts as one failure. Failures are repeated before the sum.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
@@ -13,6 +14,7 @@ make=${MAKE:-make}
 jobs=$(nproc 2>/dev/null || echo 2)
 logs=build/test-parts
 parts=0
+waiting=none # the process of the part that mostly waits
 rm -rf "$logs"
 mkdir -p "$logs"
 trap 'kill $(jobs -p) 2>/dev/null' EXIT
@@ -21,14 +23,22 @@ trap 'kill $(jobs -p) 2>/dev/null' EXIT
 telling='FAILED|^failed|: failed|exit status|ended by|[1-9][0-9]* failed|^=='
 telling+='|SUMMARY: |leak of|^ +#[0-9]' # sanitizers
 
+# spent FILE: the processors' seconds of a shell's children, of what `times` wrote
+spent() {
+    awk 'NR == 2 { for (i = 1; i <= 2; i++) { split($i, t, "[ms]"); s += 60 * t[1] + t[2] } }
+        END { printf "%.0f\n", s }' "$1"
+}
+
 # finish NAME LOG COMMAND...: runs a part, prints its log in one piece, and leaves its counts and
 # its failures beside the log
 finish() {
-    local name=$1 at=$2 status counts p f s
+    local name=$1 at=$2 status seconds counts p f s
     shift 2
     SECONDS=0
     "$@" >"$at.log" 2>&1 </dev/null
     status=$?
+    seconds=$SECONDS
+    times >"$at.times" # here, as subshells have their own
     counts=$(grep -E '^[0-9]+ passed, [0-9]+ failed' "$at.log" | tail -1)
     p=$(echo "$counts" | sed -n 's/^\([0-9]*\) passed.*/\1/p')
     f=$(echo "$counts" | sed -n 's/.* \([0-9]*\) failed.*/\1/p')
@@ -43,16 +53,31 @@ finish() {
         flock 9
         printf '\n== %s\n' "$name"
         sed -E "s/^([0-9]+ passed, [0-9]+ failed)/$name: \1/" "$at.log"
-        echo "$name: $SECONDS s"
+        echo "$name: $seconds s, $(spent "$at.times") s of processors"
     } 9>"$logs/lock"
     echo "${p:-0} ${f:-0} ${s:-0}" >"$at.counts"
 }
 
 # part NAME COMMAND...: starts it as soon as a processor is free
 part() {
-    while [ "$(jobs -rp | wc -l)" -ge "$jobs" ]; do wait -n; done
+    while [ "$(jobs -rp | grep -cvx "$waiting")" -ge "$jobs" ]; do wait -n; done
     parts=$((parts + 1))
     finish "$1" "$logs/$(printf '%02d' $parts)" "${@:2}" &
+}
+
+# beside NAME COMMAND...: starts the part that mostly waits, without a processor of its own
+beside() {
+    parts=$((parts + 1))
+    finish "$1" "$logs/$(printf '%02d' $parts)" "${@:2}" &
+    waiting=$!
+}
+
+# build TARGET...: and the program for several processes, which two parts need
+build() {
+    "$make" --no-print-directory -j"$jobs" WERROR=1 "$@" || return
+    if command -v mpirun >/dev/null && pkg-config --exists ompi-c; then
+        "$make" --no-print-directory WERROR=1 MPI=1 build/mpi/cl-nascent
+    fi
 }
 
 # groups PROGRAM NAME: a share of a program's test groups
@@ -70,37 +95,39 @@ export ASAN_OPTIONS=allocator_may_return_null=1:detect_leaks=1
 export UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:suppressions=$PWD/tests/support/ubsan.supp
 export LSAN_OPTIONS=suppressions=$PWD/tests/support/lsan.supp:print_suppressions=0
 
-part build "$make" --no-print-directory -j"$jobs" WERROR=1 build/cl-nascent build/make-scene \
-    build/json-query build/device-cases build/tests build/bench-kernels build/faults.so
+part build build build/cl-nascent build/make-scene build/json-query build/device-cases build/tests \
+    build/bench-kernels build/faults.so
 wait
 part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,undefined \
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests \
     build/sanitize/fuzz-alone
 wait
-part "command line" tests/cli/cli.sh
-part "unit: networks" groups build/tests networks
-part "unit: kernels" groups build/tests kernels
+# Long ones first. Under sanitizers later than without, as the driver keeps what it compiled.
+beside "ranks: hangs" tests/cli/ranks.sh hangs
 part "unit: rest" groups build/tests rest
-part devices tests/device/devices.sh -q
-part install tests/cli/install.sh
+part ranks tests/cli/ranks.sh -hangs
 # under sanitizers without the tests that build many kernels: they run the same host code
 part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"
-part "sanitized unit: kernels" groups build/sanitize/tests kernels
-part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no_samples \
-    mlp/test_in_parts mlp/test_small_networks
+part "command line" tests/cli/cli.sh
 part captures tests/cli/captures.sh
-part ranks tests/cli/ranks.sh
+part devices tests/device/devices.sh -q
+part "unit: kernels" groups build/tests kernels
+part "sanitized unit: kernels" groups build/sanitize/tests kernels
 part lint tests/lint.sh
 part faults env FAULTS=1 tests/faults.sh
-part viewer tests/cli/view.sh
+part "first hour" tests/cli/first_hour.sh
+part tree tests/cli/tree.sh
 # leaks.sh looks for leaks: looking for them while the driver's threads end now and then crashes
 part "sanitized command line" env BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0" \
     tests/cli/cli.sh usage scenes resume
+part viewer tests/cli/view.sh
 part leaks tests/cli/leaks.sh
-part tree tests/cli/tree.sh
-part tune tests/cli/tune.sh
+part "unit: networks" groups build/tests networks
+part install tests/cli/install.sh
 part bench tests/cli/bench.sh
-part "first hour" tests/cli/first_hour.sh
+part tune tests/cli/tune.sh
+part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no_samples \
+    mlp/test_in_parts mlp/test_small_networks
 part "fuzz corpus" tests/fuzz/fuzz.sh replay
 wait
 

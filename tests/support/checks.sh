@@ -89,8 +89,8 @@ count() {
     [ $failed = 0 ]
 }
 
-# run_sections "ALL SECTIONS" [SECTION...]: calls section_NAME of each, or of all, and counts. Needs
-# $cln and $make_scene.
+# run_sections "ALL SECTIONS" [SECTION...|-SECTION...]: calls section_NAME of each, of all, or of all
+# but those with a dash, and counts. Needs $cln and $make_scene.
 run_sections() {
     local program s started sections
     for program in "$cln" "$make_scene" "$query"; do
@@ -101,7 +101,12 @@ run_sections() {
     done
     read -ra sections <<<"$1"
     shift
-    [ $# = 0 ] || sections=("$@")
+    case ${1--} in
+    -) ;;
+    -*) read -ra sections <<<"$(printf '%s\n' "${sections[@]}" |
+        grep -vxF "$(printf '%s\n' "${@#-}")" | tr '\n' ' ')" ;;
+    *) sections=("$@") ;;
+    esac
     for s in "${sections[@]}"; do
         if [ "$(type -t "section_$s")" != function ]; then
             echo "$0: no section $s" >&2
