@@ -518,6 +518,21 @@ static void grow_tree(const shapes *scene, cln_octree *tree)
     }
 }
 
+/* The longest side of a triangle at its first corner, of all triangles. */
+static double longest_side(const cln_surface *s)
+{
+    double longest = 0;
+
+    for (size_t f = 0; f < s->faces; f++)
+        for (int k = 1; k < 3; k++) {
+            const float *a = s->at[s->face[f][0]], *b = s->at[s->face[f][k]];
+            const vec side = vec3(b[0] - (double)a[0], b[1] - (double)a[1], b[2] - (double)a[2]);
+
+            longest = fmax(longest, dot(side, side));
+        }
+    return sqrt(longest);
+}
+
 static double distance_to_face(const cln_surface *s, size_t f, vec p)
 {
     vec v[3], n, d;
@@ -546,6 +561,7 @@ static double distance_to_face(const cln_surface *s, size_t f, vec p)
  * that are seen from around to the triangles. */
 static void chamfer(const shapes *scene, const cln_surface *s, double *to, double *back)
 {
+    const double longest = longest_side(s);
     double area = 0;
     int hits = 0;
 
@@ -576,8 +592,14 @@ static void chamfer(const shapes *scene, const cln_surface *s, double *to, doubl
 
         if (!shapes_hit(scene, from, direction, 0, 100, &h))
             continue;
-        for (size_t f = 0; f < s->faces; f++)
-            best = fmin(best, distance_to_face(s, f, add(from, scale(direction, h.t))));
+        for (size_t f = 0; f < s->faces; f++) {
+            const vec p = add(from, scale(direction, h.t));
+            const float *at = s->at[s->face[f][0]];
+            const vec d = sub(p, vec3(at[0], at[1], at[2]));
+
+            if (dot(d, d) < (best + longest) * (best + longest)) /* else it is farther off */
+                best = fmin(best, distance_to_face(s, f, p));
+        }
         *back += best;
         hits++;
     }

@@ -15,6 +15,7 @@
 #include "base/rng.h"
 #include "model/network.h"
 #include "reference/reference.h"
+#include "sanitized.h"
 #include "tests.h"
 
 static cln_config paper(void)
@@ -432,7 +433,7 @@ static void test_fold(void **state)
         c.encoding = f->cells > 0 ? CLN_ENCODING_GRID : -f->cells;
         if (f->cells > 0)
             c.grid_cells = f->cells;
-        for (int octant = 0; octant < 8; octant++) {
+        for (int octant = 0; octant < 8; octant += SANITIZED ? 7 : 1) { /* the first and last */
             int path[5] = {octant, (octant * 3 + 1) % 8, 7 - octant, (octant * 5) % 8, octant ^ 2};
             double error = 0;
             c.seed = 100 + octant;

@@ -39,17 +39,20 @@ static uint32_t morton(const cln_octree *tree, int node)
     return key;
 }
 
-/* Slot of the leaf whose box [min, max) holds the point, by trying all leaves. */
-static int brute_find(const cln_octree *tree, const double point[3])
+/* Slot of the leaf whose box [min, max) holds the point, by trying all. boxes: [leaf][4] */
+static int brute_find(const float *boxes, int leaves, const double point[3])
 {
-    for (int s = 0; s < tree->leaf_count; s++) {
-        int node = tree->leaf[s], inside = 1;
-        double side = 2.0 / (1 << tree->level[node]);
-        for (int a = 0; a < 3; a++) {
-            double low = -1 + side * tree->pos[node][a], high = low + side;
-            inside &= point[a] >= low && (point[a] < high || (high == 1 && point[a] == 1));
+    for (int s = 0; s < leaves; s++) {
+        const float *box = boxes + 4 * s;
+        int a = 0;
+
+        for (; a < 3; a++) {
+            const double low = box[a], high = low + box[3];
+
+            if (!(point[a] >= low && (point[a] < high || (high == 1 && point[a] == 1))))
+                break;
         }
-        if (inside)
+        if (a == 3)
             return s;
     }
     return -1;
@@ -118,7 +121,7 @@ static void check_tree(const cln_octree *tree)
         int slot = map[i] < 0 ? -1 : CLN_MAP_SLOT(map[i]);
         for (int a = 0; a < 3; a++)
             centre[a] = -1 + 2 * (cell[a] + 0.5) / n;
-        assert_int_equal(slot, brute_find(tree, centre));
+        assert_int_equal(slot, brute_find(boxes, tree->leaf_count, centre));
         assert_int_equal(slot, cln_octree_find(tree, centre));
         if (slot >= 0)
             assert_int_equal(CLN_MAP_LEVEL(map[i]), tree->level[tree->leaf[slot]]);
