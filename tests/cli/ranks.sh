@@ -603,8 +603,8 @@ section_pictures() {
     check "frames of voxels are those of one process" \
         diff -r "$work/voxels-one" "$work/voxels-two"
     run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --preset fast \
-        --width 64 --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 --batch-samples 2048 \
-        --n1 8 --steps 1
+        --width 64 --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 \
+        --batch-samples 2048 --n1 8 --steps 1
     expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
         "$work/large" -o "$work/views of four" --device-mem 13M
     expect "four ranks render that model" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
