@@ -373,15 +373,9 @@ near_plan() {
 
 # What does not fit --device-mem of one process is trained by four, each within it.
 section_memory() {
-<<<<<<< HEAD
-    local limit on=$work/full
+    local limit n on=$work/full
     local large=(--skip-selftest --progress none --preset fast --width 64 --depth 8 --start-level 2
         --level-at "" --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
-=======
-    local limit n on=$work/full
-    local large=(--skip-selftest --progress none --width 64 --depth 8 --start-level 2 --level-at ""
-        --no-adaptive --rays 64 --batch-samples 1024 --n1 8 --steps 2)
->>>>>>> h/ranks
     baseline
     run "$cln" train "$work/scene" -o "$on" "${large[@]}" --device-mem 1M
     limit=$(grep -oE '= [0-9.]+ MiB of' "$work/err" | awk '{ printf "%.1fM", 0.88 * $2 }')
