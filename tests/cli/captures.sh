@@ -391,7 +391,8 @@ section_check() {
     expect "check of a sound scene" 0 "" "$cln" check "$work/sound" --probe 0
     check "check finds nothing in a sound scene" grep -q '^0 likely faults, 0 remarks$' "$work/out"
     check "check says the memory of a sound scene" grep -q '^memory .* on the device' "$work/out"
-    expect "with a probe" 0 "" "$cln" check "$work/sound" --probe 0.1 --json --width 16 --depth 2
+    expect "with a probe" 0 "" "$cln" check "$work/sound" --probe 0.1 --json \
+        --preset fast --width 16 --depth 2
     check "check --probe times a step" number_above "$(json training.time.step_seconds)" 0
     check "check --probe: a step takes less than a minute" \
         number_above 60 "$(json training.time.step_seconds)"
@@ -414,7 +415,7 @@ section_check() {
     check "no likely fault as JSON, too" [ -z "$(json findings.0.what)" ]
     check "photos agree with poses" number_above "$(json measures.agreeing_share)" 0.8
     expect "in words, for a budget in seconds" 0 "" "$cln" check "$work/sound" --probe 0.1 \
-        --width 16 --depth 2 --time-limit 10
+        --preset fast --width 16 --depth 2 --time-limit 10
     check "steps, a step and a picture" eval 'tr "\n" " " <"$work/out" | tr -s " " | grep -qE \
         "about [0-9]+ steps within --time-limit, [0-9.]+ ms a step .* ms a picture"'
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"

@@ -384,6 +384,7 @@ section_training() {
         number_above "$("$query" result.wall_seconds <"$r/run.json")" 0
     expect "info of the scene, like the run" 0 "" "$cln" info "$s" --no-conf --preset fast \
         --like "$r" --json
+    check "it is of that preset" [ "$(json training.preset)" = fast ]
     check "its time is steps times seconds per step" awk -v a="$(json training.training_seconds)" \
         -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
         -v k="$("$query" result.step <"$r/run.json")" \

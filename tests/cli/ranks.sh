@@ -652,7 +652,7 @@ section_view() {
         "${mpi[@]}" -n 1 "$ranked" view "$work/one" : \
         -n 1 "$ranked" view "$work/changed"
     expect "export by several is refused" 2 "one process" "${mpi[@]}" -n 2 "$ranked" export \
-        "$work/one" -o "$work/no"
+        "$work/one" --octree "$work/no.ply"
 }
 
 # bench/scale computes the bytes that a training counted.

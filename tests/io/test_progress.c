@@ -99,20 +99,19 @@ static void show_two(void)
     cln_progress *progress = NULL;
 
     assert_int_equal(cln_progress_open("bar", &progress), CLN_OK);
-    cln_progress_show(progress, 0, "images 0/9 0%");
-    cln_progress_show(progress, 0.1, "images 1/9 11%");
+    cln_progress_show(progress, 1, "images 9/9 100%");
     cln_progress_show(progress, 1, "timing 2/2 100%");
-    cln_progress_show(progress, 1, "timing 2/2 100%");
+    cln_progress_show(progress, 1, "timing 3/3 100%"); /* now, or when it is closed */
     cln_progress_close(progress);
 }
 
-/* Even if it is begun at once and is as far: it may be long. */
+/* Even if it begins at once and is as far: it may be long. */
 static void progress_as_a_bar_shows_other_work_at_once(void **state)
 {
     char *text = stderr_of(*state, show_two);
 
-    assert_string_equal(text, "\rimages 0/9 0%\033[K\rtiming 2/2 100%\033[K"
-                              "\rtiming 2/2 100%\033[K\n");
+    assert_string_equal(text, "\rimages 9/9 100%\033[K\rtiming 2/2 100%\033[K"
+                              "\rtiming 3/3 100%\033[K\n");
     free(text);
 }
 
