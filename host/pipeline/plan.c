@@ -135,8 +135,8 @@ static double own_leaves(const cln_plan_desc *d, double leaves)
 
 /* Of `leaves`, those of other ranks that have common vertices with `own` of this rank, whose owner
  * is here; or the other way round. Voxels lie on surfaces: if a cut between ranks lies along one,
- * each leaf has one across (ground at half the cube's height: half of all leaves, of two ranks). And
- * if a rank's m^3 leaves fill a block, three of its sides have 3 m^2 + 3 m + 1 at them. */
+ * each leaf has one across (ground at half the cube's height: half of all leaves, of two ranks).
+ * And if a rank's m^3 leaves fill a block, three of its sides have 3 m^2 + 3 m + 1 at them. */
 static int most_far(int leaves, int own)
 {
     return (int)fmin(leaves, ceil(pow(cbrt(own) + 1, 3)));
@@ -374,7 +374,7 @@ static sizes find_sizes(const cln_plan_desc *d, int batches)
     return s;
 }
 
-/* A change of the tree holds one array twice: this rank's weights, or the densities of all leaves. */
+/* A change of the tree holds an array twice: this rank's weights, or the densities of all leaves. */
 static void find_successor(const cln_plan_desc *d, const sizes *s, double *rows, double *bytes)
 {
     const double weights = BYTES(d, params), densities = BYTES(d, density);
