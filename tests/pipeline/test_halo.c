@@ -1,7 +1,7 @@
 /* Common vertices of voxels by ranks (kernels/halo.cl, links of pipeline/halo.c) against a search
- * of vertices by places, and sums in double. One process takes the place of each rank in turn,
- * with that rank's leaves alone, and the test carries what ranks would send. Numbers that a kernel
- * must not read are NaN; all that it must not write is compared, too. */
+ * of vertices by their places, and sums in double. One process takes the place of each rank in
+ * turn, with that rank's leaves alone, and the test carries what ranks would send. Numbers that a
+ * kernel must not read are NaN; all that it must not write is compared, too. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -373,7 +373,8 @@ static uint32_t carry_rows(const world *w, int me, bool gradients, float **out)
     return n;
 }
 
-/* A rank sends the gradients of its copies that samples met, each the sum over a leaf's slices. */
+/* A rank sends the gradients of its copies that samples met, each the sum over the leaf's
+ * slices. */
 static void send_gradients(world *w, int me)
 {
     cln_pipeline *p = w->p;

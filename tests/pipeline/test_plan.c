@@ -409,7 +409,7 @@ static void test_deals(void **state)
     assert_true(fabs(row_bytes(&plan, "changes of the tree", true) - 250 * params) < 1);
     assert_true(fabs(row_bytes(&plan, "weight gradients", true) -
                      (310 + floor((double)plan.max_samples / 480)) * params) < 1);
-    /* the gradients are free then, more than the weights; 8 bytes a leaf: pictures' densities */
+    /* gradients, more than weights, are free then: 8 bytes a leaf, densities of pictures */
     assert_true(fabs(row_bytes(&plan, "changes of the tree", false) - 8.0 * 1000 -
                      2000.0 * config.n1 * config.n1 * config.n1) < 1);
     /* two directions, marks, places: 40 bytes a link */
