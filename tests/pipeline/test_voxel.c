@@ -73,8 +73,8 @@ static int key_of(const cln_octree *tree, int slot, int v)
     return key * (DEEPEST + 1) + level;
 }
 
-/* The vertices that share a place, as circles of rows (slot * VERTICES + v): each has the next one's
- * row, the last one the first's. The caller frees it. */
+/* The vertices that share a place, as circles of rows (slot * VERTICES + v): each has
+ * the next one's row, the last the first's. The caller frees it. */
 static int *circles_of(const cln_octree *tree)
 {
     const int rows = tree->leaf_count * VERTICES;

@@ -89,8 +89,8 @@ count() {
     [ $failed = 0 ]
 }
 
-# run_sections "ALL SECTIONS" [SECTION...|-SECTION...]: calls section_NAME of each, of all, or of all
-# but those with a dash, and counts. Needs $cln and $make_scene.
+# run_sections "ALL SECTIONS" [SECTION...|-SECTION...]: calls section_NAME of each, of all, or of
+# all but those with a dash, and counts. Needs $cln and $make_scene.
 run_sections() {
     local program s started sections
     for program in "$cln" "$make_scene" "$query"; do
