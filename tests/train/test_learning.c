@@ -10,6 +10,7 @@
 #include "render/open_run.h"
 #include "render/view.h"
 #include "run_fixture.h"
+#include "sanitized.h"
 #include "tests.h"
 
 enum { LONG = 600 };
@@ -245,6 +246,9 @@ static void test_recovers(void **state)
 
     NEED_DEVICE();
     near = train_saturated("saturated", 40);
+    assert_true(near > constant + 4);
+    if (SANITIZED) /* the others run the same host code */
+        return;
     far = train_saturated("far", 200);
     setenv("CLN_TEST_KERNEL_DIR",
            fixture_kernels_changed("no slope", "roulette.cl", "SLOPE_LEAST 0x1p-25f",
@@ -257,7 +261,7 @@ static void test_recovers(void **state)
         unsetenv("CLN_TEST_KERNEL_DIR");
     print_message("PSNR from logits of 40: %.2f, 200: %.2f, without a least slope: %.2f\n", near,
                   far, stuck);
-    assert_true(near > constant + 4 && far > constant + 4);
+    assert_true(far > constant + 4);
     assert_true(stuck < constant + 1);
 }
 
