@@ -889,7 +889,7 @@ section_memory() {
     # 61 photos of 4 MiB do not fit: they lie in a file, and training draws the same pixels
     "$make_scene" "$work/large" --size 1024 --train 1 --test 1 >/dev/null
     "$make_scene" "$work/little" --size 64 --train 1 --test 1 >/dev/null
-    mv "$work/little/test/r_000.png" "$work/large/test/r_000.png" # rendered, and evaluated, in no time
+    mv "$work/little/test/r_000.png" "$work/large/test/r_000.png" # drawn in no time
     frames=
     for i in {11..70}; do
         ln "$work/large/train/r_000.png" "$work/large/train/$i.png"

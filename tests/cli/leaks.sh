@@ -162,8 +162,8 @@ section_checks() {
     clean 0 selftest --quick
     clean 0 check "$work/scene" --probe 0 -o "$work/check.html"
     clean 0 check "$work/scene" --probe 1 "${tiny[@]:3}" --json
-    clean 0 tune --preset fast --width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1 --budget 1 \
-        --progress none -o "$work/rows.txt"
+    clean 0 tune --preset fast --width 16 --depth 2 --view-width 16 --bands 2 --view-bands 1 \
+        --budget 1 --progress none -o "$work/rows.txt"
     mkdir -p "$work/bin"
     cp tests/support/colmap "$work/bin/colmap"
     PATH="$work/bin:$PATH" clean 0 poses "$work/scene/train" -o "$work/found" --progress none
