@@ -37,7 +37,8 @@ measure() {
     rm -rf "$run"
     mpirun --oversubscribe --bind-to none -n "$ranks" "$cln" train "$out/scene" -o "$run" \
         --preset fast --skip-selftest --start-level "$level" --level-at "" --no-adaptive \
-        --cull-from 1 --batch-samples "$samples" --rays "$((samples / 16))" --refresh-every 8 --eval-at "" \
+        --cull-from 1 --batch-samples "$samples" --rays "$((samples / 16))" \
+        --refresh-every 8 --eval-at "" \
         --steps "${STEPS:-64}" --log-every 8 --progress none "$@" >"$run.log" 2>&1 ||
         { cat "$run.log" >&2; exit 1; }
 }
