@@ -374,7 +374,7 @@ static sizes find_sizes(const cln_plan_desc *d, int batches)
     return s;
 }
 
-/* A change of the tree holds an array twice: this rank's weights, or all leaves' densities. */
+/* A change of the tree has an array twice: this rank's weights, or densities of all leaves. */
 static void find_successor(const cln_plan_desc *d, const sizes *s, double *rows, double *bytes)
 {
     const double weights = BYTES(d, params), densities = BYTES(d, density);
