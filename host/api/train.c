@@ -321,7 +321,7 @@ static void say_what_runs(cln_trainer *t)
     if (t->desc->device.tune)
         cln_tune_unmet(t->desc->device.tune, &t->pipeline.tune, text);
     if (t->desc->device.tune && *text)
-        cln_warn("--tune: this network and device do not allow %s", text);
+        cln_warn("--tune: these leaves and this device do not allow %s", text);
     cln_plan_text(&t->plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
     cln_plan_text(&t->host_plan, text, sizeof text);
