@@ -404,7 +404,7 @@ static void test_entries_of_a_cpu(void **state)
     assert_ok(cln_plan_check_host(&host));
 }
 
-/* Where a smaller batch would fit, the message names the largest one that does, halved each time. */
+/* Where a smaller batch would fit, the message names one: the first that does, halved each time. */
 static void test_fitting_batch(void **state)
 {
     cln_config config = preset("voxel");
