@@ -26,19 +26,6 @@ static const char *const how_good =
     "took 0.5 to 1.1 times as long, the least where much of the scene is empty; evaluations come "
     "on top";
 
-static double training_pixels(const cln_scene *scene)
-{
-    double pixels = 0;
-
-    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
-        const cln_camera *camera =
-            &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
-
-        pixels += (double)camera->width * camera->height;
-    }
-    return pixels;
-}
-
 /* What steps on a tree take, seconds: median, least and most; and a ray of a picture that shows
  * something, 0 if that was not measured. */
 typedef struct timing {
@@ -169,7 +156,7 @@ static double mean_step(const cln_config *c, const timing *first, const timing *
 /* Pixels of the training photos, the mean. */
 static double picture_pixels(const cln_scene *scene)
 {
-    return training_pixels(scene) / cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    return cln_scene_training_pixels(scene) / cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 }
 
 static void add_time(json_t *about, cln_device *device, const cln_scene *scene, const cln_config *c,
@@ -222,6 +209,7 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
 {
     const cln_config *c = &settings->config;
     const bool timed = c->steps > 0 || c->time_limit > 0;
+    const double pixels = cln_scene_training_pixels(scene);
     double steps = c->steps;
     cln_device *device = NULL;
     cln_pipeline pipeline;
@@ -229,8 +217,11 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
     json_t *about = json_pack("{s:s}", "preset", settings->preset);
 
     if (!timed) {
-        steps = (double)cln_config_epoch_steps(c, training_pixels(scene));
-        json_object_set_new(about, "epochs", json_integer(c->epochs));
+        cln_config budget = *c;
+
+        budget.epochs = cln_settings_epochs(settings, pixels);
+        steps = (double)cln_config_epoch_steps(&budget, pixels);
+        json_object_set_new(about, "epochs", json_integer(budget.epochs));
     }
     if (steps > 0)
         json_object_set_new(about, "steps", json_integer((json_int_t)steps));

@@ -325,7 +325,7 @@ static void say_what_runs(cln_trainer *t)
     if (t->desc->device.tune)
         cln_tune_unmet(t->desc->device.tune, &t->pipeline.tune, text);
     if (t->desc->device.tune && *text)
-        cln_warn("--tune: this network and device do not allow %s", text);
+        cln_warn("--tune: these leaves and this device do not allow %s", text);
     cln_plan_text(&t->plan, text, sizeof text);
     cln_debug("memory plan: %s", text);
     cln_plan_text(&t->host_plan, text, sizeof text);
@@ -601,13 +601,16 @@ done:
 static cln_status prepare(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    const cln_config config = t->desc->settings->config;
+    cln_config config = t->desc->settings->config;
     cln_config saved = config; /* of a resumed run: what it had so far */
 
     CLN_TRY(check_folder(t));
     CLN_TRY(check_settings(t, &config, &saved));
     CLN_TRY(cln_watch_open(t));
     CLN_TRY(load_scene(t, &config));
+    if (!t->desc->resume)
+        config.epochs =
+            cln_settings_epochs(t->desc->settings, cln_scene_training_pixels(t->scene));
     CLN_TRY(check_files(t, &config));
     CLN_TRY(load_model(t, &config));
     t->steps = config.steps;

@@ -51,11 +51,12 @@ const cln_config_row cln_config_rows[] = {
 };
 /* clang-format on */
 
-const char *const cln_config_groups[CLN_CONFIG_GROUPS][2] = {{"run", "Data, budgets, output"},
-                                                             {"network", "Leaf networks"},
-                                                             {"tree", "Octree"},
-                                                             {"sampling", "Sampling"},
-                                                             {"optim", "Loss and optimiser"}};
+const char *const cln_config_groups[CLN_CONFIG_GROUPS][2] = {
+    {"run", "Data, budgets, output"},
+    {"network", "Leaves: voxels or networks"},
+    {"tree", "Octree"},
+    {"sampling", "Sampling"},
+    {"optim", "Loss and optimiser"}};
 
 const int cln_config_row_count = sizeof cln_config_rows / sizeof cln_config_rows[0];
 

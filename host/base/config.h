@@ -86,6 +86,7 @@ double cln_config_step_epochs(const cln_config *config, double pixels, int64_t s
 /* How leaves of a kind, a word of --encoding, behave. Code that depends on their numbers asks for
  * the word itself. */
 typedef struct cln_leaf_kind {
+    const char *name;  /* "networks" or "voxels" */
     bool network;      /* a leaf has layers */
     bool merges;       /* eight leaves may become one, which is trained on what they were */
     bool joined;       /* leaves of one size have common vertices with their neighbours */

@@ -54,9 +54,9 @@ double cln_config_step_epochs(const cln_config *config, double pixels, int64_t s
 const cln_leaf_kind *cln_leaf_kind_of(int encoding)
 {
     static const cln_leaf_kind kinds[] = {
-        [CLN_ENCODING_FREQUENCY] = {.network = true, .merges = true},
-        [CLN_ENCODING_GRID] = {.network = true, .merges = true},
-        [CLN_ENCODING_VOXEL] = {.joined = true, .levels_first = true},
+        [CLN_ENCODING_FREQUENCY] = {.name = "networks", .network = true, .merges = true},
+        [CLN_ENCODING_GRID] = {.name = "networks", .network = true, .merges = true},
+        [CLN_ENCODING_VOXEL] = {.name = "voxels", .joined = true, .levels_first = true},
     };
 
     CLN_ASSERT(encoding >= 0 && (size_t)encoding < sizeof kinds / sizeof *kinds);

@@ -2,6 +2,7 @@
  * a run. */
 #include "base/settings.h"
 
+#include <math.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -163,6 +164,16 @@ cln_status cln_settings_check(const cln_settings *settings)
                         "(--lr); give --preset fast, too",
                         settings->preset);
     return cln_config_check(&settings->config);
+}
+
+int cln_settings_epochs(const cln_settings *settings, double pixels)
+{
+    const cln_config *c = &settings->config;
+    const double least = cln_config_step_epochs(c, pixels, CLN_VOXEL_STEPS);
+
+    if (c->encoding != CLN_ENCODING_VOXEL || is_given(settings, "epochs") || c->epochs >= least)
+        return c->epochs;
+    return (int)fmin(1e6, ceil(least));
 }
 
 bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)

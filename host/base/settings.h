@@ -18,6 +18,12 @@ struct cln_settings {
 /* Returns whether this row was set explicitly. */
 bool cln_settings_given(const cln_settings *settings, const cln_config_row *row);
 
+/* The epochs of a new training over so many training pixels: those that are given; else the
+ * preset's, but of voxels as many as CLN_VOXEL_STEPS steps are, or more: each level and the first
+ * splits wait for steps, not for epochs. */
+enum { CLN_VOXEL_STEPS = 1500 };
+int cln_settings_epochs(const cln_settings *settings, double pixels);
+
 /* Facts about a training besides its settings. */
 typedef struct cln_settings_facts {
     bool resume;     /* it resumes a run */

@@ -421,8 +421,9 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     start = t.device->tune;
     cln_device_tune(t.device, result->network, &present, from);
     t.device->tune_exact = true;
-    cln_info("device: %s (%s, %d compute units); networks of %s", t.device->info.name,
-             t.device->info.platform, t.device->info.compute_units, result->network);
+    cln_info("device: %s (%s, %d compute units); %s of %s", t.device->info.name,
+             t.device->info.platform, t.device->info.compute_units,
+             cln_leaf_kind_of(desc->settings->config.encoding)->name, result->network);
     CLN_TRY(cln_synthetic_create(t.device, &desc->settings->config, &t.work));
     CLN_TRY(search(&t, &start, &present));
     CLN_TRY(report(&t));

@@ -124,9 +124,9 @@ static void print_training(const json_t *training)
     cln_format_bytes(number(training, "host_memory_limit"), limit[1]);
     snprintf(line, sizeof line,
              "%s on the device (of %s), %s on the host (of %s), at the largest "
-             "tree of %.0f leaves, on %s",
+             "tree of %.0f %s, on %s",
              need[0], limit[0], need[1], limit[1], number(training, "most_leaves"),
-             text_of(training, "device"));
+             number(training, "most_leaves") == 1 ? "leaf" : "leaves", text_of(training, "device"));
     print_wrapped(printf("memory   "), 9, line);
     if (json_is_string(json_object_get(training, "no_time"))) {
         print_wrapped(printf("time     "), 9, text_of(training, "no_time"));

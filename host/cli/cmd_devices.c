@@ -36,13 +36,13 @@ void cln_print_device(FILE *to, int index, const cln_device_info *d)
     fprintf(to, "    platform   %s (%s)\n", d->platform, d->vendor);
     fprintf(to, "    version    %s\n", d->version);
     fprintf(to, "    driver     %s\n", d->driver);
-    if (*d->tune)
-        fprintf(to, "    kernels    %s\n               from %s, for networks of %s%s%s\n", d->tune,
-                d->tune_from, d->network, both ? " and voxels of " : "",
-                both ? d->voxel_network : "");
-    if (*d->voxel_tune && !both)
-        fprintf(to, "    of voxels  %s\n               from %s, for voxels of %s\n", d->voxel_tune,
-                d->voxel_tune_from, d->voxel_network);
+    if (*d->voxel_tune) /* the default preset's first */
+        fprintf(to, "    kernels    %s\n               from %s, for voxels of %s%s%s\n",
+                d->voxel_tune, d->voxel_tune_from, d->voxel_network,
+                both ? " and networks of " : "", both ? d->network : "");
+    if (*d->tune && !both)
+        fprintf(to, "    %-9s  %s\n               from %s, for networks of %s (preset fast)\n",
+                *d->voxel_tune ? "or" : "kernels", d->tune, d->tune_from, d->network);
     if (*d->verdict)
         fprintf(to, "    self-test  %s\n", d->verdict);
 }

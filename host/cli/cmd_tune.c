@@ -4,6 +4,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include "base/settings.h"
 #include "cli/console.h"
 #include "io/json.h"
 
@@ -34,8 +35,8 @@ static cln_status print_json(const cln_tune_result *r, const char *file)
         "complete", r->complete, "tries", tries));
 }
 
-/* read: other commands read this file anyway */
-static void print_result(const cln_tune_result *r, const char *file, bool read)
+/* leaves: "voxels" or "networks"; read: other commands read this file anyway */
+static void print_result(const cln_tune_result *r, const char *leaves, const char *file, bool read)
 {
     int count[4] = {0};
 
@@ -45,7 +46,7 @@ static void print_result(const cln_tune_result *r, const char *file, bool read)
             printf("refused     %s: %s\n", r->tries[i].tune, r->tries[i].reason);
     }
     printf("device      %s (driver %s)\n", r->device.name, r->device.driver);
-    printf("networks    %s; a step of %d rays, %d samples in %d leaves\n", r->network, r->rays,
+    printf("%-10s  %s; a step of %d rays, %d samples in %d leaves\n", leaves, r->network, r->rays,
            r->samples, r->leaves);
     printf("tried       %d sets: %d refused, %d not faster, %d not timed; %s\n", r->count,
            count[CLN_SET_REFUSED], count[CLN_SET_SLOWER], count[CLN_SET_UNDECIDED],
@@ -54,7 +55,7 @@ static void print_result(const cln_tune_result *r, const char *file, bool read)
     printf("time        %.4g ms a step, %.2f times as fast as the set that the search began with\n",
            1e3 * r->seconds, r->gain);
     if (file)
-        printf("written to  %s\nused        for such networks %s%s\n", file,
+        printf("written to  %s\nused        for such %s %s%s\n", file, leaves,
                read ? "from now on" : "with --tune-file ", read ? "" : file);
     printf("%s\n", r->row);
 }
@@ -77,7 +78,7 @@ cln_status cln_cmd_tune(const cln_options *options)
     if (options->json)
         CLN_TRY(print_json(&result, desc.file));
     else
-        print_result(&result, desc.file,
+        print_result(&result, cln_leaf_kind_of(options->settings->config.encoding)->name, desc.file,
                      options->tune_path && strcmp(desc.file, options->tune_path) == 0);
 done:
     cln_console_close(&console);

@@ -80,14 +80,43 @@ done:
     return st;
 }
 
-static cln_status take_line(const bool *overridden, const char *path, char *line,
-                            cln_settings *settings, char **said)
+/* What a file is read into. */
+typedef struct reading {
+    const bool *overridden; /* by row of the settings */
+    bool keep_preset;
+    const char *path;
+    cln_settings *settings;
+    char **said;
+} reading;
+
+/* Begins with another preset. No setting may be given yet. */
+static cln_status take_preset(const reading *r, const char *value)
+{
+    cln_status st = CLN_OK;
+    cln_settings *fresh = NULL;
+
+    if (!*value)
+        return cln_fail(CLN_INPUT, "'preset' has no value; write: preset %s", CLN_PRESETS);
+    if (cln_settings_create(value, &fresh) != CLN_OK)
+        return CLN_INPUT;
+    *r->settings = *fresh;
+    st = say(r->said, r->path, "preset", value);
+    cln_settings_free(fresh);
+    return st;
+}
+
+/* presets: takes the preset only, which comes before all settings, else all but that. */
+static cln_status take_line(const reading *r, char *line, bool presets)
 {
     char *value = NULL;
     const char *name = split(line, &value);
     const cln_config_row *row = cln_config_find(name);
     const bool bare = !*value && value[-1] != '"' && value[-1] != '\'';
 
+    if (strcmp(name, "preset") == 0)
+        return presets && !r->keep_preset ? take_preset(r, value) : CLN_OK;
+    if (presets)
+        return CLN_OK;
     if (!row && strncmp(name, "no-", 3) == 0 && bare) {
         row = cln_config_find(name + 3);
         value = "no";
@@ -101,21 +130,47 @@ static cln_status take_line(const bool *overridden, const char *path, char *line
                         "'%s' belongs on the command line; only settings of the training "
                         "can be here",
                         name);
-    if (row && overridden[row - cln_config_rows])
+    if (row && r->overridden[row - cln_config_rows])
         return CLN_OK;
-    if (cln_settings_set(settings, row ? row->option : name, value) != CLN_OK)
+    if (cln_settings_set(r->settings, row ? row->option : name, value) != CLN_OK)
         return CLN_INPUT;
-    return say(said, path, row->option, value);
+    return say(r->said, r->path, row->option, value);
 }
 
-cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings *settings,
-                         char **said)
+static cln_status take_lines(const reading *r, const char *from, bool presets)
 {
     cln_status st = CLN_OK;
-    char *path = NULL, *text = NULL, message[MESSAGE_BYTES];
+    char *text = NULL, message[MESSAGE_BYTES];
+    int number = 0;
+
+    CLN_TRY(cln_asprintf(&text, "%s", from));
+    /* skips the byte order mark of Windows editors */
+    for (char *line = text + (strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0), *next = NULL; line;
+         line = next) {
+        next = strchr(line, '\n');
+        if (next)
+            *next++ = 0;
+        number++;
+        line = trim(line);
+        if (!*line || take_line(r, line, presets) == CLN_OK)
+            continue;
+        snprintf(message, sizeof message, "%s", cln_error_text());
+        cln_clear_error();
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d: %s", r->path, number, message));
+    }
+done:
+    free(text);
+    return st;
+}
+
+cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_preset,
+                         cln_settings *settings, char **said)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *text = NULL;
     size_t bytes = 0;
     struct stat info;
-    int number = 0;
+    reading r = {.overridden = overridden, .keep_preset = keep_preset, .settings = settings};
 
     *said = NULL;
     CLN_TRY(path_beside(scene, &path));
@@ -127,20 +182,10 @@ cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings
             "%s: is not a file, so there are no settings in it; rename it, or give --no-conf",
             path));
     CLN_TRY(cln_read_file(path, MOST_BYTES, &text, &bytes));
-    /* skips the byte order mark of Windows editors */
-    for (char *line = text + (strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0), *next = NULL; line;
-         line = next) {
-        next = strchr(line, '\n');
-        if (next)
-            *next++ = 0;
-        number++;
-        line = trim(line);
-        if (!*line || take_line(overridden, path, line, settings, said) == CLN_OK)
-            continue;
-        snprintf(message, sizeof message, "%s", cln_error_text());
-        cln_clear_error();
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d: %s", path, number, message));
-    }
+    r.path = path;
+    r.said = said;
+    CLN_TRY(take_lines(&r, text, true));
+    CLN_TRY(take_lines(&r, text, false));
 done:
     free(path);
     free(text);
@@ -185,7 +230,7 @@ cln_status cln_conf_compare(const char *run, const char *scene, const bool *over
     CLN_TRY(path_beside(scene, &path));
     CLN_TRY(cln_settings_create(NULL, &there));
     there->config = there->base = settings->config;
-    CLN_TRY(cln_conf_read(scene, overridden, there, &taken));
+    CLN_TRY(cln_conf_read(scene, overridden, true, there, &taken));
     for (int i = 0; i < cln_config_row_count; i++)
         if (cln_settings_given(there, &cln_config_rows[i]))
             CLN_TRY(say_other(said, path, &cln_config_rows[i], settings, there));

@@ -1,7 +1,7 @@
 /* cl-nascent.conf beside a scene: settings that this scene is always trained with. A line has an
  * option of train and its value, "rays 2048" or "rays = 2048"; "no-adaptive" or "adaptive no" for
- * switches; # begins a comment. Only hyperparameters: nothing in it names a device or a folder to
- * write. */
+ * switches; # begins a comment. Only a preset and hyperparameters: nothing in it names a device or
+ * a folder to write. */
 #ifndef CLN_CONF_H
 #define CLN_CONF_H
 
@@ -9,11 +9,12 @@
 #include "cli/options.h"
 
 /* Sets what the file beside `scene` (a folder or a file) says, except `overridden` rows
- * ([cln_config_row_count]), which the command line sets. info reads it, too, as it tells what a
+ * ([cln_config_row_count]), which the command line sets, and its preset unless `keep_preset`;
+ * nothing is given in `settings` yet then. info reads it, too, as it tells what a
  * training would need. *said: a line for the log that names what was set, or NULL where there is no
  * file; the caller frees it. CLN_INPUT names file and line. */
-cln_status cln_conf_read(const char *scene, const bool *overridden, cln_settings *settings,
-                         char **said);
+cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_preset,
+                         cln_settings *settings, char **said);
 
 /* A resumed run keeps its settings. Says in *said which ones the file beside the scene (NULL: the
  * run's own) has otherwise; NULL if none, if there is no such file, or if it cannot be read. The

@@ -104,10 +104,10 @@ void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
     /* the most important fields first: a narrow terminal shows those that it has room for */
     snprintf(out, bytes,
              "train %.0f%% | PSNR %s train%s | %s left%s | %s trained | step %s%s%s | %s rays/s | "
-             "loss %s | %s leaves %s params | %s dev",
+             "loss %s | %s %s %s params | %s dev",
              floor(100 * progress->fraction), train, test, left, evals, trained, step,
              progress->steps > 0 ? "/" : "", progress->steps > 0 ? steps : "", rays, loss, leaves,
-             params, memory);
+             progress->leaves == 1 ? "leaf" : "leaves", params, memory);
 }
 
 static void show_train(const cln_train_progress *progress, void *user)

@@ -67,9 +67,9 @@ const cln_command cln_commands[] = {
      cln_cmd_selftest},
     {"tune", CLN_TUNE, NULL, false, "tune [OPTIONS]",
      "Finds the kernel parameters that are fastest on a device",
-     "For the networks of a preset, or of the options given. Sets of parameters are timed only "
-     "after they have passed against the float64 reference; the best becomes a row in your own "
-     "file, which the other commands read.",
+     "For the leaves (voxels or networks) of a preset, or of the options given. Sets of parameters "
+     "are timed only after they have passed against the float64 reference; the best becomes a row "
+     "in your own file, which the other commands read.",
      cln_cmd_tune},
     {"bugreport", CLN_BUGREPORT, "RUN", false, "bugreport [RUN] [OPTIONS]",
      "What to send with a report of something that went wrong",

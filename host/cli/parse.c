@@ -438,7 +438,8 @@ static cln_status apply_settings(parser *p)
     else
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
     if (out->conf && out->operand && !out->resume && out->command->bit != CLN_TUNE)
-        CLN_TRY(cln_conf_read(out->operand, overridden, out->settings, &out->conf_said));
+        CLN_TRY(cln_conf_read(out->operand, overridden, is_given(p, "preset"), out->settings,
+                              &out->conf_said));
     if (out->conf && out->resume)
         CLN_TRY(cln_conf_compare(out->resume, out->operand, overridden, out->settings,
                                  &out->conf_said));

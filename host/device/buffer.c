@@ -48,12 +48,13 @@ static cln_status make(cln_device *device, size_t bytes, const char *what, cl_me
         return cln_fail(
             CLN_MEMORY,
             "%s: %.0f MiB in one buffer, but %s allows %.0f MiB; lower --batch-samples, "
-            "--n1 or the network's size",
+            "--n1 or the leaves' size (--width, --grid-cells)",
             what, (double)bytes / 1048576, device->info.name, (double)device->max_alloc / 1048576);
     if (device->limit && device->allocated + bytes > device->limit)
         return cln_fail(CLN_MEMORY,
                         "%s: %.0f MiB more would pass the device memory limit of %.0f MiB; raise "
-                        "--device-mem or lower --batch-samples, --n1 or the network's size",
+                        "--device-mem or lower --batch-samples, --n1 or the leaves' "
+                        "size (--width, --grid-cells)",
                         what, (double)bytes / 1048576, (double)device->limit / 1048576);
     *out = make_mem(device, bytes, &code);
     if (code != CL_SUCCESS) {
@@ -68,7 +69,6 @@ static cln_status make(cln_device *device, size_t bytes, const char *what, cl_me
     device->allocated += bytes;
     if (device->allocated > device->peak)
         device->peak = device->allocated;
-    cln_debug("buffer for %s: %zu bytes, %zu in all", what, bytes, device->allocated);
     if (device->spoil)
         CLN_CL(clEnqueueFillBuffer(device->queue, *out, &nan, sizeof nan, 0, bytes / 4 * 4, 0, NULL,
                                    NULL));
@@ -96,6 +96,7 @@ static cln_status reserve(cln_device *device, cln_buffer *buffer, size_t bytes, 
                           const char *what)
 {
     cln_status st = CLN_OK;
+    const size_t before = buffer->bytes;
     cln_buffer new = {.bytes = bytes < 16 ? 16 : bytes, .part_bytes = part_bytes};
 
     if (buffer->mem && buffer->bytes >= new.bytes && buffer->part_bytes == part_bytes)
@@ -104,6 +105,9 @@ static cln_status reserve(cln_device *device, cln_buffer *buffer, size_t bytes, 
     for (int i = 0; i < parts_of(&new); i++)
         CLN_TRY(make(device, bytes_of(&new, i), what, &new.part[i]));
     *buffer = new;
+    /* batches grow by a little all the time: not worth a line each */
+    if (bytes / 2 >= before || bytes < before)
+        cln_debug("buffer for %s: %zu bytes, %zu in all", what, bytes, device->allocated);
 done:
     if (st != CLN_OK)
         cln_buffer_free(device, &new);
@@ -122,7 +126,8 @@ cln_status cln_buffer_reserve_parts(cln_device *device, cln_buffer *buffer, size
     if (bytes > CLN_PARTS * part_bytes)
         return cln_fail(CLN_MEMORY,
                         "%s: %.0f MiB are more than %d parts of %.0f MiB hold; lower "
-                        "--start-level, --max-leaves, --n1 or the network's size",
+                        "--start-level, --max-leaves, --n1 or the leaves' size "
+                        "(--width, --grid-cells)",
                         what, (double)bytes / 1048576, CLN_PARTS, (double)part_bytes / 1048576);
     return reserve(device, buffer, bytes, part_bytes, what);
 }

@@ -10,7 +10,7 @@ typedef struct cln_pipeline cln_pipeline;
 
 /* X(purpose, name, what to lower in training, in rendering): the memory plan's rows, in order. */
 #define CLN_PURPOSE_LIST(X)                                                 \
-    X(WEIGHTS, "network weights", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)       \
+    X(WEIGHTS, "leaf weights", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)          \
     X(OPTIMISER, "optimiser state", CLN_LOWER_LEAVES, CLN_LOWER_LEAVES)     \
     X(GRADIENTS, "weight gradients", CLN_LOWER_BATCH, CLN_LOWER_BATCH)      \
     X(ACTIVATIONS, "activations", CLN_LOWER_BATCH, CLN_LOWER_BATCH)         \
@@ -84,7 +84,7 @@ typedef enum cln_when {
  * elements, an expression of `p`. */
 #define CLN_BUFFER_LIST(X, PAIR)                                                                  \
     /* the networks; no transposed weights with tune.leaf; moments: float or bfloat16 */          \
-    X(params, cl_float, p->net.params, LEAF_P, WEIGHTS, ALWAYS, "network weights")                \
+    X(params, cl_float, p->net.params, LEAF_P, WEIGHTS, ALWAYS, "leaf weights")                   \
     X(transposed, cl_float, transposed_of(p), LEAF_P, OPTIMISER, TRAINING, "transposed weights")  \
     X(adam_m, cl_uchar, firsts_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's first moments")        \
     X(adam_v, cl_uchar, moments_of(p), LEAF_P, OPTIMISER, TRAINING, "Adam's second moments")      \

@@ -534,7 +534,8 @@ static bool plan_batches(const cln_plan_desc *d, int batches, cln_plan *out)
     const cln_config *c = &d->pipeline->config;
     sizes s = find_sizes(d, batches);
     const double memory = d->pipeline->device->info.global_mem;
-    cln_plan plan = {.limit = c->device_mem > 0 ? fmin(c->device_mem, memory) : 0.9 * memory,
+    cln_plan plan = {.rendering = !d->training,
+                     .limit = c->device_mem > 0 ? fmin(c->device_mem, memory) : 0.9 * memory,
                      .cells = s.leaves * BYTES(d, seen), /* a byte each */
                      .max_rays = (int)s.rays,
                      .max_samples = (size_t)s.samples};
@@ -551,6 +552,22 @@ static bool plan_batches(const cln_plan_desc *d, int batches, cln_plan *out)
     return out->total <= most_bytes(d, &s, out->limit);
 }
 
+/* Half of --batch-samples, and so on, until the training is within the limits. Returns 0 where that
+ * does not help. */
+static int fit_batch(const cln_plan_desc *d)
+{
+    enum { LEAST = 4096 };
+    cln_pipeline smaller = *d->pipeline;
+    cln_plan_desc desc = *d;
+    cln_plan plan;
+
+    desc.pipeline = &smaller;
+    while ((smaller.config.batch_samples /= 2) >= LEAST)
+        if (plan_batches(&desc, CLN_TRAINING_BATCHES, &plan))
+            return smaller.config.batch_samples;
+    return 0;
+}
+
 /* Pictures take more samples at a time where there is room: that is faster, and changes nothing
  * else. */
 void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
@@ -559,6 +576,8 @@ void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
 
     while (!plan_batches(d, batches, out) && !d->training && batches > 1)
         batches /= 2;
+    if (d->training && out->total > out->limit)
+        out->fitting_samples = fit_batch(d);
 }
 
 static bool fits_with(const cln_plan_desc *d, int own)
@@ -658,14 +677,18 @@ void cln_plan_text(const cln_plan *plan, char *out, size_t bytes)
 /* CLN_MEMORY with the plan if it exceeds its limit, which `option` sets. */
 static cln_status check_total(const cln_plan *plan, const char *whose, const char *option)
 {
-    char text[1024];
+    char text[1024], way_out[160] = "";
 
     cln_plan_text(plan, text, sizeof text);
     if (plan->total <= plan->limit)
         return CLN_OK;
-    return cln_fail(CLN_MEMORY,
-                    "the plan needs more %s memory than there is: %s; lower %s, or raise %s", whose,
-                    text, plan->rows[largest_row(plan)].way_out, option);
+    if (plan->fitting_samples > 0)
+        snprintf(way_out, sizeof way_out, "give --batch-samples %d, which fits, or ",
+                 plan->fitting_samples);
+    else if (!plan->rendering)
+        snprintf(way_out, sizeof way_out, "lower %s, or ", plan->rows[largest_row(plan)].way_out);
+    return cln_fail(CLN_MEMORY, "the plan needs more %s memory than there is: %s; %sraise %s",
+                    whose, text, way_out, option);
 }
 
 cln_status cln_plan_check_host(const cln_plan *plan)

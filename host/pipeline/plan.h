@@ -38,11 +38,13 @@ typedef struct cln_plan {
         const char *way_out; /* what to lower; NULL = nothing can be */
     } rows[CLN_PLAN_ROWS];
     int count;
+    bool rendering; /* no option lowers its rows */
     double total, limit;
     double cells;         /* cells of stage 1 over all leaves; kernels index them with 32 bits */
     int max_rays;         /* most rays of a batch, so that its intervals fit one buffer */
     size_t max_samples;   /* most samples of a batch, likewise */
     size_t batch_samples; /* samples aimed at: --batch-samples, or fewer if max_samples is small */
+    int fitting_samples;  /* a smaller --batch-samples that would be within the limit; 0 = none */
     size_t max_entries;   /* projected samples held at a time (splat) */
     int distil_nets;      /* merged leaves trained together */
 } cln_plan;

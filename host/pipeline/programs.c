@@ -405,7 +405,8 @@ cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
     if (leaves > CLN_PARTS * room)
         return cln_fail(CLN_MEMORY,
                         "%d leaves do not fit: %d buffers of the largest size that %s allows hold "
-                        "%d; lower --start-level, --max-leaves, --n1 or the network's size",
+                        "%d; lower --start-level, --max-leaves, --n1 or the leaves' size "
+                        "(--width, --grid-cells)",
                         leaves, CLN_PARTS, p->device->info.name, CLN_PARTS * room);
     if (p->parts > 1 || !cln_pipeline_in_parts(p, leaves))
         return CLN_OK;
@@ -524,9 +525,9 @@ cln_status cln_pipeline_create(cln_device *device, const cln_config *config,
     st = create(device, config, facts, wanted, &tune, out, &unfit);
     if (unfit && !device->tune_exact) {
         cln_tune_text(&tune, list);
-        cln_warn("kernel parameters %s (%s) cannot be used for networks of %s: %s; plain ones are "
+        cln_warn("kernel parameters %s (%s) cannot be used for %s of %s: %s; plain ones are "
                  "used, which are slower",
-                 list, from, network, cln_error_text());
+                 list, from, cln_leaf_kind_of(config->encoding)->name, network, cln_error_text());
         cln_clear_error();
         cln_tune_plain(&tune);
         snprintf(from, sizeof from, "plain, because others could not be used");

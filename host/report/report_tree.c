@@ -117,7 +117,7 @@ static cln_status put_pictures(FILE *to, const cln_report_data *data)
     char *folder = NULL, text[32];
 
     cln_format_count(leaves, text);
-    fprintf(to, "<p>%s %s with a network", isfinite(leaves) ? text : "&ndash;",
+    fprintf(to, "<p>%s %s with a model", isfinite(leaves) ? text : "&ndash;",
             leaves == 1 ? "leaf" : "leaves");
     cln_format_count(cln_json_number(data->tree, "step"), text);
     fprintf(

@@ -171,6 +171,9 @@ double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space, con
 int cln_scene_spread_view(const cln_scene *scene, cln_split split, int i, int count);
 int cln_scene_spread_stride(const cln_scene *scene, cln_split split, int count, double most);
 
+/* Pixels of the training views, masked ones, too. */
+double cln_scene_training_pixels(const cln_scene *scene);
+
 /* The point nearest to the optical axes of the training views, scene units; false if these are
  * parallel. */
 bool cln_scene_focus(const cln_scene *scene, double point[3]);

@@ -129,6 +129,19 @@ int cln_scene_split_view(const cln_scene *scene, cln_split split, int i)
     return i;
 }
 
+double cln_scene_training_pixels(const cln_scene *scene)
+{
+    double pixels = 0;
+
+    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
+        const cln_camera *camera =
+            &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
+
+        pixels += (double)camera->width * camera->height;
+    }
+    return pixels;
+}
+
 int cln_scene_spread_view(const cln_scene *scene, cln_split split, int i, int count)
 {
     const int views = cln_scene_split_count(scene, split);

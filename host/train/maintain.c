@@ -798,7 +798,7 @@ static void say_none_came(cln_trainer *t, double fraction)
     t->none_came = true;
     cln_warn("no single leaf was split: at --structure-until %g, the tree still waited for "
              "--cull-after %d + --refresh-every %d steps after its last level, at step %lld; give "
-             "a smaller --cull-after, or more --steps",
+             "a smaller --cull-after, or a larger budget",
              c->structure_until, c->cull_after, c->refresh_every, (long long)t->model.growth_step);
 }
 

@@ -35,6 +35,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
 {
     const cln_config *c = &t->model.config;
     const cln_pipeline *p = &t->pipeline;
+    const bool network = cln_leaf_kind_of(c->encoding)->network;
     const bool alpha = t->scene->has_alpha, gather = c->stage1 == CLN_STAGE1_GATHER;
     const bool regularised = c->sparsity > 0 || c->edge > 0 || c->cauchy > 0 ||
                              c->opacity_entropy > 0 || c->distortion_loss > 0 || c->view_l2 > 0;
@@ -57,9 +58,10 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
             .first = tenths(100 * fold.share), .second = fold.views),
         ROW(!alpha, "alpha (images have none)"),
         ROW(!p->ray_background, "background per ray (one background for all)"),
-        ROW(!c->view_dependence, "view layer (--no-view-dependence)"),
-        ROW(p->net.skip_layer < 0, "skip connection"),
-        ROW(c->rrelu_scope == CLN_RRELU_MEAN, "random slopes (mean slope instead)"),
+        ROW(!c->view_dependence, "dependence of colours on the direction (--no-view-dependence)"),
+        ROW(!network, "networks (leaves are voxels)"),
+        ROW(network && p->net.skip_layer < 0, "skip connection"),
+        ROW(network && c->rrelu_scope == CLN_RRELU_MEAN, "random slopes (mean slope instead)"),
         ROW(gather, "projection and sort of stage-1 samples (read along the rays instead)"),
         ROW(c->density_noise <= 0, "density noise"),
         ROW(cln_first_moment_bytes(c) == 0, "Adam's first moments (--beta1 0)"),

@@ -101,6 +101,13 @@ static void test_refused(void **state)
     set(none, "lr", "0.01");
     assert_int_equal(cln_settings_check(none), CLN_OK);
     cln_settings_free(none);
+    none = create(NULL); /* of 100 x 100 pixels, 16,384 rays a step */
+    assert_int_equal(cln_settings_epochs(none, 1e4), 24576);
+    assert_int_equal(cln_settings_epochs(none, 1e9), 30);
+    set(none, "epochs", "30");
+    assert_int_equal(cln_settings_epochs(none, 1e4), 30);
+    cln_settings_free(none);
+    assert_int_equal(cln_settings_epochs(settings, 1e4), 30); /* networks */
     assert_int_equal(cln_settings_create("slow", &none), CLN_USAGE);
     assert_null(none);
     cln_clear_error();

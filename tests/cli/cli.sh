@@ -958,13 +958,13 @@ section_memory() {
     run "$cln" train "$work/blender" -o "$work/parts" "${small[@]}" --start-level 3 --level-at "" \
         --no-adaptive --steps 2 --max-alloc 1M -v
     check "the plan says what is split" grep -qE \
-        "memory plan: network weights [0-9.]+ MiB in 3 parts, optimiser state [0-9.]+ MiB in 3" \
+        "memory plan: leaf weights [0-9.]+ MiB in 3 parts, optimiser state [0-9.]+ MiB in 3" \
         "$work/err"
     run "$cln" eval "$work/parts" --json --progress none
     cp "$work/out" "$work/whole.json"
     run "$cln" eval "$work/parts" --json --progress none --max-alloc 1M -v
     check "pictures from parts: the plan" grep -qE \
-        "memory plan: network weights [0-9.]+ MiB in 3 parts" "$work/err"
+        "memory plan: leaf weights [0-9.]+ MiB in 3 parts" "$work/err"
     check "pictures agree" [ "$(json mean.psnr)" = "$("$query" mean.psnr <"$work/whole.json")" ]
 }
 

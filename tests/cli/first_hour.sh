@@ -1,7 +1,7 @@
 #!/bin/bash
 # What a new user does in the first hour, and what they trip over: habits of other programs, odd
 # folders, odd terminals, second tries. On tiny scenes and short trainings; cli.sh has the rest.
-#   tests/cli/first_hour.sh [SECTION...]      sections: words scenes training results edges
+#   tests/cli/first_hour.sh [SECTION...]      sections: words scenes training voxels results edges
 #   BUILD=build/sanitize                   the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -174,6 +174,23 @@ section_scenes() {
     expect "garbage" 3 "~line.1 ~no.such.setting" "$cln" info "$s"
     check "no suggestion for garbage" not_said "did you mean"
     check "control characters are not repeated" not_said $'\033'
+    printf '%s\n' 'width 64' 'preset fast' >"$conf"
+    expect "a preset in the conf, behind a setting" 0 "~preset.fast,.width.64" \
+        "$cln" info "$s" --json
+    check "a training would have it" [ "$(json training.preset)" = fast ]
+    expect "--preset goes before it" 0 "~conf:.width.64$" "$cln" info "$s" --preset paper --json
+    check "a training would have that" [ "$(json training.preset)" = paper ]
+    expect "train with it, and a width of its own" 0 "~preset.fast" "$cln" train "$s" \
+        -o "$work/chosen" --skip-selftest "${tree[@]:2}" --steps 1
+    check "run.json names the conf's preset" \
+        [ "$("$query" preset <"$work/chosen/run.json")" = fast ]
+    check "its own width counts" [ "$("$query" config.width <"$work/chosen/run.json")" = 16 ]
+    expect "the conf's preset on --resume: the run keeps its own" 0 "" "$cln" train \
+        --resume "$work/chosen" --skip-selftest --steps +1
+    echo 'preset quick' >"$conf"
+    expect "a wrong preset" 3 "~line.1 quick voxel|fast" "$cln" info "$s"
+    echo 'preset' >"$conf"
+    expect "a preset without a name" 3 "~line.1 ~has.no.value voxel|fast" "$cln" info "$s"
     echo 'rays many' >"$conf"
     expect "a wrong value" 3 "~line.1 rays many" \
         "$cln" train "$s/transforms_train.json" -o "$work/r"
@@ -385,6 +402,12 @@ section_training() {
     expect "info of the scene, like the run" 0 "" "$cln" info "$s" --no-conf --preset fast \
         --like "$r" --json
     check "it is of that preset" [ "$(json training.preset)" = fast ]
+    check "networks' epochs are the preset's" [ "$(json training.epochs)" = 30 ]
+    expect "info of the scene" 0 "" "$cln" info "$s" --no-conf --json
+    check "voxels of few pixels get steps to split in" [ "$(json training.steps)" -ge 1500 ]
+    expect "info for the epochs that are asked for" 0 "" "$cln" info "$s" --no-conf --epochs 30 \
+        --json
+    check "these are the epochs" [ "$(json training.epochs)" = 30 -a "$(json training.steps)" -lt 1500 ]
     check "its time is steps times seconds per step" awk -v a="$(json training.training_seconds)" \
         -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
         -v k="$("$query" result.step <"$r/run.json")" \
@@ -484,6 +507,47 @@ section_training() {
     check "no line is redrawn where CI is set" eval '! grep -qF $'"'\033[K'"' "$work/out"'
 }
 
+# What is said where leaves are voxels, as they are by default; and in little memory.
+section_voxels() {
+    local s=$work/voxels r=$work/of\ voxels batch
+    local little=(--skip-selftest --progress none --grid-cells 4 --n1 4 --start-level 1
+        --level-at 2:0.3 --max-level 2)
+    "$make_scene" "$s" --size 32 --train 6 --test 2 >/dev/null
+    expect "train, by default" 0 "" "$cln" train "$s" -o "$r" "${little[@]}" --steps 30 -v
+    check "the plan has weights of leaves" said "memory plan: leaf weights"
+    check "networks are named as what is left out" \
+        grep -qF '"networks (leaves are voxels)"' "$r/run.json"
+    check "their parts are not" eval \
+        '! grep -qE "\"(skip connection|random slopes)" "$r/run.json"'
+    check "batches that grow a little are not worth a line" eval \
+        'grep "^buffer for sample colours" "$work/err" | awk "{ n = \$5 + 0
+            if (n > last && n < 1.5 * last) exit 1; last = n }"'
+    check "the report has leaves with a model" \
+        grep -qE ">[0-9,]+ lea(f|ves) with a model at step 30" "$r/report.html"
+    check "it speaks of no leaves with networks" eval \
+        '! grep -qE "lea(f|ves) with a network|>Leaf networks|network weights" "$r/report.html"'
+    expect "devices" 0 "" "$cln" devices --no-test
+    check "voxels, the default, come first" eval \
+        '[ "$(grep -E "from .*, for (voxels|networks) of" "$work/out" | sed 1q |
+            grep -cE "for voxels of X")" = 1 ]'
+    expect "tune, for voxels" 0 "~of.X4x16" "$cln" tune --grid-cells 4 --rays 256 \
+        --batch-samples 4096 --budget 1 --progress none -o "$work/voxels.txt"
+    check "it speaks of voxels alone" eval 'grep -qE "^voxels +X4x16; a step" "$work/out" &&
+        printed "for such voxels" && ! grep -q networks "$work/out" "$work/err"'
+    expect "check of one network" 0 "" "$cln" check "$s" --preset nerf --probe 0
+    check "one leaf is one" printed "tree of 1 leaf,"
+
+    expect "too little device memory: a batch that fits is named" 5 \
+        "~give.--batch-samples.[0-9]+,.which.fits --device-mem" \
+        "$cln" train "$s" -o "$work/never" "${little[@]}" --steps 2 --device-mem 64M
+    batch=$(sed -n 's/.*give --batch-samples \([0-9]*\), .*/\1/p' "$work/err")
+    expect "it fits" 0 "" "$cln" train "$s" -o "$work/little" "${little[@]}" --steps 2 \
+        --device-mem 64M --batch-samples "${batch:-0}"
+    expect "too little device memory for pictures" 5 "~raise.--device-mem" \
+        "$cln" eval "$r" --device-mem 1M
+    check "no option is named that eval has not" not_said "batch-samples"
+}
+
 # Scenes and places that are at the edge.
 section_edges() {
     local s=$work/one r="$work/one run" long
@@ -508,7 +572,7 @@ section_edges() {
     expect "info of a run" 0 "" "$cln" info "$r"
     check "info of a run has memory in units" \
         grep -qE "^  device_peak +[0-9.]+ [KMG]iB$" "$work/out"
-    check "its plan has memory in units" grep -qE "^  network weights +[0-9.]+ [KMG]iB$" "$work/out"
+    check "its plan has memory in units" grep -qE "^  leaf weights +[0-9.]+ [KMG]iB$" "$work/out"
     check "its times are not estimates" \
         grep -qE "^  wall_seconds +[0-9]+:[0-9]+$" "$work/out"
     mv "$s" "$s.away"
@@ -708,4 +772,4 @@ section_results() {
         " 0 0 0 16 0 0 0 16" ]
 }
 
-run_sections "words scenes training results edges" "$@"
+run_sections "words scenes training voxels results edges" "$@"

@@ -388,7 +388,7 @@ section_memory() {
     baseline
     run "$cln" train "$work/scene" -o "$on" "${large[@]}" --device-mem 1M
     limit=$(grep -oE '= [0-9.]+ MiB of' "$work/err" | awk '{ printf "%.1fM", 0.88 * $2 }')
-    expect "a training too large for one process" 5 "~network.weights device-mem" "$cln" train \
+    expect "a training too large for one process" 5 "~leaf.weights device-mem" "$cln" train \
         "$work/scene" -o "$on" "${large[@]}" --device-mem "$limit"
     check "it writes nothing" [ ! -e "$on" ]
     expect "four ranks train it" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/scene" -o "$on" \
@@ -615,7 +615,7 @@ section_pictures() {
     run "$cln" train "$work/scene" -o "$work/large" --skip-selftest --progress none --preset fast \
         --width 64 --depth 8 --start-level 2 --level-at "" --max-level 5 --rays 256 \
         --batch-samples 2048 --n1 8 --steps 1
-    expect "a model too large for one process" 5 "~network.weights device-mem" "$cln" render \
+    expect "a model too large for one process" 5 "~leaf.weights device-mem" "$cln" render \
         "$work/large" -o "$work/views of four" --device-mem 13M
     expect "four ranks render that model" 0 "" "${mpi[@]}" -n 4 "$ranked" render "$work/large" \
         -o "$work/views of four" --device-mem 13M

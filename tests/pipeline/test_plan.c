@@ -95,7 +95,7 @@ static void test_adds_up(void **state)
         assert_true(plan.limit == 0.9 * 8192 * MIB);
         assert_true(plan.max_samples == 2 * (size_t)config.batch_samples);
         assert_true(plan.batch_samples == (size_t)config.batch_samples);
-        assert_true(row_bytes(&plan, "network weights", true) == 64 * 4.0 * f.pipeline.net.params);
+        assert_true(row_bytes(&plan, "leaf weights", true) == 64 * 4.0 * f.pipeline.net.params);
         assert_ok(cln_plan_check(&f.device, &plan));
     }
 }
@@ -206,11 +206,11 @@ static void test_parts(void **state)
             cln_plan_device(&f.desc, &plan);
             cln_plan_text(&plan, text, sizeof text);
             parts = leaves <= 60 ? 1 : leaves <= 120 ? 2 : leaves <= 180 ? 3 : 4;
-            assert_int_equal(row_parts(&plan, "network weights"), parts);
+            assert_int_equal(row_parts(&plan, "leaf weights"), parts);
             assert_int_equal(row_parts(&plan, "optimiser state"), parts);
             assert_int_equal(row_parts(&plan, "stage-1 densities"), parts);
             assert_int_equal(row_parts(&plan, "activations"), 1);
-            assert_true(row_bytes(&plan, "network weights", false) == leaves * weights);
+            assert_true(row_bytes(&plan, "leaf weights", false) == leaves * weights);
             assert_true((strncmp(strstr(text, ", optimiser") - 11, " in 3 parts", 11) == 0) ==
                         (parts == 3));
             assert_true(fabs(row_bytes(&plan, "stage-1 densities", false) - 8 * leaves -
@@ -219,7 +219,7 @@ static void test_parts(void **state)
                 assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "in each of 4 parts");
                 continue;
             }
-            assert_true(row_bytes(&plan, "network weights", true) == fmin(leaves, 60) * weights);
+            assert_true(row_bytes(&plan, "leaf weights", true) == fmin(leaves, 60) * weights);
             assert_ok(cln_plan_check(&f.device, &plan));
         }
     }
@@ -402,10 +402,10 @@ static void test_deals(void **state)
     f.desc.leaves = 1000;
     params = 4.0 * f.pipeline.net.params;
     cln_plan_device(&f.desc, &loose);
-    assert_true(fabs(row_bytes(&loose, "network weights", false) - 375 * params) < 1);
+    assert_true(fabs(row_bytes(&loose, "leaf weights", false) - 375 * params) < 1);
     f.desc.deal = &even;
     cln_plan_device(&f.desc, &plan);
-    assert_true(fabs(row_bytes(&plan, "network weights", false) - 250 * params) < 1);
+    assert_true(fabs(row_bytes(&plan, "leaf weights", false) - 250 * params) < 1);
     assert_true(fabs(row_bytes(&plan, "changes of the tree", true) - 250 * params) < 1);
     assert_true(fabs(row_bytes(&plan, "weight gradients", true) -
                      (310 + floor((double)plan.max_samples / 480)) * params) < 1);
@@ -480,6 +480,36 @@ static void test_search(void **state)
     assert_true(bytes[1][1] - bytes[1][0] == RAY * (double)CLN_LOOK_RAYS);
 }
 
+/* Where a smaller batch would fit, the message names one: the first that does, halved each time. */
+static void test_fitting_batch(void **state)
+{
+    cln_config config = preset("voxel");
+    fake f;
+    cln_plan plan;
+    const int whole = config.batch_samples;
+    char words[96];
+
+    (void)state;
+    make_fake(&f, &config, 4096 * MIB, "gpu");
+    f.pipeline.config.batch_samples = whole / 4;
+    cln_plan_device(&f.desc, &plan);
+    f.pipeline.config.device_mem = plan.total + MIB;
+    cln_plan_device(&f.desc, &plan);
+    assert_ok(cln_plan_check(&f.device, &plan));
+    assert_int_equal(plan.fitting_samples, 0);
+    f.pipeline.config.batch_samples = whole;
+    cln_plan_device(&f.desc, &plan);
+    snprintf(words, sizeof words, "; give --batch-samples %d, which fits, or raise --device-mem",
+             whole / 4);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, words);
+    f.desc.leaves = 65536; /* whose weights alone are more */
+    cln_plan_device(&f.desc, &plan);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "; lower --");
+    f.desc.training = false;
+    cln_plan_device(&f.desc, &plan);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "; raise --device-mem");
+}
+
 static void test_limits_by_name(void **state)
 {
     cln_config config = preset("fast");
@@ -550,7 +580,7 @@ static void test_counts(void **state)
     f.desc.leaves = 262144; /* 1.6e10 weights */
     cln_plan_device(&f.desc, &plan);
     assert_ok(cln_plan_check(&f.device, &plan));
-    assert_true(row_bytes(&plan, "network weights", false) ==
+    assert_true(row_bytes(&plan, "leaf weights", false) ==
                 262144.0 * f.pipeline.net.params * sizeof(float));
     f.device.info.global_mem = 1e9;
     cln_plan_device(&f.desc, &plan);
@@ -781,7 +811,7 @@ static void test_cut_batches(void **state)
     /* one leaf's weights fit; two leaves' in each of four parts do not */
     config.width = config.view_width = 64;
     assert_fails(train_on("never", &config, "64K", &cut), CLN_MEMORY,
-                 "network weights: 81.8 KiB in each of 4 parts");
+                 "leaf weights: 81.8 KiB in each of 4 parts");
     assert_false(cln_is_dir(fixture_path("never")));
     assert_fails(train_on("never", &config, "64X", &cut), CLN_USAGE, "--max-alloc");
 }
@@ -921,6 +951,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_deals),
         cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_search),
+        cmocka_unit_test(test_fitting_batch),
         cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_pictures_fit),
         cmocka_unit_test(test_images_stay),

@@ -546,7 +546,7 @@ static void the_tree_is_shown_with_its_legend(void **state)
     put_json(run, "eval/00000025-test/tree.json",
              tree_of(json_pack("{s:f s:f}", "low", 1e-5, "high", 0.01)));
     page = page_of(run);
-    assert_has(page, "1,213 leaves with a network at step 25.");
+    assert_has(page, "1,213 leaves with a model at step 25.");
     assert_has(page, "background:#f0e442'></span>level 3: 12 leaves</span>");
     assert_has(page, "background:#d55e00'></span>level 5: 1 leaf</span>");
     assert_has_not(page, "level 2:");
