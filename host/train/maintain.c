@@ -111,23 +111,30 @@ done:
     return st;
 }
 
-/* The memory plans of a tree with `leaves` leaves after the next change, at most a level deeper. */
+/* The memory plans of a tree with `leaves` leaves after the next change, at most a level deeper.
+ * own: those of the rank that will have most; 0: not known, so 1.5 times the mean is counted, which
+ * it may exceed (cln_share_change). */
 typedef struct plans {
     cln_plan device, host;
 } plans;
 
-static void make_plans(const cln_trainer *t, int leaves, plans *out)
+static void make_plans(const cln_trainer *t, int leaves, int own, plans *out)
 {
     const int depth = cln_octree_depth(&t->model.tree), level = t->model.level;
     const int grown = level + t->model.space.shell; /* deepest leaves that regrow() adds */
-    const cln_plan_desc desc = {&t->pipeline,
-                                t->scene,
-                                leaves,
-                                true,
-                                cln_coverage_bytes(t->scene),
-                                1 + (depth > grown ? depth : grown),
-                                NULL};
+    cln_plan_desc desc = {&t->pipeline,
+                          t->scene,
+                          leaves,
+                          true,
+                          cln_coverage_bytes(t->scene),
+                          1 + (depth > grown ? depth : grown),
+                          NULL};
+    cln_deal deal;
 
+    if (t->pipeline.ranks > 1 && own > 0) {
+        deal = cln_plan_any_deal(&desc, own);
+        desc.deal = &deal;
+    }
     cln_plan_device(&desc, &out->device);
     cln_plan_host(&desc, &out->device, &out->host);
 }
@@ -150,13 +157,13 @@ static void adopt_plans(cln_trainer *t, const plans *p)
     cln_stage1_release(&t->pipeline); /* the next batch allocates by the new plan */
 }
 
-/* Whether a tree with `leaves` leaves fits memory; on all ranks, as they change it together. If it
- * does not, cln_error_text() has the reason. */
-static bool fits(const cln_trainer *t, int leaves, plans *out)
+/* Whether a tree with `leaves` leaves, `own` as above, fits memory; on all ranks, as they change it
+ * together. If it does not, cln_error_text() has the reason. */
+static bool fits(const cln_trainer *t, int leaves, int own, plans *out)
 {
     double full = 0, others = 0;
 
-    make_plans(t, leaves, out);
+    make_plans(t, leaves, own, out);
     full = check_plans(t, out) != CLN_OK;
     others = full;
     cln_ranks_largest(&others, 1);
@@ -176,7 +183,23 @@ done:
     return st;
 }
 
-/* Whether the tree fits memory after a split of every leaf; warns the first time that it does
+/* Of the leaves that are not marked, those of the rank that has most. */
+static int most_left(const cln_pipeline *p, const uint8_t *marks)
+{
+    int most = 0;
+
+    for (int r = 0; p->ranks > 1 && r < p->ranks; r++) {
+        int left = 0;
+
+        for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++)
+            left += !marks[s];
+        most = left > most ? left : most;
+    }
+    return most;
+}
+
+/* Whether the tree fits memory after a split of every leaf, which leaves children where their
+ * parent was; warns the first time that it does
  * not. */
 static cln_status room_to_grow(cln_trainer *t, bool *room)
 {
@@ -187,7 +210,7 @@ static cln_status room_to_grow(cln_trainer *t, bool *room)
     char text[1536];
 
     CLN_TRY(leaves_left(t, &marks, &leaves));
-    *room = fits(t, 8 * leaves, &next);
+    *room = fits(t, 8 * leaves, 8 * most_left(&t->pipeline, marks), &next);
     if (!*room) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
@@ -285,7 +308,7 @@ static cln_status grow(cln_trainer *t)
     plans next;
 
     CLN_TRY(leaves_left(t, &marks, &leaves));
-    make_plans(t, 8 * leaves, &next);
+    make_plans(t, 8 * leaves, 8 * most_left(p, marks), &next);
     CLN_TRY(cln_step_catch_up(t));
     if (leaves < p->leaves) { /* marked leaves that waited for a change (cull) */
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
@@ -378,12 +401,12 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     CLN_TRY(carve_fresh(t, &tree, &change, &fresh));
     if (fresh == 0)
         goto done;
-    if (splits * tree.leaf_count > most || !fits(t, splits * tree.leaf_count, &next)) {
+    if (splits * tree.leaf_count > most || !fits(t, splits * tree.leaf_count, 0, &next)) {
         cln_clear_error();
         cln_debug("step %lld: no room to bring back %d leaves", (long long)t->model.step, fresh);
         goto done;
     }
-    make_plans(t, tree.leaf_count, &next);
+    make_plans(t, tree.leaf_count, 0, &next);
     old = t->model.tree;
     t->model.tree = tree;
     tree = old;
@@ -563,7 +586,7 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
 
     CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
     CLN_TRY(cln_distil_prepare(t, merge, &distil));
-    make_plans(t, leaves_after, &next);
+    make_plans(t, leaves_after, 0, &next);
     CLN_TRY(change_model(t, split, merge, children, &change, &fresh));
     CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
     adopt_plans(t, &next);
@@ -595,7 +618,7 @@ static int leaf_budget(cln_trainer *t)
     int n = wanted;
     plans p;
 
-    while (n > leaves && !fits(t, n, &p)) {
+    while (n > leaves && !fits(t, n, 0, &p)) {
         cln_clear_error();
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }

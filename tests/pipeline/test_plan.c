@@ -8,7 +8,9 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <stdlib.h>
+#include "pipeline/halo.h"
 #include "pipeline/plan.h"
+#include "ranks/ranks.h"
 #include "run_fixture.h"
 #include "tests.h"
 
@@ -390,7 +392,7 @@ static void test_links_fit(void **state)
 static void test_deals(void **state)
 {
     cln_config config = preset("voxel");
-    const cln_deal even = {250, 60, 7000};
+    const cln_deal even = {.own = 250, .far = 60, .sliced = 310, .links = 7000};
     fake f;
     cln_plan loose, plan;
     double params = 0;
@@ -431,6 +433,91 @@ static void test_deals(void **state)
     cln_plan_device(&f.desc, &plan);
     assert_true(fabs(row_bytes(&plan, "changes of the tree", true) - 1000.0 * 2 * 64 * 64 * 64) <
                 1);
+}
+
+/* With few samples, a rank with fewer leaves and more of others' may have more slices than the one
+ * that has most leaves, which here is the last and so has none of others'. */
+static void test_uneven_deal(void **state)
+{
+    enum { SAMPLES = 8192, OWN = 8000, LEAVES = 32768 };
+    const int first[3] = {0, OWN, LEAVES};
+    cln_config config = preset("voxel");
+    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST], starts[3];
+    cln_octree tree = {0};
+    cln_deal deal;
+    cln_plan plan;
+    fake f;
+
+    (void)state;
+    config.batch_samples = SAMPLES / CLN_TRAINING_BATCHES;
+    make_fake(&f, &config, 4096 * MIB, "gpu");
+    memcpy(starts, first, sizeof starts);
+    f.pipeline.ranks = 2;
+    f.pipeline.rank_first = starts;
+    f.desc.leaves = LEAVES;
+    f.desc.deal = &deal;
+    assert_ok(cln_octree_create(5, &tree));
+    assert_ok(cln_halo_count(&f.pipeline, &tree, first, links, far));
+    assert_ok(cln_plan_deal(&f.pipeline, &tree, &deal));
+    cln_plan_device(&f.desc, &plan);
+    assert_true(plan.max_samples == SAMPLES && far[1] == 0 && OWN + far[0] > SAMPLES);
+    assert_true(row_bytes(&plan, "weight gradients", true) >=
+                (OWN + far[0] + SAMPLES / 480) * 4.0 * f.pipeline.net.params);
+    assert_int_equal(deal.own, LEAVES - OWN);
+    assert_int_equal(deal.sliced, LEAVES - OWN);
+    assert_int_equal(deal.far, far[0]);
+    cln_octree_free(&tree);
+}
+
+/* What a plan's check refuses, moves do not bring about: also an array that would be too large in
+ * all its parts, here that of gradients, of 700 rows. */
+static void test_moves_into_a_buffer(void **state)
+{
+    cln_config config = preset("voxel");
+    const cln_deal even = {.own = 250, .far = 60, .sliced = 310, .links = 7000};
+    fake f;
+    cln_plan plan, host;
+    int most = 0;
+
+    (void)state;
+    config.batch_samples = 256;
+    make_fake(&f, &config, 4096 * MIB, "gpu");
+    f.pipeline.ranks = 4;
+    f.desc.leaves = 1000;
+    f.desc.depth = 4;
+    f.desc.deal = &even;
+    assert_int_equal(cln_plan_most_own(&f.desc), 375);
+    f.device.max_alloc = (size_t)(700.0 / CLN_PARTS * 4 * f.pipeline.net.params);
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_true(cln_plan_fits(&f.device, &plan, &host));
+    assert_ok(cln_plan_check(&f.device, &plan));
+    most = cln_plan_most_own(&f.desc);
+    assert_true(most >= 250 && most < 300);
+    f.device.max_alloc /= 64;
+    cln_plan_device(&f.desc, &plan);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "allows only");
+    assert_false(cln_plan_fits(&f.device, &plan, &host));
+    assert_int_equal(cln_plan_most_own(&f.desc), 0);
+}
+
+/* The present deal counts as it is, though an estimate of one with so many leaves is above the
+ * limit: more cannot move, but as many can. */
+static void test_the_deal_itself(void **state)
+{
+    const cln_config config = preset("voxel");
+    const cln_deal now = {.own = 360, .far = 10, .sliced = 365, .links = 100};
+    fake f;
+    cln_plan plan;
+
+    (void)state;
+    make_fake(&f, &config, 4096 * MIB, "gpu");
+    f.pipeline.ranks = 4;
+    f.desc.leaves = 1000;
+    f.desc.deal = &now;
+    cln_plan_device(&f.desc, &plan);
+    f.pipeline.config.device_mem = plan.total + 1;
+    assert_int_equal(cln_plan_most_own(&f.desc), 360);
 }
 
 /* Projected samples take half of what is left: of a CPU's memory, which is the host's, half of what
@@ -919,6 +1006,9 @@ int test_group_plan(void)
         cmocka_unit_test(test_slices_fit),
         cmocka_unit_test(test_links_fit),
         cmocka_unit_test(test_deals),
+        cmocka_unit_test(test_uneven_deal),
+        cmocka_unit_test(test_moves_into_a_buffer),
+        cmocka_unit_test(test_the_deal_itself),
         cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_search),
         cmocka_unit_test(test_limits_by_name),
