@@ -302,11 +302,21 @@ static double fit_spread(const scale_machine *m, const scale_network *here, doub
 }
 
 /* The part of samples with which the model is nearest to the runs' bytes about common vertices: the
- * mean of its relative errors is 0. */
-static double fit_places(const run *runs, int count)
+ * mean of its relative errors is 0. Runs of networks have none, and leave 1. */
+static cln_status fit_places(const run *runs, int count, double *out)
 {
     double low = 1e-6, high = 1e3;
+    bool told = false;
 
+    *out = 1;
+    for (int i = 0; i < count; i++)
+        told |= runs[i].vertices > 0;
+    if (!told)
+        return runs[0].work.cells > 0
+                   ? cln_fail(CLN_INPUT, "predict: no run after -- has vertex_bytes in "
+                                         "metrics.jsonl, from which what voxels send is computed; "
+                                         "give runs of voxels by ranks")
+                   : CLN_OK;
     while (high / low > 1.0001) {
         const double middle = sqrt(low * high);
         double error = 0;
@@ -320,7 +330,8 @@ static double fit_places(const run *runs, int count)
         }
         *(error < 0 ? &low : &high) = middle;
     }
-    return low;
+    *out = low;
+    return CLN_OK;
 }
 
 static void put_check(const scale_machine *m, const scale_network *here, double cores, const run *r)
@@ -337,7 +348,7 @@ static void put_check(const scale_machine *m, const scale_network *here, double 
             scale_sent(&r->work, r->own_share, r->own_leaves / r->work.leaves) + vertices;
 
         printf(" %.0f | %.0f | %+.1f %% |", sent, r->sent, 100 * (sent / r->sent - 1));
-        if (r->vertices > 0)
+        if (r->work.cells > 0)
             printf(" %.0f | %.0f | %+.1f %% |", vertices, r->vertices,
                    100 * (vertices / r->vertices - 1));
         puts("");
@@ -516,7 +527,7 @@ static cln_status predict(int argc, char **argv)
     base.density_bytes = runs[0].work.density_bytes;
     base.cells = runs[0].work.cells;
     base.row_bytes = runs[0].work.row_bytes;
-    base.places = fit_places(runs, count);
+    CLN_TRY(fit_places(runs, count, &base.places));
     for (int i = 0; i < count; i++)
         runs[i].work.places = base.places;
     m.spread = fit_spread(&m, &here, cores, runs, count);

@@ -9,8 +9,33 @@
 #include "render/open_run.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
+#include "render/recorded.h"
 #include "view/facts.h"
 #include "view/server.h"
+
+/* Of several ranks: whether all find the run's scene, as loading one takes all of them. */
+static cln_status find_scene(const cln_view_desc *desc, bool *found)
+{
+    cln_status st = CLN_OK;
+    double missing = 0;
+    char *path = NULL;
+
+    if (!desc->scene)
+        st = cln_recorded_scene(desc->run, &path);
+    if (st != CLN_OK && st != CLN_INPUT)
+        goto done;
+    missing = st == CLN_INPUT;
+    cln_ranks_largest(&missing, 1);
+    *found = missing == 0;
+    if (st == CLN_OK && !*found)
+        st = cln_fail(CLN_INPUT,
+                      "another rank does not find the scene of %s; --scene tells all "
+                      "where it is",
+                      desc->run);
+done:
+    free(path);
+    return st;
+}
 
 /* Opens the run with its scene, which has the cameras and photos. If the scene is not here, the
  * orbit in run.json is enough to look at the run. */
@@ -20,14 +45,20 @@ static cln_status open_run(const cln_view_desc *desc, cln_open_run *opened, cln_
     const bool pixels[CLN_SPLITS] = {false};
     json_t *document = NULL;
     const json_t *orbit = NULL;
+    const bool alone = cln_ranks_count() == 1;
+    bool found = true;
 
     CLN_TRY(cln_run_read(desc->run, &document));
     orbit = json_object_get(document, "orbit");
-    st = cln_open_run_open(desc->run, desc->scene, pixels, opened);
+    if (!alone)
+        st = find_scene(desc, &found);
+    if (found && st == CLN_OK)
+        st = cln_open_run_open(desc->run, desc->scene, pixels, opened);
     if (st == CLN_OK) {
         st = cln_orbit_frame_of(opened->scene, frame);
-    } else if (st == CLN_INPUT && !desc->scene && orbit) {
-        cln_warn("no cameras and photos: %s", cln_error_text());
+    } else if (st == CLN_INPUT && !desc->scene && orbit && (alone || !found)) {
+        if (cln_ranks_me() == 0)
+            cln_warn("no cameras and photos: %s", cln_error_text());
         cln_clear_error();
         CLN_TRY(cln_open_run_model(desc->run, opened));
         st = cln_orbit_frame_read(orbit, frame);
@@ -38,17 +69,16 @@ done:
 }
 
 /* Until a signal ends it. */
-static cln_status serve(cln_server *server, const cln_callbacks *callbacks)
+static cln_status serve(cln_server *server, cln_painter *painter, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
     bool painted = false;
 
     for (;;) {
-        const int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+        const int signal = cln_painter_signal(painter, callbacks);
 
         if (signal == SIGINT || signal == SIGTERM)
             CLN_TRY(cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal"));
-        cln_ranks_answer(); /* the others wait for a picture */
         CLN_TRY(cln_server_turn(server, 0.1, &painted));
     }
 done:
@@ -84,7 +114,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     CLN_TRY(cln_facts_camera(&frame, &first));
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene ? opened.scene->lenses : 0));
     if (!serves) {
-        st = cln_painter_follow(&painter);
+        st = cln_painter_follow(&painter, &desc->callbacks);
         goto done;
     }
     CLN_TRY(cln_painter_open(&painter, &first));
@@ -93,7 +123,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
         &(cln_server_desc){.listener = &listener, .painter = &painter, .facts = text}, &server));
     if (desc->ready)
         desc->ready(listener.address, desc->callbacks.user);
-    st = serve(server, &desc->callbacks);
+    st = serve(server, &painter, &desc->callbacks);
 done:
     if (st == CLN_OK || st == CLN_SIGINT || st == CLN_SIGTERM) /* else it ends all */
         cln_painter_end(&painter);

@@ -17,8 +17,8 @@
  * may send in a step, for which p->grads and p->met need room beside those of the backward pass. */
 cln_status cln_halo_room(cln_pipeline *p, size_t *slices);
 
-/* Of each rank, for a deal of the tree's leaves: links of both directions in a step, as many as of
- * one at a change of the tree; leaves of other ranks with vertices that are its own. first:
+/* Of each rank, for a deal of the tree's leaves: links of both directions in a step, about as many
+ * as of one at a change of the tree; leaves of other ranks with vertices that are its own. first:
  * [ranks + 1], as p->rank_first; links, far: [CLN_RANKS_MOST]. 0 for networks, and without other
  * ranks. */
 cln_status cln_halo_count(const cln_pipeline *p, const cln_octree *tree, const int *first,

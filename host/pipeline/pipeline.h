@@ -127,10 +127,10 @@ struct cln_pipeline {
      * on leaves in training, in which recent steps count most; room for messages. */
     int ranks, *rank_first; /* [ranks + 1] */
     double *load;           /* [leaf]: of this rank's leaves at least */
-    int most_own;           /* leaves that this rank may get by a move; the plan's (plan.h) */
-    bool leaf_rank_there;   /* p->leaf_rank is up to date with rank_first */
-    bool stretched;         /* the batch has only samples of this rank's leaves (stretch.h) */
-    uint32_t samples_here;  /* samples that are here; if stretched, also stretches */
+    int most_own; /* leaves that a rank may get by a move: the least of all ranks (plan.h) */
+    bool leaf_rank_there;  /* p->leaf_rank is up to date with rank_first */
+    bool stretched;        /* the batch has only samples of this rank's leaves (stretch.h) */
+    uint32_t samples_here; /* samples that are here; if stretched, also stretches */
     uint32_t stretch_total;
     /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
     double samples_own, samples_busiest, samples_all;

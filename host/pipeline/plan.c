@@ -155,6 +155,14 @@ static double far_leaves(const cln_plan_desc *d, double leaves)
     return d->deal ? d->deal->far : most_far((int)leaves, (int)own_leaves(d, leaves));
 }
 
+/* Leaves that may have slices here. */
+static double sliced_leaves(const cln_plan_desc *d, double leaves)
+{
+    if (d->deal && is_linked(d))
+        return d->deal->sliced;
+    return fmin(own_leaves(d, leaves) + far_leaves(d, leaves), leaves);
+}
+
 static double links_of(const cln_plan_desc *d, double leaves)
 {
     return d->deal ? d->deal->links : most_links(d->pipeline, (int)far_leaves(d, leaves));
@@ -168,18 +176,20 @@ static int larger(int a, int b)
 cln_status cln_plan_deal(const cln_pipeline *p, const cln_octree *tree, cln_deal *out)
 {
     cln_status st = CLN_OK;
-    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST], sliced = 0;
+    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST];
 
-    *out = (cln_deal){.own = p->ranks > 1 ? 0 : tree->leaf_count};
+    *out = (cln_deal){.own = tree->leaf_count, .sliced = tree->leaf_count};
+    if (p->ranks > 1)
+        *out = (cln_deal){0};
     CLN_TRY(cln_halo_count(p, tree, p->rank_first, links, far));
     for (int r = 0; p->ranks > 1 && r < p->ranks; r++) {
         const int own = p->rank_first[r + 1] - p->rank_first[r];
 
         out->own = larger(out->own, own);
         out->links = larger(out->links, links[r]);
-        sliced = larger(sliced, own + far[r]);
+        out->far = larger(out->far, far[r]);
+        out->sliced = larger(out->sliced, own + far[r]);
     }
-    out->far = larger(sliced - out->own, 0);
 done:
     return st;
 }
@@ -285,7 +295,7 @@ static double slices_of(const cln_plan_desc *d, double n, double leaves)
 {
     const double own = fmin(n, own_leaves(d, leaves)), far = far_leaves(d, leaves);
 
-    return fmin(own + far, leaves) + floor(n / d->pipeline->tune.sl);
+    return fmin(own + far, sliced_leaves(d, leaves)) + floor(n / d->pipeline->tune.sl);
 }
 
 /* The inverse: samples that make at most `most` slices. */
@@ -297,7 +307,7 @@ static double samples_of(const cln_plan_desc *d, double most, double leaves)
 
     if (left > own)
         n = fmax(n, (left - own) * slice);
-    return fmax(n, (most - leaves) * slice);
+    return fmax(n, (most - sliced_leaves(d, leaves)) * slice);
 }
 
 /* The most intervals of a ray in the deepest tree. */
@@ -580,17 +590,31 @@ void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
         out->fitting_samples = fit_batch(d);
 }
 
-static bool fits_with(const cln_plan_desc *d, int own)
+cln_deal cln_plan_any_deal(const cln_plan_desc *d, int own)
 {
     const int far = is_linked(d) ? most_far(d->leaves, own) : 0;
-    const cln_deal deal = {own, far, most_links(d->pipeline, far)};
+    const int sliced = own < d->leaves - far ? own + far : d->leaves;
+
+    return (cln_deal){own, far, sliced, most_links(d->pipeline, far)};
+}
+
+static bool fits_with(const cln_plan_desc *d, int own)
+{
+    const cln_deal *now = d->deal;
+    cln_deal deal = *now;
     cln_plan_desc moved = *d;
     cln_plan plan, host;
 
+    if (own > now->own) { /* moves need not change the ranks that have most of the rest */
+        deal = cln_plan_any_deal(d, own);
+        deal.far = larger(deal.far, now->far);
+        deal.sliced = larger(deal.sliced, now->sliced);
+        deal.links = larger(deal.links, now->links);
+    }
     moved.deal = &deal;
     cln_plan_device(&moved, &plan);
     cln_plan_host(&moved, &plan, &host);
-    return plan.total <= plan.limit && host.total <= host.limit;
+    return cln_plan_fits(d->pipeline->device, &plan, &host);
 }
 
 int cln_plan_most_own(const cln_plan_desc *d)
@@ -674,6 +698,17 @@ void cln_plan_text(const cln_plan *plan, char *out, size_t bytes)
         snprintf(out + used, bytes - used, " = %s of %s", amount, limit);
 }
 
+/* No more cells of stage 1 can be counted. */
+static const double COUNTABLE = 4294967296.0;
+
+bool cln_plan_fits(const cln_device *device, const cln_plan *plan, const cln_plan *host)
+{
+    for (int i = 0; i < plan->count; i++)
+        if (plan->rows[i].largest > (double)device->max_alloc)
+            return false;
+    return plan->total <= plan->limit && plan->cells < COUNTABLE && host->total <= host->limit;
+}
+
 /* CLN_MEMORY with the plan if it exceeds its limit, which `option` sets. */
 static cln_status check_total(const cln_plan *plan, const char *whose, const char *option)
 {
@@ -702,7 +737,7 @@ cln_status cln_plan_check(const cln_device *device, const cln_plan *plan)
     char text[1024], amount[32], largest[32], where[32];
 
     CLN_TRY(check_total(plan, "device", "--device-mem"));
-    if (plan->cells >= 4294967296.0)
+    if (plan->cells >= COUNTABLE)
         CLN_TRY(cln_fail(CLN_MEMORY,
                          "%.3g stage-1 samples over all leaves are more than the 4.29e9 that can "
                          "be counted; lower --n1",

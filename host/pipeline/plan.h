@@ -49,10 +49,10 @@ typedef struct cln_plan {
     int distil_nets;      /* merged leaves trained together */
 } cln_plan;
 
-/* What a rank has at most: leaves; besides as many, other ranks' leaves with vertices that are its
- * own; links (halo.h). */
+/* What a rank has at most: leaves; other ranks' leaves with vertices that are its own; both
+ * together; links (halo.h). They may be different ranks'. */
 typedef struct cln_deal {
-    int own, far, links;
+    int own, far, sliced, links;
 } cln_deal;
 
 typedef struct cln_plan_desc {
@@ -62,11 +62,14 @@ typedef struct cln_plan_desc {
     bool training;         /* else only rendering */
     double coverage_bytes; /* training: host memory of train/coverage.h */
     int depth;             /* of the tree; 0: as deep as it may become */
-    const cln_deal *deal;  /* by ranks; NULL: the leaves may be dealt in any way (share.h) */
+    const cln_deal *deal;  /* by ranks; NULL: as leaves may move (cln_share_most) */
 } cln_plan_desc;
 
 /* The deal of a tree by p->rank_first. */
 cln_status cln_plan_deal(const cln_pipeline *p, const cln_octree *tree, cln_deal *out);
+
+/* Likewise where it is not known how they lie in the tree: a rank has at most `own`. */
+cln_deal cln_plan_any_deal(const cln_plan_desc *desc, int own);
 
 /* The most leaves that a rank may get, however they lie in the tree, so that the device's plan and
  * the host's are within their limits: up to cln_share_most(), 0 if not even the deal's fit. */
@@ -84,6 +87,9 @@ void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_p
  * CLN_OUTPUT, CLN_MEMORY. */
 cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
                                  int depth, double coverage_bytes, cln_scene *scene);
+
+/* Whether both are within their limits: no check below would fail. */
+bool cln_plan_fits(const cln_device *device, const cln_plan *plan, const cln_plan *host);
 
 /* CLN_MEMORY if a plan exceeds its limit, or a buffer (or part) the device's largest allocation. */
 cln_status cln_plan_check(const cln_device *device, const cln_plan *plan);

@@ -321,21 +321,20 @@ static const double LIMIT = 1.04;
  * than it takes to move all leaves; training one takes as long as moving WORTH leaves. */
 enum { WORTH = 256 };
 
-/* A rank gets at most 1.5 times the mean number of leaves, and no more than its memory has room
- * for. */
 int cln_share_most(const cln_pipeline *p, int leaves)
 {
     return p->ranks > 1 ? (int)ceil(1.5 * leaves / p->ranks) : leaves;
 }
 
-/* Leaves may move: ranks have room for more than their even share. */
+/* Leaves may move: ranks have room for their even share or more. */
 static bool may_move(const cln_pipeline *p)
 {
     return p->ranks > 1 && (int64_t)p->most_own * p->ranks >= p->leaves;
 }
 
 /* Finds each rank's first leaf so that all ranks have about the same load. A leaf counts with its
- * own load and, because its densities are computed anew, with a tenth of the mean load. */
+ * own load and, because its densities are computed anew, with a tenth of the mean load. A rank gets
+ * at most 1.5 times the mean number of leaves, and no more than its memory has room for. */
 static void find_balance(const cln_pipeline *p, const double *load, int *first)
 {
     const int by_mean = cln_share_most(p, p->leaves);

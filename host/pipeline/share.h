@@ -63,7 +63,8 @@ cln_status cln_share_densities(cln_pipeline *p, const cln_buffer *density, int f
 cln_status cln_share_get(cln_pipeline *p, cln_buffer_id id, void *array);
 void cln_share_collect(cln_pipeline *p, cln_buffer_id id, void *array);
 
-/* The most leaves that a rank can get of `leaves`. */
+/* The most leaves that a rank can get of `leaves` by moves: 1.5 times the mean. After a change of
+ * the tree it may have more, until the next balance, as it keeps what comes from its own. */
 int cln_share_most(const cln_pipeline *p, int leaves);
 
 typedef struct cln_share_move {

@@ -177,11 +177,17 @@ static void call_roll(double began)
         }
 }
 
+/* Seconds of rest in a wait of so many: a hundredth, so that a long one, as for a viewer's next
+ * picture, leaves the core alone and still ends in time. */
+static double rest_after(double waited)
+{
+    return fmin(fmax(0.01 * waited, 50e-6), 2e-3);
+}
+
 /* Waits for a message without holding the core for long: OpenMPI itself would poll, at the cost of
  * other ranks on the same core, and of this one's device if that is the processor. */
 static void await_status(MPI_Request *request, MPI_Status *status)
 {
-    const struct timespec rest = {.tv_nsec = 50000};
     const double began = roll.clock;
     double last = 0, called = began;
     int done = 0;
@@ -193,6 +199,7 @@ static void await_status(MPI_Request *request, MPI_Status *status)
             sched_yield();
         } else if (!done) {
             const double before = last;
+            const struct timespec rest = {.tv_nsec = (long)(1e9 * rest_after(roll.clock - began))};
 
             nanosleep(&rest, NULL);
             listen_roll();

@@ -24,34 +24,60 @@ void cln_render_release(cln_pipeline *p)
     cln_stage_picture_release(p);
 }
 
+/* The arrays of its batches, each of room for CLN_RENDER_RAYS, unless they are there. */
+static cln_status make_room(cln_rendering *r)
+{
+    cln_status st = CLN_OK;
+    const size_t most = CLN_RENDER_RAYS;
+
+    if (!r->pixels)
+        CLN_TRY(cln_alloc(&r->pixels, most, sizeof *r->pixels, "ray batch"));
+    if (!r->results)
+        CLN_TRY(cln_alloc(&r->results, most, sizeof *r->results, "ray batch"));
+    if (!r->backgrounds)
+        CLN_TRY(cln_alloc(&r->backgrounds, most, sizeof *r->backgrounds, "ray batch"));
+done:
+    return st;
+}
+
+cln_status cln_rendering_follow(cln_pipeline *p, int view, const float background[3],
+                                cln_rendering *r)
+{
+    cln_status st = CLN_OK;
+    const cln_device_camera *camera = &p->host_cameras[view];
+
+    r->view = view;
+    r->most = r->next =
+        p->max_rays > 0 && p->max_rays < CLN_RENDER_RAYS ? p->max_rays : CLN_RENDER_RAYS;
+    r->side = cln_stage1_of(&p->config)->by_view ? 1 : SQUARE; /* 1: row by row */
+    r->picture.width = camera->width;
+    r->picture.height = camera->height;
+    CLN_TRY(make_room(r));
+    for (int i = 0; i < r->most; i++)
+        memcpy(r->backgrounds[i], background, 3 * sizeof(float));
+    r->batch = (cln_ray_batch){.pixels = r->pixels,
+                               .backgrounds = (const float(*)[4])r->backgrounds,
+                               .sampling = cln_render_sampling(p)};
+done:
+    if (st != CLN_OK)
+        cln_rendering_end(p, r);
+    return st;
+}
+
 cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3], unsigned depth,
                                cln_rendering *out)
 {
     cln_status st = CLN_OK;
-    const cln_device_camera *camera = &p->host_cameras[view];
-    const size_t total = (size_t)camera->width * (size_t)camera->height;
-    const int most =
-        p->max_rays > 0 && p->max_rays < CLN_RENDER_RAYS ? p->max_rays : CLN_RENDER_RAYS;
     cln_picture *picture = &out->picture;
+    size_t total = 0;
 
     memset(out, 0, sizeof *out);
-    out->view = view;
-    out->most = out->next = most;
-    out->side = cln_stage1_of(&p->config)->by_view ? 1 : SQUARE; /* 1: row by row */
-    picture->width = camera->width;
-    picture->height = camera->height;
+    CLN_TRY(cln_rendering_follow(p, view, background, out));
+    out->batch.depth = depth;
+    total = (size_t)picture->width * (size_t)picture->height;
     CLN_TRY(cln_alloc(&picture->rgb, total * 3, sizeof *picture->rgb, "picture"));
     CLN_TRY(cln_alloc(&picture->depth, total, sizeof *picture->depth, "picture"));
     CLN_TRY(cln_alloc(&picture->opacity, total, sizeof *picture->opacity, "picture"));
-    CLN_TRY(cln_alloc(&out->pixels, (size_t)most, sizeof *out->pixels, "ray batch"));
-    CLN_TRY(cln_alloc(&out->results, (size_t)most, sizeof *out->results, "ray batch"));
-    CLN_TRY(cln_alloc(&out->backgrounds, (size_t)most, sizeof *out->backgrounds, "ray batch"));
-    for (int i = 0; i < most; i++)
-        memcpy(out->backgrounds[i], background, 3 * sizeof(float));
-    out->batch = (cln_ray_batch){.pixels = out->pixels,
-                                 .backgrounds = (const float(*)[4])out->backgrounds,
-                                 .depth = depth,
-                                 .sampling = cln_render_sampling(p)};
 done:
     if (st != CLN_OK)
         cln_rendering_end(p, out);
@@ -120,7 +146,7 @@ cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r)
     for (int i = 0; i < n; i++)
         r->pixels[i] = pixel_at(r, first + i);
     CLN_TRY(render_some(p, r, n, &rendered));
-    for (int i = 0; i < rendered; i++) {
+    for (int i = 0; out->rgb && i < rendered; i++) {
         const cln_ray_result *result = &r->results[i];
         const size_t at = r->pixels[i].y * (size_t)out->width + r->pixels[i].x;
 

@@ -40,6 +40,11 @@ typedef struct cln_rendering {
 
 cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background[3], unsigned depth,
                                cln_rendering *out);
+/* The same for a rank that renders batches of a picture that another one keeps: without `picture`'s
+ * arrays. The caller sets `done` and `next`. r: zeroed, or of earlier batches, whose arrays it
+ * takes over. */
+cln_status cln_rendering_follow(cln_pipeline *p, int view, const float background[3],
+                                cln_rendering *r);
 cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
 void cln_rendering_end(cln_pipeline *p, cln_rendering *r); /* accepts a zeroed one */
 

@@ -385,9 +385,8 @@ done:
 cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
 {
     cln_status st = CLN_OK;
-    const int most = t->plan.distil_nets;
     const bool alone = cln_stretch_wanted(&t->pipeline);
-    int first = 0, end = d->nets;
+    int first = 0, end = d->nets, most = 0;
     double *work = NULL, chunks = 0;
     int *lent = NULL;
 
@@ -398,6 +397,7 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
     CLN_TRY(cln_share_lend(&t->pipeline, work, &lent));
     if (lent)
         CLN_TRY(cln_deal_plan(t));
+    most = t->plan.distil_nets; /* of the deal from now on */
     /* A rank goes only through its own nets, which are a run. By samples, its batches have the
      * samples of all, so that they are those of one process. */
     while (alone && first < end && row_of(t, d, first) < 0)

@@ -111,23 +111,30 @@ done:
     return st;
 }
 
-/* The memory plans of a tree with `leaves` leaves after the next change, at most a level deeper. */
+/* The memory plans of a tree with `leaves` leaves after the next change, at most a level deeper.
+ * own: those of the rank that will have most, as children stay on their parent's
+ * (cln_share_change); 0: not known, so 1.5 times the mean is counted. */
 typedef struct plans {
     cln_plan device, host;
 } plans;
 
-static void make_plans(const cln_trainer *t, int leaves, plans *out)
+static void make_plans(const cln_trainer *t, int leaves, int own, plans *out)
 {
     const int depth = cln_octree_depth(&t->model.tree), level = t->model.level;
     const int grown = level + t->model.space.shell; /* deepest leaves that regrow() adds */
-    const cln_plan_desc desc = {&t->pipeline,
-                                t->scene,
-                                leaves,
-                                true,
-                                cln_coverage_bytes(t->scene),
-                                1 + (depth > grown ? depth : grown),
-                                NULL};
+    cln_plan_desc desc = {&t->pipeline,
+                          t->scene,
+                          leaves,
+                          true,
+                          cln_coverage_bytes(t->scene),
+                          1 + (depth > grown ? depth : grown),
+                          NULL};
+    cln_deal deal;
 
+    if (t->pipeline.ranks > 1 && own > 0) {
+        deal = cln_plan_any_deal(&desc, own);
+        desc.deal = &deal;
+    }
     cln_plan_device(&desc, &out->device);
     cln_plan_host(&desc, &out->device, &out->host);
 }
@@ -142,6 +149,7 @@ done:
     return st;
 }
 
+/* Before the change. */
 static void adopt_plans(cln_trainer *t, const plans *p)
 {
     t->plan = p->device;
@@ -150,13 +158,20 @@ static void adopt_plans(cln_trainer *t, const plans *p)
     cln_stage1_release(&t->pipeline); /* the next batch allocates by the new plan */
 }
 
-/* Whether a tree with `leaves` leaves fits memory; on all ranks, as they change it together. If it
- * does not, cln_error_text() has the reason. */
-static bool fits(const cln_trainer *t, int leaves, plans *out)
+/* After it: no rank has more than was planned. */
+static void check_own(const cln_pipeline *p, int own)
+{
+    for (int r = 0; p->ranks > 1 && r < p->ranks; r++)
+        CLN_ASSERT(p->rank_first[r + 1] - p->rank_first[r] <= own);
+}
+
+/* Whether a tree with `leaves` leaves, `own` as above, fits memory; on all ranks, as they change it
+ * together. If it does not, cln_error_text() has the reason. */
+static bool fits(const cln_trainer *t, int leaves, int own, plans *out)
 {
     double full = 0, others = 0;
 
-    make_plans(t, leaves, out);
+    make_plans(t, leaves, own, out);
     full = check_plans(t, out) != CLN_OK;
     others = full;
     cln_ranks_largest(&others, 1);
@@ -176,7 +191,39 @@ done:
     return st;
 }
 
-/* Whether the tree fits memory after a split of every leaf; warns the first time that it does
+/* Of the leaves that are not marked, those of the rank that has most. */
+static int most_left(const cln_pipeline *p, const uint8_t *marks)
+{
+    int most = 0;
+
+    for (int r = 0; p->ranks > 1 && r < p->ranks; r++) {
+        int left = 0;
+
+        for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++)
+            left += !marks[s];
+        most = left > most ? left : most;
+    }
+    return most;
+}
+
+/* Leaves that the rank with most will have after this change; 0 without ranks. */
+static int most_from(const cln_pipeline *p, const cln_octree_change *change)
+{
+    int most = 0, after = 0, rank = 0;
+
+    for (int s = 0; p->ranks > 1 && s < change->count; s++) { /* old slots ascend with the new */
+        while (change->from[s] >= p->rank_first[rank + 1]) {
+            after = 0;
+            rank++;
+        }
+        after++;
+        most = after > most ? after : most;
+    }
+    return most;
+}
+
+/* Whether the tree fits memory after a split of every leaf, which leaves children where their
+ * parent was; warns the first time that it does
  * not. */
 static cln_status room_to_grow(cln_trainer *t, bool *room)
 {
@@ -187,7 +234,7 @@ static cln_status room_to_grow(cln_trainer *t, bool *room)
     char text[1536];
 
     CLN_TRY(leaves_left(t, &marks, &leaves));
-    *room = fits(t, 8 * leaves, &next);
+    *room = fits(t, 8 * leaves, 8 * most_left(&t->pipeline, marks), &next);
     if (!*room) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
@@ -281,11 +328,12 @@ static cln_status grow(cln_trainer *t)
     cln_pipeline *p = &t->pipeline;
     cln_octree_change change = {0}, splits = {0};
     uint8_t *marks = NULL;
-    int leaves = 0;
+    int leaves = 0, own = 0;
     plans next;
 
     CLN_TRY(leaves_left(t, &marks, &leaves));
-    make_plans(t, 8 * leaves, &next);
+    own = 8 * most_left(p, marks);
+    make_plans(t, 8 * leaves, own, &next);
     CLN_TRY(cln_step_catch_up(t));
     if (leaves < p->leaves) { /* marked leaves that waited for a change (cull) */
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
@@ -301,6 +349,7 @@ static cln_status grow(cln_trainer *t)
     t->model.last_square = 0;
     adopt_plans(t, &next);
     CLN_TRY(carry(t, change.count > 0 ? &change : &splits));
+    check_own(p, own);
     CLN_TRY(cln_deal_plan(t));
     CLN_TRY(restart_measures(t));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
@@ -356,7 +405,7 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     const double began = cln_now();
     const int most = cln_config_most_leaves(&t->model.config);
     uint8_t *empty = NULL;
-    int fresh = 0;
+    int fresh = 0, own = 0;
     cln_missing missing = {0};
     cln_leaf_stats stats = {0};
     cln_octree tree = {0}, old = {0};
@@ -378,18 +427,21 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     CLN_TRY(carve_fresh(t, &tree, &change, &fresh));
     if (fresh == 0)
         goto done;
-    if (splits * tree.leaf_count > most || !fits(t, splits * tree.leaf_count, &next)) {
+    own = most_from(&t->pipeline, &change);
+    if (splits * tree.leaf_count > most ||
+        !fits(t, splits * tree.leaf_count, splits * own, &next)) {
         cln_clear_error();
         cln_debug("step %lld: no room to bring back %d leaves", (long long)t->model.step, fresh);
         goto done;
     }
-    make_plans(t, tree.leaf_count, &next);
+    make_plans(t, tree.leaf_count, own, &next);
     old = t->model.tree;
     t->model.tree = tree;
     tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
+    check_own(&t->pipeline, own);
     CLN_TRY(cln_deal_plan(t));
     CLN_TRY(restart_measures(t));
     if (missing.errors > 0) { /* densities change fast */
@@ -552,22 +604,50 @@ done:
     return st;
 }
 
+/* Leaves that the rank with most will have after such a change, or a few more (groups that merge
+ * across ranks count for each); 0 without ranks. */
+static int most_after(const cln_trainer *t, const uint8_t *split, const uint8_t *merge,
+                      const uint8_t *children)
+{
+    const cln_pipeline *p = &t->pipeline;
+    const cln_octree *tree = &t->model.tree;
+    int most = 0;
+
+    for (int r = 0; p->ranks > 1 && r < p->ranks; r++) {
+        int after = 0, group = -1;
+
+        for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++) {
+            const int parent = tree->parent[tree->leaf[s]];
+
+            if (!merge[s])
+                after += split[s] ? cln_children_count(children[s]) : 1;
+            else if (parent != group)
+                after++;
+            group = merge[s] ? parent : group;
+        }
+        most = after > most ? after : most;
+    }
+    return most;
+}
+
 cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
                                     const uint8_t *children, int leaves_after, cln_decision *d)
 {
     cln_status st = CLN_OK;
     cln_distil distil = {0};
     cln_octree_change change = {0};
+    const int own = most_after(t, split, merge, children);
     plans next;
     uint8_t *fresh = NULL;
 
     CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
     CLN_TRY(cln_distil_prepare(t, merge, &distil));
-    make_plans(t, leaves_after, &next);
+    make_plans(t, leaves_after, own, &next);
     CLN_TRY(change_model(t, split, merge, children, &change, &fresh));
     CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
     adopt_plans(t, &next);
     CLN_TRY(carry(t, &change));
+    check_own(&t->pipeline, own);
     CLN_TRY(cln_deal_plan(t));
     CLN_TRY(restart_measures(t));
     CLN_TRY(refresh_marked(t, fresh));
@@ -595,7 +675,7 @@ static int leaf_budget(cln_trainer *t)
     int n = wanted;
     plans p;
 
-    while (n > leaves && !fits(t, n, &p)) {
+    while (n > leaves && !fits(t, n, 0, &p)) {
         cln_clear_error();
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }
@@ -702,6 +782,26 @@ static void say(const cln_trainer *t, const cln_decision *d)
                         : "no leaf was added, as voxels do not merge; give more");
 }
 
+/* By ranks, takes fewer leaves if those of one do not fit where they will be. */
+static cln_status solve(cln_trainer *t, const uint8_t *children, cln_integer_program_desc *desc,
+                        cln_integer_program_result *r)
+{
+    cln_status st = CLN_OK;
+    const int leaves = t->pipeline.leaves;
+    plans next;
+
+    CLN_TRY(cln_integer_program_solve(desc, r));
+    while (t->pipeline.ranks > 1 && r->leaves > leaves &&
+           !fits(t, r->leaves, most_after(t, r->split, r->merge, children), &next)) {
+        cln_clear_error();
+        desc->max_leaves = leaves + (r->leaves - leaves) / 2;
+        cln_integer_program_result_free(r);
+        CLN_TRY(cln_integer_program_solve(desc, r));
+    }
+done:
+    return st;
+}
+
 static cln_status decide(cln_trainer *t, double fraction)
 {
     cln_status st = CLN_OK;
@@ -723,7 +823,7 @@ static cln_status decide(cln_trainer *t, double fraction)
 
     CLN_TRY(measure(t, fraction, &measures, &children));
     desc.measures = measures;
-    CLN_TRY(cln_integer_program_solve(&desc, &r));
+    CLN_TRY(solve(t, children, &desc, &r));
     if (t->desc->dump_program)
         CLN_TRY(cln_integer_program_write_lp(&desc, t->desc->dump_program));
     d.leaves = r.leaves;

@@ -26,8 +26,9 @@ typedef struct cln_trainer {
     cln_pipeline pipeline;
     cln_plan plan, host_plan;
     struct {
-        cln_plan device, host;
-    } dealt; /* the largest so far, by ranks (deal.h) */
+        cln_plan device, host; /* each the largest so far */
+        bool full;             /* it was said that one does not fit */
+    } dealt;                   /* by ranks (deal.h) */
     cln_batch batch;
     cln_ray_result *results; /* [config.rays] */
     bool drawn;              /* the next step's batch is drawn */

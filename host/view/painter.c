@@ -64,6 +64,7 @@ done:
 /* What a batch of rays depends on, besides the model: rank 0 tells it the others. */
 typedef struct order {
     bool last; /* there are no more batches */
+    bool poll; /* no batch either: a signal is looked for */
     cln_camera camera;
     cln_crop crop;
     float background[3];
@@ -89,6 +90,25 @@ void cln_painter_end(cln_painter *painter)
     painter->leads = false;
 }
 
+static int poll_signal(const cln_callbacks *callbacks)
+{
+    return callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+}
+
+int cln_painter_signal(cln_painter *painter, const cln_callbacks *callbacks)
+{
+    const double now = cln_now(), pause = 1;
+    double signal = poll_signal(callbacks);
+    order o = {.poll = true};
+
+    if (!painter->leads || signal > 0 || now - painter->polled < pause)
+        return (int)signal;
+    painter->polled = now;
+    cln_ranks_tell(&o, sizeof o);
+    cln_ranks_largest(&signal, 1);
+    return (int)signal;
+}
+
 /* A training may have changed the tree and the memory plan since the last batch. */
 static cln_status step_rendering(cln_painter *painter, cln_rendering *r)
 {
@@ -102,31 +122,36 @@ static cln_status step_rendering(cln_painter *painter, cln_rendering *r)
 }
 
 /* Renders a batch; the picture is rank 0's. */
-static cln_status follow(cln_painter *painter, order *o)
+static cln_status follow(cln_painter *painter, order *o, cln_rendering *r)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = painter->pipeline;
-    cln_rendering r = {0};
 
     CLN_TRY(set_up(painter, &o->camera, &o->crop));
-    CLN_TRY(cln_rendering_begin(p, 0, o->background, false, &r));
-    r.done = o->done;
-    r.next = o->next;
-    CLN_TRY(step_rendering(painter, &r));
+    CLN_TRY(cln_rendering_follow(painter->pipeline, 0, o->background, r));
+    r->done = o->done;
+    r->next = o->next;
+    CLN_TRY(step_rendering(painter, r));
 done:
-    cln_rendering_end(p, &r);
     return st;
 }
 
-cln_status cln_painter_follow(cln_painter *painter)
+cln_status cln_painter_follow(cln_painter *painter, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
     order o = {0};
+    cln_rendering r = {0};
 
     CLN_TRY(cln_render_prepare(painter->pipeline));
-    for (cln_ranks_tell(&o, sizeof o); !o.last; cln_ranks_tell(&o, sizeof o))
-        CLN_TRY(follow(painter, &o));
+    for (cln_ranks_tell(&o, sizeof o); !o.last; cln_ranks_tell(&o, sizeof o)) {
+        double signal = o.poll ? poll_signal(callbacks) : 0;
+
+        if (o.poll)
+            cln_ranks_largest(&signal, 1);
+        else
+            CLN_TRY(follow(painter, &o, &r));
+    }
 done:
+    cln_rendering_end(painter->pipeline, &r);
     return st;
 }
 

@@ -17,6 +17,7 @@ typedef struct cln_painter {
     double seconds_per_pixel; /* of pictures, encoding included; measured */
     cln_reel reel;            /* the film that is made or was made last */
     bool leads;               /* other ranks follow */
+    double polled;            /* when they were last asked for signals */
 } cln_painter;
 
 /* A request and its answer; the caller zeroes it and sets `ask`. */
@@ -49,8 +50,13 @@ cln_status cln_painter_step(cln_painter *painter, cln_painting *painting);
 /* With a pipeline that ranks share, rank 0 paints, and each of its batches of rays takes all of
  * them: the others follow it, instead of opening a painter, until it says that there are no more.
  * CLN_CL, CLN_MEMORY. */
-cln_status cln_painter_follow(cln_painter *painter);
+cln_status cln_painter_follow(cln_painter *painter, const cln_callbacks *callbacks);
+
+/* Tells those that follow, if any do, that there are no more batches. */
 void cln_painter_end(cln_painter *painter);
+
+/* Polls `interrupted` (may be NULL), about once a second on the ranks that follow, too; 0: none. */
+int cln_painter_signal(cln_painter *painter, const cln_callbacks *callbacks);
 
 /* Makes a sentence the answer. */
 void cln_painting_say(cln_painting *painting, int status, const char *sentence);

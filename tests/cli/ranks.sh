@@ -624,18 +624,41 @@ section_pictures() {
         diff -r "$work/alone" "$work/views of four"
 }
 
-# shown FOLDER PROGRAM...: what a viewer of the first run sends for some requests; $rc: its end
-shown() {
-    local to=$1 child address end=$((SECONDS + 120)) path i=0 first
-    shift
-    mkdir "$to"
+# viewing COMMAND...: starts a viewer: its $child and $address, empty if it does not serve
+viewing() {
+    local end=$((SECONDS + 120))
     : >"$work/out"
-    env --default-signal=INT,TERM "$@" view "$work/one" >"$work/out" 2>"$work/err" &
+    env --default-signal=INT,TERM "$@" >"$work/out" 2>"$work/err" &
     child=$!
     until [ -s "$work/out" ] || ! kill -0 "$child" 2>/dev/null || [ $SECONDS -ge $end ]; do
         sleep 0.05
     done
     address=$(cat "$work/out")
+}
+
+# viewed RANK: a signal to this rank ends the viewer; $rc: its end, 99 if it does not
+viewed() {
+    local rank end=$((SECONDS + 60))
+    rank=$(process "$1")
+    kill -TERM "${rank:-$child}"
+    while kill -0 "$child" 2>/dev/null && [ $SECONDS -lt $end ]; do
+        sleep 0.05
+    done
+    if kill -KILL "$child" 2>/dev/null; then
+        wait "$child"
+        rc=99
+    else
+        wait "$child"
+        rc=$?
+    fi
+}
+
+# shown FOLDER PROGRAM...: what a viewer of the first run sends for some requests; $rc: its end
+shown() {
+    local to=$1 child address path i=0
+    shift
+    mkdir "$to"
+    viewing "$@" view "$work/one"
     for path in "picture?view=9&format=png" "picture?view=3&width=200&format=png&show=depth" \
         "picture?view=9&format=png&crop=-1,-1,-1,1,0.2,1&background=1,0,0" \
         "point?view=9&x=24&y=20" "picture?view=9&format=png&show=level" "photo?view=2&side=48"; do
@@ -643,14 +666,12 @@ shown() {
     done
     curl -sg --max-time 120 -o "$to/small" -H "X-Viewer: me" "${address%/}/picture?view=9&ms=1"
     [ -s "$to/small" ] && rm "$to/small" # its size depends on the device's speed
-    first=$(process 0)
-    kill -TERM "${first:-$child}"
-    wait "$child"
-    rc=$?
+    viewed 0
 }
 
 # Rank 0 serves a browser, the others render their part.
 section_view() {
+    local child address
     baseline
     shown "$work/shown-one" "$cln"
     check "one process shows a run" [ $rc = 0 ]
@@ -661,6 +682,16 @@ section_view() {
         diff -r "$work/shown-one" "$work/shown-two"
     check "rank 0 alone says that the viewer ends" \
         [ "$(grep -c 'viewer has ended' "$work/err")" = 1 ]
+    viewing "${mpi[@]}" -n 2 "$ranked" view "$work/one"
+    viewed 1
+    check "a signal to rank 1 ends the viewer, too" [ $rc = 0 ]
+    cp -r "$work/one" "$work/lost"
+    sed -i 's|"path\(_from_run\)\?": ".*"|"path\1": "/gone/nowhere"|' "$work/lost/run.json"
+    viewing "${mpi[@]}" -n 1 "$ranked" view "$work/one" : -n 1 "$ranked" view "$work/lost"
+    viewed 0
+    check "ranks that do not all find the scene show the run" [ $rc = 0 ]
+    check "without photos, as rank 0 alone says" \
+        [ "$(grep -c 'no cameras and photos: another rank' "$work/err")" = 1 ]
     cp -r "$work/one" "$work/changed"
     run "$cln" train --resume "$work/changed" --skip-selftest --progress none --steps +1
     expect "viewers of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \
@@ -689,6 +720,11 @@ section_scale() {
     expect "messages between two" 0 "" "${mpi[@]}" -n 2 build/mpi/bench-scale messages
     check "messages have latency and bandwidth" \
         awk '{ exit !($1 > 0 && $2 > 0 && NF == 2) }' "$work/out"
+    run "$cln" train "$work/scene" -o "$work/vox-alone" "${voxels[@]}" --steps 64 --log-every 8 \
+        --level-at "" --no-adaptive --cull-from 1 --start-level 2
+    expect "a prediction for voxels wants their bytes" 3 "vertex_bytes voxels" \
+        build/mpi/bench-scale predict 1e-5 1e9 2 "$work/vox-alone" "$work/vox-alone" \
+        "$work/vox-alone" -- "$work/bytes"
     expect "a run of one process has no bytes" 3 "several" build/mpi/bench-scale bytes "$work/one"
 }
 

@@ -9,68 +9,11 @@
 #include <cmocka.h>
 #include <stdlib.h>
 #include "pipeline/plan.h"
+#include "plan_fake.h"
 #include "run_fixture.h"
 #include "tests.h"
 
 /* ---- arithmetic ---- */
-
-static const double MIB = 1 << 20;
-
-/* Four RGBA views of 100 x 50 with pixels; a pipeline without buffers on a device without a
- * driver. */
-typedef struct fake {
-    cln_device device;
-    cln_pipeline pipeline;
-    cln_view views[4];
-    cln_scene scene;
-    cln_plan_desc desc;
-} fake;
-
-static void make_fake(fake *f, const cln_config *config, double max_alloc, const char *type)
-{
-    static uint8_t pixel;
-
-    memset(f, 0, sizeof *f);
-    f->device.info.max_alloc = max_alloc;
-    f->device.info.global_mem = 8192 * MIB;
-    f->device.max_alloc = (size_t)max_alloc;
-    snprintf(f->device.info.type, sizeof f->device.info.type, "%s", type);
-    snprintf(f->device.info.name, sizeof f->device.info.name, "a device");
-    f->device.tune =
-        (cln_tune){.vw = 8, .nv = 2, .ls = 1, .ts = 6, .nb = 48, .sl = 480, .wg = 16, .chunk = 64};
-    f->pipeline.device = &f->device;
-    f->pipeline.config = *config;
-    f->pipeline.depth_loss = config->depth_loss;
-    f->pipeline.deepest = cln_config_deepest(config);
-    f->pipeline.tune = f->device.tune;
-    assert_ok(cln_network_layout(config, &f->pipeline.net));
-    for (int i = 0; i < 4; i++) {
-        f->views[i].camera.width = 100;
-        f->views[i].camera.height = 50;
-        f->views[i].channels = 4;
-        f->views[i].pixels = &pixel;
-    }
-    f->scene.views = f->views;
-    f->scene.view_count = 4;
-    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0, NULL};
-}
-
-static cln_config preset(const char *name)
-{
-    cln_config config;
-
-    assert_ok(cln_config_preset(name, &config));
-    return config;
-}
-
-static double row_bytes(const cln_plan *plan, const char *purpose, bool largest)
-{
-    for (int i = 0; i < plan->count; i++)
-        if (strcmp(plan->rows[i].purpose, purpose) == 0)
-            return largest ? plan->rows[i].largest : plan->rows[i].bytes;
-    fail_msg("no row %s", purpose);
-    return 0;
-}
 
 static void test_adds_up(void **state)
 {
@@ -259,178 +202,6 @@ static void test_slices_fit(void **state)
             assert_true(row_bytes(&plan, "weight gradients", true) <= most);
         }
     }
-}
-
-/* ---- voxels by ranks ---- */
-
-enum { GRID = 32, MOST = 8 };
-
-/* Ranks of leaves in a grid, in Morton order; -1: none. */
-static int8_t leaf_at[GRID + 2][GRID + 2][GRID + 2];
-
-/* ground: both sides of half the height; sheet: one side; ball: around the middle; all: 8^3. */
-static bool is_leaf(int shape, int x, int y, int z)
-{
-    const double a = x - 15.5, b = y - 15.5, c = z - 15.5, r = sqrt(a * a + b * b + c * c);
-
-    return shape == 0   ? z == 15 || z == 16
-           : shape == 1 ? z == 16
-           : shape == 2 ? r > 12 && r < 13.5
-                        : x < 8 && y < 8 && z < 8;
-}
-
-static void find_place(int morton, int at[3])
-{
-    at[0] = at[1] = at[2] = 0;
-    for (int bit = 0; bit < 15; bit++)
-        at[bit % 3] |= (morton >> bit & 1) << bit / 3;
-}
-
-/* Deals the leaves of a shape evenly. Returns how many there are. */
-static int deal(int shape, int ranks)
-{
-    int leaves = 0, at[3], n = 0;
-
-    memset(leaf_at, -1, sizeof leaf_at);
-    for (int m = 0; m < GRID * GRID * GRID; m++) {
-        find_place(m, at);
-        leaves += is_leaf(shape, at[0], at[1], at[2]);
-    }
-    for (int m = 0; m < GRID * GRID * GRID; m++) {
-        find_place(m, at);
-        if (is_leaf(shape, at[0], at[1], at[2]))
-            leaf_at[at[2] + 1][at[1] + 1][at[0] + 1] = (int8_t)((int64_t)n++ * ranks / leaves);
-    }
-    return leaves;
-}
-
-/* The rank that owns a leaf's vertex: of the first leaf that has it. */
-static int owner(int x, int y, int z, const int vertex[3], int cells)
-{
-    int from[3], to[3];
-
-    for (int a = 0; a < 3; a++) {
-        from[a] = vertex[a] == 0 ? -1 : 0;
-        to[a] = vertex[a] == cells;
-    }
-    for (int k = from[2]; k <= to[2]; k++)
-        for (int j = from[1]; j <= to[1]; j++)
-            for (int i = from[0]; i <= to[0]; i++)
-                if (leaf_at[z + k + 1][y + j + 1][x + i + 1] >= 0)
-                    return leaf_at[z + k + 1][y + j + 1][x + i + 1];
-    return -1;
-}
-
-/* The most links of a rank, in one direction, and the most leaves that gave it such. */
-static void count_links(int cells, int *most, int *far)
-{
-    int up[MOST] = {0}, down[MOST] = {0}, theirs[MOST] = {0};
-
-    for (int leaf = 0; leaf < GRID * GRID * GRID; leaf++) {
-        const int x = leaf % GRID, y = leaf / GRID % GRID, z = leaf / GRID / GRID;
-        const int rank = leaf_at[z + 1][y + 1][x + 1], side = cells + 1;
-        bool met[MOST] = {false};
-
-        for (int n = 0; rank >= 0 && n < side * side * side; n++) {
-            const int vertex[3] = {n % side, n / side % side, n / side / side};
-            const int other = owner(x, y, z, vertex, cells);
-
-            up[rank] += other != rank;
-            down[other] += other != rank;
-            met[other] |= other != rank;
-        }
-        for (int r = 0; r < MOST; r++)
-            theirs[r] += met[r];
-    }
-    *most = *far = 0;
-    for (int r = 0; r < MOST; r++) {
-        *most = up[r] > *most ? up[r] : *most;
-        *most = down[r] > *most ? down[r] : *most;
-        *far = theirs[r] > *far ? theirs[r] : *far;
-    }
-}
-
-/* Links, and slices of other ranks' leaves, have room, also where the cut between ranks lies along
- * a surface; one process plans none. */
-static void test_links_fit(void **state)
-{
-    static const int ranks[] = {2, 3, 8};
-    const cln_config config = preset("voxel");
-
-    (void)state;
-    for (int shape = 0; shape < 4; shape++)
-        for (int k = 0; k < 3; k++) {
-            const int leaves = deal(shape, ranks[k]), own = (leaves + ranks[k] - 1) / ranks[k];
-            double one = 0, links = 0, slices = 0;
-            int most = 0, far = 0;
-            fake f;
-            cln_plan plan;
-
-            make_fake(&f, &config, 4096 * MIB, "gpu");
-            f.pipeline.ranks = 1;
-            f.desc.leaves = leaves;
-            cln_plan_device(&f.desc, &plan);
-            one = row_bytes(&plan, "tree and cameras", false);
-            f.pipeline.ranks = ranks[k];
-            cln_plan_device(&f.desc, &plan);
-            count_links(f.pipeline.net.cells, &most, &far);
-            assert_true(most > 0 && far > 0);
-            /* leaf_rank, halo_far; two directions, marks, places */
-            links = (row_bytes(&plan, "tree and cameras", false) - one - 8.0 * leaves) / 40;
-            slices = row_bytes(&plan, "weight gradients", true) / (4.0 * f.pipeline.net.params);
-            if (links < most || slices < own + far)
-                fail_msg("shape %d, %d ranks: %.0f of %d links, %.0f of %d slices", shape, ranks[k],
-                         links, most, slices, own + far);
-            assert_true(links < 3.0 * leaves * pow(f.pipeline.net.cells + 1, 2)); /* bearable */
-        }
-}
-
-/* By ranks, a plan of a known deal has its leaves, links and others' leaves: 4 ranks with 250 of
- * 1,000 leaves, where moves may bring 375. Moves are limited to what fits. */
-static void test_deals(void **state)
-{
-    cln_config config = preset("voxel");
-    const cln_deal even = {250, 60, 7000};
-    fake f;
-    cln_plan loose, plan;
-    double params = 0;
-    int most = 0, before = 375;
-
-    (void)state;
-    make_fake(&f, &config, 4096 * MIB, "gpu");
-    f.pipeline.ranks = 4;
-    f.desc.leaves = 1000;
-    params = 4.0 * f.pipeline.net.params;
-    cln_plan_device(&f.desc, &loose);
-    assert_true(fabs(row_bytes(&loose, "leaf weights", false) - 375 * params) < 1);
-    f.desc.deal = &even;
-    cln_plan_device(&f.desc, &plan);
-    assert_true(fabs(row_bytes(&plan, "leaf weights", false) - 250 * params) < 1);
-    assert_true(fabs(row_bytes(&plan, "changes of the tree", true) - 250 * params) < 1);
-    assert_true(fabs(row_bytes(&plan, "weight gradients", true) -
-                     (310 + floor((double)plan.max_samples / 480)) * params) < 1);
-    /* gradients, more than weights, are free then: 8 bytes a leaf, densities of pictures */
-    assert_true(fabs(row_bytes(&plan, "changes of the tree", false) - 8.0 * 1000 -
-                     2000.0 * config.n1 * config.n1 * config.n1) < 1);
-    /* two directions, marks, places: 40 bytes a link */
-    assert_true(row_bytes(&loose, "tree and cameras", false) -
-                    row_bytes(&plan, "tree and cameras", false) >
-                40.0 * 7000);
-    f.pipeline.config.device_mem = loose.total;
-    assert_int_equal(cln_plan_most_own(&f.desc), before);
-    for (double less = 0.98; less > 0.8; less -= 0.02) {
-        f.pipeline.config.device_mem = less * loose.total;
-        most = cln_plan_most_own(&f.desc);
-        assert_true(most < before && (most == 0 || most >= 250));
-        before = most > 0 ? most : 1;
-    }
-    f.pipeline.config.device_mem = plan.total / 2;
-    assert_int_equal(cln_plan_most_own(&f.desc), 0);
-    f.pipeline.config.device_mem = 0;
-    f.pipeline.config.n1 = 64; /* densities of all leaves are more than a rank's weights */
-    cln_plan_device(&f.desc, &plan);
-    assert_true(fabs(row_bytes(&plan, "changes of the tree", true) - 1000.0 * 2 * 64 * 64 * 64) <
-                1);
 }
 
 /* Projected samples take half of what is left: of a CPU's memory, which is the host's, half of what
@@ -947,8 +718,6 @@ int test_group_plan(void)
         cmocka_unit_test(test_ways_out),
         cmocka_unit_test(test_cut_below_the_largest),
         cmocka_unit_test(test_slices_fit),
-        cmocka_unit_test(test_links_fit),
-        cmocka_unit_test(test_deals),
         cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_search),
         cmocka_unit_test(test_fitting_batch),

@@ -394,9 +394,49 @@ static void test_crop(void **state)
     cln_picture_free(&own);
 }
 
+/* Who follows a picture renders the same batches without its arrays, and keeps those of batches. */
+static void test_follow(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    cln_rendering leads = {0}, follows = {0};
+    const cln_pixel *kept = NULL;
+    cln_open_run v;
+    int total = 0, batches = 0;
+
+    (void)state;
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_rendering_begin(&v.pipeline, 0, v.scene->background, 0, &leads));
+    total = leads.picture.width * leads.picture.height;
+    leads.most = leads.next = total / 3;
+    for (; leads.done < total; batches++) {
+        const int first = leads.done;
+
+        assert_ok(cln_rendering_follow(&v.pipeline, 0, v.scene->background, &follows));
+        follows.done = leads.done;
+        follows.next = leads.next;
+        assert_ok(cln_rendering_step(&v.pipeline, &leads));
+        assert_ok(cln_rendering_step(&v.pipeline, &follows));
+        assert_int_equal(follows.done, leads.done);
+        assert_memory_equal(follows.results, leads.results,
+                            (size_t)(leads.done - first) * sizeof *leads.results);
+        assert_null(follows.picture.rgb);
+        assert_true(batches == 0 || follows.pixels == kept);
+        kept = follows.pixels;
+    }
+    assert_true(batches >= 3);
+    cln_rendering_end(&v.pipeline, &leads);
+    cln_rendering_end(&v.pipeline, &follows);
+    cln_open_run_close(&v);
+}
+
 int test_group_pictures(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling),
+                                       cmocka_unit_test(test_follow),
                                        cmocka_unit_test(test_squares),
                                        cmocka_unit_test(test_keeps_to_the_plan),
                                        cmocka_unit_test(test_wide),

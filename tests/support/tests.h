@@ -57,6 +57,7 @@ int test_group_gradient(void);
 int test_group_normals(void);
 int test_group_pictures(void);
 int test_group_plan(void);
+int test_group_plan_ranks(void);
 int test_group_progress(void);
 int test_group_rays(void);
 int test_group_readers(void);
