@@ -609,8 +609,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(cln_watch_open(t));
     CLN_TRY(load_scene(t, &config));
     if (!t->desc->resume)
-        config.epochs =
-            cln_settings_epochs(t->desc->settings, cln_scene_training_pixels(t->scene));
+        config.epochs = cln_settings_epochs(t->desc->settings, cln_scene_training_pixels(t->scene));
     CLN_TRY(check_files(t, &config));
     CLN_TRY(load_model(t, &config));
     t->steps = config.steps;

@@ -407,7 +407,8 @@ section_training() {
     check "voxels of few pixels get steps to split in" [ "$(json training.steps)" -ge 1500 ]
     expect "info for the epochs that are asked for" 0 "" "$cln" info "$s" --no-conf --epochs 30 \
         --json
-    check "these are the epochs" [ "$(json training.epochs)" = 30 -a "$(json training.steps)" -lt 1500 ]
+    check "these are the epochs" \
+        [ "$(json training.epochs)" = 30 -a "$(json training.steps)" -lt 1500 ]
     check "its time is steps times seconds per step" awk -v a="$(json training.training_seconds)" \
         -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
         -v k="$("$query" result.step <"$r/run.json")" \
