@@ -403,12 +403,6 @@ section_training() {
         --like "$r" --json
     check "it is of that preset" [ "$(json training.preset)" = fast ]
     check "networks' epochs are the preset's" [ "$(json training.epochs)" = 30 ]
-    expect "info of the scene" 0 "" "$cln" info "$s" --no-conf --json
-    check "voxels of few pixels get steps to split in" [ "$(json training.steps)" -ge 1500 ]
-    expect "info for the epochs that are asked for" 0 "" "$cln" info "$s" --no-conf --epochs 30 \
-        --json
-    check "these are the epochs" \
-        [ "$(json training.epochs)" = 30 -a "$(json training.steps)" -lt 1500 ]
     check "its time is steps times seconds per step" awk -v a="$(json training.training_seconds)" \
         -v n="$(json training.steps)" -v s="$("$query" result.seconds <"$r/run.json")" \
         -v k="$("$query" result.step <"$r/run.json")" \
@@ -420,6 +414,11 @@ section_training() {
         'BEGIN { c = a - c; d = b - 1.5 * d; exit !(a > 0 && b > 0 && c * c + d * d < 1e-12) }'
     check "settings that differ are named" grep -q \
         'with another width, depth, view-width, bands.*, n1, .*, rays, batch-samples' "$work/out"
+    expect "info of the scene" 0 "" "$cln" info "$s" --no-conf --json
+    check "voxels of few pixels get steps to split in" [ "$(json training.steps)" -ge 1500 ]
+    run "$cln" check "$s" --no-conf --probe 0 --epochs 30 --json
+    check "epochs that are asked for stay" \
+        [ "$(json training.epochs)" = 30 -a "$(json training.steps)" -lt 1500 ]
     expect "--like for a run" 2 "--like SCENE" "$cln" info "$r" --like "$r"
     expect "--like a folder that is not a run" 3 "run.json" "$cln" info "$s" --like "$s"
     expect "bugreport of the run" 0 "" env HOME="$work" "$cln" bugreport --no-test "$r"
