@@ -24,8 +24,8 @@
 #include "render/quality.h"
 #include "render/recorded.h"
 #include "train/carve.h"
-#include "train/deal.h"
 #include "train/loop.h"
+#include "train/plans.h"
 #include "train/record.h"
 #include "train/refine.h"
 #include "train/step.h"
@@ -261,13 +261,8 @@ static bool is_frozen(const cln_trainer *t, const cln_config *saved)
 static cln_status plan(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    const cln_plan_desc desc = {&t->pipeline,
-                                t->scene,
-                                t->model.tree.leaf_count,
-                                true,
-                                cln_coverage_bytes(t->scene),
-                                cln_octree_depth(&t->model.tree),
-                                NULL};
+    const cln_plan_desc desc =
+        cln_plans_desc(t, t->model.tree.leaf_count, cln_octree_depth(&t->model.tree), NULL);
     const cln_config *c = &t->model.config;
     const int wanted = t->desc->resume ? cln_config_most_rays(c) : c->rays;
     int most = 0, first = 0;
@@ -275,7 +270,7 @@ static cln_status plan(cln_trainer *t)
     cln_plan_device(&desc, &t->plan);
     cln_plan_host(&desc, &t->plan, &t->host_plan);
     cln_share_evenly(&t->pipeline, desc.leaves);
-    CLN_TRY(cln_deal_plan(t));
+    CLN_TRY(cln_plans_deal(t));
     CLN_TRY(cln_plan_check(t->device, &t->plan));
     CLN_TRY(cln_plan_check_host(&t->host_plan));
     cln_plan_apply(&t->plan, &t->pipeline);

@@ -12,7 +12,7 @@
 #include "pipeline/share.h"
 #include "pipeline/stretch.h"
 #include "ranks/ranks.h"
-#include "train/deal.h"
+#include "train/plans.h"
 
 enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
 
@@ -396,7 +396,7 @@ cln_status cln_distil_train(cln_trainer *t, const cln_distil *d, int *steps)
         work[t->model.tree.slot[d->nodes[n]]] = 1;
     CLN_TRY(cln_share_lend(&t->pipeline, work, &lent));
     if (lent)
-        CLN_TRY(cln_deal_plan(t));
+        CLN_TRY(cln_plans_deal(t));
     most = t->plan.distil_nets; /* of the deal from now on */
     /* A rank goes only through its own nets, which are a run. By samples, its batches have the
      * samples of all, so that they are those of one process. */

@@ -13,8 +13,8 @@
 #include "device/queue.h"
 #include "train/carve.h"
 #include "train/children.h"
-#include "train/deal.h"
 #include "train/distil.h"
+#include "train/plans.h"
 #include "train/regrow.h"
 #include "train/step.h"
 #include "model/integer_program.h"
@@ -111,75 +111,6 @@ done:
     return st;
 }
 
-/* The memory plans of a tree with `leaves` leaves after the next change, at most a level deeper.
- * own: those of the rank that will have most, as children stay on their parent's
- * (cln_share_change); 0: not known, so 1.5 times the mean is counted. */
-typedef struct plans {
-    cln_plan device, host;
-} plans;
-
-static void make_plans(const cln_trainer *t, int leaves, int own, plans *out)
-{
-    const int depth = cln_octree_depth(&t->model.tree), level = t->model.level;
-    const int grown = level + t->model.space.shell; /* deepest leaves that regrow() adds */
-    cln_plan_desc desc = {&t->pipeline,
-                          t->scene,
-                          leaves,
-                          true,
-                          cln_coverage_bytes(t->scene),
-                          1 + (depth > grown ? depth : grown),
-                          NULL};
-    cln_deal deal;
-
-    if (t->pipeline.ranks > 1 && own > 0) {
-        deal = cln_plan_any_deal(&desc, own);
-        desc.deal = &deal;
-    }
-    cln_plan_device(&desc, &out->device);
-    cln_plan_host(&desc, &out->device, &out->host);
-}
-
-static cln_status check_plans(const cln_trainer *t, const plans *p)
-{
-    cln_status st = CLN_OK;
-
-    CLN_TRY(cln_plan_check(t->device, &p->device));
-    CLN_TRY(cln_plan_check_host(&p->host));
-done:
-    return st;
-}
-
-/* Before the change. */
-static void adopt_plans(cln_trainer *t, const plans *p)
-{
-    t->plan = p->device;
-    t->host_plan = p->host;
-    cln_plan_apply(&p->device, &t->pipeline);
-    cln_stage1_release(&t->pipeline); /* the next batch allocates by the new plan */
-}
-
-/* After it: no rank has more than was planned. */
-static void check_own(const cln_pipeline *p, int own)
-{
-    for (int r = 0; p->ranks > 1 && r < p->ranks; r++)
-        CLN_ASSERT(p->rank_first[r + 1] - p->rank_first[r] <= own);
-}
-
-/* Whether a tree with `leaves` leaves, `own` as above, fits memory; on all ranks, as they change it
- * together. If it does not, cln_error_text() has the reason. */
-static bool fits(const cln_trainer *t, int leaves, int own, plans *out)
-{
-    double full = 0, others = 0;
-
-    make_plans(t, leaves, own, out);
-    full = check_plans(t, out) != CLN_OK;
-    others = full;
-    cln_ranks_largest(&others, 1);
-    if (others > full)
-        (void)cln_fail(CLN_MEMORY, "another rank has not enough memory for its plan");
-    return others == 0;
-}
-
 /* Marks leaves to cull at the next change [slot] (the caller frees them), and counts the others. */
 static cln_status leaves_left(const cln_trainer *t, uint8_t **marks, int *left)
 {
@@ -230,11 +161,11 @@ static cln_status room_to_grow(cln_trainer *t, bool *room)
     cln_status st = CLN_OK;
     uint8_t *marks = NULL;
     int leaves = 0;
-    plans next;
+    cln_plans next;
     char text[1536];
 
     CLN_TRY(leaves_left(t, &marks, &leaves));
-    *room = fits(t, 8 * leaves, 8 * most_left(&t->pipeline, marks), &next);
+    *room = cln_plans_fit(t, 8 * leaves, 8 * most_left(&t->pipeline, marks), &next);
     if (!*room) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
@@ -329,11 +260,11 @@ static cln_status grow(cln_trainer *t)
     cln_octree_change change = {0}, splits = {0};
     uint8_t *marks = NULL;
     int leaves = 0, own = 0;
-    plans next;
+    cln_plans next;
 
     CLN_TRY(leaves_left(t, &marks, &leaves));
     own = 8 * most_left(p, marks);
-    make_plans(t, 8 * leaves, own, &next);
+    cln_plans_make(t, 8 * leaves, own, &next);
     CLN_TRY(cln_step_catch_up(t));
     if (leaves < p->leaves) { /* marked leaves that waited for a change (cull) */
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
@@ -347,10 +278,10 @@ static cln_status grow(cln_trainer *t)
     t->model.level++;
     t->model.growth_step = t->model.step;
     t->model.last_square = 0;
-    adopt_plans(t, &next);
+    cln_plans_adopt(t, &next);
     CLN_TRY(carry(t, change.count > 0 ? &change : &splits));
-    check_own(p, own);
-    CLN_TRY(cln_deal_plan(t));
+    cln_plans_check_own(p, own);
+    CLN_TRY(cln_plans_deal(t));
     CLN_TRY(restart_measures(t));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
               p->leaves);
@@ -410,7 +341,7 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
     cln_leaf_stats stats = {0};
     cln_octree tree = {0}, old = {0};
     cln_octree_change change = {0};
-    plans next;
+    cln_plans next;
 
     *regrown = false;
     if (t->model.config.regrow <= 0 || most - leaves < most / FREE_PART)
@@ -429,20 +360,20 @@ static cln_status regrow(cln_trainer *t, int splits, bool *regrown)
         goto done;
     own = most_from(&t->pipeline, &change);
     if (splits * tree.leaf_count > most ||
-        !fits(t, splits * tree.leaf_count, splits * own, &next)) {
+        !cln_plans_fit(t, splits * tree.leaf_count, splits * own, &next)) {
         cln_clear_error();
         cln_debug("step %lld: no room to bring back %d leaves", (long long)t->model.step, fresh);
         goto done;
     }
-    make_plans(t, tree.leaf_count, own, &next);
+    cln_plans_make(t, tree.leaf_count, own, &next);
     old = t->model.tree;
     t->model.tree = tree;
     tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
-    adopt_plans(t, &next);
+    cln_plans_adopt(t, &next);
     CLN_TRY(carry(t, &change));
-    check_own(&t->pipeline, own);
-    CLN_TRY(cln_deal_plan(t));
+    cln_plans_check_own(&t->pipeline, own);
+    CLN_TRY(cln_plans_deal(t));
     CLN_TRY(restart_measures(t));
     if (missing.errors > 0) { /* densities change fast */
         t->model.growth_step = t->model.step;
@@ -637,18 +568,18 @@ cln_status cln_maintain_restructure(cln_trainer *t, const uint8_t *split, const 
     cln_distil distil = {0};
     cln_octree_change change = {0};
     const int own = most_after(t, split, merge, children);
-    plans next;
+    cln_plans next;
     uint8_t *fresh = NULL;
 
     CLN_TRY(cln_maintain_probe(t, &d->psnr_before));
     CLN_TRY(cln_distil_prepare(t, merge, &distil));
-    make_plans(t, leaves_after, own, &next);
+    cln_plans_make(t, leaves_after, own, &next);
     CLN_TRY(change_model(t, split, merge, children, &change, &fresh));
     CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
-    adopt_plans(t, &next);
+    cln_plans_adopt(t, &next);
     CLN_TRY(carry(t, &change));
-    check_own(&t->pipeline, own);
-    CLN_TRY(cln_deal_plan(t));
+    cln_plans_check_own(&t->pipeline, own);
+    CLN_TRY(cln_plans_deal(t));
     CLN_TRY(restart_measures(t));
     CLN_TRY(refresh_marked(t, fresh));
     CLN_TRY(cln_maintain_probe(t, &d->psnr_after));
@@ -673,9 +604,9 @@ static int leaf_budget(cln_trainer *t)
 {
     const int wanted = t->model.config.max_leaves, leaves = t->pipeline.leaves;
     int n = wanted;
-    plans p;
+    cln_plans p;
 
-    while (n > leaves && !fits(t, n, 0, &p)) {
+    while (n > leaves && !cln_plans_fit(t, n, 0, &p)) {
         cln_clear_error();
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }
@@ -788,11 +719,11 @@ static cln_status solve(cln_trainer *t, const uint8_t *children, cln_integer_pro
 {
     cln_status st = CLN_OK;
     const int leaves = t->pipeline.leaves;
-    plans next;
+    cln_plans next;
 
     CLN_TRY(cln_integer_program_solve(desc, r));
     while (t->pipeline.ranks > 1 && r->leaves > leaves &&
-           !fits(t, r->leaves, most_after(t, r->split, r->merge, children), &next)) {
+           !cln_plans_fit(t, r->leaves, most_after(t, r->split, r->merge, children), &next)) {
         cln_clear_error();
         desc->max_leaves = leaves + (r->leaves - leaves) / 2;
         cln_integer_program_result_free(r);
@@ -976,7 +907,7 @@ cln_status cln_maintain(cln_trainer *t, double fraction)
     if (t->model.step > 0 && t->model.step % BALANCE_EVERY == 0) {
         CLN_TRY(cln_share_balance(p, &move));
         if (move.leaves > 0) {
-            CLN_TRY(cln_deal_plan(t));
+            CLN_TRY(cln_plans_deal(t));
             CLN_TRY(cln_record_move(t, &move));
         }
     }

@@ -28,7 +28,7 @@ typedef struct cln_trainer {
     struct {
         cln_plan device, host; /* each the largest so far */
         bool full;             /* it was said that one does not fit */
-    } dealt;                   /* by ranks (deal.h) */
+    } dealt;                   /* by ranks (plans.h) */
     cln_batch batch;
     cln_ray_result *results; /* [config.rays] */
     bool drawn;              /* the next step's batch is drawn */
