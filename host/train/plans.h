@@ -27,8 +27,8 @@ void cln_plans_check_own(const cln_pipeline *p, int own);
 
 /* By ranks (else nothing is done), when a tree is new and when leaves have moved: makes the plans
  * of the tree as it is dealt (the pipeline's rank_first), or takes those of an earlier tree or deal
- * if they are larger, as buffers are then; and finds how many leaves a rank may get by moves. Warns,
- * once, of plans above their limits: it is too late to refuse them. */
+ * if they are larger, as buffers are then; and finds how many leaves a rank may get by moves.
+ * Warns, once, of plans above their limits: it is too late to refuse them. */
 cln_status cln_plans_deal(cln_trainer *t);
 
 #endif
