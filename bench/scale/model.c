@@ -2,12 +2,14 @@
 #include "scale/model.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 enum {
     SAMPLE_BYTES = 16,
     STRETCH_BYTES = 32,
     DEPTH_BYTES = 4,
+    COUNT_BYTES = 8,
     INTERVAL_BYTES = 20,
     PIXEL_BYTES = 4
 };
@@ -43,12 +45,17 @@ double scale_slowest(double n)
     return sum * step;
 }
 
+static bool deals_rays(const scale_work *w)
+{
+    return w->walk == SCALE_OWN_RAYS && w->ranks > 2;
+}
+
 double scale_sent(const scale_work *w, double share, double leaf_share)
 {
     const double stretch = STRETCH_BYTES + (w->walk == SCALE_OWN_CELLS ? DEPTH_BYTES : 0);
     const double told = w->stretches > 0 ? stretch * w->stretches : SAMPLE_BYTES * w->samples;
     const double kept = w->walk == SCALE_OWN_CELLS ? 0 : w->density_bytes * w->leaves;
-    const double met = w->walk == SCALE_OWN_RAYS ? INTERVAL_BYTES * w->intervals : 0;
+    const double met = deals_rays(w) ? COUNT_BYTES * w->rays + INTERVAL_BYTES * w->intervals : 0;
     const double even = (PIXEL_BYTES * w->rays + met) / w->ranks;
 
     if (!(w->ranks > 1))
@@ -114,8 +121,11 @@ scale_step scale_predict(const scale_machine *m, const scale_network *net, const
     const double passes = m->repeated.leaf * scale_passes(w->leaves) * w->rays;
     double dealt = 0, waits = 1; /* of the time for passes; messages that wait, of a step */
 
-    if (w->walk != SCALE_REPEATED) {
-        dealt = w->walk == SCALE_OWN_CELLS ? m->cells * passes : passes;
+    if (deals_rays(w)) {
+        dealt = passes;
+        waits += 2;
+    } else if (w->walk == SCALE_OWN_CELLS) {
+        dealt = m->cells * passes;
         waits += 1;
     }
     if (w->walk != SCALE_OWN_CELLS)

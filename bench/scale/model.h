@@ -7,24 +7,25 @@
  *     L (1 - exp(-S / L)) of L leaves. Ranks share this work evenly, except for `balance`: the
  *     busiest rank's part over the mean. They share the refresh of densities in the same way: a
  *     time per leaf every `refresh_every` steps.
- *   - Every rank repeats all other work (rays, intervals, the host): a constant, a time per ray, a
- *     time per leaf that a ray passes, of which there are L^(1/3): leaves as in a grid. Where the
- *     tree is fine at surfaces alone, or rays end there, they pass fewer.
+ *   - From three ranks on, each walks its part of the rays: a time per leaf that a ray passes, of
+ *     which there are L^(1/3): leaves as in a grid. Where the tree is fine at surfaces alone, or
+ *     rays end there, they pass fewer.
+ *   - Every rank repeats all other work (rays, the host): a constant, and a time per ray.
  *   - Messages: each rank receives the sums of the other ranks' stretches of rays, 32 bytes each,
- *     the pixels of their photos, 4 bytes a ray, and after a refresh the densities of their leaves,
- *     at the network's bandwidth. A step has one message that waits (the stretches) and a refresh
- *     has another; each takes log2(ranks) times the latency. A rank sends its part to each of the
+ *     the pixels of their photos, 4 bytes a ray, what their walk found, 8 bytes a ray and 20 a leaf
+ *     with samples, and after a refresh the densities of their leaves, at the network's bandwidth.
+ *     A step has three messages that wait (counts of the walk, its intervals, the stretches) and a
+ *     refresh has another; each takes log2(ranks) times the latency. A rank sends its part to each of the
  *     others; every machine has one rank, and the network carries the traffic of all at once (no
  *     bottleneck between switches).
  *   - Waiting: a rank's computing takes now more, now less time, whatever its work: by a normal
  *     distribution of standard deviation `spread`, a part of the mean, in each step and on each
  *     rank anew. A step ends when the slowest of them does.
- *   - Ranks repeat the walk of rays. `walk` has two other ways, which are not in it; in both, a
- *     step has another message that waits. SCALE_OWN_CELLS: each rank reads densities of its own
+ *   - `walk` has two other ways. SCALE_REPEATED: all ranks walk all rays, as two ranks do.
+ *     SCALE_OWN_CELLS, which is not in the program: so they do, but each reads densities of its own
  *     leaves alone, keeps them to itself, and tells the others each stretch's optical depth, 4
- *     bytes. Of the time for a leaf that a ray passes, the part `cells` is then shared.
- *     SCALE_OWN_RAYS: each walks its part of the rays and tells the others where they have samples,
- *     20 bytes a leaf; all time for leaves that rays pass is then shared.
+ *     bytes, in another message that waits. Of the time for a leaf that a ray passes, the part
+ *     `cells` is then shared.
  *   - Consecutive leaves of a ray belong to different ranks as often as a leaf's face lies on the
  *     surface of its rank's region: (ranks / leaves)^(1/3) for compact regions.
  *   - Voxels also tell what leaves of two ranks have in common, in two more messages that wait, of
@@ -57,7 +58,7 @@ typedef struct scale_network {
     double latency, bandwidth; /* seconds; bytes a second, INFINITY: messages cost only latency */
 } scale_network;
 
-typedef enum { SCALE_REPEATED, SCALE_OWN_CELLS, SCALE_OWN_RAYS } scale_walk;
+typedef enum { SCALE_OWN_RAYS, SCALE_REPEATED, SCALE_OWN_CELLS } scale_walk;
 
 typedef struct scale_work {
     double samples, leaves;      /* of a step; of the tree */
@@ -67,7 +68,7 @@ typedef struct scale_work {
     double refresh_every, ranks; /* steps; > 0 */
     double balance;              /* >= 1; for one rank 1 */
     scale_walk walk;
-    double intervals; /* of a step's rays, leaves that have samples; for SCALE_OWN_RAYS */
+    double intervals; /* of a step's rays: leaves in which they have samples */
     double cells;     /* of a leaf of voxels along an axis; 0: networks */
     double row_bytes; /* of a vertex in a message */
     double places;    /* of a sample: the part that is at a place of its own */

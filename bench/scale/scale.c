@@ -88,6 +88,7 @@ static void add_row(const json_t *row, const json_t *before, run *r)
     for (size_t i = 0; i < sizeof shared_stages / sizeof *shared_stages; i++)
         r->shared += stage(row, shared_stages[i]);
     r->work.stretches += isfinite(stretches) ? stretches * steps : 0;
+    r->work.intervals += number_or_0(row, "intervals") * steps;
     r->refresh += stage(row, "stage 1 refresh");
     if (isfinite(share)) {
         r->sent += cln_json_number(row, "sent_bytes") - cln_json_number(before, "sent_bytes");
@@ -137,11 +138,10 @@ static cln_status read_rows(run *r, double from)
     r->own_share /= r->work.samples;
     r->own_leaves /= r->work.samples;
     r->work.balance /= r->work.samples;
-    for (size_t i = 0; i < 10; i++)
-        *(double *[]){
-            &r->step, &r->work.rays, &r->work.samples, &r->shared,         &r->refresh,
-            &r->sent, &r->messages,  &r->repeated,     &r->work.stretches, &r->vertices}[i] /=
-            r->steps;
+    for (size_t i = 0; i < 11; i++)
+        *(double *[]){&r->step,           &r->work.rays, &r->work.samples, &r->work.stretches,
+                      &r->work.intervals, &r->shared,    &r->refresh,      &r->sent,
+                      &r->vertices,       &r->messages,  &r->repeated}[i] /= r->steps;
     if (!(r->work.ranks > 1)) {
         r->work.ranks = r->work.balance = 1;
         r->own_share = 1;
@@ -364,7 +364,7 @@ static const char *reason(const scale_step *s)
 {
     if (s->waiting > s->messages && s->waiting > s->repeated)
         return "waiting for the slowest rank";
-    return s->messages >= s->repeated ? "messages: stretches and densities go to all ranks"
+    return s->messages >= s->repeated ? "messages: what all tell all"
                                       : "work repeated on every rank";
 }
 
@@ -390,6 +390,7 @@ static void put_network(const scale_machine *m, int n, const scale_work *base, d
             scale_step s;
 
             w.ranks = ranks;
+            w.intervals = w.rays * passed;
             w.stretches = w.rays * scale_stretches(passed, leaves, ranks);
             w.balance = BALANCE;
             s = scale_predict(m, &networks[n].network, &w);
@@ -410,17 +411,17 @@ static void put_network(const scale_machine *m, int n, const scale_work *base, d
     }
 }
 
-/* What ways of sharing the walk of rays would gain, which no run checks. */
+/* What the walk of own rays gains, and what another way would, which no run checks. */
 static void put_walks(const scale_machine *m, const scale_work *base, double passed)
 {
     static const struct {
         const char *name;
         scale_walk walk;
-    } ways[] = {{"repeated, as it is", SCALE_REPEATED},
-                {"cells of own leaves alone", SCALE_OWN_CELLS},
-                {"own rays alone", SCALE_OWN_RAYS}};
+    } ways[] = {{"own rays alone, as it is", SCALE_OWN_RAYS},
+                {"repeated", SCALE_REPEATED},
+                {"cells of own leaves alone", SCALE_OWN_CELLS}};
 
-    printf("\n## If ranks shared the walk of rays\n\n%s. The last two are not in it: see walk in "
+    printf("\n## The walk of rays\n\n%s. The last way is not in the program: see walk in "
            "bench/scale/model.h.\n\n| walk | leaves | speed-up of 2 | 4 | 16 | 64 | 256 | 1,024 "
            "ranks | GiB of densities on one of 1,024 |\n|---|---|---|---|---|---|---|---|---|\n",
            networks[0].name);

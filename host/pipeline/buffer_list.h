@@ -140,6 +140,7 @@ typedef enum cln_when {
     X(dout, cl_float4, 1, SAMPLE, SAMPLES, TRAINING, "sample gradients")                          \
     X(losses, cl_float, 1, SAMPLE, SAMPLES, DISTILLING, "losses")                                 \
     X(packed, cl_float4, 1, SAMPLE, SAMPLES, SHARED, "messages")                                  \
+    X(walked, cln_interval, walked_of(p), SAMPLE, SAMPLES, SHARED, "messages")                    \
     /* stretches, no more than samples: rank, first sample here, sums (stretch.cl) */             \
     X(stretch_rank, cl_uint, 1, SAMPLE, SAMPLES, SHARED, "stretches")                             \
     X(stretch_first, cl_uint, 1, SAMPLE_START, SAMPLES, SHARED, "stretches")                      \
@@ -162,7 +163,8 @@ typedef enum cln_when {
     X(used, cl_uint, 1, RAY, RAYS, ALWAYS, "intervals")                                           \
     X(sample_counts, cl_uint, 1, RAY, RAYS, ALWAYS, "samples")                                    \
     X(sample_starts, cl_uint, 1, RAY_START, RAYS, ALWAYS, "samples")                              \
-    /* by ranks: a ray's samples here, and its stretches */                                       \
+    /* by ranks: a ray's intervals in `walked`, its samples here, and its stretches */            \
+    X(walk_starts, cl_uint, walked_of(p), RAY_START, RAYS, SHARED, "messages")                    \
     X(own_counts, cl_uint, 1, RAY, RAYS, SHARED, "samples here")                                  \
     X(own_starts, cl_uint, 1, RAY_START, RAYS, SHARED, "samples here")                            \
     X(stretch_counts, cl_uint, 1, RAY, RAYS, SHARED, "stretches")                                 \

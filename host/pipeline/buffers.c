@@ -5,6 +5,7 @@
 
 #include "base/config.h"
 #include "model/encoding.h"
+#include "pipeline/walk.h"
 
 const cln_buffer_row cln_buffer_rows[CLN_BUFFERS] = {
 #define ROW(member, number, per, purpose, when, what)                                          \
@@ -89,6 +90,12 @@ static size_t linked_of(const cln_pipeline *p)
 static size_t halo_row_of(const cln_pipeline *p)
 {
     return linked_of(p) ? 1 + (size_t)p->net.features : 0;
+}
+
+/* Ranks share the walk of rays (walk.h). */
+static size_t walked_of(const cln_pipeline *p)
+{
+    return p->ranks >= CLN_WALK_RANKS;
 }
 
 /* A slice's share of the gradients of a group of slices. */

@@ -94,6 +94,8 @@
     X(distil_gradient, distil_gradient, distil, ALWAYS)             \
     X(share_pack, share_pack, share, ALWAYS)                        \
     X(share_unpack, share_unpack, share, ALWAYS)                    \
+    X(walk_pack, walk_pack, share, ALWAYS)                          \
+    X(walk_unpack, walk_unpack, share, ALWAYS)                      \
     X(stretch_count, stretch_count, stretch, ALWAYS)                \
     X(stretch_list, stretch_list, stretch, ALWAYS)                  \
     X(stretch_composite, stretch_composite, stretch, ALWAYS)        \

@@ -131,10 +131,11 @@ struct cln_pipeline {
     bool leaf_rank_there;  /* p->leaf_rank is up to date with rank_first */
     bool stretched;        /* the batch has only samples of this rank's leaves (stretch.h) */
     uint32_t samples_here; /* samples that are here; if stretched, also stretches */
-    uint32_t stretch_total;
+    uint32_t stretch_total, interval_total; /* of the newest batch; interval_total: see walk.h */
     /* Samples since the start: this rank's, the busiest rank's of each batch, all. */
     double samples_own, samples_busiest, samples_all;
     double stretches_own, stretches_all; /* likewise */
+    double intervals_all;                /* of steps by stretches */
     double told[CLN_TOLD];
     char *message;
     size_t message_bytes;

@@ -7,6 +7,7 @@
 #include "base/memory.h"
 #include "pipeline/stage1.h"
 #include "pipeline/stretch.h"
+#include "pipeline/walk.h"
 #include "ranks/ranks.h"
 
 cln_status cln_stage_rays(cln_pipeline *p, int n)
@@ -30,9 +31,21 @@ static size_t group_of(const cln_pipeline *p)
     return cln_groups((size_t)p->tune.wg, CLN_RAYS_EACH((size_t)p->tune.vw));
 }
 
+/* The rays that are in both. */
+static cln_ray_group overlap(cln_ray_group a, cln_ray_group b)
+{
+    const int first = a.first_ray > b.first_ray ? a.first_ray : b.first_ray;
+    const int end_a = a.first_ray + a.rays, end_b = b.first_ray + b.rays;
+    const int end = end_a < end_b ? end_a : end_b;
+
+    return (cln_ray_group){.first_ray = first, .rays = end > first ? end - first : 0};
+}
+
+/* Makes the intervals of the group's rays, as far as this rank walks them. */
 static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_ray_group *g, int all)
 {
-    const cl_uint first = (cl_uint)g->first_ray, n = (cl_uint)g->rays;
+    const cln_ray_group own = overlap(*g, cln_walk_part(p, all));
+    const cl_uint first = (cl_uint)own.first_ray, n = (cl_uint)own.rays;
     const cl_uint rays = (cl_uint)all;
     const cl_int depth = p->depth;
     const cl_float max_depth = s->min_transmittance > 0 ? -logf(s->min_transmittance) : 1e30f;
@@ -66,7 +79,7 @@ static cln_status fill(cln_pipeline *p, const cln_sampling *s, const cln_ray_gro
     if (stage1->back)
         stage1->back(p, &a);
     return cln_launch(p->device, s->crop ? p->k.intervals_crop : p->k.intervals_fill,
-                      CLN_STAGE_INTERVALS, cln_groups(cln_groups((size_t)g->rays, each), wg), wg,
+                      CLN_STAGE_INTERVALS, cln_groups(cln_groups((size_t)own.rays, each), wg), wg,
                       a.list, a.count);
 }
 
@@ -161,6 +174,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
             CLN_TRY(stage1->make(p, densities(p, s), &groups[g]));
         CLN_TRY(fill(p, s, &groups[g], n));
     }
+    CLN_TRY(cln_walk_share(p, n, s->max_samples));
     CLN_TRY(
         cln_stage_scan(p, &p->sample_counts, &p->sample_starts, count, CLN_STAGE_INTERVALS, NULL));
     CLN_TRY(cln_buffer_fetch(device, &p->sample_starts, rays * sizeof(cl_uint), &p->sample_total,

@@ -190,6 +190,7 @@ cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples)
     meet(p, samples, p->stretch_total, own);
     p->samples_own += own;
     p->samples_all += samples;
+    p->intervals_all += p->interval_total;
     CLN_TRY(cln_share_room(p, 2 * leaves * sizeof *ends));
     ends = (uint32_t *)p->message;
     CLN_TRY(cln_buffer_read(p->device, &p->begin, at, ends, leaves * sizeof *ends));

@@ -239,6 +239,11 @@ static void add_balance(cln_trainer *t, json_t *row)
         json_object_set_new(row, "own_stretches",
                             json_real((p->stretches_own - t->window.stretches_own) / stretches));
     }
+    if (p->intervals_all > t->window.intervals_all)
+        json_object_set_new(
+            row, "intervals",
+            json_real((p->intervals_all - t->window.intervals_all) / t->window.steps));
+    t->window.intervals_all = p->intervals_all;
     t->window.stretches_own = p->stretches_own;
     t->window.stretches_all = p->stretches_all;
     t->window.samples_own = p->samples_own;

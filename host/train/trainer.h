@@ -77,7 +77,7 @@ typedef struct cln_trainer {
         double stage_seconds[CLN_STAGES];                 /* the device's counter at its start */
         uint64_t waits;                                   /* likewise */
         double samples_own, samples_busiest, samples_all; /* the pipeline's, likewise */
-        double stretches_own, stretches_all;
+        double stretches_own, stretches_all, intervals_all;
         double ranked_seconds[CLN_STAGES + 1]; /* stages, and messages to other ranks, likewise */
     } window;
 } cln_trainer;
