@@ -141,11 +141,11 @@ typedef struct cln_scene_desc {
     const cln_callbacks *callbacks; /* told of the images that are read; NULL: none */
 } cln_scene_desc;
 
-/* Reads a scene. Limits: 100,000 frames, 32,768 pixels a side, 2^28 pixels an image. Errors
- * (CLN_INPUT) name the file, the frame and the reason: images that are missing (as config.missing
- * says; those left out are a warning), a truncated image, malformed JSON
- * with line and column, non-finite or non-rigid pose (rotation off by more than 1e-3), zero frames,
- * absurd sizes, no training view, and no camera that sees the cube. *out is NULL on failure. */
+/* Reads a scene. Limits: 100,000 frames, CLN_IMAGE_MAX_SIDE and CLN_IMAGE_MAX_PIXELS of an image.
+ * Errors (CLN_INPUT) name the file, the frame and the reason: images that are missing (as
+ * config.missing says; those left out are a warning), a truncated image, malformed JSON with line
+ * and column, non-finite or non-rigid pose (rotation off by more than 1e-3), zero frames, absurd
+ * sizes, no training view, and no camera that sees the cube. *out is NULL on failure. */
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
 void cln_scene_free(cln_scene *scene); /* accepts NULL */
 

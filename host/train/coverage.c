@@ -63,10 +63,53 @@ static size_t count_tiles(const cln_scene *scene, size_t *first)
     return tiles;
 }
 
+static bool has_masks(const cln_scene *scene)
+{
+    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++)
+        if (train_view(scene, i)->kept || train_view(scene, i)->mask_path)
+            return true;
+    return false;
+}
+
 double cln_coverage_bytes(const cln_scene *scene)
 {
-    return (double)count_tiles(scene, NULL) * (sizeof(cln_tile) + sizeof(float)) +
+    return (double)count_tiles(scene, NULL) *
+               (sizeof(cln_tile) + sizeof(float) + (has_masks(scene) ? sizeof(uint32_t) : 0)) +
            (double)cln_scene_split_count(scene, CLN_SPLIT_TRAIN) * 2 * sizeof(size_t);
+}
+
+/* Columns and rows of a tile inside the image. */
+static grid inside(const cln_camera *c, const cln_tile *tile, int side)
+{
+    const int wide = c->width - tile->column * side, high = c->height - tile->row * side;
+
+    return (grid){wide < side ? wide : side, high < side ? high : side};
+}
+
+/* Tile number k of training view i. */
+static cln_tile tile_of(grid g, int i, int k)
+{
+    return (cln_tile){(uint32_t)i, (uint16_t)(k % g.across), (uint16_t)(k / g.across)};
+}
+
+static void count_kept(const cln_scene *scene, cln_coverage *coverage)
+{
+    const int side = coverage->side;
+
+    for (int i = 0; i < coverage->views; i++) {
+        const cln_view *view = train_view(scene, i);
+        const grid g = grid_of(&view->camera, side);
+        uint32_t *kept = coverage->kept + coverage->first[i];
+
+        for (int k = 0; k < g.across * g.down; k++) {
+            const cln_tile tile = tile_of(g, i, k);
+            const grid part = inside(&view->camera, &tile, side);
+
+            for (int n = 0; n < part.across * part.down; n++)
+                kept[k] += cln_view_keeps(view, tile.column * side + n % part.across,
+                                          tile.row * side + n / part.across);
+        }
+    }
 }
 
 cln_status cln_coverage_create(const cln_scene *scene, cln_coverage *out)
@@ -83,6 +126,10 @@ cln_status cln_coverage_create(const cln_scene *scene, cln_coverage *out)
     CLN_TRY(cln_alloc(&out->error, tiles, sizeof *out->error, "coverage"));
     for (size_t i = 0; i < tiles; i++)
         out->error[i] = -1;
+    if (has_masks(scene)) {
+        CLN_TRY(cln_alloc(&out->kept, tiles, sizeof *out->kept, "coverage"));
+        count_kept(scene, out);
+    }
 done:
     if (st != CLN_OK)
         cln_coverage_free(out);
@@ -95,6 +142,7 @@ void cln_coverage_free(cln_coverage *coverage)
     free(coverage->start);
     free(coverage->tiles);
     free(coverage->error);
+    free(coverage->kept);
     memset(coverage, 0, sizeof *coverage);
 }
 
@@ -228,19 +276,14 @@ static void mark_view(const cln_camera *c, int side, const cln_octree *tree, con
 
 /* ---- all of them ---- */
 
-/* Columns and rows of a tile inside the image. */
-static grid inside(const cln_camera *c, const cln_tile *tile, int side)
+/* Pixels that count of tile number k of training view i. */
+static int64_t kept_in(const cln_coverage *coverage, const cln_view *view, int i, int k)
 {
-    const int wide = c->width - tile->x, high = c->height - tile->y;
+    const cln_tile tile = tile_of(grid_of(&view->camera, coverage->side), i, k);
+    const grid part = inside(&view->camera, &tile, coverage->side);
 
-    return (grid){wide < side ? wide : side, high < side ? high : side};
-}
-
-/* Tile number k of training view i. */
-static cln_tile tile_of(grid g, int side, int i, int k)
-{
-    return (cln_tile){(uint32_t)i, (uint16_t)(k % g.across * side),
-                      (uint16_t)(k / g.across * side)};
+    return coverage->kept ? coverage->kept[coverage->first[i] + (size_t)k]
+                          : (int64_t)part.across * part.down;
 }
 
 /* Sum, over a tile's pixels, of the squared error (mean over channels) of a picture that shows only
@@ -249,10 +292,11 @@ static double background_error(const cln_scene *scene, const cln_view *view, con
                                int side)
 {
     const grid g = inside(&view->camera, tile, side);
+    const int left = tile->column * side, top = tile->row * side;
     double sum = 0;
 
-    for (int y = tile->y; y < tile->y + g.down; y++)
-        for (int x = tile->x; x < tile->x + g.across; x++) {
+    for (int y = top; y < top + g.down; y++)
+        for (int x = left; x < left + g.across; x++) {
             float rgb[3], alpha = 0;
 
             if (!cln_view_keeps(view, x, y))
@@ -278,7 +322,7 @@ static bool find_errors(cln_coverage *coverage, const cln_scene *scene, int i, c
     bool any = false;
 
     for (int k = 0; k < g.across * g.down; k++) {
-        const cln_tile tile = tile_of(g, side, i, k);
+        const cln_tile tile = tile_of(g, i, k);
 
         if (marks[k] || errors[k] >= 0)
             continue;
@@ -316,10 +360,13 @@ void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const c
         const grid g = grid_of(&view->camera, side);
 
         mark_view(&view->camera, side, tree, space, marks);
-        all += (int64_t)view->camera.width * view->camera.height - view->left_out;
-        for (int k = 0; k < g.across * g.down; k++)
-            if (marks[k])
-                coverage->tiles[found++] = tile_of(g, side, i, k);
+        for (int k = 0; k < g.across * g.down; k++) {
+            const int64_t kept = kept_in(coverage, view, i, k);
+
+            all += kept;
+            if (marks[k] && kept > 0)
+                coverage->tiles[found++] = tile_of(g, i, k);
+        }
         coverage->start[i + 1] = found;
         asked |= find_errors(coverage, scene, i, marks);
     }
@@ -331,18 +378,19 @@ void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const c
         const grid g = grid_of(&view->camera, side);
 
         for (int k = 0; k < g.across * g.down; k++) {
-            const cln_tile tile = tile_of(g, side, i, k), *next = &coverage->tiles[found];
-            const grid part = inside(&view->camera, &tile, side);
+            const cln_tile tile = tile_of(g, i, k), *next = &coverage->tiles[found];
+            const int64_t kept = kept_in(coverage, view, i, k);
 
-            if (found < coverage->start[i + 1] && next->x == tile.x && next->y == tile.y) {
+            if (found < coverage->start[i + 1] && next->column == tile.column &&
+                next->row == tile.row) {
                 found++; /* a covered one */
                 continue;
             }
-            error += (double)coverage->error[coverage->first[i] + (size_t)k];
-            other += (int64_t)part.across * part.down;
+            error += kept > 0 ? (double)coverage->error[coverage->first[i] + (size_t)k] : 0;
+            other += kept;
         }
     }
-    coverage->whole = other == 0;
+    coverage->whole = found == coverage->first[coverage->views];
     coverage->share = (double)(all - other) / (double)all;
     coverage->error_other = error / (double)all;
 }

@@ -8,11 +8,11 @@
 #include "model/octree.h"
 #include "scene/scene.h"
 
-/* A square of pixels: training view, first column and first row. It may reach beyond the image's
- * right and lower edges. */
+/* A square of `side` pixels: training view, and the tiles left of it and above it. It may reach
+ * beyond the image's right and lower edges. */
 typedef struct cln_tile {
     uint32_t view;
-    uint16_t x, y;
+    uint16_t column, row;
 } cln_tile;
 
 typedef struct cln_coverage {
@@ -21,11 +21,13 @@ typedef struct cln_coverage {
     size_t *first; /* [views + 1] tiles of the views before */
     float *error;  /* [tile] sum of squared errors of the bare background; < 0: not known yet */
 
+    uint32_t *kept; /* [tile] pixels that count (cln_view_keeps); NULL: all of them */
+
     size_t *start;      /* [views + 1] where a view's tiles begin in `tiles` */
-    cln_tile *tiles;    /* covered ones, by view, row and column */
-    bool whole;         /* all tiles are covered */
-    double share;       /* covered pixels / all training pixels */
-    double error_other; /* sum of squared errors of uncovered pixels / all training pixels */
+    cln_tile *tiles;    /* covered ones with pixels that count, by view, row and column */
+    bool whole;         /* all tiles are in `tiles` */
+    double share;       /* of the training pixels that count, those of covered tiles */
+    double error_other; /* sum of squared errors of the others / training pixels that count */
 } cln_coverage;
 
 /* Counts every pixel as covered until the first update. The scene's training images must be

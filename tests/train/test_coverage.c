@@ -104,10 +104,11 @@ static uint8_t *covered_pixels(const cln_coverage *c, const cln_scene *scene, in
     assert_non_null(out);
     for (size_t k = c->start[i]; k < c->start[i + 1]; k++) {
         const cln_tile *tile = &c->tiles[k];
+        const int left = tile->column * c->side, top = tile->row * c->side;
 
         assert_int_equal(tile->view, i);
-        for (int y = tile->y; y < tile->y + c->side && y < camera->height; y++)
-            for (int x = tile->x; x < tile->x + c->side && x < camera->width; x++)
+        for (int y = top; y < top + c->side && y < camera->height; y++)
+            for (int x = left; x < left + c->side && x < camera->width; x++)
                 out[y * camera->width + x]++;
     }
     return out;
@@ -133,6 +134,8 @@ static double check(const cln_scene *scene, const cln_octree *tree, const cln_sp
             float rgb[3], alpha = 0;
 
             assert_in_range(marks[k], 0, 1);
+            if (!cln_view_keeps(view, x, y))
+                continue;
             assert_true(cln_camera_ray(&view->camera, x + 0.5, y + 0.5, o, d));
             if (meets(tree, o, d, space)) {
                 hits++;
@@ -149,7 +152,8 @@ static double check(const cln_scene *scene, const cln_octree *tree, const cln_sp
     }
     assert_true(fabs(c.share - covered / all) < 1e-12);
     assert_true(fabs(c.error_other - error / all) < 1e-6);
-    assert_int_equal(c.whole, covered == all);
+    if (!c.kept)
+        assert_int_equal(c.whole, covered == all);
     cln_coverage_free(&c);
     return covered / fmax(hits, 1);
 }
@@ -184,6 +188,59 @@ static void test_tight(void **state)
 
     if (!(more >= 1 && more < 1.8))
         fail_msg("%.3f times as many pixels are covered as meet a leaf", more);
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
+/* Columns beyond 65,536 are told apart. */
+static void test_wide(void **state)
+{
+    cln_scene *scene = make_scene(*state, 3, 4, 70000, 2, 3);
+    cln_octree tree = random_tree(2, 16);
+    const cln_space cube = {.centre = {0.1, -0.2, 0.05}, .half = 1};
+
+    check(scene, &tree, &cube);
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
+/* Where masks leave little, that is all that counts and is drawn. */
+static void test_masks(void **state)
+{
+    cln_scene *scene = make_scene(*state, 3, 4, 200, 150, 4);
+    cln_octree tree = random_tree(3, 60);
+    const cln_space cube = {.centre = {0.1, -0.2, 0.05}, .half = 1};
+    static uint8_t masks[3][200 * 150 / 8];
+    cln_config config = default_config();
+
+    for (int v = 0; v < 3; v++) { /* 1 %, on 70 rows */
+        for (int i = 0; i < 300; i++) {
+            const uint32_t at = random_below(200 * 70) + 200 * 40;
+
+            masks[v][at / 8] |= (uint8_t)(1 << at % 8);
+        }
+        scene->views[v].kept = masks[v];
+    }
+    check(scene, &tree, &cube);
+    for (int way = 0; way < 3; way++) {
+        cln_batch b;
+
+        config.stage1 = way == 1 ? CLN_STAGE1_SPLAT : CLN_STAGE1_GATHER;
+        assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
+        cln_coverage_update(&b.coverage, scene, &tree, &cube);
+        if (way == 2) { /* of tiles: the rest of the photos has none */
+            assert_true(b.coverage.start[3] < b.coverage.first[3] * 70 / 150);
+            assert_true(cln_batch_skips(&b, &config, 0));
+        }
+        cln_batch_draw(&b, scene, &config,
+                       &(cln_draw){.step = 1, .n = b.capacity, .covered = way == 2});
+        for (int i = 0; i < b.capacity; i++)
+            assert_true(cln_view_keeps(&scene->views[b.pixels[i].view], (int)b.pixels[i].x,
+                                       (int)b.pixels[i].y));
+        cln_batch_free(&b);
+    }
+    for (int v = 0; v < 3; v++)
+        scene->views[v].kept = NULL;
     cln_octree_free(&tree);
     cln_scene_free(scene);
 }
@@ -377,6 +434,8 @@ int test_group_coverage(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_no_leaf_is_missed, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_tight, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_wide, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_forward, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_whole_and_nothing, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_left_out, scratch_make, scratch_remove),
