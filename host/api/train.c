@@ -658,7 +658,7 @@ done:
     result->device_peak = t.device ? (double)t.device->peak : 0;
     result->host_peak = cln_peak_rss();
     if (t.model.params && t.run)
-        result->digest = cln_model_digest(&t.model);
+        result->digest = cln_record_digest(&t);
     state = st == CLN_OK                            ? "done"
             : st == CLN_SIGINT || st == CLN_SIGTERM ? "interrupted"
                                                     : "failed";

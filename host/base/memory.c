@@ -1,6 +1,7 @@
 /* Checked allocation. See memory.h. */
 #include "base/memory.h"
 
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -78,9 +79,66 @@ done:
     return st;
 }
 
+/* The least number in FILE of a folder and of the folders above it, as far as `base`. */
+static double least_above(const char *base, const char *group, const char *file)
+{
+    char path[2048], rest[1024];
+    double least = INFINITY;
+
+    snprintf(rest, sizeof rest, "%s", group);
+    for (char *end = rest + strlen(rest); end; end = strrchr(rest, '/')) {
+        FILE *f = NULL;
+        double bytes = 0;
+
+        *end = 0;
+        snprintf(path, sizeof path, "%s%s/%s", base, rest, file);
+        f = fopen(path, "re");
+        if (f && fscanf(f, "%lf", &bytes) == 1 && bytes > 0) /* "max": none */
+            least = fmin(least, bytes);
+        if (f)
+            fclose(f);
+    }
+    return least;
+}
+
+double cln_group_memory(const char *root)
+{
+    char path[1024], line[1024];
+    double least = INFINITY;
+    FILE *groups = NULL;
+
+    snprintf(path, sizeof path, "%s/proc/self/cgroup", root);
+    groups = fopen(path, "re");
+    while (groups && fgets(line, sizeof line, groups)) { /* number:controllers:group */
+        char *controllers = strchr(line, ':'), *group = NULL;
+        const char *file = NULL;
+
+        group = controllers ? strchr(controllers + 1, ':') : NULL;
+        if (!group)
+            continue;
+        *group++ = 0;
+        group[strcspn(group, "\n")] = 0;
+        if (strcmp(controllers, ":") == 0) { /* version 2 */
+            snprintf(path, sizeof path, "%s/sys/fs/cgroup", root);
+            file = "memory.max";
+        } else if (strcmp(controllers, ":memory") == 0) {
+            snprintf(path, sizeof path, "%s/sys/fs/cgroup/memory", root);
+            file = "memory.limit_in_bytes";
+        } else {
+            continue;
+        }
+        least = fmin(least, least_above(path, group, file));
+    }
+    if (groups)
+        fclose(groups);
+    return least;
+}
+
 double cln_host_memory(void)
 {
-    return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+    const double all = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+
+    return fmin(all, cln_group_memory(""));
 }
 
 double cln_peak_rss(void)

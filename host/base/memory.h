@@ -22,8 +22,13 @@ cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(
  * short, if bytes are less than a huge page, or if the system has none. */
 void *cln_huge_pages(size_t bytes);
 
-/* Bytes of this machine's memory. */
+/* Bytes of memory that this process may take: the machine's, or fewer in a control group (a
+ * container, a batch job). */
 double cln_host_memory(void);
+
+/* The least that a control group of this process or one above it allows, by the files below root
+ * ("" but in tests); INFINITY without a limit. */
+double cln_group_memory(const char *root);
 
 /* Peak resident memory of this process, in bytes; 0 if unknown. */
 double cln_peak_rss(void);

@@ -222,7 +222,7 @@ done:
 }
 
 cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, const int *first,
-                                      bool *written)
+                                      uint64_t *model_digest, bool *written)
 {
     cln_status st = CLN_OK;
     cln_tensor tensors[CLN_CHECKPOINT_TENSORS];
@@ -230,7 +230,7 @@ cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, c
     cln_atomic_file *file = NULL;
     char temp[PATH_BYTES], *head = NULL;
     int32_t *rows = NULL;
-    uint64_t digest = 0, model_digest = 0;
+    uint64_t digest = 0;
     int count = 0, fd = -1;
 
     *written = false;
@@ -245,9 +245,9 @@ cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, c
     if (st == CLN_OK)
         st = write_own(fd, temp, count, tensors, offsets, first);
     CLN_TRY(same_end(st));
-    digest_all(model, count, tensors, first, &digest, &model_digest);
+    digest_all(model, count, tensors, first, &digest, model_digest);
     if (cln_ranks_me() == 0)
-        st = finish(run, model, count, tensors, digest, model_digest, fd, temp, &file);
+        st = finish(run, model, count, tensors, digest, *model_digest, fd, temp, &file);
     CLN_TRY(same_end(st));
 done:
     if (st != CLN_OK)

@@ -8,13 +8,13 @@
  *
  * A way is left out if another one has no more leaves and costs no more. Choosing one way per group
  * under the budget is a multiple-choice knapsack: after each group, cost[c] is the least cost of
- * the groups so far with c leaves in all, and one byte per group and c records the way. A byte
- * exists only for each c that the groups so far can reach and that leaves room for the remaining
- * groups: at most groups (budget - fewest + 1) bytes, where `fewest` is the sum of the leaves of
- * first ways. That is about 1 MB at 2,700 leaves, and 58 MB for a full tree of 32,768 leaves that
- * may merge and a budget of its size; but up to 300 MB for 40,000 leaves in 15,000 groups (voxels,
- * whose empty siblings are culled) and a budget of 60,000. Ties go to fewer leaves, then to the
- * earlier way; among members, to the lower slot.
+ * the groups so far with c leaves in all, of each c that they can reach and that leaves room for
+ * the remaining groups: at most budget - fewest + 1, where `fewest` is the sum of the leaves of
+ * first ways. A byte for each group and c would record the ways, 300 MB for 40,000 leaves in 15,000
+ * groups (voxels, whose empty siblings are culled) and a budget of 60,000. So costs are kept before
+ * every block of sqrt(8 groups) groups, and each block is gone through again with such bytes, the
+ * last first: twice the time, and there 17 MB. Ties go to fewer leaves, then to the earlier way;
+ * among members, to the lower slot.
  */
 #include "model/integer_program.h"
 
@@ -61,11 +61,9 @@ typedef struct program {
     int fewest, most; /* leaves, if every group takes its first or its last way */
 } program;
 
-/* All groups up to and including one have low..high leaves together; the bytes of that one begin at
- * `start`. */
+/* All groups up to and including one have low..high leaves together. */
 typedef struct span {
     int low, high;
-    size_t start;
 } span;
 
 static cln_status check_number(int slot, const char *what, double value)
@@ -246,18 +244,17 @@ static void take_way(const double *before, double more, uint8_t taking, int coun
     }
 }
 
-/* Solves the knapsack: chosen[group] is its way, for fewest <= max_leaves < most. */
-static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
+static int width_of(const span *s)
 {
-    cln_status st = CLN_OK;
-    span *spans = NULL;    /* [group + 1], the first is before any group */
-    double *cost = NULL;   /* [leaves], of the groups so far */
-    double *before = NULL; /* [leaves], without the last of them */
-    uint8_t *taken = NULL; /* [group][its span] */
-    size_t cells = 0;
-    int leaves = 0;
+    return s->high - s->low + 1;
+}
 
-    CLN_TRY(cln_alloc(&spans, (size_t)p->count + 1, sizeof *spans, "integer program"));
+/* Which numbers of leaves the groups up to each one can have together; returns the widest span's
+ * width. spans: [group + 1], the first is before any group. */
+static int find_spans(const program *p, int max_leaves, span *spans)
+{
+    int widest = 1;
+
     for (int i = 0; i < p->count; i++) {
         const group *g = &p->groups[i];
         span *after = &spans[i + 1];
@@ -268,48 +265,82 @@ static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
         room = max_leaves - (p->fewest - after->low);
         if (after->high > room)
             after->high = room;
-        after->start = cells;
-        cells += (size_t)(after->high - after->low) + 1;
+        widest = width_of(after) > widest ? width_of(after) : widest;
     }
-    CLN_TRY(cln_alloc(&cost, (size_t)max_leaves + 1, sizeof *cost, "integer program"));
-    CLN_TRY(cln_alloc(&before, (size_t)max_leaves + 1, sizeof *before, "integer program"));
-    CLN_TRY(cln_alloc(&taken, cells, sizeof *taken, "integer program"));
+    return widest;
+}
+
+/* Adds group i: cost[c] from before[c], both by the number of leaves so far, and the way of each:
+ * taken[c - low]. */
+static void add_group(const program *p, const span *spans, int i, const double *before,
+                      double *cost, uint8_t *taken)
+{
+    const group *g = &p->groups[i];
+    const span *from = &spans[i], *to = &spans[i + 1];
+
+    for (int c = to->low; c <= to->high; c++)
+        cost[c] = INFINITY;
+    for (int w = 0; w < g->way_count; w++) {
+        const int more = g->ways[w].leaves, low = from->low + more;
+        const int high = from->high + more < to->high ? from->high + more : to->high;
+
+        take_way(before + from->low, g->ways[w].cost, (uint8_t)w, high - low + 1, cost + low,
+                 taken + (low - to->low));
+    }
+}
+
+/* Solves the knapsack: chosen[group] is its way, for fewest <= max_leaves < most. */
+static cln_status choose(const program *p, int max_leaves, uint8_t *chosen)
+{
+    cln_status st = CLN_OK;
+    const int each = (int)ceil(sqrt(sizeof(double) * (double)p->count)); /* groups of a block */
+    const int blocks = (p->count + each - 1) / each;
+    span *spans = NULL;
+    double *costs[2] = {NULL}; /* [leaves], of the groups so far */
+    double *kept = NULL;       /* [block][widest]: costs before it */
+    uint8_t *taken = NULL;     /* [group of a block][widest] */
+    size_t widest = 0;
+    int leaves = 0;
+
+    CLN_TRY(cln_alloc(&spans, (size_t)p->count + 1, sizeof *spans, "integer program"));
+    widest = (size_t)find_spans(p, max_leaves, spans);
+    for (int k = 0; k < 2; k++)
+        CLN_TRY(cln_alloc(&costs[k], (size_t)max_leaves + 1, sizeof *costs[k], "integer program"));
+    CLN_TRY(cln_alloc(&kept, (size_t)blocks * widest, sizeof *kept, "integer program"));
+    CLN_TRY(cln_alloc(&taken, (size_t)each * widest, sizeof *taken, "integer program"));
 
     for (int i = 0; i < p->count; i++) {
-        const group *g = &p->groups[i];
-        const span *from = &spans[i], *to = &spans[i + 1];
-        double *swap = before;
-
-        before = cost;
-        cost = swap;
-        for (int c = to->low; c <= to->high; c++)
-            cost[c] = INFINITY;
-        for (int w = 0; w < g->way_count; w++) {
-            const int leaves_more = g->ways[w].leaves;
-            const int low = from->low + leaves_more;
-            const int high =
-                from->high + leaves_more < to->high ? from->high + leaves_more : to->high;
-
-            take_way(before + from->low, g->ways[w].cost, (uint8_t)w, high - low + 1, cost + low,
-                     taken + to->start + (low - to->low));
-        }
+        if (i % each == 0)
+            memcpy(kept + (size_t)(i / each) * widest, costs[i % 2] + spans[i].low,
+                   (size_t)width_of(&spans[i]) * sizeof *kept);
+        add_group(p, spans, i, costs[i % 2], costs[(i + 1) % 2], taken);
     }
     leaves = spans[p->count].low;
     for (int c = leaves + 1; c <= spans[p->count].high; c++)
-        if (cost[c] < cost[leaves])
+        if (costs[p->count % 2][c] < costs[p->count % 2][leaves])
             leaves = c;
-    for (int i = p->count - 1; i >= 0; i--) {
-        const span *after = &spans[i + 1];
+    for (int b = blocks - 1; b >= 0; b--) { /* the same costs again, now with their ways */
+        const int first = b * each, end = first + each < p->count ? first + each : p->count;
 
-        CLN_ASSERT(leaves >= after->low && leaves <= after->high);
-        chosen[i] = taken[after->start + (size_t)(leaves - after->low)];
-        leaves -= p->groups[i].ways[chosen[i]].leaves;
+        memcpy(costs[first % 2] + spans[first].low, kept + (size_t)b * widest,
+               (size_t)width_of(&spans[first]) * sizeof *kept);
+        for (int i = first; i < end; i++)
+            add_group(p, spans, i, costs[i % 2], costs[(i + 1) % 2],
+                      taken + (size_t)(i - first) * widest);
+        for (int i = end - 1; i >= first; i--) {
+            const span *after = &spans[i + 1];
+
+            CLN_ASSERT(leaves >= after->low && leaves <= after->high);
+            chosen[i] = taken[(size_t)(i - first) * widest + (size_t)(leaves - after->low)];
+            leaves -= p->groups[i].ways[chosen[i]].leaves;
+        }
     }
     CLN_ASSERT(leaves == 0);
 done:
     free(spans);
-    free(cost);
-    free(before);
+    free(costs[0]);
+    free(costs[1]);
+    free(kept);
     free(taken);
     return st;
 }

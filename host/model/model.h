@@ -101,9 +101,10 @@ cln_status cln_checkpoint_write(const char *run, const cln_model *model);
 /* The same by all ranks, each of which has the weights and Adam's state of leaves [first[rank],
  * first[rank + 1]) and the rest in full: each writes its rows of the one file, which rank 0 renames
  * when all have. Fails on all ranks if it fails on one. *written: false, with nothing done, if not
- * all ranks see the file, and so rank 0 must write it alone. CLN_OUTPUT, CLN_MEMORY. */
+ * all ranks see the file, and so rank 0 must write it alone; else *model_digest is all ranks'
+ * cln_model_digest(). CLN_OUTPUT, CLN_MEMORY. */
 cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, const int *first,
-                                      bool *written);
+                                      uint64_t *model_digest, bool *written);
 
 /* *bytes: size of one checkpoint of so many leaves, with training state. */
 cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes);

@@ -149,29 +149,42 @@ done:
     return st;
 }
 
+static cln_status diverged(const cln_trainer *t)
+{
+    return cln_fail(CLN_DIVERGED,
+                    "training diverged: weights of step %lld are not finite; the checkpoint "
+                    "before it is kept: resume from that with a lower --lr",
+                    (long long)t->model.step);
+}
+
 static cln_status checkpoint(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
     const size_t each = (size_t)p->net.params, first = (size_t)p->first * each;
     const bool measured = cln_pipeline_measures(&t->model.config) > 0;
+    uint64_t digest = 0;
     bool written = false;
 
     cln_watch_say(t, "saving");
     CLN_TRY(cln_pipeline_download_own(p, &t->model, true));
     for (size_t i = first; i < first + (size_t)p->own * each; i++)
         if (!isfinite(t->model.params[i])) {
-            st = cln_fail(CLN_DIVERGED,
-                          "training diverged: weights of step %lld are not finite; the checkpoint "
-                          "before it is kept: resume from that with a lower --lr",
-                          (long long)t->model.step);
+            st = diverged(t);
+            goto done;
+        }
+    for (int i = 0; i < t->model.net.decoder_params; i++)
+        if (!isfinite(t->model.decoder[i])) {
+            st = diverged(t);
             goto done;
         }
     /* the error since the last decision, for exports and reports; decisions measure it again */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     if (p->ranks > 1)
-        CLN_TRY(cln_checkpoint_write_parts(t->desc->run, &t->model, p->rank_first, &written));
+        CLN_TRY(
+            cln_checkpoint_write_parts(t->desc->run, &t->model, p->rank_first, &digest, &written));
+    t->parts_digest = written ? digest : 0;
     if (!written && p->ranks > 1)
         cln_pipeline_collect(p, &t->model, true);
     if (!written && t->writes)

@@ -180,6 +180,11 @@ done:
     return st;
 }
 
+uint64_t cln_record_digest(const cln_trainer *t)
+{
+    return t->parts_digest ? t->parts_digest : cln_model_digest(&t->model);
+}
+
 cln_status cln_record_end(cln_trainer *t, const char *state)
 {
     cln_status st = CLN_OK;
@@ -189,7 +194,7 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     if (!t->run)
         return CLN_OK;
     cln_utc_now(now);
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_model_digest(&t->model));
+    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_record_digest(t));
     json_object_set_new(t->run, "state", json_string(state));
     json_object_set_new(t->run, "ended", json_string(now));
     json_object_set_new(

@@ -83,6 +83,8 @@ static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
             continue;
         l->depth[first + i] = got->opacity >= 0.5f ? got->depth : INFINITY;
         cln_pixel_over(t->batch.stored[i], l->view->channels, t->scene->background, want, &alpha);
+        for (int k = 0; k < 3 && t->model.exposure; k++) /* pictures are without it */
+            want[k] /= t->model.exposure[t->exposure.number_of[pixel->view]][k];
         for (int k = 0; k < 3; k++)
             error = fmaxf(error, fabsf(rgb[k] - want[k]));
         if (has_alpha)

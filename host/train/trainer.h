@@ -59,6 +59,7 @@ typedef struct cln_trainer {
     int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
     bool save_wanted;             /* SIGUSR1 came */
     int64_t saved_step;           /* of the newest checkpoint of this process; -1 before */
+    uint64_t parts_digest;        /* of its weights, if ranks wrote it: none has them all; else 0 */
     struct cln_watch *watch;      /* NULL = nobody can watch */
 
     int *eval_views, eval_count; /* test views for evaluations during training */

@@ -658,6 +658,34 @@ static void test_digits(void **state)
         assert_int_equal(cln_reals_digits(2, cases[i].values, cases[i].least), cases[i].digits);
 }
 
+static void put_limit(const char *root, const char *folder, const char *file, const char *text)
+{
+    const char *place = scratch_path(root, folder), *path = scratch_path(place, file);
+
+    assert_int_equal(cln_make_dirs(place), CLN_OK);
+    assert_int_equal(cln_write_file(path, text, strlen(text)), CLN_OK);
+}
+
+/* The least limit of a control group and those above it counts, in either version's files. */
+static void test_group_memory(void **state)
+{
+    const char *root = *state;
+
+    assert_true(isinf(cln_group_memory(root))); /* no control groups */
+    put_limit(root, "proc/self", "cgroup", "9:cpu:/x\n4:memory:/job/step\n0::/user/shell\n");
+    assert_true(isinf(cln_group_memory(root)));
+    put_limit(root, "sys/fs/cgroup/memory", "memory.limit_in_bytes", "9223372036854771712\n");
+    put_limit(root, "sys/fs/cgroup/user/shell", "memory.max", "max\n");
+    assert_true(cln_group_memory(root) > 9e18);
+    put_limit(root, "sys/fs/cgroup/memory/job", "memory.limit_in_bytes", "2147483648\n");
+    assert_true(cln_group_memory(root) == 2147483648.0);
+    put_limit(root, "sys/fs/cgroup", "memory.max", "1073741824\n");
+    assert_true(cln_group_memory(root) == 1073741824.0);
+    put_limit(root, "sys/fs/cgroup/cpu/x", "memory.max", "1000\n"); /* another's */
+    assert_true(cln_group_memory(root) == 1073741824.0);
+    assert_true(cln_host_memory() > 1e8);
+}
+
 int test_group_base(void)
 {
     const struct CMUnitTest tests[] = {
@@ -679,6 +707,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_synced, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_full, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_group_memory, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),
         cmocka_unit_test(test_digest),
         cmocka_unit_test(test_log),
