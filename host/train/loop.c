@@ -1,7 +1,7 @@
 /* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way:
- * loop -> maintain, refine -> step, loop and maintain -> record, loop -> watch. Every decision is a
- * function of the seed, the step and the model, so a resumed run equals an uninterrupted one bit
- * for bit (except with a budget in time). */
+ * loop -> maintain, refine -> step, loop and maintain -> record, loop -> watch; maintain.h has
+ * those below maintain. Every decision is a function of the seed, the step and the model, so a
+ * resumed run equals an uninterrupted one bit for bit (except with a budget in time). */
 #include "train/loop.h"
 
 #include <math.h>
@@ -20,6 +20,7 @@
 #include "ranks/ranks.h"
 #include "render/quality.h"
 #include "train/maintain.h"
+#include "train/probe.h"
 #include "train/record.h"
 #include "train/refine.h"
 #include "train/step.h"
@@ -382,7 +383,7 @@ static cln_status warm_up(cln_trainer *t)
     CLN_TRY(cln_step(t, 0));
     CLN_TRY(cln_step_catch_up(t));
     if (t->model.config.adaptive || t->model.config.refine_poses)
-        CLN_TRY(cln_maintain_probe(t, &psnr));
+        CLN_TRY(cln_probe_psnr(t, &psnr));
     t->model = before;
     t->undone = t->drawn = false;
     memset(&t->window, 0, sizeof t->window);
