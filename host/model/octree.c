@@ -269,6 +269,18 @@ done:
     return st;
 }
 
+cln_status cln_octree_cull_after(cln_octree *tree, const uint8_t *cull, cln_octree_change *change)
+{
+    cln_status st = CLN_OK;
+    cln_octree_change culls = {0};
+
+    CLN_TRY(cln_octree_cull(tree, cull, &culls));
+    CLN_TRY(cln_octree_change_join(change, &culls));
+done:
+    cln_octree_change_free(&culls);
+    return st;
+}
+
 /* Marked cells that cln_octree_regrow() makes leaves of. */
 typedef struct regrowth {
     const cln_marks *marks;

@@ -57,6 +57,9 @@ cln_status cln_octree_split(cln_octree *tree, const uint8_t *split, cln_octree_c
  * itself (its children stay in the arrays, unreachable). */
 cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
 
+/* The same right after another change, *change, which becomes both. CLN_MEMORY. */
+cln_status cln_octree_cull_after(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
+
 /* Returns whether the ACTIVE leaf's group may merge: it has siblings, none of them INNER. */
 bool cln_octree_can_merge(const cln_octree *tree, int slot);
 

@@ -70,3 +70,23 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
 done:
     return st;
 }
+
+cln_status cln_carve_after(const cln_scene *scene, const cln_space *space, const cln_config *config,
+                           bool fresh, cln_octree *tree, cln_octree_change *change, int *count)
+{
+    cln_status st = CLN_OK;
+    uint8_t *marks = NULL;
+
+    CLN_TRY(cln_carve_find(scene, space, config, tree, &marks, count));
+    if (fresh)
+        *count = 0;
+    for (int s = 0; fresh && s < change->count; s++) {
+        marks[s] = marks[s] && change->octant[s] == CLN_FRESH;
+        *count += marks[s];
+    }
+    if (*count > 0)
+        CLN_TRY(cln_octree_cull_after(tree, marks, change));
+done:
+    free(marks);
+    return st;
+}

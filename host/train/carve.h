@@ -12,4 +12,9 @@
 cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const cln_config *config,
                           const cln_octree *tree, uint8_t **marks, int *count);
 
+/* Right after a change of the tree: culls such leaves, or `fresh` only those of them that the
+ * change brought back (CLN_FRESH), as a part of it. *count: how many. CLN_MEMORY. */
+cln_status cln_carve_after(const cln_scene *scene, const cln_space *space, const cln_config *config,
+                           bool fresh, cln_octree *tree, cln_octree_change *change, int *count);
+
 #endif

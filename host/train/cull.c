@@ -5,7 +5,6 @@
 
 #include "base/log.h"
 #include "base/memory.h"
-#include "model/structure.h"
 #include "train/change.h"
 #include "train/measure.h"
 #include "train/step.h"
@@ -33,7 +32,7 @@ cln_status cln_cull(cln_trainer *t, bool now)
 
     CLN_TRY(cln_step_catch_up(t));
     CLN_TRY(cln_alloc(&marks, (size_t)leaves, 1, "leaf marks"));
-    CLN_TRY(cln_measure_stats(t, &stats.mean, &stats.peak));
+    CLN_TRY(cln_measure_stats(t, &stats));
     marked = cln_structure_cull(&t->model.tree, &stats, &t->model.config, marks);
     if (marked > 0 && (now || (int64_t)marked * CULL_PART >= leaves)) {
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
@@ -46,8 +45,7 @@ cln_status cln_cull(cln_trainer *t, bool now)
         CLN_TRY(cln_measure_restart(t));
     }
 done:
-    free(stats.mean);
-    free(stats.peak);
+    cln_leaf_stats_free(&stats);
     free(marks);
     cln_octree_change_free(&change);
     return st;

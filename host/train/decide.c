@@ -94,22 +94,24 @@ static void say(const cln_trainer *t, const cln_decision *d)
                         : "no leaf was added, as voxels do not merge; give more");
 }
 
-/* By ranks, takes fewer leaves if those of one do not fit where they will be. */
+/* By ranks, takes fewer leaves if those of one do not fit where they will be. *how: the solution.
+ * */
 static cln_status solve(cln_trainer *t, const uint8_t *children, cln_integer_program_desc *desc,
-                        cln_integer_program_result *r)
+                        cln_integer_program_result *r, cln_restructuring *how)
 {
     cln_status st = CLN_OK;
     const int leaves = t->pipeline.leaves;
     cln_plans next;
 
     CLN_TRY(cln_integer_program_solve(desc, r));
-    while (
-        t->pipeline.ranks > 1 && r->leaves > leaves &&
-        !cln_plans_fit(t, r->leaves, cln_restructure_own(t, r->split, r->merge, children), &next)) {
+    *how = (cln_restructuring){r->split, r->merge, children, r->leaves};
+    while (t->pipeline.ranks > 1 && r->leaves > leaves &&
+           !cln_plans_fit(t, r->leaves, cln_restructure_own(t, how), &next)) {
         cln_clear_error();
         desc->max_leaves = leaves + (r->leaves - leaves) / 2;
         cln_integer_program_result_free(r);
         CLN_TRY(cln_integer_program_solve(desc, r));
+        *how = (cln_restructuring){r->split, r->merge, children, r->leaves};
     }
 done:
     return st;
@@ -123,6 +125,7 @@ static cln_status decide(cln_trainer *t, double fraction)
     cln_leaf_measure *measures = NULL;
     uint8_t *children = NULL;
     cln_integer_program_result r = {0};
+    cln_restructuring how;
     cln_decision d = {.leaves_before = t->pipeline.leaves,
                       .psnr_before = NAN,
                       .psnr_after = NAN,
@@ -136,7 +139,7 @@ static cln_status decide(cln_trainer *t, double fraction)
 
     CLN_TRY(cln_measure_leaves(t, fraction, &measures, &children));
     desc.measures = measures;
-    CLN_TRY(solve(t, children, &desc, &r));
+    CLN_TRY(solve(t, children, &desc, &r, &how));
     if (t->desc->dump_program)
         CLN_TRY(cln_integer_program_write_lp(&desc, t->desc->dump_program));
     d.leaves = r.leaves;
@@ -148,7 +151,7 @@ static cln_status decide(cln_trainer *t, double fraction)
     d.objective = r.objective;
     d.objective_before = r.cost_before;
     if (r.splits + r.merges > 0) {
-        CLN_TRY(cln_restructure(t, r.split, r.merge, children, r.leaves, &d));
+        CLN_TRY(cln_restructure(t, &how, &d));
         m->last_square = 0;
         if (r.leaves - r.keeps > r.leaves / 8) /* as after a growth, densities change fast */
             m->growth_step = m->step;

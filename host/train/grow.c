@@ -148,61 +148,34 @@ bool cln_grow_awaited(const cln_trainer *t, double fraction)
 
 /* ---- a whole level ---- */
 
-/* After a split, culls leaves that are empty by geometry, as a part of that change. */
-static cln_status carve(cln_trainer *t, cln_octree_change *splits)
-{
-    cln_status st = CLN_OK;
-    uint8_t *marks = NULL;
-    cln_octree_change change = {0};
-    int count = 0;
-
-    CLN_TRY(cln_carve_find(t->scene, &t->model.space, &t->model.config, &t->model.tree, &marks,
-                           &count));
-    if (count > 0) {
-        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
-        CLN_TRY(cln_model_follow(&t->model, &change));
-        CLN_TRY(cln_octree_change_join(splits, &change));
-        cln_debug("step %lld: %d leaves are seen by too few views, or outside the box",
-                  (long long)t->model.step, count);
-    }
-done:
-    free(marks);
-    cln_octree_change_free(&change);
-    return st;
-}
-
 cln_status cln_grow_level(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    cln_pipeline *p = &t->pipeline;
+    cln_octree *tree = &t->model.tree;
     cln_octree_change change = {0}, splits = {0};
     uint8_t *marks = NULL;
-    int leaves = 0, own = 0;
+    int leaves = 0, own = 0, carved = 0;
     cln_plans next;
 
     CLN_TRY(leaves_left(t, &marks, &leaves));
-    own = 8 * most_left(p, marks);
+    own = 8 * most_left(&t->pipeline, marks);
     cln_plans_make(t, 8 * leaves, own, &next);
     CLN_TRY(cln_step_catch_up(t));
-    if (leaves < p->leaves) { /* marked leaves that waited for a change (cull) */
-        CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
-        CLN_TRY(cln_model_follow(&t->model, &change));
-    }
-    CLN_TRY(cln_octree_split(&t->model.tree, NULL, &splits));
-    CLN_TRY(cln_model_follow(&t->model, &splits));
-    CLN_TRY(carve(t, &splits));
-    if (change.count > 0)
-        CLN_TRY(cln_octree_change_join(&change, &splits));
+    CLN_TRY(cln_octree_cull(tree, marks, &change)); /* they waited for a change (cull.c) */
+    CLN_TRY(cln_octree_split(tree, NULL, &splits));
+    CLN_TRY(cln_octree_change_join(&change, &splits));
+    CLN_TRY(cln_carve_after(t->scene, &t->model.space, &t->model.config, false, tree, &change,
+                            &carved));
+    CLN_TRY(cln_model_follow(&t->model, &change));
+    if (carved > 0)
+        cln_debug("step %lld: %d leaves are seen by too few views, or outside the box",
+                  (long long)t->model.step, carved);
     t->model.level++;
     t->model.growth_step = t->model.step;
     t->model.last_square = 0;
-    cln_plans_adopt(t, &next);
-    CLN_TRY(cln_change_carry(t, change.count > 0 ? &change : &splits));
-    cln_plans_check_own(p, own);
-    CLN_TRY(cln_plans_deal(t));
-    CLN_TRY(cln_measure_restart(t));
+    CLN_TRY(cln_change_adopt(t, &change, &next, own));
     cln_debug("step %lld: level %d, %d leaves", (long long)t->model.step, t->model.level,
-              p->leaves);
+              t->pipeline.leaves);
 done:
     free(marks);
     cln_octree_change_free(&change);
@@ -232,64 +205,44 @@ static int most_from(const cln_pipeline *p, const cln_octree_change *change)
  * free. */
 enum { FREE_PART = 64 };
 
-/* Leaves that came back to `tree` but are empty by geometry go again. fresh: how many are left. */
-static cln_status carve_fresh(const cln_trainer *t, cln_octree *tree, cln_octree_change *change,
-                              int *fresh)
+static int count_fresh(const cln_octree_change *change)
 {
-    cln_status st = CLN_OK;
-    uint8_t *marks = NULL;
-    cln_octree_change culled = {0};
-    int count = 0;
+    int fresh = 0;
 
-    *fresh = 0;
-    CLN_TRY(cln_carve_find(t->scene, &t->model.space, &t->model.config, tree, &marks, &count));
-    count = 0;
-    for (int s = 0; s < change->count; s++) {
-        const bool is_fresh = change->octant[s] == CLN_FRESH;
-
-        if (marks)
-            marks[s] = marks[s] && is_fresh;
-        count += marks && marks[s];
-        *fresh += is_fresh;
-    }
-    *fresh -= count;
-    if (count > 0) {
-        CLN_TRY(cln_octree_cull(tree, marks, &culled));
-        CLN_TRY(cln_octree_change_join(change, &culled));
-    }
-done:
-    free(marks);
-    cln_octree_change_free(&culled);
-    return st;
+    for (int s = 0; s < change->count; s++)
+        fresh += change->octant[s] == CLN_FRESH;
+    return fresh;
 }
 
-cln_status cln_grow_back(cln_trainer *t, int splits, bool *regrown)
+cln_status cln_grow_back(cln_trainer *t, int splits, bool *came_back)
 {
     cln_status st = CLN_OK;
     const int leaves = t->pipeline.leaves;
     const double began = cln_now();
     const int most = cln_config_most_leaves(&t->model.config);
     uint8_t *empty = NULL;
-    int fresh = 0, own = 0;
+    int fresh = 0, own = 0, carved = 0;
     cln_missing missing = {0};
     cln_leaf_stats stats = {0};
     cln_octree tree = {0}, old = {0};
     cln_octree_change change = {0};
     cln_plans next;
 
-    *regrown = false;
+    *came_back = false;
     if (t->model.config.regrow <= 0 || most - leaves < most / FREE_PART)
         return CLN_OK;
     CLN_TRY(cln_step_catch_up(t));
     CLN_TRY(cln_alloc(&empty, (size_t)leaves, 1, "leaf marks"));
-    CLN_TRY(cln_measure_stats(t, &stats.mean, &stats.peak));
+    CLN_TRY(cln_measure_stats(t, &stats));
     cln_structure_empty(&t->model.tree, &stats, &t->model.config, empty);
     CLN_TRY(cln_regrow_find(t, empty, &missing));
     if (missing.errors + missing.cut == 0)
         goto done;
     CLN_TRY(cln_octree_copy(&t->model.tree, &tree));
     CLN_TRY(cln_octree_regrow(&tree, &missing.marks, t->model.level, empty, &change));
-    CLN_TRY(carve_fresh(t, &tree, &change, &fresh));
+    CLN_TRY(cln_carve_after(t->scene, &t->model.space, &t->model.config, true, &tree, &change,
+                            &carved));
+    fresh = count_fresh(&change);
     if (fresh == 0)
         goto done;
     own = most_from(&t->pipeline, &change);
@@ -304,16 +257,12 @@ cln_status cln_grow_back(cln_trainer *t, int splits, bool *regrown)
     t->model.tree = tree;
     tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
-    cln_plans_adopt(t, &next);
-    CLN_TRY(cln_change_carry(t, &change));
-    cln_plans_check_own(&t->pipeline, own);
-    CLN_TRY(cln_plans_deal(t));
-    CLN_TRY(cln_measure_restart(t));
+    CLN_TRY(cln_change_adopt(t, &change, &next, own));
     if (missing.errors > 0) { /* densities change fast */
         t->model.growth_step = t->model.step;
         t->model.last_square = 0;
     }
-    *regrown = true;
+    *came_back = true;
     cln_debug("step %lld: something is missing: %d leaves come back, now %d leaves (%d places by "
               "errors, %d by surfaces that are cut off); %.2f s",
               (long long)t->model.step, fresh, t->pipeline.leaves, missing.errors, missing.cut,
@@ -321,8 +270,7 @@ cln_status cln_grow_back(cln_trainer *t, int splits, bool *regrown)
 done:
     cln_marks_free(&missing.marks);
     free(empty);
-    free(stats.mean);
-    free(stats.peak);
+    cln_leaf_stats_free(&stats);
     cln_octree_free(&tree);
     cln_octree_change_free(&change);
     return st;

@@ -16,7 +16,7 @@ cln_status cln_measure_restart(cln_trainer *t)
     return cln_stage_measure_reset(&t->pipeline);
 }
 
-cln_status cln_measure_stats(cln_trainer *t, float **mean, float **peak)
+cln_status cln_measure_stats(cln_trainer *t, cln_leaf_stats *out)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
@@ -24,8 +24,8 @@ cln_status cln_measure_stats(cln_trainer *t, float **mean, float **peak)
     float(*pairs)[2] = NULL, (*sums)[CLN_MEASURES][2] = NULL;
 
     CLN_TRY(cln_alloc(&pairs, leaves, sizeof *pairs, "leaf statistics"));
-    CLN_TRY(cln_alloc(mean, leaves, sizeof **mean, "leaf statistics"));
-    CLN_TRY(cln_alloc(peak, leaves, sizeof **peak, "leaf statistics"));
+    CLN_TRY(cln_alloc(&out->mean, leaves, sizeof *out->mean, "leaf statistics"));
+    CLN_TRY(cln_alloc(&out->peak, leaves, sizeof *out->peak, "leaf statistics"));
     CLN_TRY(cln_stage_stats(p, pairs[0]));
     if (t->model.config.density_weight == CLN_WEIGHT_VISIBILITY) {
         CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "leaf statistics"));
@@ -33,10 +33,10 @@ cln_status cln_measure_stats(cln_trainer *t, float **mean, float **peak)
         CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, sums_count * sizeof(float)));
     }
     for (size_t i = 0; i < leaves; i++) {
-        (*mean)[i] = pairs[i][0];
-        (*peak)[i] = pairs[i][1];
+        out->mean[i] = pairs[i][0];
+        out->peak[i] = pairs[i][1];
         if (sums && sums[i][2][0] > 0) /* sum T sigma delta / sum T delta along the training rays */
-            (*mean)[i] = sums[i][1][0] / sums[i][2][0];
+            out->mean[i] = sums[i][1][0] / sums[i][2][0];
     }
 done:
     free(pairs);
@@ -83,14 +83,15 @@ cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure 
     cln_model *m = &t->model;
     cln_pipeline *p = &t->pipeline;
     const size_t leaves = (size_t)p->leaves;
-    float *mean = NULL, *peak = NULL, (*sums)[CLN_MEASURES][2] = NULL;
+    float(*sums)[CLN_MEASURES][2] = NULL;
+    cln_leaf_stats stats = {0};
     int32_t *met = NULL;
     uint8_t *stays = NULL, *asked = NULL;
 
     CLN_TRY(cln_alloc(out, leaves, sizeof **out, "measures of leaves"));
     CLN_TRY(cln_alloc(&sums, leaves, sizeof *sums, "measures of leaves"));
     CLN_TRY(cln_alloc(&met, leaves, sizeof *met, "measures of leaves"));
-    CLN_TRY(cln_measure_stats(t, &mean, &peak));
+    CLN_TRY(cln_measure_stats(t, &stats));
     CLN_TRY(cln_share_sums(p));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_sums, 0, sums, leaves * sizeof *sums));
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
@@ -103,15 +104,15 @@ cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure 
     CLN_TRY(cln_children_find(t, asked, children));
     for (size_t i = 0; i < leaves; i++) {
         m->error[i] = sums[i][0][0] / (float)m->sum_rays;
-        (*out)[i] = (cln_leaf_measure){.error = fmax(m->error[i], 0),
-                                       .density = pow(fmax(mean[i], 0), m->config.cost_density),
-                                       .saved = m->saved[i],
-                                       .children = cln_children_count((*children)[i]),
-                                       .may_split = !stays[i]};
+        (*out)[i] =
+            (cln_leaf_measure){.error = fmax(m->error[i], 0),
+                               .density = pow(fmax(stats.mean[i], 0), m->config.cost_density),
+                               .saved = m->saved[i],
+                               .children = cln_children_count((*children)[i]),
+                               .may_split = !stays[i]};
     }
 done:
-    free(mean);
-    free(peak);
+    cln_leaf_stats_free(&stats);
     free(sums);
     free(met);
     free(stays);

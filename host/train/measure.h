@@ -5,14 +5,15 @@
 #define CLN_MEASURE_H
 
 #include "model/integer_program.h"
+#include "model/structure.h"
 #include "train/trainer.h"
 
 /* Begins a new interval of measuring, on host and device. CLN_CL. */
 cln_status cln_measure_restart(cln_trainer *t);
 
-/* Mean density (--density-weight) and peak of every leaf, [slot], in normalised units; the caller
- * frees both. Cached densities must be fresh. CLN_MEMORY, CLN_CL. */
-cln_status cln_measure_stats(cln_trainer *t, float **mean, float **peak);
+/* Mean density (--density-weight) and peak of every leaf; the caller frees them, also on failure.
+ * Cached densities must be fresh. CLN_MEMORY, CLN_CL. */
+cln_status cln_measure_stats(cln_trainer *t, cln_leaf_stats *out);
 
 /* Measures every leaf, (*out)[slot]: error per ray, density, whether it may split, and into which
  * children, (*children)[slot] (children.h): before --cull-from, into all. Errors also go into the

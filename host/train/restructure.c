@@ -10,7 +10,6 @@
 #include "train/children.h"
 #include "train/distil.h"
 #include "train/measure.h"
-#include "train/plans.h"
 #include "train/probe.h"
 #include "train/refresh.h"
 
@@ -26,31 +25,30 @@ static void save_costs(const cln_model *model, const float *mean, const uint8_t 
                 model->error[s] * pow(fmax(mean[s], 0), model->config.cost_density);
 }
 
-/* Changes the model's tree by merges, then splits; *change: both as one. split, merge: marks [old
- * slot]; children [old slot]: bit i is set if a split leaf gets child i. *fresh: marks of new
+/* Changes the model's tree by merges, then splits; *change: both as one. *fresh: marks of new
  * leaves [slot], merged ones included. */
-static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                               const uint8_t *children, cln_octree_change *change, uint8_t **fresh)
+static cln_status change_model(cln_trainer *t, const cln_restructuring *how,
+                               cln_octree_change *change, uint8_t **fresh)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
     cln_octree *tree = &m->tree;
     const size_t nodes = (size_t)tree->node_count, old = (size_t)tree->leaf_count;
     cln_octree_change splits = {0};
-    float *mean = NULL, *peak = NULL;
+    cln_leaf_stats stats = {0};
     uint8_t *marks = NULL, *by_node = NULL, *children_by_node = NULL;
     double *cost = NULL;
 
     CLN_TRY(cln_alloc(&by_node, nodes, 1, "leaf marks"));
     CLN_TRY(cln_alloc(&children_by_node, nodes, 1, "leaf marks"));
     CLN_TRY(cln_alloc(&cost, nodes, sizeof *cost, "costs of leaves"));
-    CLN_TRY(cln_measure_stats(t, &mean, &peak));
+    CLN_TRY(cln_measure_stats(t, &stats));
     for (size_t s = 0; s < old; s++) {
-        by_node[tree->leaf[s]] = split[s];
-        children_by_node[tree->leaf[s]] = children[s];
+        by_node[tree->leaf[s]] = how->split[s];
+        children_by_node[tree->leaf[s]] = how->children[s];
     }
-    save_costs(m, mean, merge, cost);
-    CLN_TRY(cln_octree_merge(tree, merge, mean, change));
+    save_costs(m, stats.mean, how->merge, cost);
+    CLN_TRY(cln_octree_merge(tree, how->merge, stats.mean, change));
     CLN_TRY(cln_model_follow(m, change));
     CLN_TRY(cln_alloc(&marks, (size_t)tree->leaf_count, 1, "leaf marks"));
     for (int s = 0; s < tree->leaf_count; s++) {
@@ -59,15 +57,14 @@ static cln_status change_model(cln_trainer *t, const uint8_t *split, const uint8
             m->saved[s] = (float)cost[tree->leaf[s]];
     }
     CLN_TRY(cln_octree_split(tree, marks, &splits));
+    CLN_TRY(cln_children_drop(tree, children_by_node, &splits));
     CLN_TRY(cln_model_follow(m, &splits));
-    CLN_TRY(cln_children_drop(m, children_by_node, &splits));
     CLN_TRY(cln_octree_change_join(change, &splits));
     CLN_TRY(cln_alloc(fresh, (size_t)tree->leaf_count, 1, "leaf marks"));
     for (int s = 0; s < tree->leaf_count; s++)
         (*fresh)[s] = change->octant[s] != CLN_COPIED;
 done:
-    free(mean);
-    free(peak);
+    cln_leaf_stats_free(&stats);
     free(marks);
     free(by_node);
     free(children_by_node);
@@ -76,8 +73,7 @@ done:
     return st;
 }
 
-int cln_restructure_own(const cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                        const uint8_t *children)
+int cln_restructure_own(const cln_trainer *t, const cln_restructuring *how)
 {
     const cln_pipeline *p = &t->pipeline;
     const cln_octree *tree = &t->model.tree;
@@ -89,37 +85,32 @@ int cln_restructure_own(const cln_trainer *t, const uint8_t *split, const uint8_
         for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++) {
             const int parent = tree->parent[tree->leaf[s]];
 
-            if (!merge[s])
-                after += split[s] ? cln_children_count(children[s]) : 1;
+            if (!how->merge[s])
+                after += how->split[s] ? cln_children_count(how->children[s]) : 1;
             else if (parent != group)
                 after++;
-            group = merge[s] ? parent : group;
+            group = how->merge[s] ? parent : group;
         }
         most = after > most ? after : most;
     }
     return most;
 }
 
-cln_status cln_restructure(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                           const uint8_t *children, int leaves_after, cln_decision *d)
+cln_status cln_restructure(cln_trainer *t, const cln_restructuring *how, cln_decision *d)
 {
     cln_status st = CLN_OK;
     cln_distil distil = {0};
     cln_octree_change change = {0};
-    const int own = cln_restructure_own(t, split, merge, children);
+    const int own = cln_restructure_own(t, how);
     cln_plans next;
     uint8_t *fresh = NULL;
 
     CLN_TRY(cln_probe_psnr(t, &d->psnr_before));
-    CLN_TRY(cln_distil_prepare(t, merge, &distil));
-    cln_plans_make(t, leaves_after, own, &next);
-    CLN_TRY(change_model(t, split, merge, children, &change, &fresh));
-    CLN_ASSERT(t->model.tree.leaf_count == leaves_after);
-    cln_plans_adopt(t, &next);
-    CLN_TRY(cln_change_carry(t, &change));
-    cln_plans_check_own(&t->pipeline, own);
-    CLN_TRY(cln_plans_deal(t));
-    CLN_TRY(cln_measure_restart(t));
+    CLN_TRY(cln_distil_prepare(t, how->merge, &distil));
+    cln_plans_make(t, how->leaves, own, &next);
+    CLN_TRY(change_model(t, how, &change, &fresh));
+    CLN_ASSERT(t->model.tree.leaf_count == how->leaves);
+    CLN_TRY(cln_change_adopt(t, &change, &next, own));
     CLN_TRY(cln_refresh_marked(t, fresh));
     CLN_TRY(cln_probe_psnr(t, &d->psnr_after));
     d->psnr_pretrained = d->psnr_after;

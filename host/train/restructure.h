@@ -6,16 +6,20 @@
 
 #include "train/record.h"
 
-/* Carries out a solution of the integer program: merges (with distillation), splits, refresh of new
- * leaves. split, merge: marks [slot]; children [slot]: of a split leaf, bit i is set if it gets
- * child i; leaves_after: the resulting number of leaves. Fills in the decision's PSNRs and
- * distil_steps. CLN_BUILD, CLN_MEMORY, CLN_CL, CLN_DIVERGED. */
-cln_status cln_restructure(cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                           const uint8_t *children, int leaves_after, cln_decision *decision);
+/* What becomes of the leaves. Arrays: [slot] of the tree before it. */
+typedef struct cln_restructuring {
+    const uint8_t *split, *merge; /* marks; merge: on every ACTIVE leaf of a group */
+    const uint8_t *children;      /* bit i is set if a split leaf gets child i */
+    int leaves;                   /* that there are afterwards */
+} cln_restructuring;
 
-/* Leaves that the rank with most will have after such a change, or a few more (groups that merge
- * across ranks count for each); 0 without ranks. */
-int cln_restructure_own(const cln_trainer *t, const uint8_t *split, const uint8_t *merge,
-                        const uint8_t *children);
+/* Merges (with distillation), splits, refreshes new leaves, begins a new interval of measuring.
+ * Fills in the decision's PSNRs and distil_steps. Cached densities must be fresh. CLN_BUILD,
+ * CLN_MEMORY, CLN_CL, CLN_DIVERGED. */
+cln_status cln_restructure(cln_trainer *t, const cln_restructuring *how, cln_decision *decision);
+
+/* Leaves that the rank with most will have after it, or a few more (groups that merge across ranks
+ * count for each); 0 without ranks. */
+int cln_restructure_own(const cln_trainer *t, const cln_restructuring *how);
 
 #endif
