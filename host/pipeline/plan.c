@@ -467,19 +467,6 @@ static const double picture_bytes = 64;
  * file. */
 static const double written_bytes = 40;
 
-static double look_rays(const cln_scene *scene)
-{
-    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    double pixels = 0;
-
-    for (int i = 0; i < views; i++) {
-        const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
-
-        pixels += (double)c->width * c->height;
-    }
-    return fmin(pixels, CLN_LOOK_RAYS);
-}
-
 /* Adds the host's rows, without the memory of a device that is a CPU. */
 static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
@@ -501,7 +488,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         if (s->distil) /* up to every eighth leaf comes from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
         if (c->regrow > 0) /* an error and a depth of each ray, a mark of it in a list that grows */
-            add(out, (8 + 3.0 * 8) * look_rays(d->scene));
+            add(out, (8 + 3.0 * 8) * fmin(cln_scene_training_pixels(d->scene), CLN_LOOK_RAYS));
         row(out, "coverage of the images", "the number of views");
         add(out, d->coverage_bytes);
     }

@@ -20,7 +20,6 @@ static bool sees(const cln_camera *camera, const double point[3])
 static bool is_seen(const cln_scene *scene, const cln_space *space, const float box[4], int least)
 {
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    const int first = cln_scene_split_view(scene, CLN_SPLIT_TRAIN, 0);
 
     for (int i = 0; i < PLACES * PLACES * PLACES; i++) {
         const int at[3] = {i % PLACES, i / PLACES % PLACES, i / PLACES / PLACES};
@@ -31,7 +30,7 @@ static bool is_seen(const cln_scene *scene, const cln_space *space, const float 
             point[a] = (double)box[a] + (double)box[3] * at[a] / (PLACES - 1);
         cln_space_point_to_scene(space, point, point);
         for (int v = 0; v < views && seen < least; v++)
-            seen += sees(&scene->views[first + v].camera, point);
+            seen += sees(&cln_scene_training_view(scene, v)->camera, point);
         if (seen >= least)
             return true;
     }
