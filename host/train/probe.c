@@ -1,13 +1,21 @@
 /* The PSNR of a fixed batch. See probe.h. */
 #include "train/probe.h"
 
-#include <math.h>
-
 #include "device/queue.h"
+#include "render/metrics_image.h"
 #include "render/ray_batch.h"
 #include "train/step.h"
 
 enum { PROBE_RAYS = 2048 };
+
+cln_sampling cln_probe_sampling(const cln_trainer *t)
+{
+    cln_sampling sampling = cln_render_sampling(&t->pipeline);
+
+    sampling.pictures = false; /* training's densities, as the next step reads them */
+    sampling.max_samples = t->plan.max_samples;
+    return sampling;
+}
 
 cln_status cln_probe_psnr(cln_trainer *t, double *psnr)
 {
@@ -19,14 +27,12 @@ cln_status cln_probe_psnr(cln_trainer *t, double *psnr)
     cln_ray_batch batch = {.pixels = t->batch.pixels,
                            .n = rays,
                            .backgrounds = (const float(*)[4])t->batch.backgrounds,
-                           .sampling = cln_render_sampling(p)};
+                           .sampling = cln_probe_sampling(t)};
     /* of all pixels, so that they are the same before and after a change */
     const cln_draw draw = {.step = UINT32_MAX, .n = rays, .ray_background = p->ray_background};
     int used = 0;
     double square = 0;
 
-    batch.sampling.pictures = false; /* training's densities, as the next step reads them */
-    batch.sampling.max_samples = t->plan.max_samples;
     CLN_TRY(cln_step_catch_up(t));
     cln_queue_book(t->device, CLN_STAGE_PROBE);
     t->drawn = false;
@@ -39,7 +45,7 @@ cln_status cln_probe_psnr(cln_trainer *t, double *psnr)
             square += ((double)got[k] - t->batch.targets[i][k]) *
                       ((double)got[k] - t->batch.targets[i][k]);
     }
-    *psnr = -10 * log10(fmax(square / (3.0 * used), 1e-10));
+    *psnr = cln_psnr(square / (3.0 * used));
 done:
     cln_queue_book(t->device, CLN_STAGES);
     return st;

@@ -10,4 +10,8 @@
  * CLN_DIVERGED. */
 cln_status cln_probe_psnr(cln_trainer *t, double *psnr);
 
+/* The sampling with which a training looks at what it has learnt (the probe, regrow.c, refine.c):
+ * that of pictures, but with training's densities and room for samples. */
+cln_sampling cln_probe_sampling(const cln_trainer *t);
+
 #endif

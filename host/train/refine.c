@@ -13,6 +13,7 @@
 #include "render/ray_batch.h"
 #include "scene/dealt.h"
 #include "scene/motion.h"
+#include "train/probe.h"
 #include "train/step.h"
 
 enum {
@@ -137,15 +138,13 @@ static cln_status render(cln_trainer *t, const cln_pixel *pixels, int n, cln_ray
     cln_pipeline *p = &t->pipeline;
     const int most = t->plan.max_rays < CLN_RENDER_RAYS ? t->plan.max_rays : CLN_RENDER_RAYS;
     float(*backgrounds)[4] = NULL;
-    cln_ray_batch batch = {.sampling = cln_render_sampling(p)};
+    cln_ray_batch batch = {.sampling = cln_probe_sampling(t)};
     int used = 0;
 
     CLN_TRY(cln_alloc(&backgrounds, (size_t)most, sizeof *backgrounds, "poses"));
     for (int i = 0; i < most; i++)
         memcpy(backgrounds[i], t->scene->background, sizeof t->scene->background);
     batch.backgrounds = (const float(*)[4])backgrounds;
-    batch.sampling.pictures = false;
-    batch.sampling.max_samples = t->plan.max_samples;
     for (int done = 0; done < n; done += used) {
         batch.pixels = pixels + done;
         batch.n = n - done < most ? n - done : most;

@@ -9,6 +9,7 @@
 #include "device/queue.h"
 #include "model/shell_tree.h"
 #include "render/ray_batch.h"
+#include "train/probe.h"
 #include "train/step.h"
 
 enum {
@@ -174,7 +175,7 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
     const cln_camera *c = &t->scene->views[view].camera;
     cln_ray_batch batch = {.pixels = t->batch.pixels,
                            .backgrounds = (const float(*)[4])t->batch.backgrounds,
-                           .sampling = cln_render_sampling(&t->pipeline)};
+                           .sampling = cln_probe_sampling(t)};
     int rays = 0, used = 0;
 
     *l = (look){.view = &t->scene->views[view],
@@ -183,8 +184,6 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
     rays = l->across * l->down;
     CLN_TRY(cln_alloc(&l->error, (size_t)rays, sizeof *l->error, "errors of photos"));
     CLN_TRY(cln_alloc(&l->depth, (size_t)rays, sizeof *l->depth, "errors of photos"));
-    batch.sampling.pictures = false; /* training's densities */
-    batch.sampling.max_samples = t->plan.max_samples;
     for (int first = 0; first < rays; first += used) {
         const int most =
             t->batch.capacity < t->plan.max_rays ? t->batch.capacity : t->plan.max_rays;
