@@ -17,7 +17,7 @@ enum { MARK_LEAF, MARK_VERTEX, MARK_ALL };
 enum { AROUND = 27, SELF = 13 };
 static const cl_uint NO_SLICE = 0xFFFFFFFFu;
 
-static bool is_linked(const cln_pipeline *p)
+bool cln_halo_is_linked(const cln_pipeline *p)
 {
     return p->ranks > 1 && cln_leaf_kind_of(p->net.encoding)->joined;
 }
@@ -118,7 +118,7 @@ static void list_leaf(const cln_pipeline *p, const int8_t *octant, int slot, boo
 
 /* Counts the links of a leaf for both ranks, and the leaf for each other one with an owner. */
 static void count_leaf(const int32_t around[27], int cells, const int *first, int ranks, int slot,
-                       int *links, int *far)
+                       int64_t *links, int *far)
 {
     const int mine = rank_in(first, ranks, slot);
     int told[AROUND], n_told = 0;
@@ -145,14 +145,14 @@ static void count_leaf(const int32_t around[27], int cells, const int *first, in
 
 /* A change of the tree may turn links round. */
 cln_status cln_halo_count(const cln_pipeline *p, const cln_octree *tree, const int *first,
-                          int *links, int *far)
+                          int64_t *links, int *far)
 {
     cln_status st = CLN_OK;
     int32_t(*around)[27] = NULL;
 
     memset(links, 0, CLN_RANKS_MOST * sizeof *links);
     memset(far, 0, CLN_RANKS_MOST * sizeof *far);
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     CLN_TRY(cln_octree_around(tree, &around));
     for (int s = 0; s < tree->leaf_count; s++)
@@ -234,7 +234,7 @@ cln_status cln_halo_room(cln_pipeline *p, size_t *slices)
     cln_status st = CLN_OK;
 
     *slices = 0;
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     if (!p->common.there)
         CLN_TRY(find_links(p, NULL));
@@ -356,7 +356,7 @@ cln_status cln_halo_gradients(cln_pipeline *p, uint32_t slices)
     size_t got = 0;
     cl_uint n = 0;
 
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     n = (cl_uint)h->up_first[p->ranks];
     CLN_TRY(mark(p, &p->halo_up, (int)n, MARK_LEAF, &rows));
@@ -404,14 +404,14 @@ done:
 
 cln_status cln_halo_values(cln_pipeline *p)
 {
-    return is_linked(p) ? bring_values(p, MARK_VERTEX) : CLN_OK;
+    return cln_halo_is_linked(p) ? bring_values(p, MARK_VERTEX) : CLN_OK;
 }
 
 cln_status cln_halo_join(cln_pipeline *p, const int8_t *octant)
 {
     cln_status st = CLN_OK;
 
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     CLN_TRY(find_links(p, octant));
     p->common.there = false; /* those of steps are others */
@@ -428,7 +428,7 @@ cln_status cln_halo_decoder(cln_pipeline *p)
     int each[CLN_RANKS_MOST + 1];
     float *sums = NULL, *mine = NULL;
 
-    if (!is_linked(p) || size == 0)
+    if (!cln_halo_is_linked(p) || size == 0)
         return CLN_OK;
     CLN_TRY(cln_share_room(p, (groups + ranks) * bytes));
     sums = (float *)(void *)p->message;
