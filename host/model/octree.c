@@ -486,7 +486,7 @@ int cln_octree_find(const cln_octree *tree, const double point[3])
     return tree->state[node] == CLN_NODE_ACTIVE ? tree->slot[node] : -1;
 }
 
-cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27])
+cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[CLN_AROUND])
 {
     cln_status st = CLN_OK;
 
@@ -495,7 +495,7 @@ cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27])
         const int node = tree->leaf[slot], level = tree->level[node];
         const double side = ldexp(2, -level);
 
-        for (int i = 0; i < 27; i++) {
+        for (int i = 0; i < CLN_AROUND; i++) {
             const int step[3] = {i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
             double at[3];
             int found = -1;

@@ -68,13 +68,13 @@ typedef struct cln_pipeline_facts {
 /* Common vertices of this rank and others (halo.h); empty without other ranks, or of networks.
  * Links as kernels/halo.cl has them, those of each other rank adjacent, in the same order there. */
 typedef struct cln_common {
-    bool there;                 /* up to date with tree and rank_first */
-    int32_t (*around)[27];      /* [leaf] neighbours of all leaves */
-    cl_uint4 *up, *down;        /* [link] owner there; owner here */
-    int *up_first, *down_first; /* [ranks + 1] */
-    int far_leaves;             /* of other ranks, in `down` */
-    cl_uint *far, *met;         /* [leaf]; [far leaf][met_of(p)]: what came in a step */
-    double bytes;               /* that this rank sent so far: in steps, at changes of the tree */
+    bool there;                    /* up to date with tree and rank_first */
+    int32_t (*around)[CLN_AROUND]; /* [leaf] neighbours of all leaves */
+    cl_uint4 *up, *down;           /* [link] owner there; owner here */
+    int *up_first, *down_first;    /* [ranks + 1] */
+    int far_leaves;                /* of other ranks, in `down` */
+    cl_uint *far, *met;            /* [leaf]; [far leaf][met_of(p)]: what came in a step */
+    double bytes; /* that this rank sent so far: in steps, at changes of the tree */
 } cln_common;
 
 struct cln_pipeline {
