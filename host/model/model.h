@@ -112,7 +112,7 @@ cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *by
  * for the two that are kept and the one being written, less what RUN already has. */
 cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes);
 
-/* The step of RUN's newest checkpoint, whole or not; -1 if there is none. */
+/* The step of RUN's newest checkpoint, whole or not; -1 if there is none, or none can be listed. */
 int64_t cln_checkpoint_newest(const char *run);
 
 /* Reads the newest whole checkpoint, with a warning for each damaged one after it. training: also
