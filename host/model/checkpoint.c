@@ -8,7 +8,6 @@
  * size read is compared with the settings and the tree before it is used. Does not touch the rest
  * of the run folder. */
 #include "model/checkpoint.h"
-#include "scene/motion.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -277,8 +276,8 @@ cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *
     if (model->adam_m)
         count = TRAINING_TENSORS;
     if (model->adam_m && model->exposure)
-        tensors[count++] =
-            (cln_tensor){"exposure", CLN_DTYPE_F32, 2, {model->exposure_views, 9}, model->exposure};
+        tensors[count++] = (cln_tensor){
+            "exposure", CLN_DTYPE_F32, 2, {model->exposure_views, CLN_EXPOSURE}, model->exposure};
     if (model->motions)
         tensors[count++] = (cln_tensor){
             "poses", CLN_DTYPE_F32, 2, {model->motion_views, CLN_MOTION}, model->motions};
@@ -399,7 +398,8 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
         CLN_TRY(take_tensor(file, path, "leaf_met", CLN_DTYPE_I32, 1, shape, &out->met));
         CLN_TRY(take_tensor(file, path, "leaf_saved", CLN_DTYPE_F32, 1, shape, &out->saved));
         if (out->config.exposure && !out->has_alpha)
-            CLN_TRY(take_views(file, path, "exposure", 9, &out->exposure, &out->exposure_views));
+            CLN_TRY(take_views(file, path, "exposure", CLN_EXPOSURE, &out->exposure,
+                               &out->exposure_views));
     }
     if (out->config.refine_poses)
         CLN_TRY(read_motions(file, path, out));

@@ -8,7 +8,10 @@
 #include "base/files.h"
 #include "model/network.h"
 #include "model/octree.h"
+#include "scene/motion.h"
 #include "scene/space.h"
+
+enum { CLN_EXPOSURE = 9 }; /* numbers of a photo's exposure, below */
 
 typedef struct cln_model {
     cln_config config;
@@ -43,11 +46,11 @@ typedef struct cln_model {
     /* Exposure of training photos (train/exposure.h): gains r, g, b, then per channel the sums of
      * rendered times photographed colour and of rendered colour squared; NULL without
      * --exposure. */
-    float (*exposure)[9]; /* [exposure_views] */
+    float (*exposure)[CLN_EXPOSURE]; /* [exposure_views] */
     int exposure_views;
     /* Corrections of the training cameras' poses (scene/motion.h), in the split's order; NULL
      * without --refine-poses. A model that only renders has them, too. */
-    float (*motions)[6]; /* [motion_views] */
+    float (*motions)[CLN_MOTION]; /* [motion_views] */
     int motion_views;
 } cln_model;
 

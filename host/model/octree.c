@@ -557,7 +557,8 @@ static const char *row_defect(const int32_t *rows, int node_count, int i)
         return "its state is not 0, 1 or 2";
     if (row[ROW_STRIKES] < 0 || row[ROW_STRIKES] > UINT8_MAX)
         return "its strikes are out of range";
-    if (i == 0 && (p != -1 || row[ROW_LEVEL] != 0 || row[5] != 0 || row[6] != 0 || row[7] != 0))
+    if (i == 0 && (p != -1 || row[ROW_LEVEL] != 0 || row[ROW_POS] != 0 || row[ROW_POS + 1] != 0 ||
+                   row[ROW_POS + 2] != 0))
         return "it is not a root";
     if (i > 0) {
         if (p < 0 || p >= i - octant)

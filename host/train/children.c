@@ -54,11 +54,7 @@ done:
 
 int cln_children_count(uint8_t children)
 {
-    int count = 0;
-
-    for (; children != 0; children &= (uint8_t)(children - 1))
-        count++;
-    return count;
+    return __builtin_popcount(children);
 }
 
 cln_status cln_children_drop(cln_octree *tree, const uint8_t *children, cln_octree_change *splits)
