@@ -63,9 +63,12 @@ size_t cln_moment_bytes(const cln_config *config);
 /* The same for the first moment: 0 if nothing keeps one (voxels with --beta1 0). */
 size_t cln_first_moment_bytes(const cln_config *config);
 
-/* Create a model on a full tree of config.start_level, or on a copy of `tree`: initial weights,
- * zero training state. shell: on the tree of a shell space, where start_level is one less than the
- * level of the core's leaves. */
+/* The tree that a training begins with, before leaves that are empty by geometry are culled: full,
+ * of config.start_level; shell: that of a shell space, where start_level is one less than the level
+ * of the core's leaves, and at least 2. *level: the growth reached. CLN_MEMORY, CLN_USAGE. */
+cln_status cln_model_first_tree(const cln_config *config, bool shell, cln_octree *out, int *level);
+
+/* Create a model on that tree, or on a copy of `tree`: initial weights, zero training state. */
 cln_status cln_model_create(const cln_config *config, cln_model *out);
 cln_status cln_model_create_shell(const cln_config *config, cln_model *out);
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out);
