@@ -135,11 +135,17 @@ bits paper-noise object "${paper[@]}" --steps 80 --rrelu-scope neuron --density-
     --moments bfloat16
 both nerf 1 object --preset nerf --width 64 --rays 256 --batch-samples 16384 --steps 60
 both voxel 2 object --preset voxel --rays 512 --steps 100
+bits voxel-adaptive object --preset voxel --adaptive --rays 512 --leaf-samples 0 --steps 240 \
+    --level-at 2:0.1 --start-level 1 --cell-pixels 0.2 --cull-after 20 --refresh-every 16 \
+    --structure-from 0.3 --structure-every 0.2 --structure-until 0.9 --split-samples 0 \
+    --max-leaves 150
 bits kilonerf object --preset kilonerf --rays 512 --steps 100
 bits regularised object --sparsity 0.01 --cauchy 0.001 --opacity-entropy 0.01 \
     --distortion-loss 0.01 \
     --edge 0.01 --view-l2 1e-5
 bits merges object --merge-factor 0.3 --structure-from 0.2 --level-at 3:0.05
+bits regrow object --steps 240 --level-at 3:0.515 --cull mean --cull-mean 6 --cull-from 0.05 \
+    --cull-after 120 --refresh-every 16 --no-adaptive --rays 512 --batch-samples 8192 --regrow 0.7
 bits options object --skip --depth 6 --bands-by-level --rrelu-scope element --density relu \
     --init fan-in \
     --loss huber --no-view-dependence

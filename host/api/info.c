@@ -75,9 +75,9 @@ static cln_status add_checkpoint(const char *run, json_t *about)
     json_object_set_new(about, "train_seconds", json_real(model.train_seconds));
     json_object_set_new(about, "leaves", json_integer(model.tree.leaf_count));
     json_object_set_new(about, "leaves_by_level", levels);
-    json_object_set_new(about, "params",
-                        json_integer((json_int_t)model.tree.leaf_count * model.net.learned +
-                                     model.net.decoder_params));
+    json_object_set_new(
+        about, "params",
+        json_integer((json_int_t)cln_network_learned(&model.net, model.tree.leaf_count)));
     json_object_set_new(about, "model_digest", json_string(digest));
     json_object_set_new(about, "checkpoint",
                         json_pack("{s:i, s:[f,f,f], s:f, s:s}", "params_per_leaf", model.net.params,

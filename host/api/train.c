@@ -17,7 +17,6 @@
 #include "io/disk.h"
 #include "io/progress.h"
 #include "io/run_folder.h"
-#include "model/shell_tree.h"
 #include "model/structure.h"
 #include "pipeline/share.h"
 #include "ranks/ranks.h"
@@ -146,19 +145,16 @@ done:
     return st;
 }
 
-/* Creates a model on the full tree of --start-level, at least 2 in a shell space, without leaves
- * that must be empty by geometry. */
+/* Creates a model on the first tree, without leaves that must be empty by geometry. */
 static cln_status create(const cln_config *config, const cln_scene *scene, cln_model *out)
 {
     cln_status st = CLN_OK;
     cln_octree tree = {0};
     cln_octree_change change = {0};
-    const bool shell = scene->space.shell;
-    const int level = shell && config->start_level < 2 ? 2 : config->start_level;
     uint8_t *marks = NULL;
-    int count = 0;
+    int level = 0, count = 0;
 
-    CLN_TRY(shell ? cln_shell_tree_create(level, &tree) : cln_octree_create(level, &tree));
+    CLN_TRY(cln_model_first_tree(config, scene->space.shell, &tree, &level));
     CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, &marks, &count));
     if (count > 0) {
         CLN_TRY(cln_octree_cull(&tree, marks, &change));

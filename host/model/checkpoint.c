@@ -8,7 +8,6 @@
  * size read is compared with the settings and the tree before it is used. Does not touch the rest
  * of the run folder. */
 #include "model/checkpoint.h"
-#include "scene/motion.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -277,8 +276,8 @@ cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *
     if (model->adam_m)
         count = TRAINING_TENSORS;
     if (model->adam_m && model->exposure)
-        tensors[count++] =
-            (cln_tensor){"exposure", CLN_DTYPE_F32, 2, {model->exposure_views, 9}, model->exposure};
+        tensors[count++] = (cln_tensor){
+            "exposure", CLN_DTYPE_F32, 2, {model->exposure_views, CLN_EXPOSURE}, model->exposure};
     if (model->motions)
         tensors[count++] = (cln_tensor){
             "poses", CLN_DTYPE_F32, 2, {model->motion_views, CLN_MOTION}, model->motions};
@@ -399,7 +398,8 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
         CLN_TRY(take_tensor(file, path, "leaf_met", CLN_DTYPE_I32, 1, shape, &out->met));
         CLN_TRY(take_tensor(file, path, "leaf_saved", CLN_DTYPE_F32, 1, shape, &out->saved));
         if (out->config.exposure && !out->has_alpha)
-            CLN_TRY(take_views(file, path, "exposure", 9, &out->exposure, &out->exposure_views));
+            CLN_TRY(take_views(file, path, "exposure", CLN_EXPOSURE, &out->exposure,
+                               &out->exposure_views));
     }
     if (out->config.refine_poses)
         CLN_TRY(read_motions(file, path, out));
@@ -435,16 +435,34 @@ static int descending(const void *a, const void *b)
     return (*x < *y) - (*x > *y);
 }
 
-/* Lists the steps of a folder's checkpoints, newest first; none if the folder is missing. */
+static cln_status cannot_list(const char *folder)
+{
+    return cln_fail(CLN_CHECKPOINT,
+                    "%s: cannot list the checkpoints in it: %s; give a run's folder that you may "
+                    "read",
+                    folder, strerror(errno));
+}
+
+/* Lists the steps of a folder's checkpoints, newest first; none if the folder is missing.
+ * CLN_CHECKPOINT if it cannot be read, CLN_MEMORY: *steps is freed. */
 static cln_status list_steps(const char *folder, int64_t **steps, int *count)
 {
     cln_status st = CLN_OK;
     DIR *dir = opendir(folder);
+    const struct dirent *e = NULL;
     int64_t step = 0, *grown = NULL;
 
     *steps = NULL;
     *count = 0;
-    for (struct dirent *e = dir ? readdir(dir) : NULL; e; e = readdir(dir)) {
+    if (!dir && errno != ENOENT)
+        CLN_TRY(cannot_list(folder));
+    while (dir) {
+        errno = 0; /* the only sign of a failed read */
+        e = readdir(dir);
+        if (!e && errno != 0)
+            CLN_TRY(cannot_list(folder));
+        if (!e)
+            break;
         if (!parse_name(e->d_name, ".json", true, &step))
             continue;
         grown = realloc(*steps, ((size_t)*count + 1) * sizeof **steps);
@@ -456,6 +474,11 @@ static cln_status list_steps(const char *folder, int64_t **steps, int *count)
     if (*count)
         qsort(*steps, (size_t)*count, sizeof **steps, descending);
 done:
+    if (st != CLN_OK) {
+        free(*steps);
+        *steps = NULL;
+        *count = 0;
+    }
     if (dir)
         closedir(dir);
     return st;
@@ -471,7 +494,13 @@ static cln_status remove_old(const char *folder, int64_t newest)
     int count = 0, kept = 1;
     char *path = NULL;
 
-    CLN_TRY(list_steps(folder, &steps, &count));
+    st = list_steps(folder, &steps, &count);
+    if (st == CLN_CHECKPOINT) { /* the new one is whole */
+        cln_warn("old checkpoints stay: %s", cln_error_text());
+        cln_clear_error();
+        return CLN_OK;
+    }
+    CLN_TRY(st);
     for (int i = 0; i < count; i++)
         if (steps[i] < newest && kept++ < KEEP)
             before = steps[i];
@@ -584,16 +613,15 @@ cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
 
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_path_join(&folder, run, FOLDER));
+    if (!cln_is_dir(run))
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: no such folder; give the folder of a run", run));
     CLN_TRY(list_steps(folder, &steps, &count));
     if (count == 0)
-        CLN_TRY(cln_fail(
-            CLN_CHECKPOINT, "%s: %s", run,
-            !cln_is_dir(run) ? "no such folder; give the folder of a run"
-            : cln_run_is_held(run)
-                ? "there is no checkpoint in it yet: it is being trained, and --save-every "
-                  "says when the first is written"
-                : "there is no checkpoint in it: it ended before its first; train "
-                  "again, in a new folder"));
+        CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: there is no checkpoint in it%s", run,
+                         cln_run_is_held(run)
+                             ? " yet: it is being trained, and --save-every says when the first "
+                               "is written"
+                             : ": it ended before its first; train again, in a new folder"));
     for (int i = 0; i < count; i++) {
         st = read_one(folder, steps[i], training, out);
         if (st == CLN_OK || st == CLN_MEMORY)

@@ -4,8 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { AROUND = 27 };
-
 /* Coordinate of direction i, 0 .. 26, along an axis: -1, 0 or 1. */
 static int direction(int i, int axis)
 {
@@ -53,32 +51,26 @@ void cln_voxel_split(const cln_network *net, int octant, const float *parent, fl
     }
 }
 
-/* Whose numbers hold at a common vertex: those of a leaf that stayed (0), of one that a split made
- * (1), of one that begins anew (2). */
-static int rank_of(const cln_octree_change *change, int slot)
-{
-    return change->octant[slot] == CLN_COPIED ? 0 : change->octant[slot] == CLN_FRESH ? 2 : 1;
-}
-
 cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
                           const cln_octree_change *change, float *params)
 {
     cln_status st = CLN_OK;
     const int side = net->cells + 1;
     const size_t bytes = (size_t)net->features * sizeof *params;
-    int32_t(*around)[AROUND] = NULL;
+    int32_t(*around)[CLN_AROUND] = NULL;
 
     CLN_TRY(cln_octree_around(tree, &around));
     for (int slot = 0; slot < change->count; slot++)
-        for (int v = 0; rank_of(change, slot) > 0 && v < side * side * side; v++) {
+        for (int v = 0; cln_voxel_grade(change->octant[slot]) > 0 && v < side * side * side; v++) {
             const int at[3] = {v % side, v / side % side, v / side / side};
             int best = -1, vertex = v;
 
-            for (int i = 0; i < AROUND; i++) {
+            for (int i = 0; i < CLN_AROUND; i++) {
                 const int other = around[slot][i], there = vertex_in(net->cells, at, i);
 
                 if (other < 0 || there < 0 ||
-                    (best >= 0 && rank_of(change, other) >= rank_of(change, best)))
+                    (best >= 0 && cln_voxel_grade(change->octant[other]) >=
+                                      cln_voxel_grade(change->octant[best])))
                     continue;
                 best = other;
                 vertex = there;

@@ -14,10 +14,17 @@
  * octant: x is bit 0. */
 void cln_voxel_split(const cln_network *net, int octant, const float *parent, float *child);
 
-/* After a change of the tree: gives leaves of one size the same numbers at common vertices. Those
- * of leaves that stayed hold, then those of leaves that a split made, then those of leaves that
- * begin anew; of several, the first in the order of cln_octree_around. params: [leaf][params].
- * CLN_MEMORY. */
+/* Whose numbers hold at a common vertex after a change of the tree, the lowest first: 0 of a leaf
+ * that stayed, 1 of one that a split made, 2 of one that begins anew. octant: the leaf's in the
+ * change. */
+static inline int cln_voxel_grade(int8_t octant)
+{
+    return octant == CLN_COPIED ? 0 : octant == CLN_FRESH ? 2 : 1;
+}
+
+/* After a change of the tree: gives leaves of one size the same numbers at common vertices, those
+ * of the lowest grade; of several, the first in the order of cln_octree_around. params:
+ * [leaf][params]. CLN_MEMORY. */
 cln_status cln_voxel_join(const cln_network *net, const cln_octree *tree,
                           const cln_octree_change *change, float *params);
 

@@ -134,32 +134,38 @@ done:
     return st;
 }
 
-cln_status cln_model_create(const cln_config *config, cln_model *out)
+cln_status cln_model_first_tree(const cln_config *config, bool shell, cln_octree *out, int *level)
 {
-    cln_status st = CLN_OK;
-    cln_octree tree = {0};
-
-    memset(out, 0, sizeof *out);
-    CLN_TRY(cln_octree_create(config->start_level, &tree));
-    CLN_TRY(cln_model_create_on(config, &tree, out));
-done:
-    cln_octree_free(&tree);
-    return st;
+    *level = config->start_level;
+    if (!shell)
+        return cln_octree_create(*level, out);
+    *level = *level > 2 ? *level : 2; /* a shell space has no coarser tree */
+    return cln_shell_tree_create(*level, out);
 }
 
-cln_status cln_model_create_shell(const cln_config *config, cln_model *out)
+static cln_status create(const cln_config *config, bool shell, cln_model *out)
 {
     cln_status st = CLN_OK;
-    const int level = config->start_level > 2 ? config->start_level : 2;
     cln_octree tree = {0};
+    int level = 0;
 
     memset(out, 0, sizeof *out);
-    CLN_TRY(cln_shell_tree_create(level, &tree));
+    CLN_TRY(cln_model_first_tree(config, shell, &tree, &level));
     CLN_TRY(cln_model_create_on(config, &tree, out));
     out->level = level;
 done:
     cln_octree_free(&tree);
     return st;
+}
+
+cln_status cln_model_create(const cln_config *config, cln_model *out)
+{
+    return create(config, false, out);
+}
+
+cln_status cln_model_create_shell(const cln_config *config, cln_model *out)
+{
+    return create(config, true, out);
 }
 
 void cln_model_restart_measures(cln_model *model)

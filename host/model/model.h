@@ -8,7 +8,10 @@
 #include "base/files.h"
 #include "model/network.h"
 #include "model/octree.h"
+#include "scene/motion.h"
 #include "scene/space.h"
+
+enum { CLN_EXPOSURE = 9 }; /* numbers of a photo's exposure, below */
 
 typedef struct cln_model {
     cln_config config;
@@ -43,11 +46,11 @@ typedef struct cln_model {
     /* Exposure of training photos (train/exposure.h): gains r, g, b, then per channel the sums of
      * rendered times photographed colour and of rendered colour squared; NULL without
      * --exposure. */
-    float (*exposure)[9]; /* [exposure_views] */
+    float (*exposure)[CLN_EXPOSURE]; /* [exposure_views] */
     int exposure_views;
     /* Corrections of the training cameras' poses (scene/motion.h), in the split's order; NULL
      * without --refine-poses. A model that only renders has them, too. */
-    float (*motions)[6]; /* [motion_views] */
+    float (*motions)[CLN_MOTION]; /* [motion_views] */
     int motion_views;
 } cln_model;
 
@@ -60,9 +63,12 @@ size_t cln_moment_bytes(const cln_config *config);
 /* The same for the first moment: 0 if nothing keeps one (voxels with --beta1 0). */
 size_t cln_first_moment_bytes(const cln_config *config);
 
-/* Create a model on a full tree of config.start_level, or on a copy of `tree`: initial weights,
- * zero training state. shell: on the tree of a shell space, where start_level is one less than the
- * level of the core's leaves. */
+/* The tree that a training begins with, before leaves that are empty by geometry are culled: full,
+ * of config.start_level; shell: that of a shell space, where start_level is one less than the level
+ * of the core's leaves, and at least 2. *level: the growth reached. CLN_MEMORY, CLN_USAGE. */
+cln_status cln_model_first_tree(const cln_config *config, bool shell, cln_octree *out, int *level);
+
+/* Create a model on that tree, or on a copy of `tree`: initial weights, zero training state. */
 cln_status cln_model_create(const cln_config *config, cln_model *out);
 cln_status cln_model_create_shell(const cln_config *config, cln_model *out);
 cln_status cln_model_create_on(const cln_config *config, const cln_octree *tree, cln_model *out);
@@ -113,7 +119,7 @@ cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *by
  * for the two that are kept and the one being written, less what RUN already has. */
 cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes);
 
-/* The step of RUN's newest checkpoint, whole or not; -1 if there is none. */
+/* The step of RUN's newest checkpoint, whole or not; -1 if there is none, or none can be listed. */
 int64_t cln_checkpoint_newest(const char *run);
 
 /* Reads the newest whole checkpoint, with a warning for each damaged one after it. training: also

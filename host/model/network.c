@@ -154,6 +154,11 @@ done:
     return st;
 }
 
+double cln_network_learned(const cln_network *net, int leaves)
+{
+    return (double)leaves * net->learned + net->decoder_params;
+}
+
 void cln_network_text(const cln_network *net, char out[32])
 {
     if (net->encoding == CLN_ENCODING_VOXEL) {

@@ -55,6 +55,9 @@ int cln_network_rows(const cln_network *net, int layer);
 
 cln_status cln_network_layout(const cln_config *config, cln_network *out);
 
+/* What a model of so many leaves has learnt: numbers without padding, a decoder's once. */
+double cln_network_learned(const cln_network *net, int leaves);
+
 /* "W32-D3-V16": width, depth, width of the view layer (V0: none); followed by "-G8x4": a grid of 8
  * cells along each axis and 4 features. At most 31 characters. */
 void cln_network_text(const cln_network *net, char out[32]);

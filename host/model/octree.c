@@ -269,6 +269,18 @@ done:
     return st;
 }
 
+cln_status cln_octree_cull_after(cln_octree *tree, const uint8_t *cull, cln_octree_change *change)
+{
+    cln_status st = CLN_OK;
+    cln_octree_change culls = {0};
+
+    CLN_TRY(cln_octree_cull(tree, cull, &culls));
+    CLN_TRY(cln_octree_change_join(change, &culls));
+done:
+    cln_octree_change_free(&culls);
+    return st;
+}
+
 /* Marked cells that cln_octree_regrow() makes leaves of. */
 typedef struct regrowth {
     const cln_marks *marks;
@@ -474,7 +486,7 @@ int cln_octree_find(const cln_octree *tree, const double point[3])
     return tree->state[node] == CLN_NODE_ACTIVE ? tree->slot[node] : -1;
 }
 
-cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27])
+cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[CLN_AROUND])
 {
     cln_status st = CLN_OK;
 
@@ -483,7 +495,7 @@ cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27])
         const int node = tree->leaf[slot], level = tree->level[node];
         const double side = ldexp(2, -level);
 
-        for (int i = 0; i < 27; i++) {
+        for (int i = 0; i < CLN_AROUND; i++) {
             const int step[3] = {i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
             double at[3];
             int found = -1;
@@ -545,7 +557,8 @@ static const char *row_defect(const int32_t *rows, int node_count, int i)
         return "its state is not 0, 1 or 2";
     if (row[ROW_STRIKES] < 0 || row[ROW_STRIKES] > UINT8_MAX)
         return "its strikes are out of range";
-    if (i == 0 && (p != -1 || row[ROW_LEVEL] != 0 || row[5] != 0 || row[6] != 0 || row[7] != 0))
+    if (i == 0 && (p != -1 || row[ROW_LEVEL] != 0 || row[ROW_POS] != 0 || row[ROW_POS + 1] != 0 ||
+                   row[ROW_POS + 2] != 0))
         return "it is not a root";
     if (i > 0) {
         if (p < 0 || p >= i - octant)

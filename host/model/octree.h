@@ -1,7 +1,7 @@
 /* The octree over the root cube [-1,1]^3 (method.md section 3): leaves, their places and slots. It
  * carries changes out; structure.h and integer_program.h decide on them.
  *
- *   node states   INNER (8 children), ACTIVE leaf (has a network), CULLED leaf (zero density)
+ *   node states   INNER (8 children), ACTIVE leaf (has weights), CULLED leaf (zero density)
  *   geometry      node at level l: integer position (x, y, z) in 0..2^l-1, side 2 * 2^-l,
  *                 box [min, max) half-open, closed at +1
  *   child i       bit 0 of i = upper half along x, bit 1 along y, bit 2 along z
@@ -37,7 +37,7 @@ typedef struct cln_octree {
  *   octant[s] = CLN_COPIED             the same leaf
  *   octant[s] = k in 0..7              its child k (a split: fold)
  *   octant[s] = CLN_MERGED - k         the parent of the old leaf, its child k (a merge: unfold)
- *   octant[s] = CLN_FRESH              no leaf: a network as at step 0; from[s] is its neighbour's,
+ *   octant[s] = CLN_FRESH              no leaf: weights as at step 0; from[s] is its neighbour's,
  *                                      so that from[] ascends */
 enum { CLN_COPIED = -1, CLN_MERGED = -2, CLN_FRESH = CLN_MERGED - 8 };
 typedef struct cln_octree_change {
@@ -56,6 +56,9 @@ cln_status cln_octree_split(cln_octree *tree, const uint8_t *split, cln_octree_c
 /* Makes every marked ACTIVE leaf CULLED; a parent with eight CULLED children becomes a CULLED leaf
  * itself (its children stay in the arrays, unreachable). */
 cln_status cln_octree_cull(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
+
+/* The same right after another change, *change, which becomes both. CLN_MEMORY. */
+cln_status cln_octree_cull_after(cln_octree *tree, const uint8_t *cull, cln_octree_change *change);
 
 /* Returns whether the ACTIVE leaf's group may merge: it has siblings, none of them INNER. */
 bool cln_octree_can_merge(const cln_octree *tree, int slot);
@@ -88,20 +91,17 @@ cln_status cln_octree_most_intervals(const cln_octree *tree, int *most);
 /* Slot of the ACTIVE leaf that holds a point of the cube, or -1. */
 int cln_octree_find(const cln_octree *tree, const double point[3]);
 
-/* Neighbours of each leaf: (*around)[slot][13 + (dz * 3 + dy) * 3 + dx] is the slot of the leaf of
- * the same size at an offset of dx, dy, dz sides, or -1; [slot][13] is the leaf itself. The caller
- * frees it. CLN_MEMORY. */
-cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[27]);
+/* Neighbours of each leaf: (*around)[slot][CLN_SELF + (dz * 3 + dy) * 3 + dx] is the slot of the
+ * leaf of the same size at an offset of dx, dy, dz sides, or -1; [slot][CLN_SELF] is the leaf
+ * itself. The caller frees it. CLN_MEMORY. */
+enum { CLN_AROUND = 27, CLN_SELF = 13 };
+cln_status cln_octree_around(const cln_octree *tree, int32_t (**around)[CLN_AROUND]);
 
 /* Place of a cell in [z][y][x] of n^3 cells. */
 static inline size_t cln_cell_at(int x, int y, int z, int n)
 {
     return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
 }
-
-/* Cells [low, high) of a node in the map at `depth`; if the node is smaller than a cell, the cell
- * that it is in. */
-void cln_octree_cells(const cln_octree *tree, int node, int depth, int low[3], int high[3]);
 
 /* The tree as the kernels read it: a dense map at level `depth`, n = 2^depth cells along an axis.
  *

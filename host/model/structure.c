@@ -2,9 +2,17 @@
 #include "model/structure.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/config.h"
 #include "base/log.h"
+
+void cln_leaf_stats_free(cln_leaf_stats *stats)
+{
+    free(stats->mean);
+    free(stats->peak);
+    memset(stats, 0, sizeof *stats);
+}
 
 /* Is a leaf empty by its mean density and, if culling is guarded, by its peak? A thin opaque rod in
  * a big leaf has a tiny mean (1e-5 of the volume at sigma 500 gives 0.005) but one opaque

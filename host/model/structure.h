@@ -12,6 +12,8 @@ typedef struct cln_leaf_stats {
     float *peak; /* [slot] largest density of these cells */
 } cln_leaf_stats;
 
+void cln_leaf_stats_free(cln_leaf_stats *stats); /* accepts a zeroed one */
+
 /* Marks leaves to cull, [slot], and counts them; updates tree->strikes. Guarded: mean < cull_mean
  * and peak * side / n1 < cull_max, in cull_strikes consecutive checks. Mean: only mean < cull_mean.
  * Never marks every leaf: if all are empty, the densest stays, with a warning. */

@@ -8,16 +8,16 @@
 
 #include "base/config.h"
 #include "base/memory.h"
+#include "model/encoding_voxel.h"
 #include "pipeline/share.h"
 #include "pipeline/stages.h"
 #include "ranks/ranks.h"
 
 /* As kernels/halo.cl and vertices.h have them. */
 enum { MARK_LEAF, MARK_VERTEX, MARK_ALL };
-enum { AROUND = 27, SELF = 13 };
 static const cl_uint NO_SLICE = 0xFFFFFFFFu;
 
-static bool is_linked(const cln_pipeline *p)
+bool cln_halo_is_linked(const cln_pipeline *p)
 {
     return p->ranks > 1 && cln_leaf_kind_of(p->net.encoding)->joined;
 }
@@ -50,19 +50,18 @@ static int rank_of(const cln_pipeline *p, int slot)
     return rank_in(p->rank_first, p->ranks, slot);
 }
 
-/* Whose numbers hold: of the lowest grade, the first (model/encoding_voxel.c). octant: of a change
- * of the tree; NULL in a step, where all are equal. */
+/* Of leaves with common vertices, the numbers of the lowest grade hold, of several those of the
+ * first (model/encoding_voxel.c). octant: of a change of the tree; NULL in a step, where all are
+ * equal. */
 static int grade_of(const int8_t *octant, int slot)
 {
-    if (!octant || octant[slot] == CLN_COPIED)
-        return 0;
-    return octant[slot] == CLN_FRESH ? 2 : 1;
+    return octant ? cln_voxel_grade(octant[slot]) : 0;
 }
 
 /* The owner of a leaf's vertices on a face, an edge or a corner, `face` along the axes: -1, 0 or 1.
  * around: its neighbours. shift: what to add to a vertex' number in the leaf. */
-static int owner_of(const int32_t around[27], int cells, const int8_t *octant, const int face[3],
-                    int *shift)
+static int owner_of(const int32_t around[CLN_AROUND], int cells, const int8_t *octant,
+                    const int face[3], int *shift)
 {
     const int side = cells + 1;
     int best = -1;
@@ -70,7 +69,7 @@ static int owner_of(const int32_t around[27], int cells, const int8_t *octant, c
     for (int z = face[2] < 0 ? -1 : 0; z <= (face[2] > 0); z++)
         for (int y = face[1] < 0 ? -1 : 0; y <= (face[1] > 0); y++)
             for (int x = face[0] < 0 ? -1 : 0; x <= (face[0] > 0); x++) {
-                const int other = around[SELF + (z * 3 + y) * 3 + x];
+                const int other = around[CLN_SELF + (z * 3 + y) * 3 + x];
 
                 if (other < 0 || (best >= 0 && grade_of(octant, other) >= grade_of(octant, best)))
                     continue;
@@ -94,12 +93,12 @@ static void list_leaf(const cln_pipeline *p, const int8_t *octant, int slot, boo
 {
     const int cells = p->net.cells, side = cells + 1;
 
-    for (int n = 0; n < AROUND; n++) {
+    for (int n = 0; n < CLN_AROUND; n++) {
         const int face[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1};
         int shift = 0, rank = 0, from[3], to[3];
         const int owner = owner_of(p->common.around[slot], cells, octant, face, &shift);
 
-        if (n == SELF || is_here(p, owner) == up)
+        if (n == CLN_SELF || is_here(p, owner) == up)
             continue;
         rank = rank_of(p, up ? owner : slot);
         for (int a = 0; a < 3; a++)
@@ -117,13 +116,13 @@ static void list_leaf(const cln_pipeline *p, const int8_t *octant, int slot, boo
 }
 
 /* Counts the links of a leaf for both ranks, and the leaf for each other one with an owner. */
-static void count_leaf(const int32_t around[27], int cells, const int *first, int ranks, int slot,
-                       int *links, int *far)
+static void count_leaf(const int32_t around[CLN_AROUND], int cells, const int *first, int ranks,
+                       int slot, int64_t *links, int *far)
 {
     const int mine = rank_in(first, ranks, slot);
-    int told[AROUND], n_told = 0;
+    int told[CLN_AROUND], n_told = 0;
 
-    for (int n = 0; n < AROUND; n++) {
+    for (int n = 0; n < CLN_AROUND; n++) {
         const int face[3] = {n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1};
         int shift = 0, vertices = 1, k = 0;
         const int owner = rank_in(first, ranks, owner_of(around, cells, NULL, face, &shift));
@@ -145,14 +144,14 @@ static void count_leaf(const int32_t around[27], int cells, const int *first, in
 
 /* A change of the tree may turn links round. */
 cln_status cln_halo_count(const cln_pipeline *p, const cln_octree *tree, const int *first,
-                          int *links, int *far)
+                          int64_t *links, int *far)
 {
     cln_status st = CLN_OK;
-    int32_t(*around)[27] = NULL;
+    int32_t(*around)[CLN_AROUND] = NULL;
 
     memset(links, 0, CLN_RANKS_MOST * sizeof *links);
     memset(far, 0, CLN_RANKS_MOST * sizeof *far);
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     CLN_TRY(cln_octree_around(tree, &around));
     for (int s = 0; s < tree->leaf_count; s++)
@@ -165,7 +164,7 @@ done:
 /* Has it a neighbour that is here? */
 static bool is_near(const cln_pipeline *p, int slot)
 {
-    for (int n = 0; n < AROUND; n++) {
+    for (int n = 0; n < CLN_AROUND; n++) {
         const int other = p->common.around[slot][n];
 
         if (other >= 0 && is_here(p, other))
@@ -234,7 +233,7 @@ cln_status cln_halo_room(cln_pipeline *p, size_t *slices)
     cln_status st = CLN_OK;
 
     *slices = 0;
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     if (!p->common.there)
         CLN_TRY(find_links(p, NULL));
@@ -356,7 +355,7 @@ cln_status cln_halo_gradients(cln_pipeline *p, uint32_t slices)
     size_t got = 0;
     cl_uint n = 0;
 
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     n = (cl_uint)h->up_first[p->ranks];
     CLN_TRY(mark(p, &p->halo_up, (int)n, MARK_LEAF, &rows));
@@ -404,14 +403,14 @@ done:
 
 cln_status cln_halo_values(cln_pipeline *p)
 {
-    return is_linked(p) ? bring_values(p, MARK_VERTEX) : CLN_OK;
+    return cln_halo_is_linked(p) ? bring_values(p, MARK_VERTEX) : CLN_OK;
 }
 
 cln_status cln_halo_join(cln_pipeline *p, const int8_t *octant)
 {
     cln_status st = CLN_OK;
 
-    if (!is_linked(p))
+    if (!cln_halo_is_linked(p))
         return CLN_OK;
     CLN_TRY(find_links(p, octant));
     p->common.there = false; /* those of steps are others */
@@ -428,7 +427,7 @@ cln_status cln_halo_decoder(cln_pipeline *p)
     int each[CLN_RANKS_MOST + 1];
     float *sums = NULL, *mine = NULL;
 
-    if (!is_linked(p) || size == 0)
+    if (!cln_halo_is_linked(p) || size == 0)
         return CLN_OK;
     CLN_TRY(cln_share_room(p, (groups + ranks) * bytes));
     sums = (float *)(void *)p->message;

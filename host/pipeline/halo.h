@@ -13,6 +13,9 @@
 
 #include "pipeline/pipeline.h"
 
+/* Whether ranks have vertices in common: of several, and of leaves that are joined. */
+bool cln_halo_is_linked(const cln_pipeline *p);
+
 /* Finds the links, if tree or ranks of leaves have changed since. *slices: gradients that others
  * may send in a step, for which p->grads and p->met need room beside those of the backward pass. */
 cln_status cln_halo_room(cln_pipeline *p, size_t *slices);
@@ -22,7 +25,7 @@ cln_status cln_halo_room(cln_pipeline *p, size_t *slices);
  * [ranks + 1], as p->rank_first; links, far: [CLN_RANKS_MOST]. 0 for networks, and without other
  * ranks. */
 cln_status cln_halo_count(const cln_pipeline *p, const cln_octree *tree, const int *first,
-                          int *links, int *far);
+                          int64_t *links, int *far);
 
 /* Between the backward pass, which made `slices` slices (or fewer), and the update: brings
  * gradients to owners, in slices from there on. */

@@ -429,12 +429,14 @@ done:
     return st;
 }
 
+enum { RUN = 512 }; /* cells that a work-group takes one after the other */
+
 static cln_status refresh(cln_pipeline *p, const cln_buffer *density, int first, int count,
                           bool jitter, uint64_t seed, uint32_t step)
 {
     cln_status st = CLN_OK;
     const int own_end = p->first + p->own, end = first + count < own_end ? first + count : own_end;
-    const cl_uint n1 = (cl_uint)p->config.n1, cells = 512, key = step, shake = jitter;
+    const cl_uint n1 = (cl_uint)p->config.n1, cells = RUN, key = step, shake = jitter;
     const cl_uint own = (cl_uint)p->first, begin = first > p->first ? (cl_uint)first : own;
     const cl_uint per_leaf = (cl_uint)cln_groups((size_t)n1 * n1 * n1, cells);
     const cl_uint2 words = {{(cl_uint)seed, (cl_uint)(seed >> 32)}};

@@ -68,13 +68,13 @@ typedef struct cln_pipeline_facts {
 /* Common vertices of this rank and others (halo.h); empty without other ranks, or of networks.
  * Links as kernels/halo.cl has them, those of each other rank adjacent, in the same order there. */
 typedef struct cln_common {
-    bool there;                 /* up to date with tree and rank_first */
-    int32_t (*around)[27];      /* [leaf] neighbours of all leaves */
-    cl_uint4 *up, *down;        /* [link] owner there; owner here */
-    int *up_first, *down_first; /* [ranks + 1] */
-    int far_leaves;             /* of other ranks, in `down` */
-    cl_uint *far, *met;         /* [leaf]; [far leaf][met_of(p)]: what came in a step */
-    double bytes;               /* that this rank sent so far: in steps, at changes of the tree */
+    bool there;                    /* up to date with tree and rank_first */
+    int32_t (*around)[CLN_AROUND]; /* [leaf] neighbours of all leaves */
+    cl_uint4 *up, *down;           /* [link] owner there; owner here */
+    int *up_first, *down_first;    /* [ranks + 1] */
+    int far_leaves;                /* of other ranks, in `down` */
+    cl_uint *far, *met;            /* [leaf]; [far leaf][met_of(p)]: what came in a step */
+    double bytes; /* that this rank sent so far: in steps, at changes of the tree */
 } cln_common;
 
 struct cln_pipeline {
@@ -219,9 +219,8 @@ int cln_pipeline_extra_samples(const cln_pipeline *p);
 /* A work-group of the adam kernel updates so many weights per leaf, of so many leaves. */
 enum { CLN_ADAM_PART = 1024, CLN_ADAM_EACH = 16 };
 
-/* Pre-activations kept per sample (voxels with a decoder: features), and their bytes (tune.half; of
- * features always 4 each); transposed weights per leaf. */
-int cln_pipeline_acts(const cln_network *net);
+/* Bytes of the pre-activations kept per sample, 2 each with tune.half, else 4 (voxels with a decoder
+ * keep features, always 4 each); transposed weights per leaf. */
 size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune);
 int cln_pipeline_transposed(const cln_network *net);
 

@@ -121,8 +121,7 @@ static double view_pixels(const cln_scene *scene)
 /* Leaves of this rank and of others have common vertices. */
 static bool is_linked(const cln_plan_desc *d)
 {
-    return d->training && d->pipeline->ranks > 1 &&
-           cln_leaf_kind_of(d->pipeline->net.encoding)->joined;
+    return d->training && cln_halo_is_linked(d->pipeline);
 }
 
 /* Leaves that have their weights here, and slices of samples. */
@@ -143,9 +142,9 @@ static int most_far(int leaves, int own)
 }
 
 /* Links of one direction (halo.h): each of those leaves has a face's. */
-static int most_links(const cln_pipeline *p, int far)
+static int64_t most_links(const cln_pipeline *p, int far)
 {
-    return far * (p->net.cells + 1) * (p->net.cells + 1);
+    return (int64_t)far * (p->net.cells + 1) * (p->net.cells + 1);
 }
 
 static double far_leaves(const cln_plan_desc *d, double leaves)
@@ -165,7 +164,12 @@ static double sliced_leaves(const cln_plan_desc *d, double leaves)
 
 static double links_of(const cln_plan_desc *d, double leaves)
 {
-    return d->deal ? d->deal->links : most_links(d->pipeline, (int)far_leaves(d, leaves));
+    return (double)(d->deal ? d->deal->links : most_links(d->pipeline, (int)far_leaves(d, leaves)));
+}
+
+static int64_t more_links(int64_t a, int64_t b)
+{
+    return a > b ? a : b;
 }
 
 static int larger(int a, int b)
@@ -176,7 +180,8 @@ static int larger(int a, int b)
 cln_status cln_plan_deal(const cln_pipeline *p, const cln_octree *tree, cln_deal *out)
 {
     cln_status st = CLN_OK;
-    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST];
+    int64_t links[CLN_RANKS_MOST];
+    int far[CLN_RANKS_MOST];
 
     *out = (cln_deal){.own = tree->leaf_count, .sliced = tree->leaf_count};
     if (p->ranks > 1)
@@ -186,7 +191,7 @@ cln_status cln_plan_deal(const cln_pipeline *p, const cln_octree *tree, cln_deal
         const int own = p->rank_first[r + 1] - p->rank_first[r];
 
         out->own = larger(out->own, own);
-        out->links = larger(out->links, links[r]);
+        out->links = more_links(out->links, links[r]);
         out->far = larger(out->far, far[r]);
         out->sliced = larger(out->sliced, own + far[r]);
     }
@@ -467,19 +472,6 @@ static const double picture_bytes = 64;
  * file. */
 static const double written_bytes = 40;
 
-static double look_rays(const cln_scene *scene)
-{
-    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    double pixels = 0;
-
-    for (int i = 0; i < views; i++) {
-        const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
-
-        pixels += (double)c->width * c->height;
-    }
-    return fmin(pixels, CLN_LOOK_RAYS);
-}
-
 /* Adds the host's rows, without the memory of a device that is a CPU. */
 static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
@@ -501,7 +493,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         if (s->distil) /* up to every eighth leaf comes from a merge */
             add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
         if (c->regrow > 0) /* an error and a depth of each ray, a mark of it in a list that grows */
-            add(out, (8 + 3.0 * 8) * look_rays(d->scene));
+            add(out, (8 + 3.0 * 8) * fmin(cln_scene_training_pixels(d->scene), CLN_LOOK_RAYS));
         row(out, "coverage of the images", "the number of views");
         add(out, d->coverage_bytes);
     }
@@ -609,7 +601,7 @@ static bool fits_with(const cln_plan_desc *d, int own)
         deal = cln_plan_any_deal(d, own);
         deal.far = larger(deal.far, now->far);
         deal.sliced = larger(deal.sliced, now->sliced);
-        deal.links = larger(deal.links, now->links);
+        deal.links = more_links(deal.links, now->links);
     }
     moved.deal = &deal;
     cln_plan_device(&moved, &plan);

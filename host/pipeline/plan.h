@@ -52,7 +52,8 @@ typedef struct cln_plan {
 /* What a rank has at most: leaves; other ranks' leaves with vertices that are its own; both
  * together; links (halo.h). They may be different ranks'. */
 typedef struct cln_deal {
-    int own, far, sliced, links;
+    int own, far, sliced;
+    int64_t links;
 } cln_deal;
 
 typedef struct cln_plan_desc {

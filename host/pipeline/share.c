@@ -118,27 +118,40 @@ static double work_of(uint32_t samples)
     return samples > 0 ? samples + 12.0 : 0;
 }
 
+/* Reads how many grouped samples each of `count` leaves from `first` on has, to p->message. */
+static cln_status read_counts(cln_pipeline *p, int first, int count, uint32_t **samples)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)count, at = (size_t)first * sizeof(cl_uint);
+    uint32_t *begin = NULL, *end = NULL;
+
+    CLN_TRY(cln_share_room(p, 2 * n * sizeof *begin));
+    begin = (uint32_t *)p->message;
+    end = begin + n;
+    CLN_TRY(cln_buffer_read(p->device, &p->begin, at, begin, n * sizeof *begin));
+    CLN_TRY(cln_buffer_read(p->device, &p->end, at, end, n * sizeof *end));
+    for (size_t s = 0; s < n; s++)
+        begin[s] = end[s] - begin[s];
+    *samples = begin;
+done:
+    return st;
+}
+
 /* first[r]: grouped samples before those of rank r. In training, leaves' work is added to
  * p->load. */
 static cln_status find_runs(cln_pipeline *p, bool training, int *first)
 {
     cln_status st = CLN_OK;
-    const size_t leaves = (size_t)p->leaves;
-    uint32_t *ends = NULL, busiest = 0;
+    uint32_t *samples = NULL, busiest = 0;
 
-    CLN_TRY(cln_share_room(p, 2 * leaves * sizeof *ends));
-    ends = (uint32_t *)p->message;
-    CLN_TRY(cln_buffer_read(p->device, &p->begin, 0, ends, leaves * sizeof *ends));
-    CLN_TRY(cln_buffer_read(p->device, &p->end, 0, ends + leaves, leaves * sizeof *ends));
+    CLN_TRY(read_counts(p, 0, p->leaves, &samples));
     first[0] = 0;
     for (int r = 0; r < p->ranks; r++) {
         uint32_t sum = 0;
 
         for (int s = p->rank_first[r]; s < p->rank_first[r + 1]; s++) {
-            const uint32_t n = ends[leaves + (size_t)s] - ends[s];
-
-            p->load[s] += training ? work_of(n) : 0;
-            sum += n;
+            p->load[s] += training ? work_of(samples[s]) : 0;
+            sum += samples[s];
         }
         first[r + 1] = first[r] + (int)sum;
         busiest = sum > busiest ? sum : busiest;
@@ -184,19 +197,15 @@ static cln_status met(const cln_pipeline *p)
 cln_status cln_share_count(cln_pipeline *p, uint32_t own, uint32_t samples)
 {
     cln_status st = CLN_OK;
-    const size_t leaves = (size_t)p->own, at = (size_t)p->first * sizeof(cl_uint);
-    uint32_t *ends = NULL;
+    uint32_t *each = NULL;
 
     meet(p, samples, p->stretch_total, own);
     p->samples_own += own;
     p->samples_all += samples;
     p->intervals_all += p->interval_total;
-    CLN_TRY(cln_share_room(p, 2 * leaves * sizeof *ends));
-    ends = (uint32_t *)p->message;
-    CLN_TRY(cln_buffer_read(p->device, &p->begin, at, ends, leaves * sizeof *ends));
-    CLN_TRY(cln_buffer_read(p->device, &p->end, at, ends + leaves, leaves * sizeof *ends));
-    for (size_t s = 0; s < leaves; s++)
-        p->load[(size_t)p->first + s] += work_of(ends[leaves + s] - ends[s]);
+    CLN_TRY(read_counts(p, p->first, p->own, &each));
+    for (int s = 0; s < p->own; s++)
+        p->load[p->first + s] += work_of(each[s]);
 done:
     return st;
 }

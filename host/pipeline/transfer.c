@@ -38,7 +38,7 @@ static cln_status put_own(cln_pipeline *p, cln_buffer_id id, const void *array)
 cln_status cln_pipeline_around(cln_pipeline *p, const cln_octree *tree)
 {
     cln_status st = CLN_OK;
-    int32_t(*around)[27] = NULL;
+    int32_t(*around)[CLN_AROUND] = NULL;
 
     if (!cln_leaf_kind_of(p->net.encoding)->joined)
         return CLN_OK;

@@ -40,7 +40,7 @@ static void find_target(const cln_scene *scene, double target[3])
 /* From the target to training camera i. */
 static void find_away(const cln_scene *scene, const cln_orbit_frame *f, int i, double away[3])
 {
-    const double *c2w = scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera.c2w;
+    const double *c2w = cln_scene_training_view(scene, i)->camera.c2w;
 
     for (int a = 0; a < 3; a++)
         away[a] = c2w[4 * a + 3] - f->target[a];
@@ -54,8 +54,7 @@ static void find_up(const cln_scene *scene, int count, double up[3])
     double mean[3] = {0}, column[3][3] = {{LEVEL, 0, 0}, {0, LEVEL, 0}, {0, 0, LEVEL}};
 
     for (int i = 0; i < count; i++) {
-        const double *c2w =
-            scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera.c2w;
+        const double *c2w = cln_scene_training_view(scene, i)->camera.c2w;
 
         for (int a = 0; a < 3; a++) {
             mean[a] -= c2w[4 * a + 1] / count; /* the camera's y points down */
@@ -143,7 +142,7 @@ done:
 cln_status cln_orbit_frame_of(const cln_scene *scene, cln_orbit_frame *out)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    const cln_camera *like = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, 0)].camera;
+    const cln_camera *like = &cln_scene_training_view(scene, 0)->camera;
 
     memset(out, 0, sizeof *out);
     find_target(scene, out->target);

@@ -1,5 +1,5 @@
 /* A batch of rays rendered with a pipeline whose tree and weights are uploaded: all pictures, the
- * probe of training (train/maintain.h) and live views come from it. */
+ * probe of training (train/probe.h) and live views come from it. */
 #ifndef CLN_RAY_BATCH_H
 #define CLN_RAY_BATCH_H
 

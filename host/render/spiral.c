@@ -21,7 +21,7 @@ typedef struct basis {
 
 static const double *pose_of(const cln_scene *scene, int i)
 {
-    return scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera.c2w;
+    return cln_scene_training_view(scene, i)->camera.c2w;
 }
 
 /* Looks along `forward`, with its x axis across `down`. */

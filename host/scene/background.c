@@ -58,7 +58,7 @@ cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
     scene->background_mean =
         kind == CLN_BACKGROUND_MEAN || (kind == CLN_BACKGROUND_AUTO && !scene->has_alpha);
     for (int i = 0; i < views && scene->background_mean; i++) {
-        const cln_view *view = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)];
+        const cln_view *view = cln_scene_training_view(scene, i);
 
         if (cln_view_is_loaded(view))
             add(view, side, sums);

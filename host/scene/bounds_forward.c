@@ -18,11 +18,6 @@ static const double LEAST_COSINE = 0.2;     /* of a border's ray with the mean a
 static const double LEAST_COMMON = 0.7;     /* length of the mean of the forward axes */
 static const double NEAREST_POINTS = 0.005; /* that share of the points may be outliers */
 
-static const cln_view *train_view(const cln_scene *scene, int i)
-{
-    return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)];
-}
-
 static double dot(const double a[3], const double b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -51,7 +46,7 @@ static bool find_mean(const cln_scene *scene, cln_space *space)
 
     memset(space, 0, sizeof *space);
     for (int i = 0; i < count; i++) {
-        const double *m = train_view(scene, i)->camera.c2w;
+        const double *m = cln_scene_training_view(scene, i)->camera.c2w;
 
         for (int a = 0; a < 3; a++) {
             space->centre[a] += m[4 * a + 3] / count;
@@ -104,7 +99,7 @@ static double nearest_told(const cln_scene *scene, const cln_space *space, const
 
     *aside = NULL;
     for (int i = 0; i < BORDER * count; i++) {
-        const cln_view *view = train_view(scene, i / BORDER);
+        const cln_view *view = cln_scene_training_view(scene, i / BORDER);
         double o[3], d[3], along = 0;
 
         if (!border_ray(space, &view->camera, i % BORDER, o, d, &along))
@@ -153,7 +148,8 @@ static void find_sides(const cln_scene *scene, cln_space *space)
     for (int i = 0; i < BORDER * count; i++) {
         double o[3], d[3], along = 0, z = 0;
 
-        if (!border_ray(space, &train_view(scene, i / BORDER)->camera, i % BORDER, o, d, &along))
+        if (!border_ray(space, &cln_scene_training_view(scene, i / BORDER)->camera, i % BORDER, o,
+                        d, &along))
             continue;
         z = fmax(space->half, o[2]);
         for (int a = 0; a < 2; a++) {

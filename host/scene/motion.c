@@ -150,7 +150,7 @@ void cln_motion_views(cln_scene *scene, const float (*motions)[CLN_MOTION])
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 
     for (int i = 0; i < count; i++) {
-        cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
+        cln_camera *c = &cln_scene_training_view(scene, i)->camera;
         double motion[CLN_MOTION];
 
         for (int k = 0; k < CLN_MOTION; k++)

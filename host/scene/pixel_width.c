@@ -26,7 +26,7 @@ cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space,
         return CLN_OK;
     CLN_TRY(cln_alloc(&each, (size_t)views, sizeof *each, "views"));
     for (int i = 0; i < views; i++) {
-        const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
+        const cln_camera *c = &cln_scene_training_view(scene, i)->camera;
         double square = 0;
 
         for (int a = 0; a < 3; a++)

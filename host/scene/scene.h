@@ -156,6 +156,9 @@ void cln_scene_warn_doubts(const cln_scene *scene);
 int cln_scene_split_count(const cln_scene *scene, cln_split split);
 int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 
+/* The i-th training view. */
+cln_view *cln_scene_training_view(const cln_scene *scene, int i);
+
 /* Width of a pixel of the training photos at the cube's centre, in half sides of the scene's cube:
  * the median over them; 0 in a forward space, where there is no such place. CLN_MEMORY. */
 cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space, double *width);

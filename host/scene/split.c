@@ -129,13 +129,18 @@ int cln_scene_split_view(const cln_scene *scene, cln_split split, int i)
     return i;
 }
 
+cln_view *cln_scene_training_view(const cln_scene *scene, int i)
+{
+    return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)];
+}
+
 double cln_scene_training_pixels(const cln_scene *scene)
 {
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     double pixels = 0;
 
-    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
-        const cln_camera *camera =
-            &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
+    for (int i = 0; i < views; i++) {
+        const cln_camera *camera = &cln_scene_training_view(scene, i)->camera;
 
         pixels += (double)camera->width * camera->height;
     }

@@ -27,7 +27,7 @@ cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cl
     CLN_TRY(cln_alloc(&out->first, (size_t)out->train_views + 1, sizeof *out->first, "batch"));
     CLN_TRY(cln_coverage_create(scene, &out->coverage));
     for (int i = 0; i < out->train_views; i++) {
-        const cln_camera *c = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)].camera;
+        const cln_camera *c = &cln_scene_training_view(scene, i)->camera;
 
         out->first[i + 1] = out->first[i] + (uint64_t)c->width * (uint64_t)c->height;
     }
@@ -72,7 +72,7 @@ typedef struct place {
 
 static const cln_camera *camera_of(const cln_scene *scene, int index)
 {
-    return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, index)].camera;
+    return &cln_scene_training_view(scene, index)->camera;
 }
 
 /* Pixel number `at` of all training pixels. */
@@ -100,8 +100,7 @@ static place crop(const cln_scene *scene, place p)
 
 static bool keeps(const cln_scene *scene, place p)
 {
-    return cln_view_keeps(&scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, p.index)], p.x,
-                          p.y);
+    return cln_view_keeps(cln_scene_training_view(scene, p.index), p.x, p.y);
 }
 
 /* Draws a pixel of the covered tiles by 64 random bits. False if the tile reaches beyond the

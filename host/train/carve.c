@@ -20,7 +20,6 @@ static bool sees(const cln_camera *camera, const double point[3])
 static bool is_seen(const cln_scene *scene, const cln_space *space, const float box[4], int least)
 {
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    const int first = cln_scene_split_view(scene, CLN_SPLIT_TRAIN, 0);
 
     for (int i = 0; i < PLACES * PLACES * PLACES; i++) {
         const int at[3] = {i % PLACES, i / PLACES % PLACES, i / PLACES / PLACES};
@@ -31,7 +30,7 @@ static bool is_seen(const cln_scene *scene, const cln_space *space, const float 
             point[a] = (double)box[a] + (double)box[3] * at[a] / (PLACES - 1);
         cln_space_point_to_scene(space, point, point);
         for (int v = 0; v < views && seen < least; v++)
-            seen += sees(&scene->views[first + v].camera, point);
+            seen += sees(&cln_scene_training_view(scene, v)->camera, point);
         if (seen >= least)
             return true;
     }
@@ -68,5 +67,25 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
     if (*count == tree->leaf_count) /* then the cameras must be wrong */
         *count = 0;
 done:
+    return st;
+}
+
+cln_status cln_carve_after(const cln_scene *scene, const cln_space *space, const cln_config *config,
+                           bool fresh, cln_octree *tree, cln_octree_change *change, int *count)
+{
+    cln_status st = CLN_OK;
+    uint8_t *marks = NULL;
+
+    CLN_TRY(cln_carve_find(scene, space, config, tree, &marks, count));
+    if (fresh)
+        *count = 0;
+    for (int s = 0; fresh && s < change->count; s++) {
+        marks[s] = marks[s] && change->octant[s] == CLN_FRESH;
+        *count += marks[s];
+    }
+    if (*count > 0)
+        CLN_TRY(cln_octree_cull_after(tree, marks, change));
+done:
+    free(marks);
     return st;
 }

@@ -1,5 +1,5 @@
 /* Finds leaves that are empty by geometry alone, before training: those that too few training views
- * see (--seen-by), where networks could paint what a single photo shows, and those of the cube
+ * see (--seen-by), where leaves could paint what a single photo shows, and those of the cube
  * outside the scene's box (--slab). regrow.h brings none of them back. */
 #ifndef CLN_CARVE_H
 #define CLN_CARVE_H
@@ -11,5 +11,10 @@
  * CLN_MEMORY. */
 cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const cln_config *config,
                           const cln_octree *tree, uint8_t **marks, int *count);
+
+/* Right after a change of the tree: culls such leaves, or `fresh` only those of them that the
+ * change brought back (CLN_FRESH), as a part of it. *count: how many. CLN_MEMORY. */
+cln_status cln_carve_after(const cln_scene *scene, const cln_space *space, const cln_config *config,
+                           bool fresh, cln_octree *tree, cln_octree_change *change, int *count);
 
 #endif

@@ -54,18 +54,12 @@ done:
 
 int cln_children_count(uint8_t children)
 {
-    int count = 0;
-
-    for (; children != 0; children &= (uint8_t)(children - 1))
-        count++;
-    return count;
+    return __builtin_popcount(children);
 }
 
-cln_status cln_children_drop(cln_model *model, const uint8_t *children, cln_octree_change *splits)
+cln_status cln_children_drop(cln_octree *tree, const uint8_t *children, cln_octree_change *splits)
 {
     cln_status st = CLN_OK;
-    cln_octree *tree = &model->tree;
-    cln_octree_change culls = {0};
     uint8_t *marks = NULL;
     int count = 0;
 
@@ -75,13 +69,9 @@ cln_status cln_children_drop(cln_model *model, const uint8_t *children, cln_octr
             marks[s] = !(children[tree->parent[tree->leaf[s]]] >> splits->octant[s] & 1);
             count += marks[s];
         }
-    if (count > 0) {
-        CLN_TRY(cln_octree_cull(tree, marks, &culls));
-        CLN_TRY(cln_model_follow(model, &culls));
-        CLN_TRY(cln_octree_change_join(splits, &culls));
-    }
+    if (count > 0)
+        CLN_TRY(cln_octree_cull_after(tree, marks, splits));
 done:
     free(marks);
-    cln_octree_change_free(&culls);
     return st;
 }

@@ -14,6 +14,6 @@ int cln_children_count(uint8_t children);
 
 /* Right after a split, culls the children that are none: children[node] of split leaves. *splits:
  * the split, which becomes both changes. CLN_MEMORY. */
-cln_status cln_children_drop(cln_model *model, const uint8_t *children, cln_octree_change *splits);
+cln_status cln_children_drop(cln_octree *tree, const uint8_t *children, cln_octree_change *splits);
 
 #endif

@@ -17,11 +17,6 @@ enum { SMALLEST_TILE = 4, MOST_TILES = 64 };
 /* Pixels by which rounding may move a border, the device's float32 rays included. */
 static const double SLACK = 0.02;
 
-static const cln_view *train_view(const cln_scene *scene, int i)
-{
-    return &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, i)];
-}
-
 /* One size for all views, so that all tiles are drawn alike. */
 static int tile_side(const cln_scene *scene)
 {
@@ -29,7 +24,7 @@ static int tile_side(const cln_scene *scene)
     int side = SMALLEST_TILE;
 
     for (int i = 0; i < n; i++) {
-        const cln_camera *c = &train_view(scene, i)->camera;
+        const cln_camera *c = &cln_scene_training_view(scene, i)->camera;
         const int longest = c->width > c->height ? c->width : c->height;
 
         if ((longest + MOST_TILES - 1) / MOST_TILES > side)
@@ -54,7 +49,7 @@ static size_t count_tiles(const cln_scene *scene, size_t *first)
     size_t tiles = 0;
 
     for (int i = 0; i < n; i++) {
-        const grid g = grid_of(&train_view(scene, i)->camera, side);
+        const grid g = grid_of(&cln_scene_training_view(scene, i)->camera, side);
 
         tiles += (size_t)g.across * (size_t)g.down;
         if (first)
@@ -316,7 +311,7 @@ static double background_error(const cln_scene *scene, const cln_view *view, con
 static bool find_errors(cln_coverage *coverage, const cln_scene *scene, int i, const uint8_t *marks)
 {
     const int side = coverage->side;
-    const cln_view *view = train_view(scene, i);
+    const cln_view *view = cln_scene_training_view(scene, i);
     const grid g = grid_of(&view->camera, side);
     float *errors = coverage->error + coverage->first[i];
     bool any = false;
@@ -356,7 +351,7 @@ void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const c
     bool asked = false;
 
     for (int i = 0; i < coverage->views; i++) {
-        const cln_view *view = train_view(scene, i);
+        const cln_view *view = cln_scene_training_view(scene, i);
         const grid g = grid_of(&view->camera, side);
 
         mark_view(&view->camera, side, tree, space, marks);
@@ -374,7 +369,7 @@ void cln_coverage_update(cln_coverage *coverage, const cln_scene *scene, const c
         share_errors(coverage, scene);
     found = 0;
     for (int i = 0; i < coverage->views; i++) {
-        const cln_view *view = train_view(scene, i);
+        const cln_view *view = cln_scene_training_view(scene, i);
         const grid g = grid_of(&view->camera, side);
 
         for (int k = 0; k < g.across * g.down; k++) {

@@ -1,7 +1,7 @@
 /* The training loop: budgets, evaluations, checkpoints and signals. See loop.h. Calls go one way:
- * loop -> maintain, refine -> step, loop and maintain -> record, loop -> watch. Every decision is a
- * function of the seed, the step and the model, so a resumed run equals an uninterrupted one bit
- * for bit (except with a budget in time). */
+ * loop -> maintain, refine -> step, loop and maintain -> record, loop -> watch; maintain.h has
+ * those below maintain. Every decision is a function of the seed, the step and the model, so a
+ * resumed run equals an uninterrupted one bit for bit (except with a budget in time). */
 #include "train/loop.h"
 
 #include <math.h>
@@ -18,8 +18,10 @@
 #include "device/queue.h"
 #include "io/progress.h"
 #include "ranks/ranks.h"
+#include "render/metrics_image.h"
 #include "render/quality.h"
 #include "train/maintain.h"
+#include "train/probe.h"
 #include "train/record.h"
 #include "train/refine.h"
 #include "train/step.h"
@@ -267,7 +269,7 @@ static void keep_window(cln_trainer *t)
     t->shown.rays_per_s = (double)t->window.rays / spent;
     t->shown.samples_per_ray = (double)t->window.samples / (double)t->window.rays;
     t->shown.loss = t->window.loss / t->window.steps;
-    t->shown.psnr_train = -10 * log10(fmax(t->window.square / t->window.steps, 1e-10));
+    t->shown.psnr_train = cln_psnr(t->window.square / t->window.steps);
 }
 
 static void report_progress(cln_trainer *t, double fraction)
@@ -297,8 +299,7 @@ static void report_progress(cln_trainer *t, double fraction)
     }
     p->psnr_test = t->psnr_test;
     p->leaves = t->pipeline.leaves;
-    p->params =
-        (double)t->pipeline.leaves * t->pipeline.net.learned + t->pipeline.net.decoder_params;
+    p->params = cln_network_learned(&t->pipeline.net, t->pipeline.leaves);
     p->device_bytes = (double)t->device->allocated;
     if (callbacks->train)
         callbacks->train(p, callbacks->user);
@@ -311,7 +312,7 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
     char peak[32], limit[32];
 
     keep_window(t);
-    t->psnr_train = -10 * log10(fmax(t->window.square / t->window.steps, 1e-10));
+    t->psnr_train = cln_psnr(t->window.square / t->window.steps);
     CLN_TRY(cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated));
     if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
         cln_format_bytes(cln_peak_rss(), peak);
@@ -395,7 +396,7 @@ static cln_status warm_up(cln_trainer *t)
     CLN_TRY(cln_step(t, 0));
     CLN_TRY(cln_step_catch_up(t));
     if (t->model.config.adaptive || t->model.config.refine_poses)
-        CLN_TRY(cln_maintain_probe(t, &psnr));
+        CLN_TRY(cln_probe_psnr(t, &psnr));
     t->model = before;
     t->undone = t->drawn = false;
     memset(&t->window, 0, sizeof t->window);

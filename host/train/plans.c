@@ -14,7 +14,7 @@ cln_plan_desc cln_plans_desc(const cln_trainer *t, int leaves, int depth, const 
 void cln_plans_make(const cln_trainer *t, int leaves, int own, cln_plans *out)
 {
     const int depth = cln_octree_depth(&t->model.tree), level = t->model.level;
-    const int grown = level + t->model.space.shell; /* deepest leaves that regrow() adds */
+    const int grown = level + t->model.space.shell; /* deepest leaves that come back */
     cln_plan_desc desc = cln_plans_desc(t, leaves, 1 + (depth > grown ? depth : grown), NULL);
     cln_deal deal;
 

@@ -199,19 +199,18 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     json_object_set_new(t->run, "ended", json_string(now));
     json_object_set_new(
         t->run, "result",
-        json_pack(
-            "{s:I, s:f, s:f, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
-            (json_int_t)t->model.step, "epochs",
-            cln_config_step_epochs(&t->model.config, (double)t->batch.first[t->batch.train_views],
-                                   t->model.step),
-            "seconds", t->model.train_seconds, "wall_seconds", cln_now() - t->began,
-            "start_seconds", cln_json_real(t->start_seconds), "eval_seconds",
-            cln_json_real(t->eval_seconds), "psnr_train", cln_json_real(t->psnr_train), "psnr_test",
-            cln_json_real(t->psnr_test), "eval_views", t->eval_count, "leaves",
-            t->model.tree.leaf_count, "params",
-            (double)t->model.tree.leaf_count * t->model.net.learned + t->model.net.decoder_params,
-            "device_peak", (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest",
-            digest));
+        json_pack("{s:I, s:f, s:f, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
+                  (json_int_t)t->model.step, "epochs",
+                  cln_config_step_epochs(&t->model.config,
+                                         (double)t->batch.first[t->batch.train_views],
+                                         t->model.step),
+                  "seconds", t->model.train_seconds, "wall_seconds", cln_now() - t->began,
+                  "start_seconds", cln_json_real(t->start_seconds), "eval_seconds",
+                  cln_json_real(t->eval_seconds), "psnr_train", cln_json_real(t->psnr_train),
+                  "psnr_test", cln_json_real(t->psnr_test), "eval_views", t->eval_count, "leaves",
+                  t->model.tree.leaf_count, "params",
+                  cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
+                  (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
     CLN_TRY(cln_plan_json(&t->host_plan, &plan));
@@ -314,8 +313,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
         cln_json_real((double)t->window.rays / spent), "samples_per_ray",
         cln_json_real((double)t->window.samples / (double)t->window.rays), "leaves",
-        t->pipeline.leaves, "params",
-        (double)t->pipeline.leaves * t->pipeline.net.learned + t->pipeline.net.decoder_params,
+        t->pipeline.leaves, "params", cln_network_learned(&t->pipeline.net, t->pipeline.leaves),
         "host_mem", cln_peak_rss(), "dev_mem", (double)t->device->allocated, "host_waits", waits,
         "stages", stages);
     if (!row) {

@@ -13,6 +13,7 @@
 #include "render/ray_batch.h"
 #include "scene/dealt.h"
 #include "scene/motion.h"
+#include "train/probe.h"
 #include "train/step.h"
 
 enum {
@@ -35,11 +36,6 @@ static const float LEAST_OPACITY = 0.02f;
 static const int looks_x[CLN_SPOT_LOOKS] = {0, -1, 1, 0, 0};
 static const int looks_y[CLN_SPOT_LOOKS] = {0, 0, 0, -1, 1};
 
-static cln_view *train_view(const cln_trainer *t, int i)
-{
-    return &t->scene->views[cln_scene_split_view(t->scene, CLN_SPLIT_TRAIN, i)];
-}
-
 cln_status cln_refine_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -58,7 +54,8 @@ cln_status cln_refine_start(cln_trainer *t)
     m->motion_views = views;
     CLN_TRY(cln_alloc(&t->refine.given, (size_t)views, sizeof *t->refine.given, "poses"));
     for (int i = 0; i < views; i++)
-        memcpy(t->refine.given[i], train_view(t, i)->camera.c2w, sizeof *t->refine.given);
+        memcpy(t->refine.given[i], cln_scene_training_view(t->scene, i)->camera.c2w,
+               sizeof *t->refine.given);
     cln_motion_views(t->scene, (const float(*)[CLN_MOTION])m->motions);
 done:
     return st;
@@ -100,7 +97,7 @@ static float contrast(const cln_view *view, int x, int y, const float background
 /* Draws the spots of training view i, whose photo is here. */
 static void draw_spots(const cln_trainer *t, int i, cln_spot spots[SPOTS])
 {
-    const cln_view *view = train_view(t, i);
+    const cln_view *view = cln_scene_training_view(t->scene, i);
     const cln_camera *c = &view->camera;
     const uint64_t seed = (uint64_t)t->model.config.seed;
     const uint32_t key[2] = {(uint32_t)seed, (uint32_t)(seed >> 32)};
@@ -141,15 +138,13 @@ static cln_status render(cln_trainer *t, const cln_pixel *pixels, int n, cln_ray
     cln_pipeline *p = &t->pipeline;
     const int most = t->plan.max_rays < CLN_RENDER_RAYS ? t->plan.max_rays : CLN_RENDER_RAYS;
     float(*backgrounds)[4] = NULL;
-    cln_ray_batch batch = {.sampling = cln_render_sampling(p)};
+    cln_ray_batch batch = {.sampling = cln_probe_sampling(t)};
     int used = 0;
 
     CLN_TRY(cln_alloc(&backgrounds, (size_t)most, sizeof *backgrounds, "poses"));
     for (int i = 0; i < most; i++)
         memcpy(backgrounds[i], t->scene->background, sizeof t->scene->background);
     batch.backgrounds = (const float(*)[4])backgrounds;
-    batch.sampling.pictures = false;
-    batch.sampling.max_samples = t->plan.max_samples;
     for (int done = 0; done < n; done += used) {
         batch.pixels = pixels + done;
         batch.n = n - done < most ? n - done : most;
@@ -447,7 +442,7 @@ static cln_status settle(cln_trainer *t)
 
     CLN_TRY(cln_alloc(&poses, (size_t)m->motion_views, sizeof *poses, "poses"));
     for (int i = 0; i < m->motion_views; i++)
-        memcpy(poses[i], train_view(t, i)->camera.c2w, sizeof *poses);
+        memcpy(poses[i], cln_scene_training_view(t->scene, i)->camera.c2w, sizeof *poses);
     cln_motion_hold(m->motion_views, (const double(*)[12])t->refine.given, m->space.half, poses);
     for (int i = 0; i < m->motion_views; i++) {
         double motion[CLN_MOTION];
@@ -455,7 +450,8 @@ static cln_status settle(cln_trainer *t)
         cln_motion_between(t->refine.given[i], poses[i], motion);
         for (int k = 0; k < CLN_MOTION; k++)
             m->motions[i][k] = (float)motion[k];
-        memcpy(train_view(t, i)->camera.c2w, t->refine.given[i], sizeof *t->refine.given);
+        memcpy(cln_scene_training_view(t->scene, i)->camera.c2w, t->refine.given[i],
+               sizeof *t->refine.given);
     }
     cln_motion_views(t->scene, (const float(*)[CLN_MOTION])m->motions);
     CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &m->space));
@@ -474,7 +470,7 @@ static cln_status take_turns(cln_trainer *t, turn *turns, int count)
     CLN_TRY(look(t, turns, count, false));
     for (int i = 0; i < count; i++) {
         turn *c = &turns[i];
-        cln_camera *camera = &train_view(t, c->view)->camera;
+        cln_camera *camera = &cln_scene_training_view(t->scene, c->view)->camera;
 
         c->moved = cln_refine_solve(camera, &t->model.space, FITTED, c->spots,
                                     (const cln_ray_result(*)[CLN_SPOT_LOOKS])c->looks, &c->step);
@@ -493,7 +489,7 @@ static cln_status take_turns(cln_trainer *t, turn *turns, int count)
         if (c->moved && is_better(c->spots + FITTED, c->before, c->after, &c->step))
             kept++;
         else
-            memcpy(train_view(t, c->view)->camera.c2w, c->pose, sizeof c->pose);
+            memcpy(cln_scene_training_view(t->scene, c->view)->camera.c2w, c->pose, sizeof c->pose);
     }
     CLN_TRY(settle(t));
     cln_debug("step %lld: %d of %d cameras moved", (long long)t->model.step, kept, count);
@@ -519,8 +515,8 @@ cln_status cln_refine_poses(cln_trainer *t, double fraction)
     CLN_TRY(cln_rows_create(count, sizeof *spots, &asked));
     for (int i = 0; i < count; i++) {
         turns[i].view = (int)((number * count + i) % views);
-        asked.rank[i] = (uint16_t)train_view(t, turns[i].view)->rank;
-        if (cln_view_is_here(train_view(t, turns[i].view)))
+        asked.rank[i] = (uint16_t)cln_scene_training_view(t->scene, turns[i].view)->rank;
+        if (cln_view_is_here(cln_scene_training_view(t->scene, turns[i].view)))
             draw_spots(t, turns[i].view, spots[i]);
     }
     cln_rows_share(&asked, count, spots);

@@ -7,7 +7,7 @@
  * contrast it compares the rendered colour with the photo's. The rendered colour changes with the
  * camera's motion by its slope between neighbouring pixels, times the motion in the image of the
  * surface point at the rendered depth (Lucas and Kanade, 1981, here for a rendered picture). So no
- * gradient passes the networks. A step is kept if it clearly lowers the error at other pixels. The
+ * gradient passes the leaves. A step is kept if it clearly lowers the error at other pixels. The
  * motion that all cameras have in common is removed. All this depends only on seed, step, model and
  * photos. */
 #ifndef CLN_REFINE_H

@@ -9,6 +9,7 @@
 #include "device/queue.h"
 #include "model/shell_tree.h"
 #include "render/ray_batch.h"
+#include "train/probe.h"
 #include "train/step.h"
 
 enum {
@@ -96,28 +97,28 @@ static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
 }
 
 /* The point of the cube at `distance` (cube units) along a ray of the scene. */
-static void point_on_ray(const cln_space *space, const double origin[3], const double way[3],
+static void point_on_ray(const cln_space *space, const double origin[3], const double direction[3],
                          double distance, double cube[3])
 {
     double scene[3];
 
     for (int a = 0; a < 3; a++)
-        scene[a] = origin[a] + way[a] * distance * space->half;
+        scene[a] = origin[a] + direction[a] * distance * space->half;
     cln_space_point_to_cube(space, scene, cube);
 }
 
-/* Distance from a point of the cube, against the unit direction `way`, to the faces of the cell of
+/* Distance from a point of the cube, against a unit direction, to the faces of the cell of
  * a side that holds it. */
-static double way_back(const double at[3], const double way[3], double side)
+static double distance_back(const double at[3], const double direction[3], double side)
 {
     double least = INFINITY;
 
     for (int a = 0; a < 3; a++) {
         const double low = floor((at[a] + 1) / side) * side - 1;
-        const double face = way[a] > 0 ? at[a] - low : low + side - at[a];
+        const double face = direction[a] > 0 ? at[a] - low : low + side - at[a];
 
-        if (way[a] != 0)
-            least = fmin(least, face / fabs(way[a]));
+        if (direction[a] != 0)
+            least = fmin(least, face / fabs(direction[a]));
     }
     return least;
 }
@@ -134,19 +135,19 @@ static cln_status mark_end(const cln_trainer *t, looks *all, const look *l, int 
     const double v = middle(ray / l->across, all->stride, c->height) + 0.5;
     const double depth = l->depth[ray];
     const int n = 1 << all->depth;
-    double origin[3], way[3], at[3], before[3], length = 0, back = 0;
+    double origin[3], direction[3], at[3], before[3], length = 0, back = 0;
     int slot = 0, cell[3];
 
-    if (!(depth > 0 && isfinite(depth)) || !cln_camera_ray(c, u, v, origin, way))
+    if (!(depth > 0 && isfinite(depth)) || !cln_camera_ray(c, u, v, origin, direction))
         return CLN_OK;
-    point_on_ray(space, origin, way, depth, at);
-    point_on_ray(space, origin, way, depth - depth / NEARBY, before);
+    point_on_ray(space, origin, direction, depth, at);
+    point_on_ray(space, origin, direction, depth - depth / NEARBY, before);
     slot = cln_octree_find(tree, at);
     if (slot < 0)
         return CLN_OK;
     for (int a = 0; a < 3; a++) {
-        way[a] = at[a] - before[a];
-        length += way[a] * way[a];
+        direction[a] = at[a] - before[a];
+        length += direction[a] * direction[a];
     }
     length = sqrt(length);
     if (length == 0)
@@ -154,13 +155,13 @@ static cln_status mark_end(const cln_trainer *t, looks *all, const look *l, int 
     const double side = ldexp(2, -tree->level[tree->leaf[slot]]);
 
     for (int a = 0; a < 3; a++)
-        way[a] /= length;
-    back = way_back(at, way, side);
+        direction[a] /= length;
+    back = distance_back(at, direction, side);
     if (back > AT_FACE * side || back > length * NEARBY) /* the latter: the camera is in the leaf */
         return CLN_OK;
     back += side / NEARBY;
     for (int a = 0; a < 3; a++) {
-        before[a] = at[a] - way[a] * back;
+        before[a] = at[a] - direction[a] * back;
         if (!(before[a] >= -1 && before[a] < 1))
             return CLN_OK;
         cell[a] = (int)fmin((before[a] + 1) / 2 * n, n - 1);
@@ -176,7 +177,7 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
     const cln_camera *c = &t->scene->views[view].camera;
     cln_ray_batch batch = {.pixels = t->batch.pixels,
                            .backgrounds = (const float(*)[4])t->batch.backgrounds,
-                           .sampling = cln_render_sampling(&t->pipeline)};
+                           .sampling = cln_probe_sampling(t)};
     int rays = 0, used = 0;
 
     *l = (look){.view = &t->scene->views[view],
@@ -185,8 +186,6 @@ static cln_status look_through(cln_trainer *t, looks *all, int view, look *l)
     rays = l->across * l->down;
     CLN_TRY(cln_alloc(&l->error, (size_t)rays, sizeof *l->error, "errors of photos"));
     CLN_TRY(cln_alloc(&l->depth, (size_t)rays, sizeof *l->depth, "errors of photos"));
-    batch.sampling.pictures = false; /* training's densities */
-    batch.sampling.max_samples = t->plan.max_samples;
     for (int first = 0; first < rays; first += used) {
         const int most =
             t->batch.capacity < t->plan.max_rays ? t->batch.capacity : t->plan.max_rays;

@@ -9,8 +9,8 @@
 
 typedef struct cln_missing {
     cln_marks marks; /* what lacks a leaf, in order; the caller frees them */
-    int errors,
-        cut; /* cells of level 5 found by errors; cells found by surfaces that are cut off */
+    int errors;      /* cells of level 5 found by errors */
+    int cut;         /* cells found by surfaces that are cut off */
 } cln_missing;
 
 /* Marks cells that have no leaf or an `empty` one [slot], and where at least the share `regrow` of

@@ -1,5 +1,5 @@
 /* The state of a training run. cln_train (api/train.c) makes it, loop.c runs it, step.c trains it,
- * maintain.c changes its tree, record.c writes its record, watch.c shows it to a browser. */
+ * maintain.c has its tree changed, record.c writes its record, watch.c shows it to a browser. */
 #ifndef CLN_TRAINER_H
 #define CLN_TRAINER_H
 

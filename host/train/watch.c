@@ -97,8 +97,8 @@ static void tell(cln_trainer *t)
         cln_json_real(known ? p->loss : NAN), "psnr_train",
         cln_json_real(known ? p->psnr_train : NAN), "psnr_test", cln_json_real(t->psnr_test),
         "leaves", t->pipeline.leaves, "params",
-        (double)t->pipeline.leaves * t->pipeline.net.learned + t->pipeline.net.decoder_params,
-        "device_bytes", (double)t->device->allocated, "saved_step",
+        cln_network_learned(&t->pipeline.net, t->pipeline.leaves), "device_bytes",
+        (double)t->device->allocated, "saved_step",
         t->saved_step < 0 ? json_null() : json_integer(t->saved_step), "viewing",
         w->spent / fmax(cln_now() - w->began, 1e-9), "stages", stages_json(t), "curve",
         curve_json(&w->curve));

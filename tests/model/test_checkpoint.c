@@ -495,6 +495,18 @@ static void test_bytes_are_foreseen(void **state)
     cln_model_free(&model);
 }
 
+/* What cannot be listed is not a run without checkpoints, which would be trained again. */
+static void test_unreadable_folder(void **state)
+{
+    const char *run = *state;
+    cln_model model;
+
+    scratch_put(scratch_path(run, "checkpoint"), "", 0);
+    assert_int_equal(cln_checkpoint_read(run, true, &model), CLN_CHECKPOINT);
+    assert_non_null(strstr(cln_error_text(), "cannot list the checkpoints"));
+    cln_clear_error();
+}
+
 /* ---- interruption ---- */
 
 static void test_full_disk(void **state)
@@ -616,6 +628,7 @@ int test_group_checkpoint(void)
         cmocka_unit_test_setup_teardown(test_forged, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_no_tensors_digest, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bytes_are_foreseen, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_unreadable_folder, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_full_disk, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_killed, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_clears_leftovers, scratch_make, scratch_remove),

@@ -300,6 +300,30 @@ static void test_split_stops_at_deepest(void **state)
     cln_octree_free(&tree);
 }
 
+/* Splits slot 2 of eight, then culls old slot 1 and the children 0 and 3: as one change. */
+static void test_cull_after(void **state)
+{
+    static const int from[12] = {0, 2, 2, 2, 2, 2, 2, 3, 4, 5, 6, 7};
+    static const int octant[12] = {-1, 1, 2, 4, 5, 6, 7, -1, -1, -1, -1, -1};
+    const uint8_t split[8] = {0, 0, 1}, cull[15] = {0, 1, 1, 0, 0, 1};
+    cln_octree tree;
+    cln_octree_change change;
+
+    (void)state;
+    assert_int_equal(cln_octree_create(1, &tree), CLN_OK);
+    assert_int_equal(cln_octree_split(&tree, split, &change), CLN_OK);
+    assert_int_equal(cln_octree_cull_after(&tree, cull, &change), CLN_OK);
+    assert_int_equal(tree.leaf_count, 12);
+    assert_int_equal(change.count, 12);
+    for (int s = 0; s < 12; s++) {
+        assert_int_equal(change.from[s], from[s]);
+        assert_int_equal(change.octant[s], octant[s]);
+    }
+    check_tree(&tree);
+    cln_octree_change_free(&change);
+    cln_octree_free(&tree);
+}
+
 static void test_cull_collapses(void **state)
 {
     uint8_t marks[64] = {0};
@@ -650,6 +674,7 @@ int test_group_octree(void)
         cmocka_unit_test(test_split),
         cmocka_unit_test(test_split_stops_at_deepest),
         cmocka_unit_test(test_cull_collapses),
+        cmocka_unit_test(test_cull_after),
         cmocka_unit_test(test_regrow),
         cmocka_unit_test(test_merge),
         cmocka_unit_test(test_merge_one_of_two),

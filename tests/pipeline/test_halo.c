@@ -264,7 +264,8 @@ static void check_order(const world *w)
  * down. */
 static void check_count(const world *w)
 {
-    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST];
+    int64_t links[CLN_RANKS_MOST];
+    int far[CLN_RANKS_MOST];
 
     assert_ok(cln_halo_count(w->p, &w->model.tree, w->p->rank_first, links, far));
     for (int r = 0; r < w->c->ranks; r++) {

@@ -190,7 +190,8 @@ static void test_uneven_deal(void **state)
     enum { SAMPLES = 8192, OWN = 8000, LEAVES = 32768 };
     const int first[3] = {0, OWN, LEAVES};
     cln_config config = preset("voxel");
-    int links[CLN_RANKS_MOST], far[CLN_RANKS_MOST], starts[3];
+    int64_t links[CLN_RANKS_MOST];
+    int far[CLN_RANKS_MOST], starts[3];
     cln_octree tree = {0};
     cln_deal deal;
     cln_plan plan;
@@ -268,12 +269,35 @@ static void test_the_deal_itself(void **state)
     assert_int_equal(cln_plan_most_own(&f.desc), 360);
 }
 
+/* The largest tree that there can be, of the largest leaves: more links than an int counts. */
+static void test_most_links(void **state)
+{
+    cln_config config = preset("voxel");
+    fake f;
+    cln_plan plan;
+    cln_deal deal;
+
+    (void)state;
+    config.grid_cells = CLN_VOXEL_CELLS;
+    make_fake(&f, &config, 4096 * MIB, "gpu");
+    f.pipeline.ranks = 2;
+    f.desc.leaves = 1 << (3 * CLN_MAX_LEVEL);
+    deal = cln_plan_any_deal(&f.desc, f.desc.leaves / 2);
+    assert_true(deal.far >= f.desc.leaves / 2);
+    assert_true(deal.links == (int64_t)deal.far * 17 * 17);
+    assert_true(deal.links > INT32_MAX);
+    f.desc.deal = &deal;
+    cln_plan_device(&f.desc, &plan);
+    assert_true(row_bytes(&plan, "tree and cameras", false) > 40.0 * deal.far * 17 * 17);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "more device memory");
+}
+
 int test_group_plan_ranks(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_links_fit),       cmocka_unit_test(test_deals),
         cmocka_unit_test(test_uneven_deal),     cmocka_unit_test(test_moves_into_a_buffer),
-        cmocka_unit_test(test_the_deal_itself),
+        cmocka_unit_test(test_the_deal_itself), cmocka_unit_test(test_most_links),
     };
 
     return cmocka_run_group_tests_name("plan_ranks", tests, NULL, NULL);

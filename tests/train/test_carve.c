@@ -120,11 +120,46 @@ static void test_slab(void **state)
     cln_scene_free(scene);
 }
 
+/* The same slab right after another change: all of its leaves, or of those that came back alone. */
+static void test_after(void **state)
+{
+    cln_scene *scene = make_scene(*state, "-1,0,2.5,3,4,3.5", 0);
+    cln_config config = default_config();
+
+    config.slab = true;
+    for (int fresh = 0; fresh < 2; fresh++) {
+        cln_octree tree = {0};
+        cln_octree_change change;
+        int count = 0;
+
+        assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
+        assert_int_equal(cln_octree_split(&tree, NULL, &change), CLN_OK);
+        for (int s = 0; s < tree.leaf_count && fresh; s++) /* an eighth of the cube */
+            if (tree.pos[tree.leaf[s]][0] == 0)
+                change.octant[s] = CLN_FRESH;
+        assert_int_equal(
+            cln_carve_after(scene, &scene->space, &config, fresh, &tree, &change, &count), CLN_OK);
+        assert_int_equal(count, fresh ? 384 / 8 : 384);
+        assert_int_equal(change.count, 512 - count);
+        assert_int_equal(tree.leaf_count, 512 - count);
+        for (int s = 0; s < tree.leaf_count; s++) {
+            const int z = tree.pos[tree.leaf[s]][2];
+
+            if (!fresh || change.octant[s] == CLN_FRESH)
+                assert_true(z == 3 || z == 4);
+        }
+        cln_octree_change_free(&change);
+        cln_octree_free(&tree);
+    }
+    cln_scene_free(scene);
+}
+
 int test_group_carve(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_seen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_slab, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_after, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("carve", tests, NULL, NULL);

@@ -1,0 +1,25 @@
+/* What decisions about the tree read of the leaves: densities that stage 1 has cached, and sums
+ * over the training rays since measuring began anew (method.md 12.2, 12.3). By ranks, each has the
+ * measures of all leaves. Decides nothing: model/structure.h and model/integer_program.h do. */
+#ifndef CLN_MEASURE_H
+#define CLN_MEASURE_H
+
+#include "model/integer_program.h"
+#include "model/structure.h"
+#include "train/trainer.h"
+
+/* Begins a new interval of measuring, on host and device. CLN_CL. */
+cln_status cln_measure_restart(cln_trainer *t);
+
+/* Mean density (--density-weight) and peak of every leaf; the caller frees them, also on failure.
+ * Cached densities must be fresh. CLN_MEMORY, CLN_CL. */
+cln_status cln_measure_stats(cln_trainer *t, cln_leaf_stats *out);
+
+/* Measures every leaf, (*out)[slot]: error per ray, density, whether it may split, and into which
+ * children, (*children)[slot] (children.h): before --cull-from, into all. Errors also go into the
+ * model. fraction: 0..1 of the budget. The caller frees both. Cached densities must be fresh, some
+ * rays measured, and no results owed. CLN_MEMORY, CLN_CL. */
+cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure **out,
+                              uint8_t **children);
+
+#endif
