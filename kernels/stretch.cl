@@ -16,19 +16,29 @@
 
 #define SUMS (2u + DEPTH_LOSS)
 
+/* A ray's intervals; 0 if its samples and those before are more than `most`, but for the first
+ * ray: it will be cut off the batch. */
+HELPER uint intervals_of(const __global uint *used, const __global uint *sample_starts, uint r,
+                         uint most)
+{
+    return r > 0u && sample_starts[r + 1u] > most ? 0u : used[r];
+}
+
 /* Counts a ray's stretches, and its samples here. leaf_rank: [leaf]. */
 __kernel void stretch_count(const __global cln_interval *restrict intervals, /* [most][rays] */
                             const __global uint *restrict used,              /* [ray] */
+                            const __global uint *restrict sample_starts,     /* [ray + 1] */
                             const __global uint *restrict leaf_rank,
                             __global uint *restrict own_counts, /* [ray] samples */
-                            __global uint *restrict stretch_counts, uint n, uint rays, uint me)
+                            __global uint *restrict stretch_counts, uint n, uint rays, uint me,
+                            uint most)
 {
     const uint r = get_global_id(0);
     uint own = 0, count = 0, before = UINT_MAX;
 
     if (r >= n)
         return;
-    for (uint k = 0; k < used[r]; k++) {
+    for (uint k = 0; k < intervals_of(used, sample_starts, r, most); k++) {
         const cln_interval v = intervals[k * rays + r];
         const uint rank = leaf_rank[v.slot];
 
@@ -43,12 +53,13 @@ __kernel void stretch_count(const __global cln_interval *restrict intervals, /* 
 /* Lists the stretches, and sets the sample counts of other ranks' intervals to 0. */
 __kernel void stretch_list(__global cln_interval *restrict intervals, /* [most][rays] */
                            const __global uint *restrict used,
+                           const __global uint *restrict sample_starts,
                            const __global uint *restrict leaf_rank,
                            const __global uint *restrict own_starts,     /* [ray + 1] */
                            const __global uint *restrict stretch_starts, /* [ray + 1] */
                            __global uint *restrict stretch_rank,         /* [stretch] */
                            __global uint *restrict stretch_first,        /* [stretch + 1] */
-                           uint n, uint rays, uint me)
+                           uint n, uint rays, uint me, uint most)
 {
     const uint r = get_global_id(0);
     uint before = UINT_MAX;
@@ -57,7 +68,7 @@ __kernel void stretch_list(__global cln_interval *restrict intervals, /* [most][
         return;
     uint at = stretch_starts[r], sample = own_starts[r];
 
-    for (uint k = 0; k < used[r]; k++) {
+    for (uint k = 0; k < intervals_of(used, sample_starts, r, most); k++) {
         const cln_interval v = intervals[k * rays + r];
         const uint rank = leaf_rank[v.slot];
 

@@ -356,7 +356,7 @@ static cln_status put_part(cln_pipeline *p, const batch *b, int me, uint32_t *mi
     CLN_TRY(cln_check_put(p->device, &p->used, used, sizeof used));
     CLN_TRY(cln_check_put(p->device, &p->samples, samples, *count * sizeof *samples));
     CLN_TRY(cln_check_put(p->device, &p->out, out, *count * sizeof *out));
-    CLN_TRY(cln_stretch_find(p, MIXED_RAYS, me));
+    CLN_TRY(cln_stretch_find(p, MIXED_RAYS, me, SIZE_MAX));
 done:
     free(all);
     free(samples);

@@ -284,7 +284,7 @@ done:
 /* Marked cells that cln_octree_regrow() makes leaves of. */
 typedef struct regrowth {
     const cln_marks *marks;
-    int level;
+    int level, core_level;
     const uint8_t *empty; /* [old slot] */
 } regrowth;
 
@@ -295,6 +295,20 @@ static bool has_marked(const cln_octree *tree, int node, const regrowth *g)
     return cln_marks_meet(g->marks, tree->level[node], cell);
 }
 
+/* Level of new leaves at a node. */
+static int level_of_new(const cln_octree *tree, int node, const regrowth *g)
+{
+    const int quarter = tree->level[node] - 2;
+
+    for (int a = 0; a < 3 && quarter >= 0; a++) {
+        const int at = tree->pos[node][a] >> quarter;
+
+        if (at == 0 || at == 3)
+            return g->level;
+    }
+    return quarter >= 0 ? g->core_level : g->level;
+}
+
 static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
 {
     cln_status st = CLN_OK;
@@ -302,11 +316,13 @@ static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
     if (tree->state[node] != CLN_NODE_INNER && !has_marked(tree, node, g))
         return CLN_OK;
     if (tree->state[node] == CLN_NODE_ACTIVE) {
-        if (g->empty[tree->slot[node]])
+        if (g->empty[tree->slot[node]]) {
             tree->slot[node] = FRESH_SLOT;
+            tree->strikes[node] = 0; /* else the next culling takes it back */
+        }
         return CLN_OK;
     }
-    if (tree->state[node] == CLN_NODE_CULLED && tree->level[node] >= g->level) {
+    if (tree->state[node] == CLN_NODE_CULLED && tree->level[node] >= level_of_new(tree, node, g)) {
         tree->state[node] = CLN_NODE_ACTIVE;
         tree->strikes[node] = 0;
         tree->slot[node] = FRESH_SLOT;
@@ -326,11 +342,11 @@ done:
     return st;
 }
 
-cln_status cln_octree_regrow(cln_octree *tree, const cln_marks *marks, int level,
+cln_status cln_octree_regrow(cln_octree *tree, const cln_marks *marks, int level, int core_level,
                              const uint8_t *empty, cln_octree_change *change)
 {
     cln_status st = CLN_OK;
-    const regrowth g = {marks, level, empty};
+    const regrowth g = {marks, level, core_level, empty};
     int32_t *leaf = NULL;
 
     memset(change, 0, sizeof *change);

@@ -69,10 +69,11 @@ bool cln_octree_can_merge(const cln_octree *tree, int slot);
 cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float *weight,
                             cln_octree_change *change);
 
-/* Makes ACTIVE leaves of `level` again in CULLED nodes where cells are marked (marks in order); a
- * marked CULLED node of that level or deeper becomes ACTIVE itself. ACTIVE leaves that are `empty`
- * [slot] but have a marked cell begin anew. */
-cln_status cln_octree_regrow(cln_octree *tree, const cln_marks *marks, int level,
+/* Makes ACTIVE leaves of `level`, in the middle half of the cube along each axis of `core_level`,
+ * again in CULLED nodes where cells are marked (marks in order); a marked CULLED node of that level
+ * or deeper becomes ACTIVE itself. ACTIVE leaves that are `empty` [slot] but have a marked cell
+ * begin anew. core_level > level: not below level 2. */
+cln_status cln_octree_regrow(cln_octree *tree, const cln_marks *marks, int level, int core_level,
                              const uint8_t *empty, cln_octree_change *change);
 
 /* Joins two successive changes: *change becomes *change, then `next`. A leaf is new in at most one

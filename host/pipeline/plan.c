@@ -497,6 +497,15 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         row(out, "coverage of the images", "the number of views");
         add(out, d->coverage_bytes);
     }
+    if (d->pipeline->ranks > 1) {
+        const double links = d->training ? 2 * links_of(d, s->leaves) * BYTES(d, halo_rows) : 0;
+        const double samples = s->samples * BYTES(d, packed);
+
+        row(out, "messages to other ranks", lower(d, CLN_LOWER_LEAVES));
+        add(out, fmax(links, fmax(densities, samples)));
+        if (d->training) /* an array of the leaves that move, as they were and as they will be */
+            add(out, 2 * own_leaves(d, s->leaves) * BYTES(d, params));
+    }
     row(out, "batches and pictures", "--rays or the size with --downscale");
     add(out, (d->training ? 80.0 * cln_config_most_rays(c) : 0) + 80.0 * CLN_RENDER_RAYS);
     add(out, (picture_bytes + (d->training ? 0 : written_bytes)) * view_pixels(d->scene));

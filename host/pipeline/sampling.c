@@ -180,7 +180,7 @@ cln_status cln_stage_sample(cln_pipeline *p, int n, const cln_sampling *s, int *
     CLN_TRY(cln_buffer_fetch(device, &p->sample_starts, rays * sizeof(cl_uint), &p->sample_total,
                              sizeof p->sample_total));
     if (s->stretches) {
-        CLN_TRY(cln_stretch_find(p, n, cln_ranks_me()));
+        CLN_TRY(cln_stretch_find(p, n, cln_ranks_me(), s->max_samples));
         CLN_TRY(cln_buffer_fetch(device, &p->own_starts, rays * sizeof(cl_uint), &p->samples_here,
                                  sizeof p->samples_here));
     }

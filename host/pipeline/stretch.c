@@ -14,11 +14,12 @@ bool cln_stretch_wanted(const cln_pipeline *p)
            cln_pipeline_extra_samples(p) == 0;
 }
 
-cln_status cln_stretch_find(cln_pipeline *p, int n, int me)
+cln_status cln_stretch_find(cln_pipeline *p, int n, int me, size_t max_samples)
 {
     cln_status st = CLN_OK;
     const size_t wg = (size_t)p->tune.wg, rays = (size_t)n;
     const cl_uint count = (cl_uint)n, own = (cl_uint)me;
+    const cl_uint most = max_samples < UINT32_MAX ? (cl_uint)max_samples : UINT32_MAX;
 
     CLN_TRY(cln_share_leaf_ranks(p));
     CLN_TRY(CLN_RESERVE(p, own_counts, rays));
@@ -26,9 +27,10 @@ cln_status cln_stretch_find(cln_pipeline *p, int n, int me)
     CLN_TRY(CLN_RESERVE(p, stretch_counts, rays));
     CLN_TRY(CLN_RESERVE(p, stretch_starts, rays + 1));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.stretch_count, CLN_STAGE_INTERVALS, cln_groups(rays, wg), wg,
-                       CLN_ARG(p->intervals.mem), CLN_ARG(p->used.mem), CLN_ARG(p->leaf_rank.mem),
+                       CLN_ARG(p->intervals.mem), CLN_ARG(p->used.mem),
+                       CLN_ARG(p->sample_starts.mem), CLN_ARG(p->leaf_rank.mem),
                        CLN_ARG(p->own_counts.mem), CLN_ARG(p->stretch_counts.mem), CLN_ARG(count),
-                       CLN_ARG(count), CLN_ARG(own)));
+                       CLN_ARG(count), CLN_ARG(own), CLN_ARG(most)));
     CLN_TRY(cln_stage_scan(p, &p->own_counts, &p->own_starts, count, CLN_STAGE_INTERVALS, NULL));
     CLN_TRY(cln_stage_scan(p, &p->stretch_counts, &p->stretch_starts, count, CLN_STAGE_INTERVALS,
                            &p->stretch_total));
@@ -36,10 +38,11 @@ cln_status cln_stretch_find(cln_pipeline *p, int n, int me)
     CLN_TRY(CLN_RESERVE(p, stretch_first, (size_t)p->stretch_total + 1));
     CLN_TRY(CLN_RESERVE(p, stretch_sums, p->stretch_total));
     CLN_TRY(CLN_LAUNCH(p->device, p->k.stretch_list, CLN_STAGE_INTERVALS, cln_groups(rays, wg), wg,
-                       CLN_ARG(p->intervals.mem), CLN_ARG(p->used.mem), CLN_ARG(p->leaf_rank.mem),
+                       CLN_ARG(p->intervals.mem), CLN_ARG(p->used.mem),
+                       CLN_ARG(p->sample_starts.mem), CLN_ARG(p->leaf_rank.mem),
                        CLN_ARG(p->own_starts.mem), CLN_ARG(p->stretch_starts.mem),
                        CLN_ARG(p->stretch_rank.mem), CLN_ARG(p->stretch_first.mem), CLN_ARG(count),
-                       CLN_ARG(count), CLN_ARG(own)));
+                       CLN_ARG(count), CLN_ARG(own), CLN_ARG(most)));
 done:
     return st;
 }

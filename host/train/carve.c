@@ -2,6 +2,7 @@
 #include "train/carve.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/config.h"
 #include "base/memory.h"
@@ -64,8 +65,10 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
                       (config->seen_by > 0 && !is_seen(scene, space, box, config->seen_by));
         *count += (*marks)[s];
     }
-    if (*count == tree->leaf_count) /* then the cameras must be wrong */
+    if (*count == tree->leaf_count) { /* then the cameras must be wrong */
+        memset(*marks, 0, (size_t)tree->leaf_count);
         *count = 0;
+    }
 done:
     return st;
 }

@@ -61,7 +61,7 @@ static size_t count_tiles(const cln_scene *scene, size_t *first)
 static bool has_masks(const cln_scene *scene)
 {
     for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++)
-        if (train_view(scene, i)->kept || train_view(scene, i)->mask_path)
+        if (cln_scene_training_view(scene, i)->kept || cln_scene_training_view(scene, i)->mask_path)
             return true;
     return false;
 }
@@ -92,7 +92,7 @@ static void count_kept(const cln_scene *scene, cln_coverage *coverage)
     const int side = coverage->side;
 
     for (int i = 0; i < coverage->views; i++) {
-        const cln_view *view = train_view(scene, i);
+        const cln_view *view = cln_scene_training_view(scene, i);
         const grid g = grid_of(&view->camera, side);
         uint32_t *kept = coverage->kept + coverage->first[i];
 

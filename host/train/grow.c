@@ -239,7 +239,8 @@ cln_status cln_grow_back(cln_trainer *t, int splits, bool *came_back)
     if (missing.errors + missing.cut == 0)
         goto done;
     CLN_TRY(cln_octree_copy(&t->model.tree, &tree));
-    CLN_TRY(cln_octree_regrow(&tree, &missing.marks, t->model.level, empty, &change));
+    CLN_TRY(cln_octree_regrow(&tree, &missing.marks, t->model.level,
+                              t->model.level + t->model.space.shell, empty, &change));
     CLN_TRY(cln_carve_after(t->scene, &t->model.space, &t->model.config, true, &tree, &change,
                             &carved));
     fresh = count_fresh(&change);

@@ -52,6 +52,7 @@ static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     const cln_octree *tree = &t->model.tree;
+    const int finest = c->max_level + t->model.space.shell; /* as the program has it */
     double *each = NULL;
 
     CLN_TRY(cln_alloc(out, (size_t)tree->leaf_count, 1, "leaf marks"));
@@ -63,7 +64,7 @@ static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
         float box[4];
         double centre[3];
 
-        if (met[s] < c->split_samples || tree->level[tree->leaf[s]] >= c->max_level)
+        if (met[s] < c->split_samples || tree->level[tree->leaf[s]] >= finest)
             continue;
         cln_octree_box(tree, tree->leaf[s], box);
         for (int a = 0; a < 3; a++)

@@ -13,6 +13,7 @@
 #include "base/rng.h"
 #include "device_abi.h"
 #include "model/octree.h"
+#include "model/shell_tree.h"
 #include "reference/reference.h"
 #include "tests.h"
 
@@ -462,6 +463,47 @@ static void same_tree(const cln_octree *a, const cln_octree *b)
         assert_memory_equal(a->leaf, b->leaf, (size_t)a->leaf_count * sizeof *a->leaf);
 }
 
+/* In a shell space, what comes back in the core is a level finer, like its neighbours. */
+static void test_regrow_shell(void **state)
+{
+    static const double places[2][3] = {{0.1, 0.1, 0.1}, {0.9, 0.1, 0.1}}; /* core, face */
+    cln_octree tree;
+    cln_octree_change change;
+    cln_marks cells = {0};
+    uint8_t marks[1024] = {0};
+
+    (void)state;
+    assert_int_equal(cln_shell_tree_create(3, &tree), CLN_OK);
+    assert_true(tree.leaf_count <= 1024);
+    for (int k = 0; k < 2; k++) { /* a group of siblings each */
+        const int slot = cln_octree_find(&tree, places[k]);
+        const int first = tree.child[tree.parent[tree.leaf[slot]]];
+        int cell[3];
+
+        assert_int_equal(tree.level[tree.leaf[slot]], k == 0 ? 4 : 3);
+        for (int i = 0; i < 8; i++)
+            if (tree.state[first + i] == CLN_NODE_ACTIVE)
+                marks[tree.slot[first + i]] = 1;
+        for (int a = 0; a < 3; a++)
+            cell[a] = (int)((places[k][a] + 1) * 8);
+        assert_int_equal(cln_marks_add(&cells, 4, cell), CLN_OK);
+    }
+    cln_marks_order(&cells);
+    assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
+    cln_octree_change_free(&change);
+    memset(marks, 0, sizeof marks);
+    assert_int_equal(cln_octree_regrow(&tree, &cells, 3, 4, marks, &change), CLN_OK);
+    for (int k = 0; k < 2; k++) {
+        const int slot = cln_octree_find(&tree, places[k]);
+
+        assert_true(slot >= 0 && change.octant[slot] == CLN_FRESH);
+        assert_int_equal(tree.level[tree.leaf[slot]], k == 0 ? 4 : 3);
+    }
+    cln_octree_change_free(&change);
+    cln_marks_free(&cells);
+    cln_octree_free(&tree);
+}
+
 /* Culled places come back as leaves of a level where cells are marked, and empty leaves with marked
  * cells restart; all others stay as they are. */
 static void test_regrow(void **state)
@@ -484,7 +526,7 @@ static void test_regrow(void **state)
     marks[63] = 1;       /* the leaf at the highest corner */
     assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
     cln_octree_change_free(&change);
-    assert_int_equal(cln_octree_regrow(&tree, &cells, 3, empty, &change), CLN_OK);
+    assert_int_equal(cln_octree_regrow(&tree, &cells, 3, 3, empty, &change), CLN_OK);
     assert_int_equal(change.count, 55); /* no marks, no change */
     for (int s = 0; s < 55; s++)
         assert_true(change.octant[s] == CLN_COPIED && change.from[s] == s);
@@ -494,7 +536,8 @@ static void test_regrow(void **state)
         assert_int_equal(cln_marks_add(&cells, 3, marked[i]), CLN_OK);
     cln_marks_order(&cells);
     empty[0] = 1;
-    assert_int_equal(cln_octree_regrow(&tree, &cells, 3, empty, &change), CLN_OK);
+    tree.strikes[tree.leaf[0]] = tree.strikes[tree.leaf[1]] = 1;
+    assert_int_equal(cln_octree_regrow(&tree, &cells, 3, 3, empty, &change), CLN_OK);
     assert_int_equal(tree.leaf_count, 55 + 4);
     check_tree(&tree);
     for (int s = 0; s < change.count; s++) {
@@ -508,6 +551,7 @@ static void test_regrow(void **state)
         if (change.octant[s] == CLN_COPIED)
             assert_int_equal(change.from[s], s - 3);
         fresh += change.octant[s] == CLN_FRESH;
+        assert_int_equal(tree.strikes[tree.leaf[s]], s == 4); /* what begins anew has none */
     }
     assert_int_equal(fresh, 5);
     assert_int_equal(cln_octree_find(&tree, (double[3]){-0.9, -0.9, -0.9}), 0);
@@ -518,7 +562,7 @@ static void test_regrow(void **state)
     assert_int_equal(cln_marks_add(&cells, 3, (int[3]){2, 0, 0}), CLN_OK);
     cln_marks_order(&cells);
     memset(empty, 0, sizeof empty);
-    assert_int_equal(cln_octree_regrow(&tree, &cells, 1, empty, &change), CLN_OK);
+    assert_int_equal(cln_octree_regrow(&tree, &cells, 1, 1, empty, &change), CLN_OK);
     assert_int_equal(tree.leaf_count, 60);
     check_tree(&tree);
     cln_octree_change_free(&change);
@@ -676,6 +720,7 @@ int test_group_octree(void)
         cmocka_unit_test(test_cull_collapses),
         cmocka_unit_test(test_cull_after),
         cmocka_unit_test(test_regrow),
+        cmocka_unit_test(test_regrow_shell),
         cmocka_unit_test(test_merge),
         cmocka_unit_test(test_merge_one_of_two),
         cmocka_unit_test(test_random_histories),

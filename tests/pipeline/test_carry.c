@@ -36,7 +36,7 @@ static void change_both(cln_model *host, cln_model *other, const uint8_t *marks,
         else if (kind == 2)
             assert_ok(cln_octree_cull(&models[i]->tree, marks, out));
         else /* all cells are marked: every culled node comes back, every marked leaf restarts */
-            assert_ok(cln_octree_regrow(&models[i]->tree, &all_cells, 0, marks, out));
+            assert_ok(cln_octree_regrow(&models[i]->tree, &all_cells, 0, 0, marks, out));
     }
     assert_ok(cln_model_apply(host, change));
     assert_ok(cln_model_follow(other, &again));

@@ -251,7 +251,7 @@ static void upload_part(cln_pipeline *p, const batch *b, int me, uint32_t *mine)
 {
     cln_sample *sample = test_alloc(b->samples, sizeof *sample);
     float(*out)[4] = test_alloc(b->samples, sizeof *out);
-    uint32_t used[RAYS], count = 0, starts[RAYS + 1], seen[RAYS];
+    uint32_t used[RAYS], count = 0, starts[RAYS + 1], seen[RAYS + 1];
     cln_interval *intervals = make_intervals(b, used), *listed = NULL;
 
     for (int r = 0; r < RAYS; r++) {
@@ -272,7 +272,14 @@ static void upload_part(cln_pipeline *p, const batch *b, int me, uint32_t *mine)
     starts[RAYS] = count;
     test_fill(p->device, &p->intervals, intervals, MOST * RAYS * sizeof *intervals);
     test_fill(p->device, &p->used, used, sizeof used);
-    assert_ok(cln_stretch_find(p, RAYS, me));
+    test_fill(p->device, &p->sample_starts, b->starts, sizeof b->starts);
+    /* a batch that will be cut: rays behind have no samples and no stretches */
+    assert_ok(cln_stretch_find(p, RAYS, me, b->starts[RAYS / 2]));
+    assert_ok(cln_buffer_read(p->device, &p->own_starts, 0, seen, sizeof seen));
+    for (int r = 0; r <= RAYS; r++)
+        assert_int_equal(seen[r], starts[b->starts[r] <= b->starts[RAYS / 2] ? r : RAYS / 2]);
+    assert_true(p->stretch_total < b->samples);
+    assert_ok(cln_stretch_find(p, RAYS, me, SIZE_MAX));
     assert_ok(cln_buffer_read(p->device, &p->own_starts, 0, seen, sizeof seen));
     assert_memory_equal(seen, starts, sizeof seen);
     listed = test_read(p->device, &p->intervals, MOST * RAYS * sizeof *intervals, "intervals");

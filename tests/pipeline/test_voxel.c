@@ -512,7 +512,7 @@ static void test_regrown(void **state)
     row = model.net.params;
     features = model.net.features;
     assert_ok(cln_pipeline_upload(p, &model, true));
-    assert_ok(cln_octree_regrow(&model.tree, &marks, 2, empty, &change));
+    assert_ok(cln_octree_regrow(&model.tree, &marks, 2, 2, empty, &change));
     assert_ok(cln_pipeline_carry(p, &model.tree, &change));
     next = circles_of(&model.tree);
     got = test_alloc((size_t)(model.tree.leaf_count * row), sizeof *got);
