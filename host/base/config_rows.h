@@ -3,7 +3,7 @@
  * checkpoint's settings, so they cannot drift apart.
  *
  * Rows, by type (paper = method.md's default, fast = chosen by error against run time on a CPU,
- * docs/results.md):
+ * docs/history.md; config.c has what preset voxel and the baselines change of fast):
  *   INT (field, option, paper, fast, min, max, help)
  *   REAL(field, option, paper, fast, min, max, help)
  *   BOOL(field, option, paper, fast, help)                 --option / --no-option
