@@ -177,7 +177,9 @@ typedef struct cln_train_progress {
 typedef struct cln_callbacks {
     void (*train)(const cln_train_progress *progress,
                   void *user); /* after every step; may be NULL */
-    void (*work)(const char *what, int done, int total, void *user); /* eval, render; may be NULL */
+    /* Parts done of any other work: views of eval and render, kernels checked before a training,
+     * an export's depths, photos of a check (`what` names it). May be NULL. */
+    void (*work)(const char *what, int done, int total, void *user);
     /* Polled every step / ray batch: 0 = go on, SIGINT or SIGTERM = write a checkpoint and return
      * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on. May be NULL. */
     int (*interrupted)(void *user);
@@ -358,8 +360,8 @@ typedef struct cln_view_desc {
 } cln_view_desc;
 
 /* Shows a run's newest model in a browser: serves a page and the pictures that it asks for, until
- * interrupted (CLN_SIGINT, CLN_SIGTERM). Writes nothing. CLN_FAILED if the library was built
- * without libmicrohttpd. */
+ * interrupted (CLN_SIGINT, CLN_SIGTERM). Writes nothing but films while they are made, in TMPDIR.
+ * CLN_FAILED if the library was built without libmicrohttpd. */
 CLN_API cln_status cln_view_run(const cln_view_desc *desc);
 
 /* ---- the field itself ---- */
