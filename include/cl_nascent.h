@@ -107,7 +107,7 @@ CLN_API cln_status cln_settings_check(const cln_settings *settings);
 
 typedef struct cln_setting_info {
     const char *name, *alias; /* alias: an earlier name, or NULL */
-    const char *group;        /* "network", "tree", "sampling", "optim", "run" */
+    const char *group;        /* "network" (of leaves), "tree", "sampling", "optim", "run" */
     const char *help;
     const char *type;  /* "int", "real", "switch", "word", "text" */
     const char *words; /* word: "a|b|c"; else NULL */
@@ -127,7 +127,7 @@ typedef struct cln_device_desc {
     const char
         *kernel_dir; /* read kernels from here instead of the embedded ones; NULL = embedded */
     /* Source of kernel parameters, the first one of: tune ("VW=8,TS=6,...", on top of the device
-     * class's defaults), a row of tune_file that fits device and network, such a row that came with
+     * class's defaults), a row of tune_file that fits device and leaves, such a row that came with
      * the program, the class's defaults. NULL = none. */
     const char *tune;
     const char *tune_file; /* the user's rows, docs/formats.md "Tuning rows" */
@@ -177,7 +177,9 @@ typedef struct cln_train_progress {
 typedef struct cln_callbacks {
     void (*train)(const cln_train_progress *progress,
                   void *user); /* after every step; may be NULL */
-    void (*work)(const char *what, int done, int total, void *user); /* eval, render; may be NULL */
+    /* Parts done of any other work: views of eval and render, kernels checked before a training,
+     * an export's depths, photos of a check (`what` names it). May be NULL. */
+    void (*work)(const char *what, int done, int total, void *user);
     /* Polled every step / ray batch: 0 = go on, SIGINT or SIGTERM = write a checkpoint and return
      * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on. May be NULL. */
     int (*interrupted)(void *user);
@@ -358,8 +360,8 @@ typedef struct cln_view_desc {
 } cln_view_desc;
 
 /* Shows a run's newest model in a browser: serves a page and the pictures that it asks for, until
- * interrupted (CLN_SIGINT, CLN_SIGTERM). Writes nothing. CLN_FAILED if the library was built
- * without libmicrohttpd. */
+ * interrupted (CLN_SIGINT, CLN_SIGTERM). Writes nothing but films while they are made, in TMPDIR.
+ * CLN_FAILED if the library was built without libmicrohttpd. */
 CLN_API cln_status cln_view_run(const cln_view_desc *desc);
 
 /* ---- the field itself ---- */
@@ -495,7 +497,7 @@ typedef struct cln_tune_try {
 
 typedef struct cln_tune_desc {
     cln_device_desc device; /* tune: start of the search; NULL = the device class's defaults */
-    const cln_settings *settings; /* their networks, sampling and batch count */
+    const cln_settings *settings; /* their leaves, sampling and batch count */
     double budget;                /* seconds */
     int max_tries;                /* most sets tried; 0 = as many as the budget allows */
     const char *file;             /* gets the row, instead of an older one; NULL = none */
@@ -504,7 +506,7 @@ typedef struct cln_tune_desc {
 
 typedef struct cln_tune_result {
     cln_device_info device;
-    char network[32], tune[256]; /* the network and its best set */
+    char network[32], tune[256]; /* the leaves (W32-D3-V32, X8x16) and their best set */
     char row[1024];              /* the same as a line of a file of rows */
     double seconds;              /* of a step with it */
     double gain;                 /* the first set's seconds / these */
@@ -515,7 +517,7 @@ typedef struct cln_tune_result {
 } cln_tune_result;
 
 /* Searches for the kernel parameters that make a training step fastest on a device. Times a set
- * only after it has passed the self-test's checks with these networks. CLN_CHECK if even the plain
+ * only after it has passed the self-test's checks with these leaves. CLN_CHECK if even the plain
  * set fails. */
 CLN_API cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result);
 CLN_API void cln_tune_free(cln_tune_result *result);

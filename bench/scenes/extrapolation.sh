@@ -10,7 +10,7 @@
 #   bench/scenes/extrapolation.sh build/bench-extrapolation 2m
 #
 #   FROM=...      cone low near
-#   PRESETS=...   fast nerf kilonerf
+#   PRESETS=...   voxel fast nerf kilonerf
 #   SIZE=200 TRAIN=60 TEST=32   width and height of the pictures; training and test views
 # More: bench/common/lib.sh. Scenes and runs that exist are kept. OUT/FROM/extrapolation.md keeps
 # the tables.

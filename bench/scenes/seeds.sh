@@ -8,9 +8,9 @@
 #   bench/scenes/seeds.sh build/demo/scene build/seeds 2500 "$(seq 0 19)"
 #
 # A run is OUT/seed-N. The same command continues a stopped bench: it keeps finished runs and
-# resumes interrupted ones. Each run adds its row to OUT/seeds.md. TRAIN OPTIONS go to every run; a
-# run made with others ends the bench. The self-test is skipped. Seconds are processor seconds of
-# training and evaluation.
+# resumes interrupted ones. Each run adds its row to OUT/seeds.md. Trains networks (--preset fast)
+# unless TRAIN OPTIONS, which go to every run, name another preset; a run made with others ends the
+# bench. The self-test is skipped. Seconds are processor seconds of training and evaluation.
 # CLN, QUERY: the programs (build/cl-nascent, build/json-query).
 set -eu
 [ $# -ge 4 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }

@@ -3,7 +3,7 @@
  * checkpoint's settings, so they cannot drift apart.
  *
  * Rows, by type (paper = method.md's default, fast = chosen by error against run time on a CPU,
- * docs/results.md):
+ * docs/history.md; config.c has what preset voxel and the baselines change of fast):
  *   INT (field, option, paper, fast, min, max, help)
  *   REAL(field, option, paper, fast, min, max, help)
  *   BOOL(field, option, paper, fast, help)                 --option / --no-option
@@ -71,16 +71,16 @@ enum { CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
 enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 
-/* The leaf networks: compile-time constants of the kernels (method.md sections 1, 2). */
+/* Leaves: compile-time constants of the kernels (method.md sections 1, 2). */
 #define CLN_CONFIG_NETWORK(INT, REAL, BOOL, ENUM, TEXT)                                            \
-    INT(width, "width", 64, 32, 16, 256, "neurons of a trunk layer: 16, 32, 64, 128 or 256",       \
+    INT(width, "width", 64, 32, 16, 256,                                                           \
+        "networks: neurons of a trunk layer: 16, 32, 64, 128 or 256", .flags = CLN_ROW_NETWORK)    \
+    INT(depth, "depth", 8, 3, 2, 8, "networks: trunk layers", .flags = CLN_ROW_NETWORK)            \
+    INT(view_width, "view-width", 256, 32, 16, 256,                                                \
+        "networks: neurons of the view layer: 16 to 256", .flags = CLN_ROW_NETWORK)                \
+    INT(bands, "bands", 10, 6, 1, 10, "networks: frequencies of the position encoding",            \
         .flags = CLN_ROW_NETWORK)                                                                  \
-    INT(depth, "depth", 8, 3, 2, 8, "trunk layers", .flags = CLN_ROW_NETWORK)                      \
-    INT(view_width, "view-width", 256, 32, 16, 256, "neurons of the view layer: 16 to 256",        \
-        .flags = CLN_ROW_NETWORK)                                                                  \
-    INT(bands, "bands", 10, 6, 1, 10, "frequencies of the position encoding",                      \
-        .flags = CLN_ROW_NETWORK)                                                                  \
-    INT(view_bands, "view-bands", 4, 2, 0, 4, "frequencies of the direction encoding",             \
+    INT(view_bands, "view-bands", 4, 2, 0, 4, "networks: frequencies of the direction encoding",   \
         .flags = CLN_ROW_NETWORK)                                                                  \
     ENUM(encoding, "encoding", CLN_ENCODING_FREQUENCY, CLN_ENCODING_FREQUENCY,                     \
          "frequency|grid|voxel",                                                                   \
@@ -98,16 +98,19 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "32, 48 or 64",                                                                            \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
-         "colour depends on the direction; without it the view layer is left out",                 \
+         "colour depends on the direction; without it view layer or harmonics are left out",       \
          .flags = CLN_ROW_NETWORK)                                                                 \
-    BOOL(skip, "skip", true, false, "feed the encoding again into the layer after depth/2 layers", \
+    BOOL(skip, "skip", true, false,                                                                \
+         "networks: feed the encoding again into the layer after depth/2 layers",                  \
          .flags = CLN_ROW_NETWORK)                                                                 \
-    BOOL(bands_by_level, "bands-by-level", false, false, "fade bands out that alias at a level",   \
-         .flags = CLN_ROW_FIXED)                                                                   \
+    BOOL(bands_by_level, "bands-by-level", false, false,                                           \
+         "networks: fade bands out that alias at a level", .flags = CLN_ROW_FIXED)                 \
     ENUM(rrelu_scope, "rrelu-scope", CLN_RRELU_ELEMENT, CLN_RRELU_MEAN, "element|neuron|mean",     \
-         "one random slope per element, per neuron and step, or the mean slope")                   \
-    REAL(rrelu_lower, "rrelu-lower", -0.3, -0.3, -1, 1, "lower bound of the negative-side slope")  \
-    REAL(rrelu_upper, "rrelu-upper", -0.1, -0.1, -1, 1, "upper bound of the negative-side slope")  \
+         "networks: one random slope per element, per neuron and step, or the mean slope")         \
+    REAL(rrelu_lower, "rrelu-lower", -0.3, -0.3, -1, 1,                                            \
+         "networks: lower bound of the negative-side slope")                                       \
+    REAL(rrelu_upper, "rrelu-upper", -0.1, -0.1, -1, 1,                                            \
+         "networks: upper bound of the negative-side slope")                                       \
     ENUM(density, "density", CLN_DENSITY_SOFTPLUS, CLN_DENSITY_SOFTPLUS, "softplus|relu|exp",      \
          "density activation", .flags = CLN_ROW_FIXED | CLN_ROW_SHAPE)                             \
     REAL(density_scale, "density-scale", 10, 10, 1e-3, 1e4,                                        \
@@ -116,7 +119,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(initial_depth, "initial-depth", 1, 1, 1e-4, 10,                                           \
          "optical depth straight through the empty cube at the start", .flags = CLN_ROW_FIXED)     \
     ENUM(init, "init", CLN_INIT_KAIMING, CLN_INIT_KAIMING, "kaiming|fan-in",                       \
-         "bound of the initial weights")
+         "networks: bound of the initial weights")
 
 /* The tree and its growth (method.md sections 3, 11, 12.3). */
 #define CLN_CONFIG_TREE(INT, REAL, BOOL, ENUM, TEXT)                                            \
@@ -152,7 +155,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     ENUM(density_weight, "density-weight", CLN_WEIGHT_MASK, CLN_WEIGHT_MASK, "mask|visibility", \
          "mean density of a leaf: over samples that a view sees, or weighted by how well")      \
     BOOL(adaptive, "adaptive", true, true,                                                      \
-         "split and merge single leaves by the integer program, besides growth by level",       \
+         "split single leaves by the integer program, and of networks merge them, besides "     \
+         "growth by level",                                                                     \
          .flags = CLN_ROW_TIME)                                                                 \
     INT(max_leaves, "max-leaves", 1024, 4096, 1, 262144, "adaptive: most leaves",               \
         .flags = CLN_ROW_TIME)                                                                  \
@@ -264,7 +268,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "(0: all)",                                                                               \
          .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
     INT(min_leaf_samples, "min-leaf-samples", 32, 8, 1, 1000000,                                   \
-        "a leaf with fewer samples in a batch is not updated")                                     \
+        "networks: a leaf with fewer samples in a batch is not updated")                           \
     ENUM(loss, "loss", CLN_LOSS_L2, CLN_LOSS_L2, "l2|huber", "loss per colour channel")            \
     REAL(huber_delta, "huber-delta", 0.1, 0.1, 1e-6, 10, "where huber turns linear")               \
     BOOL(random_background, "random-background", false, false,                                     \
@@ -305,7 +309,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(smooth_colour_delta, "smooth-colour-delta", 0, 0, 0, 1e6,                                 \
          "voxel: where the squares of --smooth-colour turn linear (0: never)",                     \
          .flags = CLN_ROW_LATER)                                                                   \
-    REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "weight of the norm of the view layer")                 \
+    REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "networks: weight of the norm of the view layer")       \
     INT(precrop_steps, "precrop-steps", 0, 0, 0, 1000000,                                          \
         "first steps that draw rays from the middle half of the images only")
 
@@ -319,7 +323,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                                 \
          "budget: stop when test PSNR reaches this (0 = none)")                                    \
     INT(epochs, "epochs", 30, 30, 1, 1000000,                                                      \
-        "budget when none other is set; an epoch draws a tenth of all training pixels",            \
+        "budget when none other is set; an epoch draws a tenth of all training pixels; if it is "  \
+        "not given either, voxels have at least 1500 steps",                                       \
         .flags = CLN_ROW_BUDGET)                                                                   \
     INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")         \
     TEXT(eval_at, "eval-at", "", "",                                                               \
@@ -342,7 +347,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc|shell",                    \
          "what the tree divides: a cube of the scene, normalised device coordinates for cameras "  \
          "that all look one way, or a cube and a shell that holds all that lies beyond it; auto, " \
-         "without --bbox: ndc for LLFF scenes like that, shell around COLMAP's points",            \
+         "without --bbox: ndc for LLFF scenes like that, shell for photos without alpha of "       \
+         "COLMAP, OpenSfM and nerfstudio",                                                         \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     TEXT(background, "background", "white", "auto",                                                \
          "white, black, r,g,b in 0..1, or mean, the training photos' mean colour, behind "         \
