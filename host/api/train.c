@@ -155,12 +155,13 @@ static cln_status create(const cln_config *config, const cln_scene *scene, cln_m
     int level = 0, count = 0;
 
     CLN_TRY(cln_model_first_tree(config, scene->space.shell, &tree, &level));
-    CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, &marks, &count));
+    CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, true, &marks, &count));
     if (count > 0) {
         CLN_TRY(cln_octree_cull(&tree, marks, &change));
-        cln_info("tree: %d of the first %d leaves are left out, as too few views see them or they "
-                 "are outside the box",
-                 count, count + tree.leaf_count);
+        cln_info(
+            "tree: %d of the first %d leaves are left out, as too few views see them, they are "
+            "outside the box, or no sparse point is near",
+            count, count + tree.leaf_count);
     }
     CLN_TRY(cln_model_create_on(config, &tree, out));
     out->level = level;

@@ -145,6 +145,9 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         .flags = CLN_ROW_LATER)                                                                 \
     INT(seen_by, "seen-by", 0, 0, 0, 1000, "space that fewer training views see stays empty",   \
         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                  \
+    REAL(points_near, "points-near", 0, 0, 0, 2,                                                \
+         "whole levels: only leaves so near to a sparse point (1: half the cube); 0: all",      \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                 \
     BOOL(slab, "slab", false, false,                                                            \
          "what lies in the cube but outside --bbox, or the box of the points, stays empty",     \
          .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                 \

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 47 };
+enum { IDLE_ROWS = 48 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -25,7 +25,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
     const idle rows[] = {
         {"start-level init", facts->resume,
          "a resumed run has its tree and weights; start a new run for another"},
-        {"level-at seen-by slab", facts->grown && !tree,
+        {"level-at seen-by slab points-near", facts->grown && !tree,
          "the resumed run's tree has grown to its last level; give a deeper --level-at"},
         {"precrop-steps", facts->past_crop, "the resumed run is past these steps; leave it out"},
         {"start-level level-at adaptive regrow", tree,
@@ -99,6 +99,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "nothing counts as occluded with --min-transmittance 0; give that, too"},
         {"cull-max cull-strikes", c->cull == CLN_CULL_MEAN,
          "--cull mean has no guards; give --cull guarded"},
+        {"points-near", facts->no_sights,
+         "no sparse points with photos that show them are known; leave it out"},
         {"slab", facts->forward || facts->shell,
          "only a cube has a box that ends the scene; give --space cube"},
         {"slab", c->slab && facts->no_box,

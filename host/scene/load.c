@@ -275,7 +275,8 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     if (!desc->unseen)
         CLN_TRY(cln_scene_check_seen(scene));
     cln_scene_find_doubts(scene);
-    if (desc->config->depth_loss > 0 && desc->pixels[CLN_SPLIT_TRAIN])
+    if ((desc->config->depth_loss > 0 || desc->config->points_near > 0) &&
+        desc->pixels[CLN_SPLIT_TRAIN])
         CLN_TRY(cln_scene_find_sights(scene, result));
     CLN_TRY(cln_scene_deal(scene));
     CLN_TRY(cln_scene_place_images(scene, desc));

@@ -7,10 +7,10 @@
 #include "model/octree.h"
 #include "scene/scene.h"
 
-/* Marks such leaves; the caller frees *marks [slot]. *count: how many; 0 if it would be all.
- * CLN_MEMORY. */
+/* Marks such leaves; the caller frees *marks [slot]. *count: how many; 0 if it would be all. whole:
+ * the tree is of whole levels, so that --points-near applies, too. CLN_MEMORY. */
 cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const cln_config *config,
-                          const cln_octree *tree, uint8_t **marks, int *count);
+                          const cln_octree *tree, bool whole, uint8_t **marks, int *count);
 
 /* Right after a change of the tree: culls such leaves, or `fresh` only those of them that the
  * change brought back (CLN_FRESH), as a part of it. *count: how many. CLN_MEMORY. */

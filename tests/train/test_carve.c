@@ -65,7 +65,7 @@ static void test_seen(void **state)
         int count = 0, found = 0;
 
         config.seen_by = least;
-        assert_int_equal(cln_carve_find(scene, &scene->space, &config, &tree, &marks, &count),
+        assert_int_equal(cln_carve_find(scene, &scene->space, &config, &tree, true, &marks, &count),
                          CLN_OK);
         for (int s = 0; s < tree.leaf_count; s++) {
             float box[4];
@@ -105,7 +105,7 @@ static void test_slab(void **state)
         int count = 0;
 
         config.slab = slab;
-        assert_int_equal(cln_carve_find(scene, &scene->space, &config, &tree, &marks, &count),
+        assert_int_equal(cln_carve_find(scene, &scene->space, &config, &tree, true, &marks, &count),
                          CLN_OK);
         for (int s = 0; s < tree.leaf_count; s++) {
             const int z = tree.pos[tree.leaf[s]][2]; /* cells of half a unit, from 1 to 5 */
