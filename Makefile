@@ -368,7 +368,8 @@ install: all
 	install -d "$(DESTDIR)$(PREFIX)/bin" "$(DESTDIR)$(PREFIX)/include" \
 	    "$(DESTDIR)$(LIBDIR)/pkgconfig" \
 	    "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune" "$(DESTDIR)$(PREFIX)/share/man/man1" \
-	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples"
+	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples" \
+	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs"
 	install -m 755 $P/cl-nascent "$(DESTDIR)$(PREFIX)/bin/"
 	install -m 644 include/cl_nascent.h "$(DESTDIR)$(PREFIX)/include/"
 	install -m 644 $P/libcl-nascent.a "$(DESTDIR)$(LIBDIR)/"
@@ -378,7 +379,9 @@ install: all
 	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
 	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	packaging/man-pages.sh $P/cl-nascent "$(DESTDIR)$(PREFIX)/share/man/man1"
-	install -m 644 docs/api.md README.md LICENSE "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
+	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
+	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
+	install -m 644 docs/*.md "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
 	$B/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"

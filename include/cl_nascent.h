@@ -204,7 +204,7 @@ typedef struct cln_train_desc {
     bool resume;
     bool skip_selftest;
     /* With resume: the run's new settings (cln_settings_of_run with changes); those that a
-     * checkpoint fixes cannot change. */
+     * checkpoint fixes cannot change. NULL = the default preset's; with resume, the run's. */
     const cln_settings *settings;
     cln_device_desc device;
     const char *command; /* command line, for run.json; may be NULL */
@@ -276,7 +276,7 @@ typedef struct cln_eval_result {
 typedef struct cln_eval_desc {
     const char *run;
     const char *scene; /* NULL = the run's own */
-    const char *split; /* "train", "val", "test" */
+    const char *split; /* "train", "val", "test"; NULL = "test" */
     int max_images;    /* evenly chosen; 0 = all */
     int antialias;     /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
     bool fast;         /* fewer samples: less time, a little more error */
@@ -433,15 +433,16 @@ typedef struct cln_export_result {
  * a library that was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
-/* JSON text about a scene or a run; the caller frees it. settings: how to read the scene;
- * "training" tells what a training with them would need: steps, and memory on the device that
- * "auto" chooses, if there is one. */
+/* JSON text about a scene or a run; the caller frees it. settings: to read the scene with; NULL =
+ * the default preset's. "training" tells what a training with them would need: steps, and memory on
+ * the device that "auto" chooses, if there is one. */
 CLN_API cln_status cln_info_scene(const char *scene, const cln_settings *settings, char **json);
 CLN_API cln_status cln_info_run(const char *run, char **json);
 
 typedef struct cln_check_desc {
     const char *scene;
-    const cln_settings *settings; /* for reading it, and for the training to come */
+    const cln_settings *settings; /* for reading it, and for the training to come; NULL = the
+                                     default preset's */
     cln_device_desc device;
     double probe;            /* seconds to measure the time of a step in; 0 = not */
     const char *page;        /* an HTML file that shows it; NULL = none */
@@ -497,8 +498,9 @@ typedef struct cln_tune_try {
 
 typedef struct cln_tune_desc {
     cln_device_desc device; /* tune: start of the search; NULL = the device class's defaults */
-    const cln_settings *settings; /* their leaves, sampling and batch count */
-    double budget;                /* seconds */
+    const cln_settings *settings; /* their leaves, sampling and batch count; NULL = the default
+                                     preset's */
+    double budget;                /* seconds; 0 = 60 */
     int max_tries;                /* most sets tried; 0 = as many as the budget allows */
     const char *file;             /* gets the row, instead of an older one; NULL = none */
     cln_callbacks callbacks;

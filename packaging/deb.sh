@@ -20,7 +20,7 @@ mkdir -p "$root/DEBIAN" "$work/debian"
 "$make" --no-print-directory install DESTDIR="$root" PREFIX=/usr \
     ZSHDIR=/usr/share/zsh/vendor-completions >/dev/null
 rm -r "$root/usr/include" "$root/usr/lib" "$root/usr/share/doc/cl-nascent/examples" \
-    "$root/usr/share/doc/cl-nascent/api.md" "$root/usr/share/doc/cl-nascent/README.md" \
+    "$root/usr/share/doc/cl-nascent/docs/api.md" "$root/usr/share/doc/cl-nascent/"*.md \
     "$root/usr/share/doc/cl-nascent/LICENSE"
 strip --remove-section=.comment --remove-section=.note "$root/usr/bin/cl-nascent"
 gzip -9n "$root"/usr/share/man/man1/cl-nascent*.1
@@ -55,7 +55,7 @@ Suggests: colmap, ffmpeg
 Section: graphics
 Priority: optional
 Description: views of a scene from anywhere, learnt from posed photos
- Trains a radiance field, an octree of small neural networks, from photos with
+ Trains a radiance field, an octree of small grids or networks, from photos with
  known poses, and renders it from new points of view, as pictures, films and
  depth, or exports points, meshes and volumes. Runs on any OpenCL device; on
  processors with PoCL (pocl-opencl-icd).

@@ -7,6 +7,7 @@
 #include "api/needs.h"
 #include "base/callbacks.h"
 #include "base/config.h"
+#include "base/given.h"
 #include "cl_nascent.h"
 #include "device/kernel_dir.h"
 #include "io/disk.h"
@@ -24,14 +25,15 @@ static cln_status check_page(const cln_check_desc *desc)
     return cln_disk_check_new(desc->page, desc->overwrite);
 }
 
-cln_status cln_check(const cln_check_desc *desc, char **json)
+static cln_status check(const cln_check_desc *desc, const cln_settings *settings, char **json)
 {
     cln_status st = CLN_OK;
     const cln_scene_desc wanted = {.path = desc->scene,
-                                   .config = &desc->settings->config,
+                                   .config = &settings->config,
                                    .pixels = {true, true, true},
                                    .unseen = true,
                                    .callbacks = &desc->callbacks};
+    cln_settings_facts facts;
     cln_scene *scene = NULL;
     json_t *document = NULL, *about = NULL, *inspected = NULL;
 
@@ -39,6 +41,8 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
     CLN_TRY(check_page(desc));
     CLN_TRY(cln_kernel_dir_check(desc->device.kernel_dir));
     CLN_TRY(cln_scene_load(&wanted, &scene));
+    facts = cln_needs_facts(scene, &settings->config);
+    cln_settings_warn_idle(settings, &facts);
     CLN_TRY(cln_scene_describe(scene, &about));
     json_object_del(about, "cameras"); /* "views" says more about them */
     CLN_TRY(cln_scene_inspect(scene, &desc->callbacks, &inspected));
@@ -46,9 +50,8 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
         "{s:s, s:O, s:O, s:O, s:o, s:O, s:O}", "schema", "cl-nascent.check/1", "findings",
         json_object_get(inspected, "findings"), "measures", json_object_get(inspected, "measures"),
         "scene", about, "training",
-        cln_needs_describe(scene, desc->settings, &desc->device, desc->probe, &desc->callbacks),
-        "views", json_object_get(inspected, "views"), "points",
-        json_object_get(inspected, "points"));
+        cln_needs_describe(scene, settings, &desc->device, desc->probe, &desc->callbacks), "views",
+        json_object_get(inspected, "views"), "points", json_object_get(inspected, "points"));
     CLN_TRY(cln_tell_work(&desc->callbacks, NULL, 0, 0)); /* interrupted, it lacks times */
     *json = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
     if (!*json)
@@ -64,5 +67,20 @@ done:
         free(*json);
         *json = NULL;
     }
+    return st;
+}
+
+cln_status cln_check(const cln_check_desc *desc, char **json)
+{
+    cln_status st = CLN_OK;
+    const cln_settings *settings = NULL;
+    cln_settings *own = NULL;
+
+    *json = NULL;
+    CLN_TRY(cln_given("cln_check", "scene", desc->scene));
+    CLN_TRY(cln_given_settings(desc->settings, &own, &settings));
+    st = check(desc, settings, json);
+done:
+    cln_settings_free(own);
     return st;
 }

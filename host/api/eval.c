@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/files.h"
+#include "base/given.h"
 #include "base/memory.h"
 #include "io/disk.h"
 #include "ranks/ranks.h"
@@ -116,6 +117,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     char *place = NULL;
 
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_eval", "run", desc->run));
     for (int s = 0; s < CLN_SPLITS; s++)
         pixels[s] = strcmp(name, cln_split_names[s]) == 0;
     if (desc->out && writes)

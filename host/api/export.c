@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include "base/files.h"
+#include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "cl_nascent.h"
@@ -201,6 +202,8 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     json_t *run = NULL;
 
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_export", "run", desc->run));
+    CLN_TRY(cln_given("cln_export", "file", desc->file));
     CLN_TRY(find_export(desc->what, &row));
     CLN_TRY(check_options(desc));
     CLN_TRY(cln_run_read(desc->run, &run));

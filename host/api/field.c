@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/given.h"
 #include "base/memory.h"
 #include "pipeline/field.h"
 #include "render/open_run.h"
@@ -24,6 +25,7 @@ cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_fi
     cln_field *field = NULL;
 
     *out = NULL;
+    CLN_TRY(cln_given("cln_field_open", "run", run));
     CLN_TRY(cln_alloc(&field, 1, sizeof *field, "field"));
     CLN_TRY(cln_open_run_model(run, &field->opened));
     CLN_TRY(cln_open_run_start(&field->opened, device ? device : &any, false));

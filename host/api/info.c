@@ -8,6 +8,7 @@
 #include "api/needs.h"
 #include "base/config.h"
 #include "base/files.h"
+#include "base/given.h"
 #include "base/memory.h"
 #include "base/settings.h"
 #include "cl_nascent.h"
@@ -21,16 +22,20 @@ static cln_status to_text(const json_t *document, const char *what, char **json)
     return *json ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot make JSON", what);
 }
 
-cln_status cln_info_scene(const char *path, const cln_settings *settings, char **json)
+static cln_status info_scene(const char *path, const cln_settings *settings, char **json)
 {
     cln_status st = CLN_OK;
     const cln_scene_desc desc = {.path = path, .config = &settings->config};
+    cln_settings_facts facts;
     cln_scene *scene = NULL;
     json_t *document = json_object(), *described = NULL, *cameras = NULL;
 
     *json = NULL;
     CLN_TRY(cln_scene_load(&desc, &scene));
     cln_scene_warn_doubts(scene);
+    facts = cln_needs_facts(scene, &settings->config);
+    facts.no_sights = false; /* not looked for, without photos */
+    cln_settings_warn_idle(settings, &facts);
     CLN_TRY(cln_scene_describe(scene, &described));
     json_object_set_new(document, "schema", json_string("cl-nascent.scene/1"));
     json_object_update(document, described);
@@ -44,6 +49,21 @@ done:
     json_decref(document);
     json_decref(described);
     cln_scene_free(scene);
+    return st;
+}
+
+cln_status cln_info_scene(const char *scene, const cln_settings *settings, char **json)
+{
+    cln_status st = CLN_OK;
+    const cln_settings *use = NULL;
+    cln_settings *own = NULL;
+
+    *json = NULL;
+    CLN_TRY(cln_given("cln_info_scene", "scene", scene));
+    CLN_TRY(cln_given_settings(settings, &own, &use));
+    st = info_scene(scene, use, json);
+done:
+    cln_settings_free(own);
     return st;
 }
 
@@ -96,6 +116,7 @@ cln_status cln_info_run(const char *run, char **json)
     json_t *about = json_object(), *document = NULL;
 
     *json = NULL;
+    CLN_TRY(cln_given("cln_info_run", "run", run));
     CLN_TRY(cln_run_read(run, &document));
     json_object_set_new(about, "schema", json_string("cl-nascent.info/1"));
     json_object_set_new(about, "run", json_string(run));

@@ -203,6 +203,19 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
     json_object_set_new(about, "time", time);
 }
 
+cln_settings_facts cln_needs_facts(const cln_scene *scene, const cln_config *config)
+{
+    return (cln_settings_facts){.has_alpha = scene->has_alpha,
+                                .forward = scene->space.forward,
+                                .shell = scene->space.shell,
+                                .ranks = 2,
+                                .no_sights = scene->sight_count == 0,
+                                .no_box = !scene->has_box,
+                                .has_splits = scene->has_splits,
+                                .few_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN) <
+                                             config->seen_by};
+}
+
 json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
                            const cln_device_desc *wanted, double probe,
                            const cln_callbacks *callbacks)

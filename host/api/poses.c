@@ -19,9 +19,11 @@
 
 #include "base/config.h"
 #include "base/files.h"
+#include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
+#include "base/text.h"
 #include "cl_nascent.h"
 #include "io/command.h"
 #include "io/disk.h"
@@ -30,16 +32,7 @@
 #include "scene/dataset.h"
 #include "scene/reader.h"
 
-enum {
-    PLAIN = 30,
-    FEW = 120,
-    MANY = 500,
-    NEXT = 12,
-    FRAMES = 150,
-    NAMED = 12,
-    MODELS = 64,
-    PHOTOS_LEAST = 3
-};
+enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, FRAMES = 150, MODELS = 64, PHOTOS_LEAST = 3 };
 static const size_t FILE_MOST = (size_t)1 << 30;
 static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
 
@@ -473,7 +466,8 @@ static cln_status find_features(work *w)
                                       "--ImageReader.single_camera", same ? "1" : "0",
                                       w->extraction, "0", NULL}));
     if (w->result->focal_lengths)
-        cln_info("EXIF tells the focal length of %d photos", w->result->focal_lengths);
+        cln_info("EXIF tells the focal length of %d photo%s", w->result->focal_lengths,
+                 cln_plural(w->result->focal_lengths, "", "s"));
     else
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
@@ -597,14 +591,12 @@ done:
     return st;
 }
 
-/* Reads the scene as train will, and finds the photos without a pose. */
+/* Reads the scene as train will, which warns of photos without a pose. */
 static cln_status count_registered(work *w)
 {
     cln_status st = CLN_OK;
     cln_settings *settings = NULL;
     cln_scene *scene = NULL;
-    char names[1024] = "";
-    int missing = 0;
 
     CLN_TRY(cln_settings_create(NULL, &settings));
     CLN_TRY(cln_settings_set(settings, "format", "colmap"));
@@ -613,18 +605,6 @@ static cln_status count_registered(work *w)
         &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
         &scene));
     w->result->registered = scene->view_count;
-    for (int i = 0; i < w->photos.count; i++) {
-        bool there = false;
-
-        for (int k = 0; k < scene->view_count && !there; k++)
-            there = strcmp(scene->views[k].name, w->photos.name[i]) == 0;
-        if (!there && missing++ < NAMED)
-            snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s",
-                     *names ? ", " : "", w->photos.name[i]);
-    }
-    if (missing)
-        cln_warn("%d of %d photos have no pose and are left out: %s%s", missing, w->photos.count,
-                 names, missing > NAMED ? ", ..." : "");
 done:
     cln_scene_free(scene);
     cln_settings_free(settings);
@@ -637,6 +617,8 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     work w = {.desc = desc, .result = result};
 
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_find_poses", "photos", desc->photos));
+    CLN_TRY(cln_given("cln_find_poses", "out", desc->out));
     CLN_TRY(check_folder(&w));
     ask_names(&w);
     CLN_TRY(set_up(&w));

@@ -17,6 +17,7 @@
 #include "api/frame_writer.h"
 #include "api/render_folder.h"
 #include "base/files.h"
+#include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "render/normals.h"
@@ -76,9 +77,8 @@ static void warn_unseen(const cln_render_job *j)
     for (int i = 0; i < j->count; i++)
         if (cln_camera_sees(&j->frames[i].camera, space))
             return;
-    cln_warn("%s: none of its %d poses looks at the run's cube, centre (%.9g, %.9g, %.9g), half "
-             "side %.9g; "
-             "are they of this scene, in its units and axes?",
+    cln_warn("%s: none of its poses (%d) looks at the run's cube, centre (%.9g, %.9g, %.9g), half "
+             "side %.9g; are they of this scene, in its units and axes?",
              j->desc->poses, j->count, space->centre[0], space->centre[1], space->centre[2],
              space->half);
 }
@@ -245,16 +245,16 @@ done:
 }
 
 /* What the device's time of all frames was spent on. */
-static void tell_stages(const cln_device *device)
+static void tell_stages(const cln_device *device, bool voxels)
 {
     char text[1024] = "";
     size_t used = 0;
 
     for (int i = 0; i < CLN_STAGES; i++)
         if (device->stage_seconds[i] > 0 && used < sizeof text)
-            used +=
-                (size_t)snprintf(text + used, sizeof text - used, "%s%s %.3f", used > 0 ? ", " : "",
-                                 cln_stage_names[i], device->stage_seconds[i]);
+            used += (size_t)snprintf(
+                text + used, sizeof text - used, "%s%s %.3f", used > 0 ? ", " : "",
+                cln_stage_text(cln_stage_names[i], voxels), device->stage_seconds[i]);
     cln_debug("seconds of the device: %s", text);
 }
 
@@ -303,7 +303,7 @@ done:
     if (st == CLN_OK && callbacks->work)
         callbacks->work("render", j->count, j->count, callbacks->user);
     if (st == CLN_OK)
-        tell_stages(j->opened.device);
+        tell_stages(j->opened.device, j->opened.model.config.encoding == CLN_ENCODING_VOXEL);
     cln_picture_free(&picture);
     free(normals);
     return st;
@@ -353,6 +353,8 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_render", "run", desc->run));
+    CLN_TRY(cln_given("cln_render", "out", desc->out));
     if (desc->cropped) {
         double numbers[CLN_CROP_NUMBERS];
 

@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/depth_file.h"
 #include "io/disk.h"
 #include "io/image.h"
@@ -216,9 +217,10 @@ cln_status cln_render_drop_stale(const cln_render_job *j)
         }
     }
     if (dropped > 0)
-        cln_info("%s: %d of %d frames are of another model or other settings, or to be replaced: "
-                 "they are rendered again",
-                 j->desc->out, dropped, j->count);
+        cln_info("%s: %d of %d frames %s of another model or other settings, or to be replaced: "
+                 "%s rendered again",
+                 j->desc->out, dropped, j->count, cln_plural(dropped, "is", "are"),
+                 cln_plural(dropped, "it is", "they are"));
 done:
     free(path);
     return st;
@@ -289,8 +291,8 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
                                       j->desc->depth_unit, &beyond));
     if (beyond > 0)
         CLN_TRY(cln_asprintf(
-            warning, "%s: %d pixels are farther than 65535 x %g; give a larger --depth-unit",
-            path[DEPTH_PNG16], beyond, j->desc->depth_unit));
+            warning, "%s: %d pixel%s farther than 65535 x %g; give a larger --depth-unit",
+            path[DEPTH_PNG16], beyond, cln_plural(beyond, " is", "s are"), j->desc->depth_unit));
     if (normals)
         CLN_TRY(write_normals(j, f, normals));
     for (size_t i = 0; i < n; i++)

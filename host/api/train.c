@@ -8,11 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "api/needs.h"
 #include "base/config.h"
 #include "base/files.h"
+#include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
+#include "base/text.h"
 #include "check/selftest.h"
 #include "io/disk.h"
 #include "io/progress.h"
@@ -138,8 +141,8 @@ static cln_status create_on_tree_of(const cln_config *config, const cln_scene *s
         CLN_TRY(cln_fail(CLN_USAGE, "--tree-from '%s': its tree has no leaf left; give another run",
                          run));
     CLN_TRY(cln_model_create_on(config, &other.tree, out));
-    cln_info("tree of %s, kept as it is: %d leaves down to level %d", run, out->tree.leaf_count,
-             out->level);
+    cln_info("tree of %s, kept as it is: %d %s down to level %d", run, out->tree.leaf_count,
+             cln_plural(out->tree.leaf_count, "leaf", "leaves"), out->level);
 done:
     cln_model_free(&other);
     return st;
@@ -158,10 +161,10 @@ static cln_status create(const cln_config *config, const cln_scene *scene, cln_m
     CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, true, &marks, &count));
     if (count > 0) {
         CLN_TRY(cln_octree_cull(&tree, marks, &change));
-        cln_info(
-            "tree: %d of the first %d leaves are left out, as too few views see them, they are "
-            "outside the box, or no sparse point is near",
-            count, count + tree.leaf_count);
+        cln_info("tree: %d of the first %d leaves %s left out: too few views see %s, %s outside the "
+                 "box, or no sparse point is near",
+                 count, count + tree.leaf_count, cln_plural(count, "is", "are"),
+                 cln_plural(count, "it", "them"), cln_plural(count, "it is", "they are"));
     }
     CLN_TRY(cln_model_create_on(config, &tree, out));
     out->level = level;
@@ -220,8 +223,9 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
             snprintf(limit, sizeof limit, " of %.0f", config->time_limit);
         if (config->steps > 0)
             snprintf(steps, sizeof steps, " of %d", config->steps);
-        cln_info("resumed at step %lld%s, %.0f%s s, %d leaves", (long long)t->model.step, steps,
-                 t->model.train_seconds, limit, t->model.tree.leaf_count);
+        cln_info("resumed at step %lld%s, %.0f%s s, %d %s", (long long)t->model.step, steps,
+                 t->model.train_seconds, limit, t->model.tree.leaf_count,
+                 cln_plural(t->model.tree.leaf_count, "leaf", "leaves"));
     } else {
         if (config->tree_from[0])
             CLN_TRY(create_on_tree_of(config, t->scene, &t->model));
@@ -308,8 +312,10 @@ static void say_what_runs(cln_trainer *t)
         cln_info("scene: keys of its files that are not used: %s",
                  join(scene->ignored, ", ", text, sizeof text));
     if (t->batch.shown)
-        cln_info("depths: %lld pixels of the training views show sparse points (--depth-loss %g)",
-                 (long long)scene->sight_count, t->model.config.depth_loss);
+        cln_info(
+            "depths: %lld pixel%s of the training views show%s sparse points (--depth-loss %g)",
+            (long long)scene->sight_count, cln_plural((double)scene->sight_count, "", "s"),
+            cln_plural((double)scene->sight_count, "s", ""), t->model.config.depth_loss);
     cln_tune_text(&t->pipeline.tune, text);
     cln_debug("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
     if (rows && *rows && strncmp(t->pipeline.tune_from, rows, strlen(rows)) == 0)
@@ -332,9 +338,10 @@ static void say_what_runs(cln_trainer *t)
     cln_format_bytes(t->host_plan.total, host);
     cln_format_bytes(t->host_plan.limit, host_limit);
     cln_info(
-        "memory: device %s of %s, more as the tree grows; host about %s of %s; %zu parts of the "
-        "method are left out, as they are not needed (details: -v)",
-        device, device_limit, host, host_limit, left_out);
+        "memory: device %s of %s, more as the tree grows; host about %s of %s; %zu part%s of the "
+        "method %s left out, as not needed (details: -v)",
+        device, device_limit, host, host_limit, left_out, cln_plural((double)left_out, "", "s"),
+        cln_plural((double)left_out, "is", "are"));
     if (t->plan.batch_samples < (size_t)t->model.config.batch_samples ||
         t->plan.max_rays < t->model.config.rays) {
         cln_format_bytes((double)t->device->max_alloc, text);
@@ -519,26 +526,17 @@ done:
 /* Warns of what is likely wrong with the scene, and of settings that do nothing. */
 static void warn(const cln_trainer *t, const cln_config *config, const cln_config *saved)
 {
-    const cln_scene *scene = t->scene;
     const bool resume = t->desc->resume;
+    cln_settings_facts facts = cln_needs_facts(t->scene, config);
 
-    cln_scene_warn_doubts(scene);
-    cln_settings_warn_idle(
-        t->desc->settings,
-        &(cln_settings_facts){.resume = resume,
-                              .grown = resume && is_grown(t, saved),
-                              .frozen = resume && is_frozen(t, saved),
-                              .past_crop = resume && t->model.step >= config->precrop_steps &&
-                                           t->model.step >= saved->precrop_steps,
-                              .has_alpha = scene->has_alpha,
-                              .forward = scene->space.forward,
-                              .shell = scene->space.shell,
-                              .ranks = cln_ranks_count(),
-                              .no_sights = scene->sight_count == 0,
-                              .no_box = !scene->has_box,
-                              .has_splits = scene->has_splits,
-                              .few_views =
-                                  cln_scene_split_count(scene, CLN_SPLIT_TRAIN) < config->seen_by});
+    facts.resume = resume;
+    facts.grown = resume && is_grown(t, saved);
+    facts.frozen = resume && is_frozen(t, saved);
+    facts.past_crop =
+        resume && t->model.step >= config->precrop_steps && t->model.step >= saved->precrop_steps;
+    facts.ranks = cln_ranks_count();
+    cln_scene_warn_doubts(t->scene);
+    cln_settings_warn_idle(t->desc->settings, &facts);
 }
 
 /* Makes what holds batches, the programs, and the memory plans. */
@@ -551,8 +549,9 @@ static cln_status build(cln_trainer *t, const cln_config *config)
                       "ray results"));
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(config), &t->model, &t->exposure));
     CLN_TRY(cln_refine_start(t));
-    cln_info("device: %s (%s, %d compute units); building kernels for it", t->device->info.name,
-             t->device->info.platform, t->device->info.compute_units);
+    cln_info("device: %s (%s, %d compute unit%s); building kernels for it", t->device->info.name,
+             t->device->info.platform, t->device->info.compute_units,
+             cln_plural(t->device->info.compute_units, "", "s"));
     CLN_TRY(
         cln_pipeline_create(t->device, config,
                             &(cln_pipeline_facts){.lenses = t->scene->lenses,
@@ -618,7 +617,7 @@ done:
     return st;
 }
 
-cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
+static cln_status train(const cln_train_desc *desc, cln_train_result *result)
 {
     cln_status st = CLN_OK;
     cln_trainer t = {.desc = desc,
@@ -632,7 +631,6 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
                      .saved_step = -1};
     const char *state = "failed";
 
-    memset(result, 0, sizeof *result);
     st = prepare(&t);
     if (st == CLN_SIGINT || st == CLN_SIGTERM) {
         cln_clear_error();
@@ -677,5 +675,27 @@ done:
     cln_scene_free(t.scene);
     cln_device_close(t.device);
     cln_run_release(t.lock);
+    return st;
+}
+
+cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_train_desc whole = *desc;
+    cln_settings *own = NULL;
+
+    memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_train", "run", desc->run));
+    if (!desc->resume)
+        CLN_TRY(cln_given("cln_train", "scene", desc->scene));
+    if (desc->resume && !desc->settings) {
+        CLN_TRY(cln_settings_of_run(desc->run, &own));
+        whole.settings = own;
+    } else {
+        CLN_TRY(cln_given_settings(desc->settings, &own, &whole.settings));
+    }
+    st = train(&whole, result);
+done:
+    cln_settings_free(own);
     return st;
 }

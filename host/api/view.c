@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/given.h"
 #include "base/log.h"
 #include "io/json.h"
 #include "io/run_folder.h"
@@ -104,6 +105,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     char *text = NULL;
     cln_facts facts = {.run = desc->run, .model = &opened.model, .frame = &frame, .start = &first};
 
+    CLN_TRY(cln_given("cln_view_run", "run", desc->run));
     CLN_TRY(cln_serve_possible());
     CLN_TRY(cln_device_check(&desc->device));
     if (serves)

@@ -40,6 +40,11 @@ typedef struct cln_settings_facts {
     bool few_views;  /* --seen-by asks for more training views than there are */
 } cln_settings_facts;
 
+/* Why the row's setting has no effect with the others and the facts: reason; way out. NULL if it
+ * has one. */
+const char *cln_settings_why_idle(const cln_config *config, const cln_settings_facts *facts,
+                                  const cln_config_row *row);
+
 /* Warns in the log of each given setting that has no effect with the others and the facts. */
 void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts);
 

@@ -130,19 +130,27 @@ static bool is_among(const char *options, const cln_config_row *row)
     return false;
 }
 
-void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts)
+const char *cln_settings_why_idle(const cln_config *config, const cln_settings_facts *facts,
+                                  const cln_config_row *row)
 {
     idle list[IDLE_ROWS];
 
-    list_idle(&settings->config, facts, list);
+    list_idle(config, facts, list);
+    for (int k = 0; k < IDLE_ROWS; k++)
+        if (list[k].when && is_among(list[k].options, row))
+            return list[k].why;
+    return NULL;
+}
+
+void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts)
+{
     for (int i = 0; i < cln_config_row_count; i++) {
         const cln_config_row *row = &cln_config_rows[i];
+        const char *why = cln_settings_given(settings, row)
+                              ? cln_settings_why_idle(&settings->config, facts, row)
+                              : NULL;
 
-        for (int k = 0; k < IDLE_ROWS && cln_settings_given(settings, row); k++) {
-            if (!list[k].when || !is_among(list[k].options, row))
-                continue;
-            cln_warn("--%s has no effect: %s", row->option, list[k].why);
-            break;
-        }
+        if (why)
+            cln_warn("--%s has no effect: %s", row->option, why);
     }
 }

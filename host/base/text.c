@@ -103,3 +103,8 @@ const char *cln_shell_quote(const char *text, char *out, size_t bytes)
     out[used] = 0;
     return out;
 }
+
+const char *cln_plural(double count, const char *one, const char *more)
+{
+    return count == 1 ? one : more;
+}

@@ -20,10 +20,12 @@
 #include <string.h>
 
 #include "base/files.h"
+#include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/settings.h"
+#include "base/text.h"
 #include "device/tune.h"
 #include "check/selftest.h"
 #include "check/synthetic.h"
@@ -34,7 +36,8 @@ enum { PAIRS = 9, FEWEST_PAIRS = 3, AGAINST = 2, ROW_MOST = 4096 };
 static const double GAIN = 0.98;     /* taken below this ratio of times; the log says it, too */
 static const double HOPELESS = 1.15; /* no more pairs above this one */
 static const double PART_SECONDS =
-    0.03; /* shortest part of a pair: steps are repeated to fill it */
+    0.03;                        /* shortest part of a pair: steps are repeated to fill it */
+static const double BUDGET = 60; /* seconds, where none is given */
 static const double STEP_SHARE = 1 / 60.0; /* longest step, as a share of the budget */
 
 /* What to try, lists separated by blanks, the most promising first: a tile of samples x neurons in
@@ -161,8 +164,9 @@ void cln_tune_tell(const cln_tune_try *try)
     else
         cln_info(
             "%s: %.4g ms a step, the best so far %.4g; by turns %.2f times as long (the middle "
-            "of %d pairs), not faster in %d of them: %s",
-            try->tune, 1e3 * try->seconds, 1e3 * try->against, try->ratio, try->pairs, try->slower,
+            "of %d pair%s), not faster in %d of them: %s",
+            try->tune, 1e3 * try->seconds, 1e3 * try->against, try->ratio, try->pairs,
+            cln_plural(try->pairs, "", "s"), try->slower,
             try->verdict == CLN_SET_TAKEN ? "taken"
             : try->ratio >= GAIN          ? "not taken, as it must be 2 % faster"
                                           : "not taken, as too many pairs are against it");
@@ -399,7 +403,7 @@ static cln_status report(tuner *t)
     return t->desc->file ? cln_tune_row_put(t->desc->file, r->row) : CLN_OK;
 }
 
-cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
+static cln_status search_for(const cln_tune_desc *desc, cln_tune_result *result)
 {
     cln_status st = CLN_OK;
     tuner t = {.desc = desc, .result = result, .began = cln_now()};
@@ -421,8 +425,9 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     start = t.device->tune;
     cln_device_tune(t.device, result->network, &present, from);
     t.device->tune_exact = true;
-    cln_info("device: %s (%s, %d compute units); %s of %s", t.device->info.name,
+    cln_info("device: %s (%s, %d compute unit%s); %s of %s", t.device->info.name,
              t.device->info.platform, t.device->info.compute_units,
+             cln_plural(t.device->info.compute_units, "", "s"),
              cln_leaf_kind_of(desc->settings->config.encoding)->name, result->network);
     CLN_TRY(cln_synthetic_create(t.device, &desc->settings->config, &t.work));
     CLN_TRY(search(&t, &start, &present));
@@ -434,6 +439,21 @@ done:
     cln_device_close(t.device);
     if (st != CLN_OK)
         cln_tune_free(result);
+    return st;
+}
+
+cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
+{
+    cln_status st = CLN_OK;
+    cln_tune_desc whole = *desc;
+    cln_settings *own = NULL;
+
+    memset(result, 0, sizeof *result);
+    whole.budget = desc->budget > 0 ? desc->budget : BUDGET;
+    CLN_TRY(cln_given_settings(desc->settings, &own, &whole.settings));
+    st = search_for(&whole, result);
+done:
+    cln_settings_free(own);
     return st;
 }
 

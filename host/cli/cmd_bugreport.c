@@ -14,6 +14,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
+#include "base/text.h"
 #include "cli/console.h"
 #include "io/run_folder.h"
 
@@ -28,6 +29,7 @@
 static void put_system(FILE *to)
 {
     struct utsname system = {0};
+    const long processors = sysconf(_SC_NPROCESSORS_ONLN);
     char memory[32], now[32];
 
     uname(&system);
@@ -35,8 +37,9 @@ static void put_system(FILE *to)
     cln_utc_now(now);
     fprintf(to, "Program\n    cl-nascent %s, jansson %s, zlib %s, compiled by %s\n    %s\n",
             cln_version(), jansson_version_str(), zlibVersion(), COMPILER, cln_built_with());
-    fprintf(to, "System\n    %s %s %s, %ld processors, %s memory, %s\n", system.sysname,
-            system.release, system.machine, sysconf(_SC_NPROCESSORS_ONLN), memory, now);
+    fprintf(to, "System\n    %s %s %s, %ld processor%s, %s memory, %s\n", system.sysname,
+            system.release, system.machine, processors, cln_plural((double)processors, "", "s"),
+            memory, now);
 }
 
 /* Variables that choose drivers and devices, or change what is printed. */

@@ -59,7 +59,10 @@ static void print_overlap(const json_t *measures)
     const double partners = number(measures, "mean_partners");
     char line[512];
 
-    if (isnan(agreeing))
+    if (isnan(agreeing) && number(measures, "ties") > 0)
+        snprintf(line, sizeof line, "%.0f mark%s that two photos share: too few to tell",
+                 number(measures, "ties"), cln_plural(number(measures, "ties"), "", "s"));
+    else if (isnan(agreeing))
         snprintf(line, sizeof line, "no two photos share a mark");
     else
         snprintf(line, sizeof line,
@@ -141,8 +144,9 @@ static void print_training(const json_t *training)
         snprintf(range, sizeof range, "about %s of training (%s to %s), ", duration[0], duration[1],
                  duration[2]);
     if (!isnan(number(time, "steps_in_time_limit")))
-        snprintf(range, sizeof range, "about %.0f steps within --time-limit, ",
-                 number(time, "steps_in_time_limit"));
+        snprintf(range, sizeof range, "about %.0f step%s within --time-limit, ",
+                 number(time, "steps_in_time_limit"),
+                 cln_plural(number(time, "steps_in_time_limit"), "", "s"));
     snprintf(line, sizeof line,
              "%s%s ms a step (%s with the first tree, %s with the largest), %s ms a picture of "
              "%.2g megapixels that is filled. This is %s",

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"
 
@@ -31,7 +32,8 @@ void cln_print_device(FILE *to, int index, const cln_device_info *d)
     cln_format_bytes(d->global_mem, global);
     cln_format_bytes(d->max_alloc, largest);
     fprintf(to, "%2d  %s\n", index, d->name);
-    fprintf(to, "    type       %s, %d compute units\n", d->type, d->compute_units);
+    fprintf(to, "    type       %s, %d compute unit%s\n", d->type, d->compute_units,
+            cln_plural(d->compute_units, "", "s"));
     fprintf(to, "    memory     %s, largest allocation %s\n", global, largest);
     fprintf(to, "    platform   %s (%s)\n", d->platform, d->vendor);
     fprintf(to, "    version    %s\n", d->version);

@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include "cli/console.h"
 #include "ranks/ranks.h"
 
@@ -15,7 +14,8 @@ static void print_row(int width, const char *name, double psnr, double ssim, dou
 
     cln_format_real(psnr, 2, p);
     cln_format_real(ssim, 4, s);
-    printf("%-*s  %6s  %6s  %7.2f\n", width, name, p, s, seconds);
+    cln_print_name(name, width);
+    printf("  %6s  %6s  %7.2f\n", p, s, seconds);
 }
 
 static void print_jump(const char *where, const cln_eval_jump *jump)
@@ -49,9 +49,9 @@ static void print_table(const cln_eval_result *r)
     cln_format_count((double)r->step, step);
     cln_format_duration(r->train_seconds, duration);
     for (int i = 0; i < r->count; i++) {
-        int length = (int)strlen(r->images[i].name);
-        if (length > width)
-            width = length;
+        const int own = cln_name_width(r->images[i].name);
+
+        width = own > width ? own : width;
     }
     printf("%-*s  %6s  %6s  %7s\n", width, "image", "PSNR", "SSIM", "seconds");
     for (int i = 0; i < r->count; i++)

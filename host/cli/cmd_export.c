@@ -57,7 +57,7 @@ static void print_leaves(FILE *to, const cln_export_result *r)
     char text[32];
 
     cln_format_count(r->leaves, text);
-    fprintf(to, "%s leaves", text);
+    fprintf(to, "%s %s", text, cln_plural(r->leaves, "leaf", "leaves"));
     for (int level = 0; level < CLN_LEVELS; level++) {
         if (r->levels[level] == 0)
             continue;
@@ -83,7 +83,8 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
             fprintf(to, "a grid of %d x %d x %d", r->shape[2], r->shape[1], r->shape[0]);
         } else {
             cln_format_count((double)json_integer_value(value), text);
-            fprintf(to, "%s%s %s", before, text, key);
+            fprintf(to, "%s%s %.*s", before, text, /* one has no s */
+                    (int)strlen(key) - (json_integer_value(value) == 1), key);
         }
         before = ", ";
     }

@@ -45,7 +45,10 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     else
         printf("time          %s of training; %s in all, with start, evaluation and checkpoints\n",
                training, wall);
-    printf("PSNR          %s train", train);
+    if (!isfinite(r->psnr_train) && !isfinite(r->psnr_test))
+        printf("PSNR          not measured yet");
+    else
+        printf("PSNR          %s train", train);
     if (isfinite(r->psnr_test) && r->eval_views < r->test_views)
         printf(", %s test (over %d of %d test views; of all: `cl-nascent eval %s`)", test,
                r->eval_views, r->test_views, cln_shell_quote(run, quoted, sizeof quoted));

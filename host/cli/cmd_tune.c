@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/settings.h"
+#include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"
 
@@ -46,10 +47,11 @@ static void print_result(const cln_tune_result *r, const char *leaves, const cha
             printf("refused     %s: %s\n", r->tries[i].tune, r->tries[i].reason);
     }
     printf("device      %s (driver %s)\n", r->device.name, r->device.driver);
-    printf("%-10s  %s; a step of %d rays, %d samples in %d leaves\n", leaves, r->network, r->rays,
-           r->samples, r->leaves);
-    printf("tried       %d sets: %d refused, %d not faster, %d not timed; %s\n", r->count,
-           count[CLN_SET_REFUSED], count[CLN_SET_SLOWER], count[CLN_SET_UNDECIDED],
+    printf("%-10s  %s; a step of %d rays, %d samples in %d %s\n", leaves, r->network, r->rays,
+           r->samples, r->leaves, cln_plural(r->leaves, "leaf", "leaves"));
+    printf("tried       %d set%s: %d refused, %d not faster, %d not timed; %s\n", r->count,
+           cln_plural(r->count, "", "s"), count[CLN_SET_REFUSED], count[CLN_SET_SLOWER],
+           count[CLN_SET_UNDECIDED],
            r->complete ? "no better one is known" : "--budget ended the search");
     printf("best        %s\n", r->tune);
     printf("time        %.4g ms a step, %.2f times as fast as the set that the search began with\n",

@@ -3,6 +3,7 @@
 #include "cli/console.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -10,6 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 #include "base/log.h"
+#include "base/text.h"
 #include "device/device.h"
 #include "ranks/ranks.h"
 
@@ -149,6 +151,13 @@ static void show_work(const char *what, int done, int total, void *user)
     cln_progress_show(console->progress, fraction, line);
 }
 
+void cln_standard_hold(void)
+{
+    for (int number = STDIN_FILENO; number <= STDERR_FILENO; number++)
+        if (fcntl(number, F_GETFD) < 0) /* open takes the lowest number that is free */
+            (void)open("/dev/null", number == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+}
+
 cln_status cln_console_open(const cln_options *options, cln_console *console)
 {
     cln_status st = CLN_OK;
@@ -187,6 +196,18 @@ int cln_stdout_columns(int otherwise)
     return has == 0 ? otherwise : has > LEAST ? has : LEAST;
 }
 
+/* Prints so many bytes, which may quote a file: of control characters, which a terminal would obey,
+ * only newlines and tabs. */
+static void put_plain(const char *text, size_t bytes)
+{
+    for (size_t i = 0; i < bytes; i++) {
+        char c[2] = {text[i], 0};
+
+        cln_text_plain(c);
+        putchar(c[0]);
+    }
+}
+
 /* Characters of the first `bytes` bytes. */
 static int characters(const char *text, size_t bytes)
 {
@@ -206,16 +227,30 @@ void cln_print_wrapped(int column, int indent, int columns, const char *text)
         const int wide = characters(text + space, word);
 
         if (!first && wide > 0 && column + (int)space + wide > columns && column > indent) {
-            printf("\n%*s%.*s", indent, "", (int)word, text + space);
+            printf("\n%*s", indent, "");
+            put_plain(text + space, word);
             column = indent + wide;
         } else {
-            printf("%.*s", (int)(space + word), text);
+            put_plain(text, space + word);
             column += (int)space + wide;
         }
         text += space + word;
         first = false;
     }
     putchar('\n');
+}
+
+int cln_name_width(const char *name)
+{
+    return characters(name, strlen(name));
+}
+
+void cln_print_name(const char *name, int width)
+{
+    const int own = cln_name_width(name);
+
+    put_plain(name, strlen(name));
+    printf("%*s", width > own ? width - own : 0, "");
 }
 
 cln_status cln_print_json(json_t *document)

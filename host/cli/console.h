@@ -22,6 +22,10 @@ typedef struct cln_console {
     double work_began;
 } cln_console;
 
+/* Opens those of standard input, output and error that the caller closed (2>&-), so that no file of
+ * ours gets their number and then log lines. Reading or writing them stays an error. */
+void cln_standard_hold(void);
+
 cln_status cln_console_open(const cln_options *options, cln_console *console);
 void cln_console_close(cln_console *console); /* ends the line; signals have their defaults */
 
@@ -33,8 +37,13 @@ int cln_stdout_columns(int otherwise);
 
 /* Prints a text and a newline to standard output, of which `column` characters are printed already,
  * in lines of at most `columns` characters where its words allow it; all but the first begin with
- * `indent` spaces. The text keeps its spaces, but for those where a line ends. */
+ * `indent` spaces. The text keeps its spaces, but for those where a line ends;
+ * control characters become '?', as a dataset's names may have some. */
 void cln_print_wrapped(int column, int indent, int columns, const char *text);
+
+/* Prints a name, which may be a dataset's, and spaces up to `width` characters; its characters. */
+void cln_print_name(const char *name, int width);
+int cln_name_width(const char *name);
 
 /* One JSON document and a newline on standard output; takes the reference. */
 cln_status cln_print_json(json_t *document);

@@ -52,6 +52,7 @@ int main(int argc, char **argv)
     cln_status flushed = CLN_OK;
     cln_options options = {0};
 
+    cln_standard_hold();
     cln_log_to(CLN_LOG_INFO, cln_log_stderr, NULL);
     signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other errors */
     signal(SIGXFSZ, SIG_IGN); /* a write beyond the limit of a file's size then fails */

@@ -22,6 +22,15 @@ const char *const cln_stage_names[CLN_STAGES] = {
 #undef X
 };
 
+const char *cln_stage_text(const char *name, bool voxels)
+{
+    if (voxels && strcmp(name, cln_stage_names[CLN_STAGE_FORWARD]) == 0)
+        return "voxels forward";
+    if (voxels && strcmp(name, cln_stage_names[CLN_STAGE_BACKWARD]) == 0)
+        return "voxels backward";
+    return name;
+}
+
 enum { MIN_ALLOC = 65536 };
 
 double cln_now(void)

@@ -47,6 +47,10 @@ typedef enum cln_stage {
 } cln_stage;
 extern const char *const cln_stage_names[CLN_STAGES];
 
+/* A stage's name in texts for people: of voxels, what files call networks are voxels. Other names
+ * stay as they are. */
+const char *cln_stage_text(const char *name, bool voxels);
+
 /* A launch whose time is not yet known. */
 typedef struct cln_pending {
     cl_event event;

@@ -7,6 +7,7 @@
 
 #include "base/config.h"
 #include "base/log.h"
+#include "base/text.h"
 #include "pipeline/plan.h"
 #include "pipeline/share.h"
 #include "ranks/ranks.h"
@@ -103,8 +104,9 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     if (opened->fast)
         cln_render_faster(&config);
     CLN_TRY(cln_device_open(device, &opened->device));
-    cln_info("device: %s (%s, %d compute units)", opened->device->info.name,
-             opened->device->info.platform, opened->device->info.compute_units);
+    cln_info("device: %s (%s, %d compute unit%s)", opened->device->info.name,
+             opened->device->info.platform, opened->device->info.compute_units,
+             cln_plural(opened->device->info.compute_units, "", "s"));
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     if (opened->scene)
         CLN_TRY(cln_plan_place_images(opened->device, &config, opened->model.tree.leaf_count,

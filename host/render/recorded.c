@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/run_folder.h"
 
 cln_status cln_run_config(const char *run, cln_config *config)
@@ -237,9 +238,10 @@ cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
     if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)
         CLN_TRY(
             cln_fail(CLN_INPUT,
-                     "%s: %d images are left out now, %d were when %s began; a resumed run must "
-                     "see the same ones: restore them, or start a new run",
-                     scene->folder, scene->missing, (int)json_integer_value(saved), run));
+                     "%s: %d image%s left out now, %d when %s began; a resumed run must see the "
+                     "same ones: restore them, or start a new run",
+                     scene->folder, scene->missing, cln_plural(scene->missing, " is", "s are"),
+                     (int)json_integer_value(saved), run));
     saved = json_object_get(dataset, "downscale");
     if (json_is_integer(saved) && json_integer_value(saved) != scene->downscale)
         cln_warn("--downscale: photos are divided by %d now, by %d before; figures of quality do "

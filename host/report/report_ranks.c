@@ -29,14 +29,16 @@ static void put_moves(FILE *to, const cln_report_data *data)
     fputs("</table>\n", to);
 }
 
-static void put_stages(FILE *to, const cln_report_ranks_sum *r)
+static void put_stages(FILE *to, const cln_report_data *data)
 {
+    const cln_report_ranks_sum *r = &data->ranks;
+
     fputs(
         "<table><tr><th>stage<th class=n>ms per step, the idlest process<th class=n>the busiest\n",
         to);
     for (int i = 0; i < r->stage_count; i++) {
         fputs("<tr><td>", to);
-        cln_html_text(to, r->stages[i].name);
+        cln_html_text(to, cln_report_stage(data, r->stages[i].name));
         fputs("<td class=n>", to);
         cln_report_number(to, 1000 * r->stages[i].least / r->steps, 2);
         fputs("<td class=n>", to);
@@ -78,7 +80,7 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
                 least, most);
     fputs("\n</table>\n", to);
     if (r->stage_count > 0)
-        put_stages(to, r);
+        put_stages(to, data);
     if (data->move_count > 0)
         put_moves(to, data);
     else

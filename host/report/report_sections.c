@@ -3,7 +3,9 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include "base/files.h"
+#include "device/device.h"
 #include "io/image.h"
 #include "report/html.h"
 
@@ -26,6 +28,18 @@ void cln_report_number(FILE *to, double value, int decimals)
         fprintf(to, "%.*f", decimals, value);
     else
         fputs("&ndash;", to);
+}
+
+bool cln_report_of_voxels(const cln_report_data *data)
+{
+    const json_t *config = json_object_get(data->run, "config");
+
+    return strcmp(cln_json_text(config, "encoding"), "voxel") == 0;
+}
+
+const char *cln_report_stage(const cln_report_data *data, const char *name)
+{
+    return cln_stage_text(name, cln_report_of_voxels(data));
 }
 
 /* PNG, or JPEG if that is smaller, as for photos: a page may be mailed and opened on a phone. The

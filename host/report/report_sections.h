@@ -44,6 +44,12 @@ CLN_REPORT_SECTIONS(ROW)
 /* "27.93", or an en dash where the value is not finite. */
 void cln_report_number(FILE *to, double value, int decimals);
 
+/* Whether the run's leaves are voxels, which only split. */
+bool cln_report_of_voxels(const cln_report_data *data);
+
+/* A stage's name, as texts for people have it for this run's leaves. */
+const char *cln_report_stage(const cln_report_data *data, const char *name);
+
 /* An <img> of the file, scaled down for the page, or the note "no WHAT picture" without such a
  * file. CLN_MEMORY is the only error. */
 cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what);

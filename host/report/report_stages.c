@@ -118,7 +118,7 @@ cln_status cln_report_stages(FILE *to, const cln_report_data *data)
     for (int i = 0; i < count; i++) {
         fprintf(to, "<i style='width:%.3f%%;background:%s' title='", 100 * order[i][0] / total,
                 stage_colour(i));
-        cln_html_text(to, r->stages[(int)order[i][1]].name);
+        cln_html_text(to, cln_report_stage(data, r->stages[(int)order[i][1]].name));
         fputs("'></i>", to);
     }
     fprintf(to, "<i style='flex:1;background:%s' title='between stages'></i></div>\n", rest_colour);
@@ -126,8 +126,8 @@ cln_status cln_report_stages(FILE *to, const cln_report_data *data)
           "step<th>\n",
           to);
     for (int i = 0; i < count; i++)
-        put_stage(to, r->stages[(int)order[i][1]].name, stage_colour(i), order[i][0], total,
-                  steps > 0 ? steps : NAN);
+        put_stage(to, cln_report_stage(data, r->stages[(int)order[i][1]].name), stage_colour(i),
+                  order[i][0], total, steps > 0 ? steps : NAN);
     if (total - sum > 0.001 * total)
         put_stage(to, "between stages", rest_colour, total - sum, total, steps > 0 ? steps : NAN);
     fputs("</table>\n", to);

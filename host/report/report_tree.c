@@ -160,7 +160,7 @@ static void put_psnr(FILE *to, double psnr)
     cln_report_number(to, psnr, 2);
 }
 
-static void put_decision(FILE *to, const cln_report_decision *d)
+static void put_decision(FILE *to, const cln_report_decision *d, bool merges)
 {
     char text[32];
 
@@ -169,11 +169,13 @@ static void put_decision(FILE *to, const cln_report_decision *d)
     put_count(to, d->step);
     put_count(to, d->leaves_before);
     put_count(to, d->split);
-    put_count(to, d->merged);
+    if (merges)
+        put_count(to, d->merged);
     put_count(to, d->leaves);
     put_psnr(to, d->psnr_before);
     put_psnr(to, d->psnr_after);
-    put_psnr(to, d->psnr_pretrained);
+    if (merges)
+        put_psnr(to, d->psnr_pretrained);
     fputs("<td class=n>", to);
     cln_report_number(to, d->work_seconds, 1);
     fprintf(to, "<td>%s\n", d->over_budget ? "over budget" : "");
@@ -184,24 +186,27 @@ static void put_decisions(FILE *to, const cln_report_data *data)
     const int count = data->decision_count;
     const int shown = count < DECISIONS_SHOWN ? count : DECISIONS_SHOWN;
     const double budget = data->decisions[count - 1].budget;
+    const bool merges = !cln_report_of_voxels(data);
     char text[32];
 
-    fputs("<h3>Decisions on single leaves</h3>\n<p class=soft>Split: leaves that became eight; "
-          "merged: "
-          "groups of up to eight that became one. PSNR is of a fixed batch of training rays: "
-          "before the "
-          "change, after it, and with the merged leaves trained on the old ones.",
-          to);
+    fprintf(to,
+            "<h3>Decisions on single leaves</h3>\n<p class=soft>Split: leaves that became "
+            "eight%s. PSNR is of a fixed batch of training rays: before the change%s.",
+            merges ? "; merged: groups of up to eight that became one" : "",
+            merges ? ", after it, and with the merged leaves trained on the old ones"
+                   : " and after it");
     if (isfinite(budget)) {
         cln_format_count(budget, text);
         fprintf(to, " At most %s leaves were allowed.", text);
     }
-    fputs("</p>\n<table><tr><th>training time<th class=n>steps<th class=n>leaves<th class=n>split"
-          "<th class=n>merged<th class=n>leaves after<th class=n>PSNR before<th class=n>after"
-          "<th class=n>pre-trained<th class=n>seconds<th>\n",
-          to);
+    fprintf(to,
+            "</p>\n<table><tr><th>training time<th class=n>steps<th class=n>leaves<th class=n>split"
+            "%s<th class=n>leaves after<th class=n>PSNR before<th class=n>after"
+            "%s<th class=n>seconds<th>\n",
+            merges ? "<th class=n>merged" : "", merges ? "<th class=n>pre-trained" : "");
     for (int k = 0; k < shown; k++)
-        put_decision(to, &data->decisions[shown > 1 ? (int64_t)k * (count - 1) / (shown - 1) : 0]);
+        put_decision(to, &data->decisions[shown > 1 ? (int64_t)k * (count - 1) / (shown - 1) : 0],
+                     merges);
     fputs("</table>\n", to);
     if (shown < count)
         fprintf(to, "<p class=soft>%d of %d, in even steps.</p>\n", shown, count);

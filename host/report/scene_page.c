@@ -9,6 +9,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "io/image.h"
 #include "report/html.h"
 #include "report/report_style.h"
@@ -192,7 +193,8 @@ static void put_side(FILE *to, const cln_scene *scene, const json_t *document, c
     put_cameras(to, scene, document, s, reach, &cameras);
     fprintf(to, "</svg><figcaption class=soft>%s", s->title);
     if (cameras || hidden)
-        fprintf(to, "; not in the picture: %d cameras, %d points", cameras, hidden);
+        fprintf(to, "; not in the picture: %d camera%s, %d point%s", cameras,
+                cln_plural(cameras, "", "s"), hidden, cln_plural(hidden, "", "s"));
     fputs("</figcaption></figure>\n", to);
 }
 
@@ -301,7 +303,8 @@ static cln_status put_page(FILE *to, const cln_scene *scene, const json_t *docum
     fprintf(to, " &ndash; cl-nascent check</title>\n<style>%s%s</style>\n<main>\n<h1>",
             report_style, style);
     cln_html_text(to, scene->folder);
-    fprintf(to, "</h1>\n<p class=soft>%d photos, read as ", scene->view_count);
+    fprintf(to, "</h1>\n<p class=soft>%d photo%s, read as ", scene->view_count,
+            cln_plural(scene->view_count, "", "s"));
     cln_html_text(to, scene->dialect);
     fputs("; cube: ", to);
     cln_html_text(to, scene->bounds_rule);

@@ -136,7 +136,7 @@ static cln_status list(const char *folder, const char *within, int depth, bool f
                 CLN_TRY(keep_name(out, within, entry->d_name));
             else if (depth < MAX_DEPTH)
                 CLN_TRY(list(path, name, depth + 1, false, out));
-        } else if (!folders && cln_dataset_is_image(name)) {
+        } else if (!folders && cln_dataset_is_image(name) && cln_is_file(path)) { /* no dead link */
             CLN_TRY(keep_name(out, within, entry->d_name));
         }
     }

@@ -1,6 +1,7 @@
-/* What in a scene looks like a mistake in its poses. Each mistake shows in a number, with a bound
- * between its values in good captures and in faulty ones (tests/scene/test_doubts.c). As captures
- * of other kinds may pass the bound, too, the sentences say "likely".
+/* What in a scene looks like a mistake in its splits or its poses. Each mistake of poses shows in a
+ * number, with a bound between its values in good captures and in faulty ones
+ * (tests/scene/test_doubts.c). As captures of other kinds may pass the bound, too, the sentences
+ * say "likely".
  *   cube_share   of the training rays, those that meet the cube: small where translations are too
  *                large for a cube that the dataset or --bbox fixes
  *   spread       of the training cameras, in half sides of the cube: small where they are too small
@@ -10,7 +11,9 @@
 #include "scene/build.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include "base/log.h"
+#include "base/text.h"
 #include "scene/inspect.h"
 
 enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3 };
@@ -108,11 +111,42 @@ void cln_scene_find_doubts(cln_scene *scene)
     scene->apart_share = apart_share(scene);
 }
 
+static int by_name(const void *a, const void *b)
+{
+    return cln_natural_compare(((const cln_view *)a)->name, ((const cln_view *)b)->name);
+}
+
+/* Adds a finding of test views that are training views, too: a dataset that names splits may have
+ * the same file in both. */
+static void tell_shared(const cln_scene *scene, json_t *findings)
+{
+    const int train = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    const int test = cln_scene_split_count(scene, CLN_SPLIT_TEST);
+    json_t *names = json_array();
+    int count = 0;
+
+    for (int i = 0; i < test; i++) {
+        const cln_view *view = &scene->views[cln_scene_split_view(scene, CLN_SPLIT_TEST, i)];
+
+        if (bsearch(view, scene->views, (size_t)train, sizeof *view, by_name))
+            json_array_append_new(names, json_string(view->name));
+    }
+    count = (int)json_array_size(names);
+    if (count > 0)
+        cln_found_fault(findings, "split", true, json_incref(names),
+                        "%d of %d test photos %s trained on, too ('%s'%s): test PSNR tells less of "
+                        "new views; name each photo in one split alone",
+                        count, test, cln_plural(count, "is", "are"),
+                        json_string_value(json_array_get(names, 0)), count > 1 ? ", ..." : "");
+    json_decref(names);
+}
+
 void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
 {
     const cln_space *space = &scene->space;
 
     cln_scene_doubt_turns(scene, findings);
+    tell_shared(scene, findings);
     if (scene->apart_share > APART_MAX)
         cln_found_fault(
             findings, "axes", true, NULL,

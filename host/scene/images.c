@@ -14,6 +14,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/image.h"
 #include "io/progress.h"
 #include "ranks/ranks.h"
@@ -76,10 +77,10 @@ static void warn_mixed_alpha(const cln_scene *scene)
         opaque++;
     }
     if (opaque > 0)
-        cln_warn("%s: %d of %d images have no alpha channel ('%s'%s), unlike the others: all that "
-                 "these %d show counts as opaque, background included",
-                 scene->folder, opaque, scene->view_count, first, opaque > 1 ? ", ..." : "",
-                 opaque);
+        cln_warn("%s: %d of %d images %s no alpha channel ('%s'%s), unlike the others: all that "
+                 "%s counts as opaque, background included",
+                 scene->folder, opaque, scene->view_count, cln_plural(opaque, "has", "have"), first,
+                 opaque > 1 ? ", ..." : "", cln_plural(opaque, "it shows", "these show"));
 }
 
 static bool can_decode(const char *path)
@@ -451,8 +452,9 @@ static void say_masks(const cln_scene *scene)
     }
     if (views)
         cln_log(left < 0.1 * all || left == all ? CLN_LOG_WARN : CLN_LOG_INFO,
-                "%s: masks of %d images leave %.3g %% of their pixels", scene->folder, views,
-                100 * left / all);
+                "%s: the mask%s of %d image%s leave%s %.3g %% of %s pixels", scene->folder,
+                cln_plural(views, "", "s"), views, cln_plural(views, "", "s"),
+                cln_plural(views, "s", ""), 100 * left / all, cln_plural(views, "its", "their"));
 }
 
 /* A view whose pixels are another rank's. The next rank's files are read here too, for their

@@ -11,6 +11,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "io/json.h"
 #include "scene/agree.h"
 #include "scene/build.h"
@@ -93,7 +94,8 @@ static const char *name_pairs(const json_t *views, char *out, size_t bytes)
                                  json_string_value(json_array_get(views, 2 * i)),
                                  json_string_value(json_array_get(views, 2 * i + 1)));
     if (count > NAMED && used < bytes)
-        snprintf(out + used, bytes - used, "; and %zu more pairs", count - NAMED);
+        snprintf(out + used, bytes - used, "; and %zu more pair%s", count - NAMED,
+                 cln_plural((double)(count - NAMED), "", "s"));
     return out;
 }
 
@@ -123,11 +125,13 @@ static void check_agreement(inspection *in)
     measure(in, "agreeing_share", a->share);
     in->posed = !(a->share < UNSOUND);
     if (isnan(a->share)) {
-        cln_found_fault(in->findings, "overlap", false, NULL,
-                        "the photos show too little in common (%d marks in %d pairs of neighbours) "
-                        "to compare them with their poses: they stand far apart, or show little "
-                        "texture",
-                        a->tie_count, a->pairs);
+        cln_found_fault(
+            in->findings, "overlap", false, NULL,
+            "the photos show too little in common (%d mark%s in %d pair%s of neighbours) "
+            "to compare them with their poses: they stand far apart, or show little "
+            "texture",
+            a->tie_count, cln_plural(a->tie_count, "", "s"), a->pairs,
+            cln_plural(a->pairs, "", "s"));
         return;
     }
     if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {
@@ -237,6 +241,7 @@ static void check_overlap(inspection *in)
 {
     const cln_agreement *a = &in->agreement;
     json_t *alone = json_array();
+    double lone = 0;
     char names[512];
     double partners = 0;
 
@@ -246,15 +251,19 @@ static void check_overlap(inspection *in)
             add_view(alone, in, i);
     }
     measure(in, "mean_partners", a->looked_at ? partners : NAN);
-    measure(in, "views_alone", (double)json_array_size(alone));
+    lone = (double)json_array_size(alone);
+    measure(in, "views_alone", lone);
     if (in->posed && !isnan(a->share) && json_array_size(alone))
         cln_found_fault(in->findings, "overlap", false, json_incref(alone),
-                        "%zu of %d photos share hardly anything with their neighbours: %s; what "
-                        "they alone show is learnt badly. %s",
-                        json_array_size(alone), a->looked_at, name_some(alone, names, sizeof names),
-                        (double)json_array_size(alone) > ALONE_DOUBT * a->looked_at
+                        "%zu of %d photos %s hardly anything with %s neighbours: %s; what %s alone "
+                        "%s is learnt badly. %s",
+                        json_array_size(alone), a->looked_at, cln_plural(lone, "shares", "share"),
+                        cln_plural(lone, "its", "their"), name_some(alone, names, sizeof names),
+                        cln_plural(lone, "it", "they"), cln_plural(lone, "shows", "show"),
+                        lone > ALONE_DOUBT * a->looked_at
                             ? "Take more photos, at most 20 degrees apart"
-                            : "Photos between them and the others would help");
+                        : lone == 1 ? "Photos between it and the others would help"
+                                    : "Photos between them and the others would help");
     if (cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN) < FEW_PHOTOS)
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "only %d training photo%s: surfaces that fewer than three of them show are "
@@ -398,9 +407,10 @@ static void check_intrinsics(inspection *in)
                         ratio);
     if (fold.views)
         cln_found_fault(in->findings, "lens", fold.share > FOLD_DOUBT, NULL,
-                        "the lens model folds within %d photos: %.2g%% of their pixels have no ray "
+                        "the lens model folds within %d photo%s: %.2g%% of %s pixels have no ray "
                         "and are left out%s",
-                        fold.views, 100 * fold.share,
+                        fold.views, cln_plural(fold.views, "", "s"), 100 * fold.share,
+                        cln_plural(fold.views, "its", "their"),
                         fold.share > FOLD_DOUBT ? ". Likely distortion parameters that were fitted "
                                                   "to the middle of the photos alone"
                                                 : "");
@@ -448,10 +458,12 @@ static void check_masks(inspection *in)
                         "show alike. Likely the wrong colour counts: invert them",
                         masks ? "masks" : "alpha channels", 100 * area, 100 * agreeing);
     else if (masks && (area < MASKS_LEAST || area == 1))
-        cln_found_fault(in->findings, "masks", false, NULL,
-                        "masks of %d photos leave %.2g%% of the pixels; if the wrong colour "
-                        "counts, invert them",
-                        masks, 100 * area);
+        cln_found_fault(
+            in->findings, "masks", false, NULL,
+            "the mask%s of %d photo%s leave%s %.2g%% of the pixels; if the wrong colour "
+            "counts, invert %s",
+            cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
+            cln_plural(masks, "s", ""), 100 * area, cln_plural(masks, "it", "them"));
 }
 
 /* Finds photos that are brighter or darker than their neighbours, much more than these than theirs:
@@ -565,9 +577,10 @@ static void check_files(inspection *in)
 
     if (scene->missing)
         cln_found_fault(in->findings, "missing", true, NULL,
-                        "%d of %d photos are not there%s; their frames are left out",
-                        scene->missing, scene->view_count + scene->missing,
-                        scene->unreadable ? " or cannot be read" : "");
+                        "%d of %d photos %s not there%s; %s left out", scene->missing,
+                        scene->view_count + scene->missing, cln_plural(scene->missing, "is", "are"),
+                        scene->unreadable ? " or cannot be read" : "",
+                        cln_plural(scene->missing, "its frame is", "their frames are"));
     if (!cln_scene_split_count(scene, CLN_SPLIT_TEST))
         cln_found_fault(in->findings, "split", false, NULL,
                         "no photo is held out: how good views between the photos are will not be "
@@ -586,12 +599,14 @@ static json_t *describe_views(const inspection *in)
         const double *m = view->camera.c2w, place[3] = {m[3], m[7], m[11]};
 
         json_array_append_new(
-            views, json_pack("{s:s, s:s, s:[f,f,f], s:[f,f,f], s:b, s:o, s:o, s:o, s:i, s:i, s:i}",
+            views, json_pack("{s:s, s:s, s:[f,f,f], s:[f,f,f], s:b, s:o, s:o, s:o, s:o, s:i, s:i, "
+                             "s:i}",
                              "name", view->name, "split", cln_split_names[view->split], "place",
                              m[3], m[7], m[11], "axis", m[2], m[6], m[10], "inside_cube",
                              cln_space_holds(&in->scene->space, place), "sharpness",
                              cln_json_real(in->photos[i].sharpness), "exposure",
                              cln_json_real(a->exposure), "exposure_jump", cln_json_real(a->jump),
+                             "exposure_around", cln_json_real(isnan(a->jump) ? NAN : a->around),
                              "partners", a->partners, "ties", a->ties, "agreeing", a->agreeing));
     }
     return views;

@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/image.h"
 #include "io/names.h"
 #include "scene/build.h"
@@ -102,7 +103,8 @@ static cln_status say_left_out(const cln_scene *scene, char **out)
 
     if (absent > 0) {
         CLN_TRY(name_frames(scene, scene->view_count, absent, &names));
-        CLN_TRY(cln_asprintf(&gone, "%d of %d images are not there (%s)", absent, total, names));
+        CLN_TRY(cln_asprintf(&gone, "%d of %d images %s not there (%s)", absent, total,
+                             cln_plural(absent, "is", "are"), names));
         free(names);
         names = NULL;
     }
@@ -193,14 +195,18 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
                          scene->folder, scene->views[scene->view_count].name,
                          scene->views[scene->view_count].path, likely));
     if (rule == CLN_MISSING_AUTO && 10 * scene->missing >= total)
-        CLN_TRY(cln_fail(
-            CLN_INPUT, "%s: %s, a tenth or more (the first should be %s)%s; restore them%s",
-            scene->folder, why, scene->views[scene->view_count].path, likely,
-            scene->missing < total ? ", or leave these frames out with --missing skip" : ""));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s, a tenth or more (the first should be %s)%s%s%s",
+                         scene->folder, why, scene->views[scene->view_count].path, likely,
+                         *likely               ? ""
+                         : scene->missing == 1 ? "; restore it"
+                                               : "; restore them",
+                         scene->missing < total ? ", or leave such frames out with --missing skip"
+                                                : ""));
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view is left: %s%s; restore them",
-                         scene->folder, why, likely));
-    cln_warn("%s: %s; these frames are left out", scene->folder, why);
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view is left: %s%s%s", scene->folder, why,
+                         likely, *likely ? "" : "; restore them"));
+    cln_warn("%s: %s; %s left out", scene->folder, why,
+             cln_plural(scene->missing, "this frame is", "these frames are"));
 done:
     cln_moved_free(&moved);
     free(why);
@@ -255,9 +261,10 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     result->views = NULL;
     result->view_count = 0;
     if (result->moved_count)
-        cln_info("%s: %d of its images are not where it says and are taken by their names, as %s "
-                 "for %s",
-                 scene->folder, result->moved_count,
+        cln_info("%s: %d of its images %s not where it says and %s taken by %s, as %s for %s",
+                 scene->folder, result->moved_count, cln_plural(result->moved_count, "is", "are"),
+                 cln_plural(result->moved_count, "is", "are"),
+                 cln_plural(result->moved_count, "its name", "their names"),
                  cln_dataset_within(scene->folder, result->moved_to),
                  cln_dataset_within(scene->folder, result->moved_from));
     scene->dialect = result->dialect;

@@ -323,7 +323,7 @@ done:
 cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
 {
     cln_status st = CLN_OK;
-    const char *base = base_of(name), *first = NULL;
+    const char *base = base_of(name), *first = NULL, *other = NULL;
     int likes = 0;
 
     CLN_TRY(list(moved));
@@ -332,6 +332,7 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
 
         if (compare_stems(base_of(file), base) != 0)
             break;
+        other = other ? other : file;
         if (!is_like(file, base))
             continue;
         first = first ? first : file;
@@ -344,6 +345,9 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
     else if (likes)
         CLN_TRY(cln_asprintf(out, "; %s/%s is there: move it, or correct the dataset",
                              moved->folder, first));
+    else if (other)
+        CLN_TRY(cln_asprintf(out, "; %s/%s is there, with another ending: correct the dataset",
+                             moved->folder, other));
     else
         CLN_TRY(cln_strdup(out, ""));
 done:

@@ -1,13 +1,17 @@
 /* Where the images are whose names a dataset tells, but not their folder. See placing.h. */
 #include "scene/placing.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "scene/dataset.h"
 #include "scene/moved.h"
+
+enum { NAMED = 12 }; /* images without a pose that a warning names */
 
 /* Whether the folder has an image of a view; any_case: also in another case. */
 static cln_status has_a_view(const char *folder, const cln_reader_result *result, bool any_case,
@@ -85,6 +89,43 @@ done:
     return st;
 }
 
+static int by_text(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+/* Warns of images in the folder that are no views, with the first of their names. */
+static cln_status warn_unposed(const char *folder, const cln_reader_result *result,
+                               const cln_names *there)
+{
+    cln_status st = CLN_OK;
+    const int count = result->view_count, more = there->count - count;
+    char **known = NULL, *path = NULL, names[1024] = "";
+    size_t used = 0;
+    int named = 0;
+
+    CLN_TRY(cln_alloc(&known, (size_t)count, sizeof *known, "views"));
+    for (int i = 0; i < count; i++)
+        known[i] = result->views[i].path;
+    qsort(known, (size_t)count, sizeof *known, by_text);
+    for (int i = 0; i < there->count && named <= NAMED && used < sizeof names; i++) {
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, folder, there->name[i]));
+        if (bsearch(&path, known, (size_t)count, sizeof *known, by_text))
+            continue;
+        used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", named ? ", " : "",
+                                 named < NAMED ? there->name[i] : "...");
+        named++;
+    }
+    cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, more, there->count,
+             cln_plural(more, "has", "have"), cln_plural(more, "is", "are"), names);
+done:
+    free(known);
+    free(path);
+    return st;
+}
+
 cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
                                    int base_count, cln_reader_result *result, char **folder)
 {
@@ -125,8 +166,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
             goto done; /* other images there do not belong to this reconstruction */
     CLN_TRY(cln_dataset_images(*folder, &there));
     if (there.count > result->view_count)
-        cln_warn("%s: %d of %d images have no pose and are left out", *folder,
-                 there.count - result->view_count, there.count);
+        CLN_TRY(warn_unposed(*folder, result, &there));
 done:
     cln_dataset_free_names(&there);
     return st;

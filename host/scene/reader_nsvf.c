@@ -8,6 +8,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/cursor.h"
 #include "scene/dataset.h"
 
@@ -171,8 +172,9 @@ static cln_status read_poses(const char *path, cln_names *images, cln_reader_res
             "%s: no file in rgb has a .txt file of its name in pose; give both the same names",
             path));
     if (without)
-        cln_warn("%s: %d of %d images in rgb have no pose and are left out", path, without,
-                 kept + without);
+        cln_warn("%s: %d of %d images in rgb %s no pose and %s left out", path, without,
+                 kept + without, cln_plural(without, "has", "have"),
+                 cln_plural(without, "is", "are"));
     free(file);
     file = NULL;
     CLN_TRY(cln_path_join(&file, path, "rgb"));

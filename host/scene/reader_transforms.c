@@ -16,6 +16,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/json.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
@@ -64,12 +65,16 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
 {
     cln_status st = CLN_OK;
     const json_t *frames = json_object_get(root, "frames");
+    const char *schema = json_string_value(json_object_get(root, "schema"));
     cln_view *views = NULL;
     size_t count = 0;
 
     if (!json_is_object(root))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: not a JSON object with frames; give the file that has them", file));
+    if (!frames && schema && strncmp(schema, "cl-nascent.run/", 15) == 0)
+        CLN_TRY(
+            cln_fail(CLN_INPUT, "%s: it is a run's, not a scene's; give the run's folder", file));
     if (!frames)
         CLN_TRY(cln_fail(
             CLN_INPUT, "%s: it has no frames, so it is not a scene; give the folder of one", file));
@@ -250,8 +255,9 @@ static cln_status apply_lists(const char *file, const json_t *root, cln_reader_r
     for (int i = 0; i < result->view_count; i++)
         json_object_del(f.index, result->views[i].name);
     if (json_object_size(f.index))
-        cln_warn("%s: %zu of %d frames are in none of its lists of file names and left out", file,
-                 json_object_size(f.index), f.count);
+        cln_warn("%s: %zu of %d frames %s in none of its lists of file names and left out", file,
+                 json_object_size(f.index), f.count,
+                 cln_plural((double)json_object_size(f.index), "is", "are"));
 done:
     for (int i = 0; i < f.count; i++)
         free_view(&f.views[i]);

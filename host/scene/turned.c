@@ -8,6 +8,7 @@
 #include "scene/build.h"
 
 #include <math.h>
+#include "base/text.h"
 #include "io/image.h"
 #include "scene/inspect.h"
 
@@ -130,7 +131,8 @@ static void tell(const cln_scene *scene, json_t *findings, bool known, bool turn
     }
     if (json_array_size(names) > 0)
         cln_found_fault(findings, "orientation", false, json_incref(names),
-                        "%s %d photos ('%s'%s)%s", before, (int)json_array_size(names),
+                        "%s %d photo%s ('%s'%s)%s", before, (int)json_array_size(names),
+                        cln_plural((double)json_array_size(names), "", "s"),
                         json_string_value(json_array_get(names, 0)),
                         json_array_size(names) > 1 ? ", ..." : "", after);
     json_decref(names);
@@ -147,11 +149,12 @@ static void tell_masks(const cln_scene *scene, json_t *findings)
     if (json_array_size(names) > 0)
         cln_found_fault(
             findings, "orientation", false, json_incref(names),
-            "%d photos that EXIF data tell viewers to turn ('%s'%s) have masks of which "
-            "nothing tells whether they are of stored or of turned pixels: they are "
-            "taken to be of stored ones. If they are not, turn the masks back",
-            (int)json_array_size(names), json_string_value(json_array_get(names, 0)),
-            json_array_size(names) > 1 ? ", ..." : "");
+            "%d photo%s that EXIF data tell viewers to turn ('%s'%s) %s, and nothing tells whether "
+            "masks are of stored or of turned pixels: they are taken to be of stored ones. If they "
+            "are not, turn the masks back",
+            (int)json_array_size(names), cln_plural((double)json_array_size(names), "", "s"),
+            json_string_value(json_array_get(names, 0)), json_array_size(names) > 1 ? ", ..." : "",
+            cln_plural((double)json_array_size(names), "has a mask", "have masks"));
     json_decref(names);
 }
 

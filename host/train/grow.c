@@ -8,6 +8,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "model/structure.h"
 #include "train/carve.h"
 #include "train/change.h"
@@ -100,9 +101,10 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
     if (*grows && !has_whole_levels(t)) {
         if (!t->whole)
-            cln_info("whole levels end at level %d, with %d leaves; single leaves split from "
+            cln_info("whole levels end at level %d, with %d %s; single leaves split from "
                      "--structure-from on",
-                     t->model.level, t->pipeline.leaves);
+                     t->model.level, t->pipeline.leaves,
+                     cln_plural(t->pipeline.leaves, "leaf", "leaves"));
         t->whole = true;
         *grows = false;
     }

@@ -41,7 +41,8 @@ static void say_used_up(const cln_trainer *t)
     if (timed)
         snprintf(budget, sizeof budget, "%.0f s", c->time_limit);
     else
-        snprintf(budget, sizeof budget, "%lld steps", (long long)t->steps);
+        snprintf(budget, sizeof budget, "%lld step%s", (long long)t->steps,
+                 cln_plural((double)t->steps, "", "s"));
     if (timed)
         snprintf(more, sizeof more, "--time-limit +%.0fs", c->time_limit);
     else if (c->steps > 0)

@@ -50,7 +50,9 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     } rows[] = {
 #define ROW(condition, text, ...) {.left_out = condition, .what = text, __VA_ARGS__}
         ROW(!p->lenses, "lens distortion (pinhole cameras)"),
-        ROW(!p->space.forward, "normalised device coordinates (an ordinary cube)"),
+        ROW(!p->space.forward && !p->space.shell,
+            "normalised device coordinates (an ordinary cube)"),
+        ROW(p->space.shell, "normalised device coordinates (a cube and a shell)"),
         ROW(!p->space.shell, "parts of rays beyond the cube (the scene ends there)"),
         ROW(!(c->near > 0), "a near distance (rays begin at the camera)"),
         ROW(fold.views > 0,

@@ -65,13 +65,16 @@ static json_t *curve_json(const cln_curve *c)
     return curve;
 }
 
+/* Under the names that the page shows. */
 static json_t *stages_json(const cln_trainer *t)
 {
+    const bool voxels = t->model.config.encoding == CLN_ENCODING_VOXEL;
     json_t *stages = json_object();
 
     for (int i = 0; i < CLN_STAGES; i++)
         if (t->device->stage_seconds[i] > 0)
-            json_object_set_new(stages, cln_stage_names[i], json_real(t->device->stage_seconds[i]));
+            json_object_set_new(stages, cln_stage_text(cln_stage_names[i], voxels),
+                                json_real(t->device->stage_seconds[i]));
     return stages;
 }
 

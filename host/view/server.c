@@ -354,6 +354,12 @@ static const struct {
     {"/film/end", CLN_ASK_FILM_END, true},     {"/film/drop", CLN_ASK_FILM_DROP, true},
 };
 
+/* GET, or HEAD, of which libmicrohttpd sends the headers alone. */
+static bool is_get(const char *method)
+{
+    return strcmp(method, MHD_HTTP_METHOD_GET) == 0 || strcmp(method, MHD_HTTP_METHOD_HEAD) == 0;
+}
+
 static bool wants_post(const cln_server *s, const char *path)
 {
     for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)
@@ -413,8 +419,8 @@ static enum MHD_Result on_request(void *user, struct MHD_Connection *connection,
     if (!r) {
         if (wants_post(s, path) && strcmp(method, MHD_HTTP_METHOD_POST) != 0)
             return answer(s, connection, 405, "an order is given by POST");
-        if (!wants_post(s, path) && strcmp(method, MHD_HTTP_METHOD_GET) != 0)
-            return answer(s, connection, 405, "only GET is answered");
+        if (!wants_post(s, path) && !is_get(method))
+            return answer(s, connection, 405, "only GET and HEAD are answered");
         if ((length && strcmp(length, "0") != 0) || header_of(connection, "Transfer-Encoding"))
             return answer(s, connection, 413, "a request has no body here");
         if (cln_alloc(&r, 1, sizeof *r, "request") != CLN_OK) {

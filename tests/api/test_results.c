@@ -750,6 +750,44 @@ static void test_info(void **state)
     assert_fails(cln_info_run(fixture_path("scene"), &text), CLN_INPUT, "run.json");
 }
 
+/* A desc of nothing names what is missing; without settings the default preset's count. */
+static void test_nothing_given(void **state)
+{
+    const char *scene = fixture_path("scene"), *none = NULL;
+    cln_settings *settings = NULL;
+    char *text = NULL, *same = NULL;
+    cln_train_result trained;
+    cln_eval_result measured;
+    cln_render_result rendered;
+    cln_export_result exported;
+    cln_poses_result posed;
+    cln_field *field = NULL;
+
+    (void)state;
+    assert_fails(cln_train(&(cln_train_desc){.scene = scene}, &trained), CLN_USAGE, "run");
+    assert_fails(cln_train(&(cln_train_desc){.run = "r"}, &trained), CLN_USAGE, "scene");
+    assert_fails(
+        cln_train(&(cln_train_desc){.run = fixture_path("nowhere"), .resume = true}, &trained),
+        CLN_INPUT, "nowhere");
+    assert_fails(cln_eval(&(cln_eval_desc){0}, &measured), CLN_USAGE, "run");
+    assert_fails(cln_render(&(cln_render_desc){.out = "o"}, &rendered), CLN_USAGE, "run");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r"}, &rendered), CLN_USAGE, "out");
+    assert_fails(cln_view_run(&(cln_view_desc){0}), CLN_USAGE, "run");
+    assert_fails(cln_field_open(none, NULL, &field), CLN_USAGE, "run");
+    assert_fails(cln_export(&(cln_export_desc){.file = "f"}, &exported), CLN_USAGE, "run");
+    assert_fails(cln_export(&(cln_export_desc){.run = "r"}, &exported), CLN_USAGE, "file");
+    assert_fails(cln_check(&(cln_check_desc){0}, &text), CLN_USAGE, "scene");
+    assert_fails(cln_info_run(none, &text), CLN_USAGE, "run");
+    assert_fails(cln_find_poses(&(cln_poses_desc){.out = "o"}, &posed), CLN_USAGE, "photos");
+    assert_ok(cln_settings_create(NULL, &settings));
+    assert_ok(cln_info_scene(scene, settings, &text));
+    assert_ok(cln_info_scene(scene, NULL, &same));
+    assert_string_equal(same, text);
+    free(text);
+    free(same);
+    cln_settings_free(settings);
+}
+
 /* ---- self-test and devices ---- */
 
 typedef struct tally {
@@ -830,6 +868,7 @@ int test_group_results(void)
         cmocka_unit_test(test_orbit_keeps_to_the_arc),
         cmocka_unit_test(test_orbit_renders),
         cmocka_unit_test(test_info),
+        cmocka_unit_test(test_nothing_given),
         cmocka_unit_test(test_selftest_passes),
         cmocka_unit_test(test_selftest_notices),
     };

@@ -442,6 +442,8 @@ section_check() {
     "$make_scene" "$work/pair" --kind forward --size 64 --train 2 --test 0 >/dev/null
     expect "two photos" 0 "" "$cln" check "$work/pair" --probe 0 --json
     sed -n 's/^ *"exposure_jump": \([-.0-9e]*\),*$/\1/p' "$work/out" >"$work/jumps"
+    check "and nothing around them differs" \
+        [ "$(grep -c '"exposure_around": 0.0' "$work/out")" = 2 ]
     check "one is as much darker as the other is brighter" awk '{ sum += $1; most = $1 }
         END { exit !(NR == 2 && sum == 0 && most != 0) }' "$work/jumps"
 
@@ -459,6 +461,10 @@ section_check() {
         check "planted: exposure, by how much" awk '$1 < -0.8 && $1 > -1.2 { dark++ }
             $1 > -0.2 && $1 < 0.2 { alike++ }
             END { exit !(dark == 1 && dark + alike == NR && NR == 14) }' "$work/exposures"
+        # an alike photo beside it differs from it, but not its others
+        sed -n 's/^ *"exposure_around": \([.0-9e]*\),$/\1/p' "$work/out" >"$work/around"
+        check "planted: exposure, how much others differ" \
+            awk '$1 < 0.5 { n++ } END { exit !(n == NR && NR == 14) }' "$work/around"
         planted blur blur false $front
         planted focal focal_length true $air
         planted mask masks true $all --format nerfstudio --masks
@@ -491,8 +497,10 @@ section_poses() {
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/no folder"
     expect "no folder to write" 2 "-o" "$cln" poses "$work/photos/train"
     expect "poses of nothing" 3 "not there folder" "$cln" poses "$work/nowhere" -o "$work/x"
-    expect "poses: who has none, and what EXIF tells" 0 "~1.of.24.photos r_023 ~of.23.photos" \
+    expect "poses: who has none, and what EXIF tells" 0 \
+        "~1.of.24.images.has.no.pose.and.is.left.out:.*r_023 ~of.23.photos" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed" --progress none
+    check "it is said once" [ "$(grep -c "no pose" "$work/err")" = 1 ]
     check "poses count the registered photos" grep -q "registered  23 of 24" "$work/out"
     check "it ends with the next command" grep -q "cl-nascent train .*posed'* -o" "$work/out"
     check "all are matched with all" grep -q "colmap exhaustive_matcher" "$work/posed/colmap.log"

@@ -277,6 +277,36 @@ section_scenes() {
     expect "a list of 15 numbers" 3 "~12.or.16.numbers" "$cln" info "$work/others"
     cp "$work/rows.json" "$work/others/transforms.json"
 
+    # photos that are elsewhere, called otherwise, or there twice
+    cp -r "$work/others" "$work/astray"
+    ln -sf "$work/nowhere.png" "$work/astray/images/frame_00003.png"
+    expect "a link to a photo that is gone" 3 \
+        "~1.of.9.images.is.not.there.*frame_00003.*restore.it" \
+        "$cln" info "$work/astray"
+    check "it is not offered in its own place" not_said "is there"
+    mv "$work/others/images/frame_00003.png" "$work/astray/images/frame_00003.jpg"
+    rm "$work/astray/images/frame_00003.png"
+    expect "a photo with another ending: where it is" 3 \
+        "~images/frame_00003.jpg.is.there,.with.another.ending" "$cln" info "$work/astray"
+    mv "$work/astray/images/frame_00003.jpg" "$work/others/images/frame_00003.png"
+    cp "$work/others/images/frame_00003.png" "$work/astray/images"
+    sed -i '/_filenames/,/\]/d' "$work/astray/transforms.json"
+    sed -i '0,/frame_00002/s//frame_00001/' "$work/astray/transforms.json"
+    expect "a frame twice, of which one would be held out" 3 "~frame_00001.png.*twice" \
+        "$cln" info "$work/astray"
+    sed '0,/"fl_x"/s//"a\\u001b[31mb": 1, &/' "$work/rows.json" >"$work/others/transforms.json"
+    expect "a scene with control characters in its keys" 0 "" "$cln" info "$work/others"
+    check "they are listed" grep -qF 'a?[31mb' "$work/out"
+    check "but a terminal would not obey them" eval '! grep -qF $'"'\033'"' "$work/out"'
+    cp "$work/rows.json" "$work/others/transforms.json"
+    cp -r "$s" "$work/same"
+    cp "$s/transforms_train.json" "$work/same/transforms_test.json"
+    for c in info check; do
+        expect "$c: test photos that are trained on" 0 "" "$cln" $c "$work/same" --color never
+        check "$c says so" eval 'grep -qE "6 of 6 test photos are trained on" "$work/err" \
+            "$work/out"'
+    done
+
     "$make_scene" "$work/windows" --format colmap --size 32 --train 6 --test 0 >/dev/null
     sed -i 's/$/\r/; 1s/^/\xef\xbb\xbf/; s/ frame_/ sub\\frame_/' "$work"/windows/sparse/0/*.txt
     mkdir "$work/windows/images/sub"
@@ -340,6 +370,16 @@ section_scenes() {
     check "info has a training's memory" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"
     check "info has a training's steps" grep -qE '^  steps +[0-9]+' "$work/out"
     check "info says how to get its time" printed "--like RUN"
+    expect "info with an option without effect" 0 "~--holdout.has.no.effect:.*names.the.splits" \
+        "$cln" info "$s" --holdout 5
+    printf '%s\n' 'width 64' 'depth-loss 0.1' >"$conf" # which points there are, photos tell
+    expect "info with a setting without effect in the conf" 0 "~--width.has.no.effect:.voxels" \
+        "$cln" info "$s"
+    check "it is the only one" [ "$(grep -c "has no effect" "$work/err")" = 1 ]
+    rm "$conf"
+    expect "check of such options" 0 "~--lr-final.has.no ~--bands.has.no ~--holdout.has.no" \
+        "$cln" check "$s" --probe 0 --lr-schedule step --lr-final 1e-4 --bands 3 --holdout 5
+    check "of these alone" [ "$(grep -c "has no effect" "$work/err")" = 3 ]
     expect "info without a device" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" info "$s" --json
     check "info says why memory is unknown" [ -n "$(json training.no_device)" ]
     expect "train" 0 "keys depth_file_path" \
@@ -479,11 +519,22 @@ section_training() {
     check "it says that nothing was written" said "nothing was written"
     check "nothing was written" [ ! -e "$work/early" ]
     rm -rf "$work/other"
+    env --default-signal=INT "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 \
+        --log-every 1000000 >"$work/out" 2>"$work/err" &
+    step=$!
+    while ! said "~^train [0-9]" && kill -0 $step; do sleep 0.1; done
+    kill -INT $step
+    wait $step
+    check "Ctrl-C before the first row of metrics: it ends" [ $? = 130 ]
+    check "no PSNR is a dash" grep -qE "^PSNR +not measured yet$" "$work/out"
+    rm -rf "$work/other"
     # the tests may themselves run under nohup
-    env --default-signal=HUP "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 \
-        >"$work/out" 2>"$work/err" &
+    env --default-signal=HUP bash -c 'exec "$@" 2>&-' - "$cln" train "$s" -o "$work/other" \
+        "${small[@]}" --steps 1000000 >"$work/out" &
     step=$!
     while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+    check "standard error that is closed is no other file" \
+        [ "$(readlink /proc/$step/fd/2)" = /dev/null ]
     kill -HUP $step
     wait $step
     check "its terminal is closed: training ends" [ $? = 143 ]
@@ -522,6 +573,14 @@ section_voxels() {
     check "batches that grow a little are not worth a line" eval \
         'grep "^buffer for sample colours" "$work/err" | awk "{ n = \$5 + 0
             if (n > last && n < 1.5 * last) exit 1; last = n }"'
+    check "metrics.jsonl has the stages' names" grep -qF '"networks forward":' "$r/metrics.jsonl"
+    check "the report calls them voxels" eval 'grep -qF "voxels forward" "$r/report.html" &&
+        ! grep -qF "networks forward" "$r/report.html"'
+    check "settings of networks are not listed, but named" eval \
+        '! grep -qF "<td>view-width<td" "$r/report.html" &&
+        grep -qE "Not listed, .*: .*view-width, " "$r/report.html"'
+    expect "render -v" 0 "~seconds.of.the.device:.*voxels.forward" "$cln" render "$r" --orbit 1 \
+        --width 8 -v
     check "the report has leaves with a model" \
         grep -qE ">[0-9,]+ lea(f|ves) with a model at step 30" "$r/report.html"
     check "it speaks of no leaves with networks" eval \
@@ -611,6 +670,13 @@ section_edges() {
     expect "its render is saved" 0 "" "$cln" eval "$work/named run" --split train
     check "under a shorter name" eval \
         'find "$work/named run/eval" -name "*nnnn*.png" | grep -q .'
+    cp -r "$s" "$work/umlaut"
+    mv "$work/umlaut/images/frame_00001.png" "$work/umlaut/images/Bär.png"
+    sed -i "s/frame_00001/Bär/" "$work/umlaut/transforms.json"
+    expect "a name with an umlaut" 0 "" "$cln" eval "$r" --split train --scene "$work/umlaut" \
+        -o "$work/umlaut eval"
+    check "its figures stand below the others" awk '/r.png/ { a = length($0) }
+        /^mean/ { b = length($0) } END { exit !(a == b + 1) }' "$work/out" # in bytes
     expect "output folder that is a file" 7 "folder" \
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }
@@ -625,6 +691,7 @@ section_results() {
     check "and goes on under the value" grep -qE '^ {12,}[a-z]' "$work/out"
     expect "info into a pipe" 0 "" "$cln" info "$r"
     check "its lines are whole there" [ -n "$(awk 'length > 60 && NF > 2' "$work/out")" ]
+    expect "info of a run's file" 3 "~run.json:.*give.the.run.s.folder" "$cln" info "$r/run.json"
     expect "a file of a run instead of the run" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
     expect "export with run and file exchanged" 2 "~export.'.*run.*--mesh.a.glb" \
         "$cln" export --mesh "$r" a.glb
@@ -660,7 +727,7 @@ section_results() {
     check "both boxes give the same picture" \
         cmp "$work/boxed/path_0000.png" "$work/freed/path_0000.png"
     sed 's/0,0,-1,-4, 0,1,0,0/0,0,1,-4, 0,-1,0,0/' "$work/free.json" >"$work/away.json"
-    expect "a camera path that looks away: a warning" 0 "~away.json: ~none.of.its.1.poses" \
+    expect "a camera path that looks away: a warning" 0 "~away.json: ~none.of.its.poses.\\(1\\)" \
         "$cln" render "$r" --poses "$work/away.json" -o "$work/away"
     expect "the camera path without a box" 0 "" \
         "$cln" render "$r" --poses "$work/free.json" -o "$work/whole"

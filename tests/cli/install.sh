@@ -28,8 +28,17 @@ check "make install" [ $rc = 0 ] # the rest needs it
 [ $rc = 0 ] || { count; exit 1; }
 for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-nascent.so.0 \
     lib/libcl-nascent.so lib/pkgconfig/cl-nascent.pc \
-    share/man/man1/cl-nascent.1 share/doc/cl-nascent/api.md; do
+    share/man/man1/cl-nascent.1 share/doc/cl-nascent/docs/api.md; do
     check "$file is there" [ -s "$usr/$file" ]
+done
+
+for file in README.md docs/api.md docs/formats.md; do
+    tr -d '\n' <"$usr/share/doc/cl-nascent/$file" | grep -oE '\]\([^):# ]+' | cut -c 3- |
+        grep -vx https >"$work/links"
+    while read -r link; do
+        [ -e "$(dirname "$usr/share/doc/cl-nascent/$file")/$link" ] || echo "$link"
+    done <"$work/links" >"$work/out"
+    check "$file refers to documents that are there" [ -s "$work/links" -a ! -s "$work/out" ]
 done
 
 # ---- manual pages ----

@@ -104,6 +104,10 @@ section_page() {
         gets "its script $script" 200 /$script.js
         check "$script.js is the source's" cmp -s "$work/out" host/view/$script.js
     done
+    gets "the page's head" 200 / -I
+    check "it tells the page's length" \
+        has_header "^content-length: $(wc -c <host/view/page.html)"
+    gets "the head of nothing" 404 /nowhere -I
     gets "facts" 200 /facts
     check "the facts name the run" [ "$(json run)" = "$work/run" ]
     check "the facts name the step" [ "$(json step)" = 60 ]
@@ -191,6 +195,8 @@ section_refused() {
         -H "Sec-Fetch-Mode: navigate"
     gets "a picture without X-Viewer" 403 "/picture?view=6"
     gets "a preflight request of another site" 405 "/picture?view=6" -X OPTIONS
+    gets "a picture's head without X-Viewer" 403 "/picture?view=6" -I
+    gets "a film's beginning by HEAD" 405 "/film/begin?width=48&height=48&frames=2" -I "${me[@]}"
     gets "POST" 405 /picture -d x=1
     gets "an order, without a training" 405 /stop -X POST "${me[@]}"
     gets "the progress, without a training" 404 /training

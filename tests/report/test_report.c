@@ -38,12 +38,12 @@ static void put_json(const char *run, const char *name, json_t *document)
     json_decref(document);
 }
 
-static void put_run(const char *run, const char *state, const char *left_out)
+static void put_run_of(const char *run, const char *preset, const char *state, const char *left_out)
 {
     cln_config config;
     json_t *settings = NULL;
 
-    assert_int_equal(cln_config_preset("fast", &config), CLN_OK);
+    assert_int_equal(cln_config_preset(preset, &config), CLN_OK);
     config.seed = 4711;
     assert_int_equal(cln_config_to_json(&config, &settings), CLN_OK);
     put_json(
@@ -51,12 +51,17 @@ static void put_run(const char *run, const char *state, const char *left_out)
         json_pack("{s:s s:s s:s s:s s:o s:{s:s s:f s:f s:i} s:{s:s s:{s:i s:i s:i}} s:s s:s s:[s] "
                   "s:{s:i s:i s:i}}",
                   "schema", "cl-nascent.run/1", "version", "0.1.0", "command",
-                  "cl-nascent train a<b -o run", "preset", "fast", "config", settings, "device",
+                  "cl-nascent train a<b -o run", "preset", preset, "config", settings, "device",
                   "name", "Some \"Device\" & Co", "global_mem", 8589934592.0, "max_alloc",
                   1073741824.0, "compute_units", 12, "dataset", "path", "scenes/pot", "splits",
                   "train", 90, "val", 0, "test", 10, "state", state, "started",
                   "2025-01-02T03:04:05Z", "left_out", left_out, "plan", "parameters", 3145728,
                   "images", 1048576, "limit", 8388608));
+}
+
+static void put_run(const char *run, const char *state, const char *left_out)
+{
+    put_run_of(run, "fast", state, left_out);
 }
 
 static void add_text(const char *run, const char *name, const char *text)
@@ -307,6 +312,42 @@ static void page_shows_what_the_run_left(void **state)
     /* test points of the metrics, in both curves */
     assert_int_equal(count_of(page, "r='2.6'"), 20);
     free(page);
+}
+
+/* Of voxels: files say networks for the stages of leaves, the page says what they are. Settings
+ * that do nothing are named below the tables. */
+static void words_are_those_of_the_leaves(void **state)
+{
+    static const struct {
+        const char *preset, *has, *has_not, *listed, *idle;
+    } runs[] = {
+        {"voxel", "voxels backward", "networks ", "<td>harmonics<td", "<td>view-width<td"},
+        {"fast", "networks backward", "voxels ", "<td>view-width<td", "<td>harmonics<td"},
+    };
+
+    for (int i = 0; i < 2; i++) {
+        const char *run = scratch_path(*state, runs[i].preset), *named = NULL;
+        char *page = NULL;
+
+        assert_int_equal(cln_make_dirs(run), CLN_OK);
+        put_run_of(run, runs[i].preset, "done", "nothing");
+        put_text(run, "metrics.jsonl",
+                 "{\"step\":10,\"seconds\":2,\"rays_per_s\":500,\"ranks\":2,\"sent_bytes\":9000,"
+                 "\"message_seconds\":0.5,\"stages\":{\"networks forward\":0.5,"
+                 "\"networks backward\":1},\"ranks_stages\":{\"networks forward\":[0.1,0.3]}}\n"
+                 "{\"event\":\"structure\",\"step\":9,\"seconds\":1.5,\"leaves\":8,\"split\":1}\n");
+        page = page_of(run);
+        assert_int_equal(count_of(page, "merged"), 3 * i); /* voxels only split */
+        assert_has(page, runs[i].has);
+        assert_int_equal(count_in(page, "stages", runs[i].has_not), 0);
+        assert_int_equal(count_in(page, "ranks", runs[i].has_not), 0);
+        assert_has(page, runs[i].listed);
+        assert_null(strstr(page, runs[i].idle));
+        named = strstr(page, "Not listed, as they have no effect with these: ");
+        assert_non_null(named);
+        assert_non_null(strstr(named, i ? "harmonics" : "view-width"));
+        free(page);
+    }
 }
 
 /* Each section of the table is on the page, with its link, exactly if its row says so. */
@@ -841,6 +882,7 @@ int test_group_report(void)
 {
     const struct CMUnitTest tests[] = {
         ON_DISK(page_shows_what_the_run_left),
+        ON_DISK(words_are_those_of_the_leaves),
         ON_DISK(sections_are_those_of_the_table),
         ON_DISK(processes_are_summed_up),
         ON_DISK(page_refers_to_nothing_outside),

@@ -161,7 +161,7 @@ static void test_colmap_fields(void **state)
         {"images.bin", 68, &model, 4, {"images.bin", "'view_00.png'", "camera 99 is not in"}},
         {"images.bin", 72, "\xFF", 1, {"images.bin", "not UTF-8"}},
         {"images.bin", 72, "", 1, {"images.bin", "names no image"}},
-        {"images.bin", 72, "X", 1, {"1 of 6 images are not there", "'Xiew_00.png'", "restore"}},
+        {"images.bin", 72, "X", 1, {"1 of 6 images is not there", "'Xiew_00.png'", "restore"}},
         {"images.bin", 84, &many, 8, {"images.bin", "18446744073709551615 points of an image"}},
         {"points3D.bin", 0, &many, 8, {"points3D.bin", "18446744073709551615 points"}},
         {"points3D.bin", 16, &nan_value, 8, {"points3D.bin", "point 1 is not finite"}},
@@ -225,7 +225,7 @@ static void test_colmap_images(void **state)
     put_colmap(folder, true);
     assert_int_equal(remove(scratch_path(folder, "images/view_03.png")), 0);
     assert_refused(folder, plain(),
-                   (const char *const[3]){"1 of 6 images are not there", "'view_03.png'"},
+                   (const char *const[3]){"1 of 6 images is not there", "'view_03.png'"},
                    "one image gone");
     put_image(folder, "images/view_03.png", 16, 5, 3, 0);
     assert_refused(folder, plain(), (const char *const[3]){"view_03.png", "16 x 5", "16 x 12"},

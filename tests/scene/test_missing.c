@@ -137,7 +137,7 @@ static void test_damage(void **state)
     config.missing = CLN_MISSING_SKIP;
     assert_int_equal(try_load(*state, &config, &scene), CLN_OK);
     cln_log_to(CLN_LOG_INFO, NULL, NULL);
-    assert_non_null(strstr(text, "1 of 24 images are not there ('09.png'), 2 of 24 cannot be read "
+    assert_non_null(strstr(text, "1 of 24 images is not there ('09.png'), 2 of 24 cannot be read "
                                  "('05.png', '07.png')"));
     assert_int_equal(scene->view_count, FRAMES - 3);
     assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), 3);
@@ -174,7 +174,7 @@ static void test_forbidden(void **state)
     if (user == 0)
         assert_int_equal(seteuid(65534), 0);
     assert_refused(folder, &config,
-                   (const char *const[3]){"1 of 1 images are not there", "may not be read"},
+                   (const char *const[3]){"1 of 1 images is not there", "may not be read"},
                    "forbidden");
     assert_int_equal(seteuid(user), 0);
     assert_int_equal(chmod(images, 0755), 0);

@@ -125,11 +125,11 @@ static void test_unclear(void **state)
     } cases[] = {
         {ONE("/home/somebody/x.png"),
          {"a/x.png", "b/x.png"},
-         {"1 of 1 images are not there", "2 files there are called so", "correct the dataset"}},
+         {"1 of 1 images is not there", "2 files there are called so", "correct the dataset"}},
         {ONE("images/img.png"), {"images/IMG.png", "images/Img.png"}, {"2 files there"}},
         {ONE("images/x.png"), {"photos/x.png"}, {"photos/x.png is there: move it"}},
         {ONE("/home/somebody/y.png"), {"x.png"}, {"(the first should be /home/somebody/y.png);"}},
-        {ONE("/home/somebody/x.png"), {"x.jpg"}, {"1 of 1 images are not there"}},
+        {ONE("/home/somebody/x.png"), {"x.jpg"}, {"1 of 1 images is not there"}},
         /* two cameras, the images of one */
         {TWO("/home/cam0/1.png", "/home/cam1/1.png"), {"images/1.png"}, {"2 of 2 images"}},
         {TWO("cam0/1.png", "/home/cam1/1.png"),
@@ -172,7 +172,7 @@ static void test_splits(void **state)
     put_text(folder, "transforms_test.json",
              "{\"camera_angle_x\":0.8,\"frames\":[" FRAME("/data/lego/test/r_0", POSE_FRONT) "]}");
     assert_refused(folder, NULL,
-                   (const char *const[3]){"1 of 2 images are not there ('data/lego/test/r_0')",
+                   (const char *const[3]){"1 of 2 images is not there ('data/lego/test/r_0')",
                                           "train/r_0.png is there"},
                    "test is missing");
     put_image(folder, "test/r_0.png", 16, 12, 3, 1);

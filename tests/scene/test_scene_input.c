@@ -72,7 +72,7 @@ static const broken documents[] = {
     /* Images */
     {"missing image",
      DOC(FRAME("a.png", POSE_FRONT) "," FRAME("gone/x", POSE_FRONT)),
-     {"1 of 2 images are not there", "'gone/x'", "gone/x.png); restore"}},
+     {"1 of 2 images is not there", "'gone/x'", "gone/x.png); restore"}},
     {"truncated image",
      DOC(FRAME("a.png", POSE_FRONT) "," FRAME("cut.png", POSE_FRONT)),
      {"cut.png", "truncated"}},

@@ -1,0 +1,20 @@
+/* See given.h. */
+#include "base/given.h"
+
+cln_status cln_given(const char *call, const char *what, const char *text)
+{
+    return text ? CLN_OK : cln_fail(CLN_USAGE, "%s: %s is missing (NULL); give it", call, what);
+}
+
+cln_status cln_given_settings(const cln_settings *given, cln_settings **own,
+                              const cln_settings **use)
+{
+    cln_status st = CLN_OK;
+
+    *own = NULL;
+    if (!given)
+        CLN_TRY(cln_settings_create(NULL, own));
+    *use = given ? given : *own;
+done:
+    return st;
+}
