@@ -55,14 +55,19 @@ static const shape shapes[] = {
 static const float box[6][4] = {{1, 0, 0, 0.61f},  {0, 0.8f, 0.6f, 0.33f}, {0, 0, 1, 0.71f},
                                 {-1, 0, 0, 0.57f}, {0, -1, 0, 0.83f},      {0, 0, -1, 0.29f}};
 
+static const double SMOOTH = 1e-5; /* of whose gradients others do not hide errors */
+
 /* Adapts settings to the checks: little work, and slopes that the reference can follow. */
 static void prepare(cln_config *config)
 {
     config->start_level = 1;
     config->n1 = 5; /* odd: no midpoint between opposite faces lies on a border of cells */
     config->splat_min_alpha = 0;
-    config->roulette = 0;                               /* has its own check */
-    config->smooth_density = config->smooth_colour = 0; /* see tests/pipeline/test_voxel.c */
+    config->roulette = 0; /* has its own check */
+    if (config->smooth_density > 0)
+        config->smooth_density = SMOOTH;
+    if (config->smooth_colour > 0)
+        config->smooth_colour = SMOOTH;
     /* runs the code of random slopes with equal bounds, so that the reference needs no hash */
     if (config->rrelu_scope != CLN_RRELU_MEAN)
         config->rrelu_lower = config->rrelu_upper = -0.2;

@@ -73,6 +73,7 @@ static const struct {
     {"adam.h", ") + EPSILON);", ") * 1.01f + EPSILON);", ": adam\n"},
     {"regularise.cl", "p = box.xyz + u.xyz * box.w;", "p = box.xyz + 1.1f * u.xyz * box.w;",
      ": points of the volume\n"},
+    {"voxel.cl", "if (c[a] > 0)", "if (c[a] > 1)", "tiny, voxels: networks backward\n"},
 };
 
 static void test_notices(void **state)
