@@ -232,6 +232,24 @@ done:
     return st;
 }
 
+/* Checks that long loops reach their end. In networks and voxels, how many turns a work-item takes
+ * depends on the scene, so shapes as small as these may not show it. */
+static cln_status check_loops(cln_device *device, cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    const uint32_t n = c->tiny ? 16 : 1024;
+    uint32_t got = 0, want = 1;
+
+    c->shape = "loops";
+    for (uint32_t i = 0; i < n * n; i++)
+        want = want * 1664525u + 1013904223u;
+    CLN_TRY(cln_turns(device, n, &got));
+    cln_check_say(c, "turns", got == want, got == want ? "%u turns" : "it ends before %u turns",
+                  n * n);
+done:
+    return st;
+}
+
 static cln_status verdict(const cln_device *device, const cln_checks *c)
 {
     if (c->failed == 0)
@@ -245,8 +263,10 @@ static cln_status verdict(const cln_device *device, const cln_checks *c)
 cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan)
 {
     cln_status st = CLN_OK;
-    cln_checks c = {.verdicts = {plan->sink, plan->outputs, plan->user}};
+    cln_checks c = {.verdicts = {plan->sink, plan->outputs, plan->user},
+                    .tiny = plan->shapes == CLN_SHAPES_TINY};
 
+    CLN_TRY(check_loops(device, &c));
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
         if (shapes[i].in[plan->shapes] &&
             (plan->sink || c.failed == 0)) /* without a sink the first failure suffices */
@@ -339,6 +359,7 @@ cln_status cln_selftest_training(cln_device *device, const cln_config *config,
     p.total = others;
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
         p.total += is_due(&shapes[i], space);
+    CLN_TRY(check_loops(device, &c));
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0] && c.failed == 0; i++) {
         if (!is_due(&shapes[i], space))
             continue;
