@@ -55,14 +55,19 @@ static const shape shapes[] = {
 static const float box[6][4] = {{1, 0, 0, 0.61f},  {0, 0.8f, 0.6f, 0.33f}, {0, 0, 1, 0.71f},
                                 {-1, 0, 0, 0.57f}, {0, -1, 0, 0.83f},      {0, 0, -1, 0.29f}};
 
+static const double SMOOTH = 1e-5; /* of whose gradients others do not hide errors */
+
 /* Adapts settings to the checks: little work, and slopes that the reference can follow. */
 static void prepare(cln_config *config)
 {
     config->start_level = 1;
     config->n1 = 5; /* odd: no midpoint between opposite faces lies on a border of cells */
     config->splat_min_alpha = 0;
-    config->roulette = 0;                               /* has its own check */
-    config->smooth_density = config->smooth_colour = 0; /* see tests/pipeline/test_voxel.c */
+    config->roulette = 0; /* has its own check */
+    if (config->smooth_density > 0)
+        config->smooth_density = SMOOTH;
+    if (config->smooth_colour > 0)
+        config->smooth_colour = SMOOTH;
     /* runs the code of random slopes with equal bounds, so that the reference needs no hash */
     if (config->rrelu_scope != CLN_RRELU_MEAN)
         config->rrelu_lower = config->rrelu_upper = -0.2;
@@ -227,6 +232,24 @@ done:
     return st;
 }
 
+/* Checks that long loops reach their end. In networks and voxels, how many turns a work-item takes
+ * depends on the scene, so shapes as small as these may not show it. */
+static cln_status check_loops(cln_device *device, cln_checks *c)
+{
+    cln_status st = CLN_OK;
+    const uint32_t n = c->tiny ? 16 : 1024;
+    uint32_t got = 0, want = 1;
+
+    c->shape = "loops";
+    for (uint32_t i = 0; i < n * n; i++)
+        want = want * 1664525u + 1013904223u;
+    CLN_TRY(cln_turns(device, n, &got));
+    cln_check_say(c, "turns", got == want, got == want ? "%u turns" : "it ends before %u turns",
+                  n * n);
+done:
+    return st;
+}
+
 static cln_status verdict(const cln_device *device, const cln_checks *c)
 {
     if (c->failed == 0)
@@ -240,8 +263,10 @@ static cln_status verdict(const cln_device *device, const cln_checks *c)
 cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan)
 {
     cln_status st = CLN_OK;
-    cln_checks c = {.verdicts = {plan->sink, plan->outputs, plan->user}};
+    cln_checks c = {.verdicts = {plan->sink, plan->outputs, plan->user},
+                    .tiny = plan->shapes == CLN_SHAPES_TINY};
 
+    CLN_TRY(check_loops(device, &c));
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
         if (shapes[i].in[plan->shapes] &&
             (plan->sink || c.failed == 0)) /* without a sink the first failure suffices */
@@ -334,6 +359,7 @@ cln_status cln_selftest_training(cln_device *device, const cln_config *config,
     p.total = others;
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
         p.total += is_due(&shapes[i], space);
+    CLN_TRY(check_loops(device, &c));
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0] && c.failed == 0; i++) {
         if (!is_due(&shapes[i], space))
             continue;

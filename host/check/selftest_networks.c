@@ -10,6 +10,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 
+enum { STEP_KEY = 77 }; /* of random numbers; leaves 0, 3 and 6 have their turn to be smooth */
 static const double FORWARD[2] = {1e-9, 1e-3}, GRADIENT[2] = {1e-8, 1e-3};
 
 ref_network cln_check_network(const cln_config *config, const cln_model *model, int slot)
@@ -224,28 +225,71 @@ static cln_status launch(cln_checks *c, data *d, bool training, float **grads)
     const size_t floats = (size_t)d->slices * (size_t)p->net.params;
 
     CLN_TRY(cln_check_spoil(p->device, &p->out, out));
-    CLN_TRY(cln_stage_forward(p, d->n, d->slices, training, 77));
+    CLN_TRY(cln_stage_forward(p, d->n, d->slices, training, STEP_KEY));
     CLN_TRY(cln_buffer_read(p->device, &p->out, 0, d->out, out));
     if (training) {
         CLN_TRY(cln_alloc(grads, floats, sizeof **grads, "self-test"));
         CLN_TRY(cln_check_spoil(p->device, &p->grads, floats * sizeof **grads));
         if (p->net.encoding == CLN_ENCODING_VOXEL) /* only vertices near samples are written */
             CLN_TRY(cln_buffer_zero(p->device, &p->grads, floats * sizeof **grads));
-        CLN_TRY(cln_stage_backward(p, d->n, d->slices, 77));
+        CLN_TRY(cln_stage_backward(p, d->n, d->slices, STEP_KEY));
         CLN_TRY(cln_buffer_read(p->device, &p->grads, 0, *grads, floats * sizeof **grads));
     }
 done:
     return st;
 }
 
+/* Adds the smoothness' gradients of voxels: of a leaf's vertices that its first slice met, which
+ * has the first of its samples. */
+static cln_status add_smoothness(const cln_checks *c, data *d)
+{
+    cln_status st = CLN_OK;
+    const cln_network *net = &c->p->net;
+    const int side = net->cells + 1, vertices = side * side * side;
+    uint32_t *left = NULL; /* [leaf] samples of its first slice */
+    uint8_t *met = NULL;   /* [leaf][vertices] */
+
+    CLN_TRY(cln_alloc(&left, (size_t)c->p->leaves, sizeof *left, "self-test"));
+    CLN_TRY(cln_alloc(&met, (size_t)(c->p->leaves * vertices), 1, "self-test"));
+    for (uint32_t s = d->slices; s-- > 0;)
+        if (d->slice[s].count > 0)
+            left[d->slice[s].slot] = d->slice[s].count;
+    for (uint32_t i = 0; i < d->n; i++) {
+        const int slot = d->samples[i].slot;
+        int first = 0;
+
+        if (left[slot] == 0)
+            continue;
+        left[slot]--;
+        for (int a = 2; a >= 0; a--) {
+            const double at = ((double)d->ray_o[i][a] - d->boxes[slot][a]) / d->boxes[slot][3];
+
+            first = first * side + (int)fmin(at * net->cells, net->cells - 1);
+        }
+        for (int k = 0; k < 8; k++)
+            met[slot * vertices + first + (k & 1) + (k >> 1 & 1) * side + (k >> 2) * side * side] =
+                1;
+    }
+    for (int slot = 0; slot < c->p->leaves; slot++)
+        ref_voxel_smooth(&c->p->config, net, c->model->tree.level[c->model->tree.leaf[slot]], slot,
+                         STEP_KEY, c->model->params + slot * net->params, met + slot * vertices,
+                         d->want_grads + slot * net->params);
+done:
+    free(left);
+    free(met);
+    return st;
+}
+
 /* Checks each leaf's gradient, the sum over its slices. */
-static cln_status compare_gradients(cln_checks *c, const data *d)
+static cln_status compare_gradients(cln_checks *c, data *d)
 {
     cln_status st = CLN_OK;
     const size_t params = (size_t)c->p->net.params, all = (size_t)c->p->leaves * params;
     float *got = NULL;
 
     CLN_TRY(cln_alloc(&got, all, sizeof *got, "self-test"));
+    if (c->p->net.encoding == CLN_ENCODING_VOXEL)
+        CLN_TRY(add_smoothness(c, d));
     for (uint32_t s = 0; s < d->slices; s++)
         for (size_t i = 0; i < params; i++)
             got[(size_t)d->slice[s].slot * params + i] += d->grads[s * params + i];
@@ -374,8 +418,9 @@ static cln_status check_update(cln_checks *c, const data *d)
     CLN_TRY(cln_alloc(&at_once, floats, sizeof *at_once, "self-test"));
     CLN_TRY(cln_buffer_read(p->device, &p->params, 0, apart, floats * sizeof *apart));
     CLN_TRY(cln_pipeline_upload(p, c->model, true));
-    CLN_TRY(cln_stage_forward(p, d->n, d->slices, true, 77));
-    CLN_TRY(cln_stage_update(p, d->n, d->slices, (uint32_t)p->config.min_leaf_samples, 77, 1e-3));
+    CLN_TRY(cln_stage_forward(p, d->n, d->slices, true, STEP_KEY));
+    CLN_TRY(
+        cln_stage_update(p, d->n, d->slices, (uint32_t)p->config.min_leaf_samples, STEP_KEY, 1e-3));
     CLN_TRY(cln_buffer_read(p->device, &p->params, 0, at_once, floats * sizeof *at_once));
     same = memcmp(apart, at_once, floats * sizeof *apart) == 0;
     cln_check_say(c, "networks: backward and adam at once", same, "%zu weights", floats);
@@ -417,7 +462,7 @@ static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const 
 
     CLN_ASSERT(slice->count <= MOST_OF_SLICE);
     memset(got + slice->start, 0, slice->count * sizeof *got);
-    near = ref_roulette(&r, CUTOFF, cln_hash(77), (int)slice->count, order + slice->start,
+    near = ref_roulette(&r, CUTOFF, cln_hash(STEP_KEY), (int)slice->count, order + slice->start,
                         (const float(*)[4])d->out, d->dout, want + slice->start, factors) < 1e-5;
     for (uint32_t i = 0; i < count && i < slice->count; i++) {
         const uint32_t row = chosen[slice->start + i];
@@ -459,7 +504,7 @@ static cln_status check_roulette(cln_checks *c, const data *d)
     CLN_TRY(cln_alloc(&want, d->n, sizeof *want, "self-test"));
     CLN_TRY(cln_check_spoil(p->device, &p->heads, d->n * sizeof *heads));
     CLN_TRY(cln_check_spoil(p->device, &p->chosen, d->n * sizeof *chosen));
-    CLN_TRY(cln_stage_roulette(p, d->n, d->slices, 0, CUTOFF, 77));
+    CLN_TRY(cln_stage_roulette(p, d->n, d->slices, 0, CUTOFF, STEP_KEY));
     CLN_TRY(cln_buffer_read(p->device, &p->values[0], 0, order, d->n * sizeof *order));
     CLN_TRY(cln_buffer_read(p->device, &p->chosen, 0, chosen, d->n * sizeof *chosen));
     CLN_TRY(cln_buffer_read(p->device, &p->chosen_counts, 0, counts, d->slices * sizeof *counts));

@@ -17,6 +17,9 @@
 
 #include "pipeline/pipeline.h"
 
+/* For the self-test: *out = x_(n n) of kernels/turns.cl, by n^2 turns of loops. Waits. */
+cln_status cln_turns(cln_device *device, uint32_t n, uint32_t *out);
+
 cln_status cln_stage_rays(cln_pipeline *p, int n);
 
 typedef struct cln_sampling {

@@ -159,6 +159,11 @@ double ref_decoder_margin(const ref_network *r, const float *params, const doubl
 /* Finds the leaf that updates a vertex, which several leaves may share: owner[leaf * vertices +
  * vertex] is that leaf's own leaf * vertices + vertex. around: cln_octree_around. */
 void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around)[27], int *owner);
+/* If it is the turn of leaf `slot` in the step of `key`, adds to grad [vertices][features] the
+ * gradient of its smoothness at the vertices `met`, and returns true. One leaf in four has its
+ * turn, and counts four times. params: the leaf's; level: its. */
+bool ref_voxel_smooth(const cln_config *config, const cln_network *net, int level, int slot,
+                      uint32_t key, const float *params, const uint8_t *met, double *grad);
 /* A step of one number by Adam, but the second moment begins as a tenth of the first gradient's
  * square, and the moments are not bias-corrected (method.md 1). */
 void ref_voxel_step(double *param, double grad, double *m, double *v, double lr, double beta1,

@@ -1,8 +1,9 @@
 /* Voxels in float64 (method.md 1), twin of kernels/voxel.cl. See reference.h. */
 #include <math.h>
+#include "base/rng.h"
 #include "reference/reference.h"
 
-enum { FEATURES = 32, HARMONICS = 9 };
+enum { FEATURES = 32, HARMONICS = 9, SMOOTH_EVERY = 4 };
 
 /* The functions of a direction of which colours are weighted sums, each divided by the constant
  * one: real spherical harmonics, as in Sloan, "Efficient Spherical Harmonic Evaluation", JCGT 2(2),
@@ -184,6 +185,50 @@ void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around
 
     for (int i = 0; i < leaves * vertices; i++)
         owner[i] = first_of(net, around[i / vertices], i % vertices);
+}
+
+/* The slope of delta^2 (sqrt(1 + (d / delta)^2) - 1), or of half of d^2 where delta is 0. */
+static double smooth_slope(double d, double delta)
+{
+    return delta > 0 ? d / sqrt(1 + d / delta * (d / delta)) : d;
+}
+
+/* Weight of an edge from vertex v along axis a: each leaf that has it adds its share. */
+static double edge_share(const cln_network *net, int v, int a)
+{
+    const int side = net->cells + 1, at[3] = {v % side, v / side % side, v / side / side};
+    double share = 1;
+
+    for (int other = 0; other < 3; other++)
+        if (other != a && at[other] % net->cells == 0)
+            share /= 2;
+    return share;
+}
+
+bool ref_voxel_smooth(const cln_config *config, const cln_network *net, int level, int slot,
+                      uint32_t key, const float *params, const uint8_t *met, double *grad)
+{
+    const int side = net->cells + 1, step[3] = {1, side, side * side};
+
+    if (cln_hash((key ^ 0x632BE5ABu) + (uint32_t)slot * 0x9E3779B9u) % SMOOTH_EVERY)
+        return false;
+    for (int v = 0; v < side * side * side; v++)
+        for (int e = 0; e < 6; e++) { /* its edges: up and down each axis */
+            const int a = e / 2, to = v / step[a] % side + (e % 2 ? 1 : -1);
+            const int other = v + (e % 2 ? step[a] : -step[a]);
+            const double area = SMOOTH_EVERY * pow(0.25, level - 5);
+
+            if (!met[v] || to < 0 || to >= side)
+                continue;
+            for (int f = 0; f < net->features; f++)
+                grad[v * net->features + f] +=
+                    area * edge_share(net, v, a) *
+                    (f == 3 ? config->smooth_density : config->smooth_colour) *
+                    smooth_slope(
+                        (double)params[v * net->features + f] - params[other * net->features + f],
+                        f == 3 ? config->smooth_density_delta : config->smooth_colour_delta);
+        }
+    return true;
 }
 
 void ref_voxel_step(double *param, double grad, double *m, double *v, double lr, double beta1,

@@ -6,8 +6,8 @@
 #   table    every check of the self-test against float64, its outputs against the first device that
 #            passed all: whole numbers equal, floats within the check's own bounds
 #   unit     the kernels' tests in build/tests on each device (not with -q)
-#   train    a scene trained and evaluated on each: PSNR within 0.1 dB of the first device's; the
-#            first device's run evaluated on each: within 0.01 dB
+#   train    a scene trained and evaluated on each, networks and voxels: PSNR within 0.1 dB of the
+#            first device's; the first device's run evaluated on each: within 0.01 dB
 #   broken   kernels broken on purpose are detected and named; `train` refuses them unless forced
 #   grind    the tiny shapes under Oclgrind, a simulator: no race, no bad access; all kernels ran
 # Devices: all that the loader finds (OCL_ICD_VENDORS), PoCL's pthread and basic, llvmpipe of Mesa's
@@ -98,7 +98,8 @@ section_table() {
 }
 
 section_unit() {
-    local i groups="adam composite measure mlp rays regularise sampling scan_sort splat"
+    local i groups="adam carry composite halo measure mlp rays regularise roulette sampling"
+    groups+=" scan_sort shell_rays splat voxel"
     for i in "${!devices[@]}"; do
         # shellcheck disable=SC2086
         run env CLN_TEST_DEVICE="${devices[$i]}" timeout 1800 build/tests $groups
@@ -106,37 +107,42 @@ section_unit() {
     done
 }
 
-section_train() {
-    local i psnr leaves first="" first_leaves=0
-    local settings=(--preset fast --width 16 --depth 2 --view-width 16 --bands 4
-        --view-bands 1 --start-level 1
-        --level-at "2:0.2,3:0.4" --n1 8 --rays 512 --max-leaves 120
-        --structure-from 0.5 --structure-until 0.9 --split-samples 0 --steps 200)
-    "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
+# train_on NAME LEAST SETTINGS...: trains on each device, with a PSNR above LEAST on the first one.
+# An empty tree's PSNR on this scene is 10.8 dB.
+train_on() {
+    local i psnr leaves name first="" first_leaves=0 first_run="" kind=$1 least=$2
+    shift 2
     for i in "${!devices[@]}"; do
-        expect "device ${names[$i]}: trains" 0 "" timeout 1800 \
-            "$cln" train "$work/scene" -o "$work/run$i" -d "${devices[$i]}" \
-            --progress none --quiet "${settings[@]}" || continue
-        run "$cln" eval "$work/run$i" -d "${devices[$i]}" --json --quiet --progress none
+        name="device ${names[$i]}, $kind"
+        expect "$name: trains" 0 "" timeout 1800 \
+            "$cln" train "$work/scene" -o "$work/$kind$i" -d "${devices[$i]}" \
+            --progress none --quiet --steps 200 "$@" || continue
+        run "$cln" eval "$work/$kind$i" -d "${devices[$i]}" --json --quiet --progress none
         psnr=$(json mean.psnr)
-        leaves=$("$cln" info "$work/run$i" --json | "$query" leaves)
-        echo "device ${names[$i]}: $psnr dB, $leaves leaves"
+        leaves=$("$cln" info "$work/$kind$i" --json | "$query" leaves)
+        echo "$name: $psnr dB, $leaves leaves"
         if [ -z "$first" ]; then
-            first=$psnr first_leaves=$leaves first_run=$work/run$i
-            # an empty tree's PSNR on this scene is 10.8 dB
-            check "device ${names[$i]}: learns" number_above "$psnr" 16
+            first=$psnr first_leaves=$leaves first_run=$work/$kind$i
+            check "$name: learns" number_above "$psnr" "$least"
             continue
         fi
-        check "device ${names[$i]}: PSNR within 0.1 dB" differ_by "$psnr" "$first" 0.1
+        check "$name: PSNR within 0.1 dB" differ_by "$psnr" "$first" 0.1
         # rounding may change decisions close to a threshold: a twentieth of the leaves
-        check "device ${names[$i]}: as many leaves" differ_by "$leaves" "$first_leaves" \
-            $((first_leaves / 20))
+        check "$name: as many leaves" differ_by "$leaves" "$first_leaves" $((first_leaves / 20))
         run "$cln" eval "$first_run" -d "${devices[$i]}" --json --quiet --progress none
         psnr=$(json mean.psnr)
-        echo "device ${names[$i]}: $psnr dB of the first device's run"
-        check "device ${names[$i]}: the first one's run, within 0.01 dB" differ_by "$psnr" \
-            "$first" 0.01
+        echo "$name: $psnr dB of the first device's run"
+        check "$name: the first one's run, within 0.01 dB" differ_by "$psnr" "$first" 0.01
     done
+}
+
+section_train() {
+    "$make_scene" "$work/scene" --size 64 --train 24 --test 4 >/dev/null
+    train_on networks 16 --preset fast --width 16 --depth 2 --view-width 16 --bands 4 \
+        --view-bands 1 --start-level 1 --level-at "2:0.2,3:0.4" --n1 8 --rays 512 \
+        --max-leaves 120 --structure-from 0.5 --structure-until 0.9 --split-samples 0
+    # the default preset, but for its size
+    train_on voxels 22 --rays 1024 --max-leaves 600
 }
 
 # noticed NAME FILE SED ROWS: each of ROWS (grep -E patterns) fails

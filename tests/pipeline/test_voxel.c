@@ -12,7 +12,7 @@
 #include "reference/reference.h"
 #include "tests.h"
 
-enum { CELLS = 4, SIDE = CELLS + 1, VERTICES = SIDE * SIDE * SIDE, MOST = 64, EVERY = 4 };
+enum { CELLS = 4, SIDE = CELLS + 1, VERTICES = SIDE * SIDE * SIDE, MOST = 64 };
 enum { DEEPEST = 3, WIDE = (CELLS << DEEPEST) + 1, KEYS = WIDE * WIDE * WIDE * (DEEPEST + 1) };
 
 typedef struct voxel_case {
@@ -217,43 +217,16 @@ static void backward(const cln_config *config, const cln_model *model, const bat
     free(boxes);
 }
 
-/* The slope of delta^2 (sqrt(1 + (d / delta)^2) - 1), or of half of d^2 where delta is 0. */
-static double slope(double d, double delta)
-{
-    return delta > 0 ? d / sqrt(1 + d / delta * (d / delta)) : d;
-}
-
-/* Adds the smoothness' gradient over a leaf's edges. Edges on its faces count in every leaf that
- * has them. */
+/* Adds the smoothness' gradient over leaves' edges. Edges on faces count in every leaf that has
+ * them. */
 static void smooth(const cln_config *config, const cln_model *model, uint32_t key, double *grads,
                    const uint8_t *met)
 {
-    const int features = model->net.features, step[3] = {1, SIDE, SIDE * SIDE};
+    const int params = model->net.params;
 
-    for (int s = 0; s < model->tree.leaf_count; s++) {
-        const float *p = model->params + s * model->net.params;
-
-        if (cln_hash((key ^ 0x632BE5ABu) + (uint32_t)s * 0x9E3779B9u) % EVERY)
-            continue;
-        for (int v = 0; v < VERTICES; v++)
-            for (int a = 0; a < 3; a++)
-                for (int way = -1; way <= 1; way += 2) {
-                    const int to = v / step[a] % SIDE + way, w = v + way * step[a];
-                    double share = EVERY * pow(0.25, model->tree.level[model->tree.leaf[s]] - 5);
-
-                    if (!met[s * VERTICES + v] || to < 0 || to > CELLS)
-                        continue;
-                    for (int other = 0; other < 3; other++)
-                        if (other != a && v / step[other] % SIDE % CELLS == 0)
-                            share /= 2;
-                    for (int f = 0; f < features; f++)
-                        grads[s * model->net.params + v * features + f] +=
-                            share * (f == 3 ? config->smooth_density : config->smooth_colour) *
-                            slope((double)p[v * features + f] - p[w * features + f],
-                                  f == 3 ? config->smooth_density_delta
-                                         : config->smooth_colour_delta);
-                }
-    }
+    for (int s = 0; s < model->tree.leaf_count; s++)
+        ref_voxel_smooth(config, &model->net, model->tree.level[model->tree.leaf[s]], s, key,
+                         model->params + s * params, met + s * VERTICES, grads + s * params);
 }
 
 /* One step of a leaf's vertex: the sum over all that share it, with the rates of its numbers. */

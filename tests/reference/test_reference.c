@@ -336,6 +336,89 @@ static void test_decoder(void **state)
     assert_memory_equal(wide_decoder_grad, decoder_grad, sizeof decoder_grad);
 }
 
+/* Half of the sum over a leaf's edges of squares of differences, which turn linear; edges on n of
+ * the leaf's faces count 1 / 2^n. */
+static double roughness(const cln_config *c, const float *p, int side, int features)
+{
+    double sum = 0;
+
+    for (int v = 0; v < side * side * side; v++)
+        for (int a = 0, step = 1; a < 3; a++, step *= side) {
+            const int faces[3] = {v % side % (side - 1) == 0, v / side % side % (side - 1) == 0,
+                                  v / (side * side) % (side - 1) == 0};
+
+            if (v / step % side == side - 1)
+                continue;
+            for (int f = 0; f < features; f++) {
+                const double d = (double)p[v * features + f] - p[(v + step) * features + f];
+                const double delta = f == 3 ? c->smooth_density_delta : c->smooth_colour_delta;
+
+                sum += (f == 3 ? c->smooth_density : c->smooth_colour) *
+                       (delta > 0 ? delta * delta * (sqrt(1 + d * d / (delta * delta)) - 1)
+                                  : d * d / 2) /
+                       (1 << (faces[0] + faces[1] + faces[2] - faces[a]));
+            }
+        }
+    return sum;
+}
+
+/* The smoothness' gradient is differences of the roughness, at vertices that were met, of leaves
+ * whose turn it is. */
+static void test_smoothness(void **state)
+{
+    enum { SIDE = 5, VERTICES = SIDE * SIDE * SIDE, FEATURES = 4, STEPS = 4000 };
+    const double step = 1.0 / 1024;
+    static float p[VERTICES * FEATURES];
+    cln_config config;
+    cln_network net;
+    int turns = 0, own_turn = -1;
+
+    (void)state;
+    assert_int_equal(cln_config_preset("voxel", &config), CLN_OK);
+    config.grid_cells = SIDE - 1;
+    config.view_dependence = false;
+    config.smooth_density = 0.03;
+    config.smooth_colour = 0.02;
+    assert_int_equal(cln_network_layout(&config, &net), CLN_OK);
+    assert_int_equal(net.features, FEATURES);
+    for (int i = 0; i < VERTICES * FEATURES; i++)
+        p[i] = (float)uniform(1, i, -1, 1);
+    for (int way = 0; way < 2; way++) {
+        double grad[VERTICES * FEATURES] = {0}, worst = 0;
+        uint8_t met[VERTICES];
+
+        config.smooth_density_delta = way ? 0 : 0.3;
+        config.smooth_colour_delta = way ? 0.2 : 0;
+        for (int v = 0; v < VERTICES; v++)
+            met[v] = v % 7 != 0;
+        for (int slot = 0; slot < 40 && own_turn < 0; slot++)
+            if (ref_voxel_smooth(&config, &net, 4, slot, 7, p, met, grad))
+                own_turn = slot;
+        memset(grad, 0, sizeof grad);
+        assert_true(own_turn >= 0);
+        assert_true(ref_voxel_smooth(&config, &net, 4, own_turn, 7, p, met, grad));
+        for (int i = 0; i < VERTICES * FEATURES; i++) {
+            const float before = p[i];
+            double difference = 0;
+
+            for (int side = -1; side <= 1; side += 2) {
+                p[i] = before + (float)(side * step);
+                difference += side * roughness(&config, p, SIDE, FEATURES) / (2 * step);
+            }
+            p[i] = before;
+            /* level 4 has four times the weights of level 5, and one leaf in four counts for all */
+            worst = fmax(worst, fabs(grad[i] - (met[i / FEATURES] ? 16 * difference : 0)));
+        }
+        assert_true(worst < 1e-4);
+    }
+    for (uint32_t key = 0; key < STEPS; key++) {
+        const uint8_t none[VERTICES] = {0};
+
+        turns += ref_voxel_smooth(&config, &net, 4, own_turn, key, p, none, NULL);
+    }
+    assert_in_range(turns, STEPS / 4 - 150, STEPS / 4 + 150);
+}
+
 /* A network with six nonzero weights, calculated by hand: x -> 2x -> 3h -> heads. */
 static void test_network_by_hand(void **state)
 {
@@ -712,6 +795,7 @@ int test_group_reference(void)
         cmocka_unit_test(test_grid),
         cmocka_unit_test(test_harmonics),
         cmocka_unit_test(test_decoder),
+        cmocka_unit_test(test_smoothness),
         cmocka_unit_test(test_network_by_hand),
         cmocka_unit_test(test_skip_by_hand),
         cmocka_unit_test(test_density_extremes),
