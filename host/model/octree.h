@@ -103,10 +103,6 @@ static inline size_t cln_cell_at(int x, int y, int z, int n)
     return ((size_t)z * (size_t)n + (size_t)y) * (size_t)n + (size_t)x;
 }
 
-/* Cells [low, high) of a node in the map at `depth`; if the node is smaller than a cell, the cell
- * that it is in. */
-void cln_octree_cells(const cln_octree *tree, int node, int depth, int low[3], int high[3]);
-
 /* The tree as the kernels read it: a dense map at level `depth`, n = 2^depth cells along an axis.
  *
  *   (*map)[(z * n + y) * n + x]   CLN_MAP_LEAF of the leaf there; else CLN_MAP_EMPTY with the

@@ -4,7 +4,9 @@
 #include <stdlib.h>
 #include "base/memory.h"
 
-void cln_octree_cells(const cln_octree *tree, int node, int depth, int low[3], int high[3])
+/* Cells [low, high) of a node in the map at `depth`; if the node is smaller than a cell, the cell
+ * that it is in. */
+static void find_cells(const cln_octree *tree, int node, int depth, int low[3], int high[3])
 {
     const int finer = depth - tree->level[node];
 
@@ -30,7 +32,7 @@ static void sum_up(const cln_octree *tree, int depth, int32_t *sums)
     int low[3], high[3];
 
     for (int s = 0; s < tree->leaf_count; s++) {
-        cln_octree_cells(tree, tree->leaf[s], depth, low, high);
+        find_cells(tree, tree->leaf[s], depth, low, high);
         for (int z = low[2]; z < high[2]; z++)
             for (int y = low[1]; y < high[1]; y++)
                 for (int x = low[0]; x < high[0]; x++)
@@ -96,9 +98,9 @@ static void fill_empty(const cln_octree *tree, int node, int depth, const int32_
             fill_empty(tree, tree->child[node] + i, depth, sums, map);
     if (tree->state[node] != CLN_NODE_CULLED)
         return;
-    cln_octree_cells(tree, node, depth, low, high);
+    find_cells(tree, node, depth, low, high);
     if (tree->level[node] <= boxes) {
-        cln_octree_cells(tree, node, boxes, from, to);
+        find_cells(tree, node, boxes, from, to);
         grow_box(sums, 1 << boxes, from, to);
         entry = CLN_MAP_EMPTY | CLN_MAP_BOX(from, 0) | CLN_MAP_BOX(to, 1);
     }
@@ -124,7 +126,7 @@ cln_status cln_octree_map(const cln_octree *tree, int depth, int32_t **map)
     for (int s = 0; s < tree->leaf_count; s++) {
         const int node = tree->leaf[s];
 
-        cln_octree_cells(tree, node, depth, low, high);
+        find_cells(tree, node, depth, low, high);
         fill_box(*map, n, low, high, CLN_MAP_LEAF(s, tree->level[node]));
     }
     sum_up(tree, boxes, sums);

@@ -25,7 +25,8 @@ int cln_pipeline_measures(const cln_config *config)
     return config->adaptive && !config->tree_from[0] ? 1 : 0;
 }
 
-int cln_pipeline_acts(const cln_network *net)
+/* Pre-activations, or features, kept per sample. */
+static int acts_of(const cln_network *net)
 {
     if (net->encoding == CLN_ENCODING_VOXEL)
         return net->decoder ? net->features : 0;
@@ -36,7 +37,7 @@ size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune)
 {
     const bool half = tune->half && cln_leaf_kind_of(net->encoding)->network;
 
-    return (size_t)cln_pipeline_acts(net) * (half ? sizeof(cl_half) : sizeof(cl_float));
+    return (size_t)acts_of(net) * (half ? sizeof(cl_half) : sizeof(cl_float));
 }
 
 int cln_pipeline_transposed(const cln_network *net)
