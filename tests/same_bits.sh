@@ -145,7 +145,7 @@ bits regularised object --sparsity 0.01 --cauchy 0.001 --opacity-entropy 0.01 \
     --edge 0.01 --view-l2 1e-5
 bits merges object --merge-factor 0.3 --structure-from 0.2 --level-at 3:0.05
 bits regrow object --steps 240 --level-at 3:0.515 --cull mean --cull-mean 6 --cull-from 0.05 \
-    --cull-after 120 --refresh-every 16 --no-adaptive --rays 512 --batch-samples 8192 --regrow 0.7
+    --cull-after 96 --refresh-every 16 --no-adaptive --rays 512 --batch-samples 8192 --regrow 0.7
 bits options object --skip --depth 6 --bands-by-level --rrelu-scope element --density relu \
     --init fan-in \
     --loss huber --no-view-dependence

@@ -219,8 +219,8 @@ int cln_pipeline_extra_samples(const cln_pipeline *p);
 /* A work-group of the adam kernel updates so many weights per leaf, of so many leaves. */
 enum { CLN_ADAM_PART = 1024, CLN_ADAM_EACH = 16 };
 
-/* Bytes of the pre-activations kept per sample, 2 each with tune.half, else 4 (voxels with a decoder
- * keep features, always 4 each); transposed weights per leaf. */
+/* Bytes of the pre-activations kept per sample, 2 each with tune.half, else 4 (voxels with a
+ * decoder keep features, always 4 each); transposed weights per leaf. */
 size_t cln_pipeline_act_bytes(const cln_network *net, const cln_tune *tune);
 int cln_pipeline_transposed(const cln_network *net);
 
