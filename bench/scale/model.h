@@ -15,9 +15,9 @@
  *     the pixels of their photos, 4 bytes a ray, what their walk found, 8 bytes a ray and 20 a leaf
  *     with samples, and after a refresh the densities of their leaves, at the network's bandwidth.
  *     A step has three messages that wait (counts of the walk, its intervals, the stretches) and a
- *     refresh has another; each takes log2(ranks) times the latency. A rank sends its part to each of the
- *     others; every machine has one rank, and the network carries the traffic of all at once (no
- *     bottleneck between switches).
+ *     refresh has another; each takes log2(ranks) times the latency. A rank sends its part to each
+ *     of the others; every machine has one rank, and the network carries the traffic of all at once
+ *     (no bottleneck between switches).
  *   - Waiting: a rank's computing takes now more, now less time, whatever its work: by a normal
  *     distribution of standard deviation `spread`, a part of the mean, in each step and on each
  *     rank anew. A step ends when the slowest of them does.

@@ -161,8 +161,8 @@ static cln_status create(const cln_config *config, const cln_scene *scene, cln_m
     CLN_TRY(cln_carve_find(scene, &scene->space, config, &tree, true, &marks, &count));
     if (count > 0) {
         CLN_TRY(cln_octree_cull(&tree, marks, &change));
-        cln_info("tree: %d of the first %d leaves %s left out: too few views see %s, %s outside the "
-                 "box, or no sparse point is near",
+        cln_info("tree: %d of the first %d leaves %s left out: too few views see %s, %s outside "
+                 "the box, or no sparse point is near",
                  count, count + tree.leaf_count, cln_plural(count, "is", "are"),
                  cln_plural(count, "it", "them"), cln_plural(count, "it is", "they are"));
     }

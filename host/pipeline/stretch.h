@@ -21,10 +21,10 @@
 bool cln_stretch_wanted(const cln_pipeline *p);
 
 /* Finds the stretches of n rays, whose intervals are made, and all samples counted; me: this rank.
- * Rays behind the longest prefix (at least one) with max_samples have none. Writes where the samples
- * here and the stretches of each ray begin to p->own_starts and p->stretch_starts, both [rays + 1],
- * lists the stretches, and leaves intervals in other ranks' leaves without samples. Reads the
- * totals back. Uploads p->leaf_rank if it is out of date. */
+ * Rays behind the longest prefix (at least one) with max_samples have none. Writes where the
+ * samples here and the stretches of each ray begin to p->own_starts and p->stretch_starts, both
+ * [rays + 1], lists the stretches, and leaves intervals in other ranks' leaves without samples.
+ * Reads the totals back. Uploads p->leaf_rank if it is out of date. */
 cln_status cln_stretch_find(cln_pipeline *p, int n, int me, size_t max_samples);
 
 /* Cuts the batch to its first n rays: sets *samples, those here, and p->stretch_total. Reads

@@ -63,6 +63,21 @@ three() {
     three_sent=$(number sent_bytes "$work/parts/metrics.jsonl")
 }
 
+# Three ranks share the walk of rays; of a batch with too many samples, its first rays alone.
+section_walk() {
+    local cut=(--steps 40 --rays 8192 --batch-samples 1024)
+
+    baseline
+    expect "one process cuts its batches" 0 "" "$cln" train "$work/scene" -o "$work/cut" \
+        "${small[@]}" "${cut[@]}"
+    expect "three ranks cut theirs" 0 "" "${mpi[@]}" -n 3 "$ranked" train "$work/scene" \
+        -o "$work/cut three" "${small[@]}" "${samples[@]}" "${cut[@]}"
+    check "the model is that of one process" same "$work/cut" "$work/cut three"
+    expect "three ranks cut theirs by stretches" 0 "" "${mpi[@]}" -n 3 "$ranked" train \
+        "$work/scene" -o "$work/cut stretches" "${small[@]}" "${cut[@]}" --log-every 1
+    check "and tell each other intervals" grep -q '"intervals"' "$work/cut stretches/metrics.jsonl"
+}
+
 section_same() {
     baseline
     expect "train with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
@@ -742,7 +757,7 @@ section_beside() {
 
 # Some wait or use one core most of the time: without arguments, they run beside the others.
 waiting=(resume dies hangs differ)
-others=(same photos stretches step voxels checkpoints memory devices pictures view scale)
+others=(same walk photos stretches step voxels checkpoints memory devices pictures view scale)
 if [ $# = 0 ]; then
     baseline # its kernels are compiled once
     tests/cli/ranks.sh "${waiting[@]}" >"$work/beside" 2>&1 &
