@@ -277,15 +277,20 @@ done:
     return st;
 }
 
-/* Without `update`, writes the gradient of each slice to the slice's row of p->grads. */
+/* How the backward pass updates leaves of one slice. */
+typedef struct at_once {
+    uint32_t min_samples; /* of a leaf */
+    double lr;
+} at_once;
+
+/* update: NULL writes the gradient of each slice to the slice's row of p->grads. */
 static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sample_count,
-                                  uint32_t slice_count, uint32_t step_key, bool update,
-                                  uint32_t min_samples, double lr)
+                                  uint32_t slice_count, uint32_t step_key, const at_once *update)
 {
     cln_status st = CLN_OK;
-    const cl_uint slices = slice_count, key = step_key, updates = update;
-    const cl_uint half = (cl_uint)p->tune.sl / 2, least = min_samples;
-    const cl_float rate = (float)lr;
+    const cl_uint slices = slice_count, key = step_key, updates = update != NULL;
+    const cl_uint half = (cl_uint)p->tune.sl / 2, least = update ? update->min_samples : 0;
+    const cl_float rate = update ? (float)update->lr : 0;
     const cl_int first = p->first;
     size_t far = 0; /* of other ranks' leaves */
 
@@ -387,7 +392,7 @@ cln_status cln_stage_backward(cln_pipeline *p, uint32_t sample_count, uint32_t s
     cln_status st = CLN_OK;
 
     CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, 0, p->config.roulette, step_key));
-    CLN_TRY(launch_backward(p, slice_count, sample_count, slice_count, step_key, false, 0, 0));
+    CLN_TRY(launch_backward(p, slice_count, sample_count, slice_count, step_key, NULL));
 done:
     return st;
 }
@@ -408,6 +413,7 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
                             uint32_t min_samples, uint32_t step_key, double lr)
 {
     cln_status st = CLN_OK;
+    const at_once update = {min_samples, lr};
     const double gradients = cln_pipeline_gradients(&p->tune, sample_count, slice_count);
 
     if (is_voxel(p)) {
@@ -421,8 +427,7 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
     CLN_TRY(count_updates(p, min_samples));
     CLN_TRY(cln_stage_roulette(p, sample_count, slice_count, min_samples, p->config.roulette,
                                step_key));
-    CLN_TRY(
-        launch_backward(p, gradients, sample_count, slice_count, step_key, true, min_samples, lr));
+    CLN_TRY(launch_backward(p, gradients, sample_count, slice_count, step_key, &update));
     if (sample_count > (uint32_t)p->tune.sl)
         CLN_TRY(launch_adam(p, min_samples, 2, p->tune.leaf ? (cl_uint)p->tune.sl / 2 : 0, lr));
 done:

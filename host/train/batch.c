@@ -126,26 +126,36 @@ bool cln_batch_skips(const cln_batch *b, const cln_config *config, int64_t step)
            b->coverage.share > 0 && step >= config->precrop_steps;
 }
 
+/* What pixels are drawn from. */
+typedef struct source {
+    const cln_batch *batch;
+    const cln_scene *scene;
+    const cln_config *config;
+    const cln_draw *draw;
+} source;
+
 /* Any pixel, or any of the covered ones: false if it falls outside the image. */
-static bool draw_place(const cln_batch *b, const cln_scene *scene, const cln_draw *d,
-                       const uint32_t bits[4], place *out)
+static bool draw_place(const source *from, const uint32_t bits[4], place *out)
 {
-    if (d->covered)
-        return locate_covered(&b->coverage, scene, bits, out);
-    *out = locate(b, scene, bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
+    const cln_batch *b = from->batch;
+
+    if (from->draw->covered)
+        return locate_covered(&b->coverage, from->scene, bits, out);
+    *out = locate(b, from->scene,
+                  bounded64((uint64_t)bits[0] << 32 | bits[1], b->first[b->train_views]));
     return true;
 }
 
 /* Draws a pixel of the batch's view number `slot`. */
-static bool draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_config *config,
-                         const cln_draw *d, const uint32_t bits[4], uint32_t slot, place *out)
+static bool draw_in_slot(const source *from, const uint32_t bits[4], uint32_t slot, place *out)
 {
     uint32_t choice[4];
     const cln_camera *camera = NULL;
 
-    draw_bits((uint64_t)config->seed, CLN_STREAM_PIXELS, d->step, 0x80000000u + slot, 0, choice);
-    out->index = (int)cln_bounded(choice[0], (uint32_t)b->train_views);
-    camera = camera_of(scene, out->index);
+    draw_bits((uint64_t)from->config->seed, CLN_STREAM_PIXELS, from->draw->step, 0x80000000u + slot,
+              0, choice);
+    out->index = (int)cln_bounded(choice[0], (uint32_t)from->batch->train_views);
+    camera = camera_of(from->scene, out->index);
     out->x = (int)cln_bounded(bits[0], (uint32_t)camera->width);
     out->y = (int)cln_bounded(bits[1], (uint32_t)camera->height);
     return true;
@@ -156,21 +166,20 @@ static bool draw_in_slot(const cln_batch *b, const cln_scene *scene, const cln_c
 enum { DRAWS = 4096 };
 
 /* False if no draw found a pixel that counts. */
-static bool draw(const cln_batch *b, const cln_scene *scene, const cln_config *config,
-                 const cln_draw *d, uint32_t ray, uint32_t slot, place *out)
+static bool draw(const source *from, uint32_t ray, uint32_t slot, place *out)
 {
+    const cln_config *config = from->config;
     const bool by_view = cln_stage1_of(config)->by_view;
 
     for (uint32_t k = 0; k < DRAWS; k++) {
         uint32_t bits[4];
         bool found = false;
 
-        draw_bits((uint64_t)config->seed, CLN_STREAM_PIXELS, d->step, ray, k, bits);
-        found = by_view ? draw_in_slot(b, scene, config, d, bits, slot, out)
-                        : draw_place(b, scene, d, bits, out);
-        if (d->step < (uint32_t)config->precrop_steps)
-            *out = crop(scene, *out);
-        if (found && keeps(scene, *out))
+        draw_bits((uint64_t)config->seed, CLN_STREAM_PIXELS, from->draw->step, ray, k, bits);
+        found = by_view ? draw_in_slot(from, bits, slot, out) : draw_place(from, bits, out);
+        if (from->draw->step < (uint32_t)config->precrop_steps)
+            *out = crop(from->scene, *out);
+        if (found && keeps(from->scene, *out))
             return true;
     }
     return false;
@@ -249,6 +258,7 @@ void cln_batch_begin(cln_batch *b, const cln_scene *scene, const cln_config *con
 {
     const bool by_view = cln_stage1_of(config)->by_view;
     const int n = d->n, views = config->views_per_batch < n ? config->views_per_batch : n;
+    const source from = {b, scene, config, d};
 
     CLN_ASSERT(n <= b->capacity);
     cln_batch_forget(b);
@@ -257,8 +267,7 @@ void cln_batch_begin(cln_batch *b, const cln_scene *scene, const cln_config *con
         const uint32_t slot = by_view ? (uint32_t)((int64_t)i * views / n) : 0;
         place p = {0};
 
-        if (!draw(b, scene, config, d, (uint32_t)i, slot, &p) && i > 0 &&
-            b->pixels[i - 1].pad == slot) {
+        if (!draw(&from, (uint32_t)i, slot, &p) && i > 0 && b->pixels[i - 1].pad == slot) {
             b->pixels[i] = b->pixels[i - 1]; /* one left out would teach that nothing is there */
             continue;
         }
