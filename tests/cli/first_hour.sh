@@ -616,6 +616,8 @@ section_edges() {
     expect "one photo to train on" 0 "" \
         "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --holdout 0
     check "no test PSNR is printed" grep -qE "^PSNR +[0-9.]+ train$" "$work/out"
+    expect "cameras of one photo" 0 "" "$cln" export "$r" --cameras "$work/one.json"
+    check "they are one" printed ": 1 camera, of"
     expect "eval has nothing to compare with" 3 "--split" "$cln" eval "$r"
     expect "without HOME" 0 "" env -u HOME -u XDG_CONFIG_HOME "$cln" devices --no-test
     expect "the device in capitals" 0 "" "$cln" train "$s" -o "$work/cpu" "${small[@]}" \
