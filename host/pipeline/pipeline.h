@@ -14,6 +14,7 @@
  *   splat                 one of them
  *   sort                  scan and sort
  *   regularise            points of regularisers
+ *   turns                 how far loops go, for the self-test: no part of a pipeline
  *   programs              creates, builds, frees; fits tuning parameters to a network
  *   buffers               reserves, fills and releases */
 #ifndef CLN_PIPELINE_H
