@@ -21,6 +21,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/settings.h"
 #include "cl_nascent.h"
 #include "io/command.h"
@@ -163,8 +164,9 @@ static bool is_video(const char *path)
 static void read_duration(const char *line, void *user)
 {
     double seconds = 0;
+    const char *end = NULL;
 
-    if (sscanf(line, "%lf", &seconds) == 1 && seconds > 0)
+    if (cln_number_read(line, &seconds, &end) && seconds > 0)
         ((work *)user)->duration = seconds;
 }
 
@@ -174,7 +176,7 @@ static cln_status take_frames(work *w)
     const char *video = w->desc->photos;
     const int frames = w->desc->frames > 0 ? w->desc->frames : FRAMES;
     const cln_command_watch watch = {read_duration, is_interrupted, w, w->log};
-    char *rate = NULL, *names = NULL, *why = NULL;
+    char *names = NULL, *why = NULL, rate[64];
 
     if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
         CLN_TRY(cln_fail(CLN_FAILED,
@@ -196,13 +198,12 @@ static cln_status take_frames(work *w)
     CLN_TRY(st);
     if (!(w->duration > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?", video));
-    CLN_TRY(cln_asprintf(&rate, "fps=%.6f", frames / w->duration));
+    cln_format(rate, sizeof rate, "fps=%.6f", frames / w->duration);
     CLN_TRY(cln_path_join(&names, w->images, "frame_%05d.jpg"));
     CLN_TRY(run(w, "poses: frames",
                 (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", video, "-vf",
                                       rate, "-qscale:v", "2", names, NULL}));
 done:
-    free(rate);
     free(names);
     free(why);
     return st;

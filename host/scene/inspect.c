@@ -277,8 +277,8 @@ static void write_box(const double low[3], const double high[3], char out[BOX_BY
         if (high[a] > low[a])
             least = fmin(least, high[a] - low[a]);
     n = cln_reals_digits(6, box, least);
-    snprintf(out, BOX_BYTES, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
-             box[3], n, box[4], n, box[5]);
+    cln_format(out, BOX_BYTES, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
+               box[3], n, box[4], n, box[5]);
 }
 
 static cln_status check_cube(inspection *in)
