@@ -21,6 +21,9 @@ bool cln_utf8_valid(const char *text);
 enum { CLN_QUOTED_BYTES = 4096 };
 const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 
+/* Bytes of the first `most` of text, without a character that these only begin. */
+size_t cln_utf8_whole(const char *text, size_t most);
+
 /* Replaces each byte outside UTF-8 characters by '?'. */
 void cln_utf8_repair(char *text);
 

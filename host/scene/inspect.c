@@ -11,6 +11,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "io/json.h"
 #include "scene/agree.h"
 #include "scene/build.h"
@@ -40,6 +41,12 @@ typedef struct inspection {
     bool posed; /* photos fit their poses, as far as is known */
 } inspection;
 
+/* Takes off a character at the end that was cut, which JSON would refuse. */
+static void end_whole(char *text)
+{
+    text[cln_utf8_whole(text, strlen(text))] = 0;
+}
+
 void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json_t *views,
                      const char *fmt, ...)
 {
@@ -49,6 +56,8 @@ void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json
     va_start(args, fmt);
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
+    end_whole(text);
+    cln_utf8_repair(text); /* paths may be anything */
     json_array_append_new(findings, json_pack("{s:s, s:b, s:o, s:s}", "what", what, "likely_fault",
                                               likely_fault, "views", views ? views : json_array(),
                                               "text", text));
@@ -78,6 +87,7 @@ static const char *name_some(const json_t *views, char *out, size_t bytes)
                                  json_string_value(json_array_get(views, i)));
     if (count > NAMED && used < bytes)
         snprintf(out + used, bytes - used, " and %zu more", count - NAMED);
+    end_whole(out);
     return out;
 }
 
@@ -94,6 +104,7 @@ static const char *name_pairs(const json_t *views, char *out, size_t bytes)
                                  json_string_value(json_array_get(views, 2 * i + 1)));
     if (count > NAMED && used < bytes)
         snprintf(out + used, bytes - used, "; and %zu more pairs", count - NAMED);
+    end_whole(out);
     return out;
 }
 
