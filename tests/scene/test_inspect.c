@@ -141,11 +141,53 @@ static void test_long_names(void **state)
     }
 }
 
+/* ---- copies ---- */
+
+/* Makes view b show what a shows, from the same place; same_file: it is the same frame. */
+static void copy_view(wall *w, int a, int b, bool same_file)
+{
+    memcpy(w->pixels[b], w->pixels[a], sizeof w->pixels[a]);
+    w->views[b].camera = w->views[a].camera;
+    if (same_file)
+        w->views[b].path = w->views[a].path;
+}
+
+/* A frame in the val and the test set is common; one in the train set, too, spoils its score. */
+static void test_copies(void **state)
+{
+    enum { COUNT = 6 };
+    static const struct {
+        cln_split a, b;
+        bool same_file, found, spoils;
+    } cases[] = {
+        {CLN_SPLIT_VAL, CLN_SPLIT_TEST, true, false, false},
+        {CLN_SPLIT_VAL, CLN_SPLIT_TEST, false, true, false},
+        {CLN_SPLIT_TRAIN, CLN_SPLIT_TEST, true, true, true},
+        {CLN_SPLIT_TRAIN, CLN_SPLIT_TRAIN, true, true, false},
+        {CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, false, true, true},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        wall *w = make_wall(COUNT);
+        const char *text = NULL;
+
+        w->views[COUNT - 2].split = cases[i].a;
+        w->views[COUNT - 1].split = cases[i].b;
+        copy_view(w, COUNT - 2, COUNT - 1, cases[i].same_file);
+        text = text_of(inspect(w, "duplicates"));
+        if ((*text != 0) != cases[i].found || !strstr(text, "held out") == cases[i].spoils)
+            fail_msg("case %zu: '%s'", i, text);
+        free_wall(w);
+    }
+}
+
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_long_findings),
         cmocka_unit_test(test_long_names),
+        cmocka_unit_test(test_copies),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
