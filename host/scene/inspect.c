@@ -299,7 +299,8 @@ static cln_status check_cube(inspection *in)
     const cln_space *space = &in->scene->space, core = cln_space_core(space);
     const int count = a->point_count;
     double *values = NULL, low[3], high[3], span = 0, inside = 0, cameras = 0;
-    char box[BOX_BYTES];
+    char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
+    bool tighter = true; /* the box of the points is smaller than the cube, on all axes */
 
     CLN_TRY(cln_alloc(&values, (size_t)count + 1, sizeof *values, "points"));
     for (int i = 0; i < in->scene->view_count; i++) {
@@ -347,11 +348,17 @@ static cln_status check_cube(inspection *in)
 
         low[axis] -= margin;
         high[axis] += margin;
+        tighter = tighter && high[axis] - low[axis] < 2 * space->half;
     }
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
     write_box(low, high, box);
+    if (tighter)
+        snprintf(advice, sizeof advice, ". A tighter box: %s--bbox=%s",
+                 space->shell ? "--space shell " : "", box);
+    else if (!space->shell)
+        snprintf(advice, sizeof advice, ". A box around all of that: --bbox=%s", box);
     if (inside < INSIDE_LEAST && !space->shell)
         cln_found_fault(in->findings, "cube", true, NULL,
                         "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "
@@ -360,9 +367,9 @@ static cln_status check_cube(inspection *in)
     else if (span < SPAN_LEAST || in->scene->cube_guessed)
         cln_found_fault(in->findings, "cube", span < SPAN_LEAST, NULL,
                         "%s (half side %g; %s): it holds %.0f%% of what the photos show, which "
-                        "spans %.0f%% of its side. A tighter box: --bbox=%s",
+                        "spans %.0f%% of its side%s",
                         span < SPAN_LEAST ? "the cube is much too large" : "the cube is a guess",
-                        space->half, in->scene->bounds_rule, 100 * inside, 100 * span, box);
+                        space->half, in->scene->bounds_rule, 100 * inside, 100 * span, advice);
 done:
     free(values);
     return st;

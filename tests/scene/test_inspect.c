@@ -182,12 +182,46 @@ static void test_copies(void **state)
     }
 }
 
+/* ---- the cube ---- */
+
+/* What the wall's photos show is 1.4 wide and at a distance of 1. */
+static void test_box(void **state)
+{
+    static const struct {
+        double half;
+        bool shell;
+        const char *has, *has_not;
+    } cases[] = {
+        {2, false, "tighter box: --bbox=", "--space"},
+        {2, true, "tighter box: --space shell --bbox=", "around"},
+        {0.6, false, "box around all of that: --bbox=", "tighter"},
+        {0.6, true, "the cube is a guess", "--bbox"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        wall *w = make_wall(VIEWS);
+        const char *text = NULL;
+
+        w->scene.cube_guessed = true;
+        w->scene.space.half = cases[i].half;
+        w->scene.space.shell = cases[i].shell;
+        w->scene.space.centre[0] = 0.45;
+        w->scene.space.centre[2] = 1;
+        text = text_of(inspect(w, "cube"));
+        if (!strstr(text, cases[i].has) || strstr(text, cases[i].has_not))
+            fail_msg("case %zu: '%s'", i, text);
+        free_wall(w);
+    }
+}
+
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_long_findings),
         cmocka_unit_test(test_long_names),
         cmocka_unit_test(test_copies),
+        cmocka_unit_test(test_box),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
