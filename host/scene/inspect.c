@@ -133,6 +133,12 @@ static void check_agreement(inspection *in)
     measure(in, "ties", a->tie_count);
     measure(in, "agreeing_share", a->share);
     in->posed = !(a->share < UNSOUND);
+    if (isnan(a->share) && a->pairs == 0) {
+        cln_found_fault(in->findings, "overlap", false, NULL,
+                        "no two photos stand apart, so that none can be compared with their poses: "
+                        "a scene needs photos from several places");
+        return;
+    }
     if (isnan(a->share)) {
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "the photos show too little in common (%d marks in %d pairs of neighbours) "

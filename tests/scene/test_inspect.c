@@ -215,6 +215,30 @@ static void test_box(void **state)
     }
 }
 
+/* ---- what can be compared ---- */
+
+static void test_nothing_to_compare(void **state)
+{
+    wall *w = make_wall(1);
+    const char *text = NULL;
+
+    (void)state;
+    text = text_of(inspect(w, "overlap"));
+    assert_non_null(strstr(text, "no two photos stand apart"));
+    assert_null(strstr(text, "texture"));
+    free_wall(w);
+    w = make_wall(4);
+    for (int i = 0; i < 4; i++)
+        w->views[i].camera.c2w[3] = 0;
+    assert_non_null(strstr(text_of(inspect(w, "overlap")), "no two photos stand apart"));
+    free_wall(w);
+    w = make_wall(2); /* compared, without much in common */
+    w->views[1].camera.c2w[3] = 0.5;
+    memset(w->pixels[1], 128, sizeof w->pixels[1]);
+    assert_non_null(strstr(text_of(inspect(w, "overlap")), "texture"));
+    free_wall(w);
+}
+
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
@@ -222,6 +246,7 @@ int test_group_inspect(void)
         cmocka_unit_test(test_long_names),
         cmocka_unit_test(test_copies),
         cmocka_unit_test(test_box),
+        cmocka_unit_test(test_nothing_to_compare),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
