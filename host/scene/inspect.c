@@ -610,6 +610,7 @@ static void check_files(inspection *in)
 
 static json_t *describe_views(const inspection *in)
 {
+    const cln_space core = cln_space_core(&in->scene->space);
     json_t *views = json_array();
 
     for (int i = 0; i < in->scene->view_count; i++) {
@@ -618,13 +619,13 @@ static json_t *describe_views(const inspection *in)
         const double *m = view->camera.c2w, place[3] = {m[3], m[7], m[11]};
 
         json_array_append_new(
-            views, json_pack("{s:s, s:s, s:[f,f,f], s:[f,f,f], s:b, s:o, s:o, s:o, s:i, s:i, s:i}",
-                             "name", view->name, "split", cln_split_names[view->split], "place",
-                             m[3], m[7], m[11], "axis", m[2], m[6], m[10], "inside_cube",
-                             cln_space_holds(&in->scene->space, place), "sharpness",
-                             cln_json_real(in->photos[i].sharpness), "exposure",
-                             cln_json_real(a->exposure), "exposure_jump", cln_json_real(a->jump),
-                             "partners", a->partners, "ties", a->ties, "agreeing", a->agreeing));
+            views,
+            json_pack("{s:s, s:s, s:[f,f,f], s:[f,f,f], s:b, s:o, s:o, s:o, s:i, s:i, s:i}", "name",
+                      view->name, "split", cln_split_names[view->split], "place", m[3], m[7], m[11],
+                      "axis", m[2], m[6], m[10], "inside_cube", cln_space_holds(&core, place),
+                      "sharpness", cln_json_real(in->photos[i].sharpness), "exposure",
+                      cln_json_real(a->exposure), "exposure_jump", cln_json_real(a->jump),
+                      "partners", a->partners, "ties", a->ties, "agreeing", a->agreeing));
     }
     return views;
 }

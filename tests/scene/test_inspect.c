@@ -215,6 +215,26 @@ static void test_box(void **state)
     }
 }
 
+/* A shell is seen from everywhere, but not everything is in its cube. */
+static void test_inside(void **state)
+{
+    enum { COUNT = 6 };
+    wall *w = make_wall(COUNT);
+    int inside = 0;
+
+    (void)state;
+    w->scene.space.shell = true;
+    w->scene.space.half = 0.2;
+    inspect(w, "cube");
+    for (size_t i = 0; i < COUNT; i++)
+        inside += json_is_true(
+            json_object_get(json_array_get(json_object_get(w->all, "views"), i), "inside_cube"));
+    assert_int_equal(inside, 3); /* at 0, 1/12 and 2/12 */
+    assert_true(json_number_value(json_object_get(json_object_get(w->all, "measures"),
+                                                  "cameras_inside")) == inside);
+    free_wall(w);
+}
+
 /* ---- what can be compared ---- */
 
 static void test_nothing_to_compare(void **state)
@@ -242,11 +262,9 @@ static void test_nothing_to_compare(void **state)
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_long_findings),
-        cmocka_unit_test(test_long_names),
-        cmocka_unit_test(test_copies),
-        cmocka_unit_test(test_box),
-        cmocka_unit_test(test_nothing_to_compare),
+        cmocka_unit_test(test_long_findings), cmocka_unit_test(test_long_names),
+        cmocka_unit_test(test_copies),        cmocka_unit_test(test_box),
+        cmocka_unit_test(test_inside),        cmocka_unit_test(test_nothing_to_compare),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
