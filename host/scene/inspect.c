@@ -471,9 +471,9 @@ static void check_masks(inspection *in)
                         "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
                         "show alike. Likely the wrong colour counts: invert them",
                         masks ? "masks" : "alpha channels", 100 * area, 100 * agreeing);
-    else if (masks && (area < MASKS_LEAST || area == 1))
+    else if (masks && (area < MASKS_LEAST || area > 1 - 1e-9))
         cln_found_fault(in->findings, "masks", false, NULL,
-                        "masks of %d photos leave %.2g%% of the pixels; if the wrong colour "
+                        "masks of %d photos leave %.3g%% of the pixels; if the wrong colour "
                         "counts, invert them",
                         masks, 100 * area);
 }

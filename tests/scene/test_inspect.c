@@ -259,12 +259,31 @@ static void test_nothing_to_compare(void **state)
     free_wall(w);
 }
 
+/* Masks that keep all pixels of 10 photos: tenths do not add up to 1. */
+static void test_masks_without_effect(void **state)
+{
+    enum { COUNT = 10 };
+    wall *w = make_wall(COUNT);
+    static uint8_t all[WIDE * HIGH / 8];
+
+    (void)state;
+    memset(all, 255, sizeof all);
+    for (int i = 0; i < COUNT; i++)
+        w->views[i].kept = w->views[i].masked = all;
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "masks of 10 photos leave 100% of"));
+    free_wall(w);
+}
+
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_long_findings), cmocka_unit_test(test_long_names),
-        cmocka_unit_test(test_copies),        cmocka_unit_test(test_box),
-        cmocka_unit_test(test_inside),        cmocka_unit_test(test_nothing_to_compare),
+        cmocka_unit_test(test_long_findings),
+        cmocka_unit_test(test_long_names),
+        cmocka_unit_test(test_copies),
+        cmocka_unit_test(test_box),
+        cmocka_unit_test(test_inside),
+        cmocka_unit_test(test_nothing_to_compare),
+        cmocka_unit_test(test_masks_without_effect),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
