@@ -509,19 +509,21 @@ static cln_status match(work *w)
                                      w->matching, "0", NULL});
 }
 
-/* Number of images of a model: the first number of images.bin. */
+/* Number of images of a model: the first number of images.bin, which may have gigabytes. */
 static int images_of(const char *model)
 {
-    char *path = NULL, *data = NULL;
-    size_t bytes = 0;
+    char *path = NULL;
+    FILE *f = NULL;
     uint64_t count = 0;
 
-    if (cln_path_join(&path, model, "images.bin") == CLN_OK &&
-        cln_read_file(path, FILE_MOST, &data, &bytes) == CLN_OK && bytes >= sizeof count)
-        memcpy(&count, data, sizeof count);
+    if (cln_path_join(&path, model, "images.bin") == CLN_OK)
+        f = fopen(path, "rb");
+    if (f && fread(&count, sizeof count, 1, f) != 1)
+        count = 0;
+    if (f)
+        fclose(f);
     cln_clear_error();
     free(path);
-    free(data);
     return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
 }
 

@@ -518,6 +518,9 @@ section_poses() {
     expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
         poses "$work/photos/train" -o "$work/parts" --progress none --json
     check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
+    expect "a model of more than 1 GiB is counted" 0 "~2.groups" env PATH="$path" STAND_IN=large \
+        "$cln" poses "$work/photos/train" -o "$work/large" --progress none --json
+    rm -r "$work/large"
     expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
         env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
     expect "it can be tried again" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
