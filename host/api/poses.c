@@ -170,13 +170,33 @@ static void read_duration(const char *line, void *user)
         ((work *)user)->duration = seconds;
 }
 
+/* A pattern of names in a folder as ffmpeg takes it: a file whatever its name begins with, and with
+ * numbers in the last name alone. */
+static cln_status frame_names(const char *folder, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t used = 0;
+    char *doubled = NULL;
+
+    CLN_TRY(cln_alloc(&doubled, 2 * strlen(folder) + 1, 1, "name"));
+    for (; *folder; folder++) {
+        doubled[used++] = *folder;
+        if (*folder == '%')
+            doubled[used++] = '%';
+    }
+    CLN_TRY(cln_asprintf(out, "file:%s/frame_%%05d.jpg", doubled));
+done:
+    free(doubled);
+    return st;
+}
+
 static cln_status take_frames(work *w)
 {
     cln_status st = CLN_OK;
     const char *video = w->desc->photos;
     const int frames = w->desc->frames > 0 ? w->desc->frames : FRAMES;
     const cln_command_watch watch = {read_duration, is_interrupted, w, w->log};
-    char *names = NULL, *why = NULL, rate[64];
+    char *file = NULL, *names = NULL, *why = NULL, rate[64];
 
     if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
         CLN_TRY(cln_fail(CLN_FAILED,
@@ -184,8 +204,9 @@ static cln_status take_frames(work *w)
                          "install it (Debian: apt install ffmpeg), or take the frames with another "
                          "program and give their folder",
                          video));
+    CLN_TRY(cln_asprintf(&file, "file:%s", video)); /* "12:30.mp4" would be an address */
     st = cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
-                                               "format=duration", "-of", "csv=p=0", video, NULL},
+                                               "format=duration", "-of", "csv=p=0", file, NULL},
                          &watch);
     if (st == CLN_FAILED) {
         why = strdup(cln_error_text());
@@ -199,11 +220,12 @@ static cln_status take_frames(work *w)
     if (!(w->duration > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?", video));
     cln_format(rate, sizeof rate, "fps=%.6f", frames / w->duration);
-    CLN_TRY(cln_path_join(&names, w->images, "frame_%05d.jpg"));
+    CLN_TRY(frame_names(w->images, &names));
     CLN_TRY(run(w, "poses: frames",
-                (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", video, "-vf",
+                (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", file, "-vf",
                                       rate, "-qscale:v", "2", names, NULL}));
 done:
+    free(file);
     free(names);
     free(why);
     return st;
