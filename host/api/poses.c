@@ -22,6 +22,7 @@
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/settings.h"
 #include "base/text.h"
 #include "cl_nascent.h"
@@ -156,9 +157,30 @@ static bool is_video(const char *path)
 static void read_duration(const char *line, void *user)
 {
     double seconds = 0;
+    const char *end = NULL;
 
-    if (sscanf(line, "%lf", &seconds) == 1 && seconds > 0)
+    if (cln_number_read(line, &seconds, &end) && seconds > 0)
         ((work *)user)->duration = seconds;
+}
+
+/* A pattern of names in a folder as ffmpeg takes it: a file whatever its name begins with, and with
+ * numbers in the last name alone. */
+static cln_status frame_names(const char *folder, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t used = 0;
+    char *doubled = NULL;
+
+    CLN_TRY(cln_alloc(&doubled, 2 * strlen(folder) + 1, 1, "name"));
+    for (; *folder; folder++) {
+        doubled[used++] = *folder;
+        if (*folder == '%')
+            doubled[used++] = '%';
+    }
+    CLN_TRY(cln_asprintf(out, "file:%s/frame_%%05d.jpg", doubled));
+done:
+    free(doubled);
+    return st;
 }
 
 static cln_status take_frames(work *w)
@@ -167,7 +189,7 @@ static cln_status take_frames(work *w)
     const char *video = w->desc->photos;
     const int frames = w->desc->frames > 0 ? w->desc->frames : FRAMES;
     const cln_command_watch watch = {read_duration, is_interrupted, w, w->log};
-    char *rate = NULL, *names = NULL, *why = NULL;
+    char *file = NULL, *names = NULL, *why = NULL, rate[64];
 
     if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
         CLN_TRY(cln_fail(CLN_FAILED,
@@ -175,8 +197,9 @@ static cln_status take_frames(work *w)
                          "install it (Debian: apt install ffmpeg), or take the frames with another "
                          "program and give their folder",
                          video));
+    CLN_TRY(cln_asprintf(&file, "file:%s", video)); /* "12:30.mp4" would be an address */
     st = cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
-                                               "format=duration", "-of", "csv=p=0", video, NULL},
+                                               "format=duration", "-of", "csv=p=0", file, NULL},
                          &watch);
     if (st == CLN_FAILED) {
         why = strdup(cln_error_text());
@@ -189,13 +212,13 @@ static cln_status take_frames(work *w)
     CLN_TRY(st);
     if (!(w->duration > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?", video));
-    CLN_TRY(cln_asprintf(&rate, "fps=%.6f", frames / w->duration));
-    CLN_TRY(cln_path_join(&names, w->images, "frame_%05d.jpg"));
+    cln_format(rate, sizeof rate, "fps=%.6f", frames / w->duration);
+    CLN_TRY(frame_names(w->images, &names));
     CLN_TRY(run(w, "poses: frames",
-                (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", video, "-vf",
+                (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", file, "-vf",
                                       rate, "-qscale:v", "2", names, NULL}));
 done:
-    free(rate);
+    free(file);
     free(names);
     free(why);
     return st;
@@ -502,19 +525,21 @@ static cln_status match(work *w)
                                      w->matching, "0", NULL});
 }
 
-/* Number of images of a model: the first number of images.bin. */
+/* Number of images of a model: the first number of images.bin, which may have gigabytes. */
 static int images_of(const char *model)
 {
-    char *path = NULL, *data = NULL;
-    size_t bytes = 0;
+    char *path = NULL;
+    FILE *f = NULL;
     uint64_t count = 0;
 
-    if (cln_path_join(&path, model, "images.bin") == CLN_OK &&
-        cln_read_file(path, FILE_MOST, &data, &bytes) == CLN_OK && bytes >= sizeof count)
-        memcpy(&count, data, sizeof count);
+    if (cln_path_join(&path, model, "images.bin") == CLN_OK)
+        f = fopen(path, "rb");
+    if (f && fread(&count, sizeof count, 1, f) != 1)
+        count = 0;
+    if (f)
+        fclose(f);
     cln_clear_error();
     free(path);
-    free(data);
     return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
 }
 

@@ -10,6 +10,28 @@
 #include <string.h>
 #include <strings.h>
 
+int cln_format_list(char *out, size_t bytes, const char *fmt, va_list args)
+{
+    locale_t c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    locale_t before = uselocale(c_locale);
+    const int length = vsnprintf(out, bytes, fmt, args);
+
+    uselocale(before);
+    freelocale(c_locale);
+    return length;
+}
+
+int cln_format(char *out, size_t bytes, const char *fmt, ...)
+{
+    va_list args;
+    int length = 0;
+
+    va_start(args, fmt);
+    length = cln_format_list(out, bytes, fmt, args);
+    va_end(args);
+    return length;
+}
+
 void cln_number_write(double value, char out[CLN_NUMBER_BYTES])
 {
     locale_t c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);

@@ -3,9 +3,17 @@
 #ifndef CLN_NUMBER_H
 #define CLN_NUMBER_H
 
+#include <stdarg.h>
 #include <stdbool.h>
+#include <stddef.h>
 
 enum { CLN_NUMBER_BYTES = 40 };
+
+/* snprintf and vsnprintf with decimal points: for numbers that programs read, also those that a
+ * sentence advises to give. Other numbers of sentences are as the caller's locale has them. */
+int cln_format(char *out, size_t bytes, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
+int cln_format_list(char *out, size_t bytes, const char *fmt, va_list args)
+    __attribute__((format(printf, 3, 0)));
 
 /* Shortest decimal text that reads back as the same double. */
 void cln_number_write(double value, char out[CLN_NUMBER_BYTES]);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/number.h"
 
 cln_status cln_settings_create(const char *preset, cln_settings **out)
 {
@@ -116,8 +117,8 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
                         "give --%s N for the whole",
                         row->option, more, row->option);
     lift_used_up(settings);
-    snprintf(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.17g",
-             (whole ? budget : used) + number_of(&added, row));
+    cln_format(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.17g",
+               (whole ? budget : used) + number_of(&added, row));
     CLN_TRY(cln_config_set(&settings->config, row, sum));
 done:
     return st;

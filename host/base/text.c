@@ -58,6 +58,23 @@ bool cln_utf8_valid(const char *text)
     return !*text;
 }
 
+size_t cln_utf8_whole(const char *text, size_t most)
+{
+    const size_t length = strnlen(text, most);
+    size_t first = length; /* of the last character, once below */
+
+    while (first > 0 && length - first < 3 && ((unsigned char)text[first - 1] & 0xC0) == 0x80)
+        first--;
+    if (first > 0) {
+        const unsigned char lead = (unsigned char)text[first - 1];
+        const size_t bytes = lead < 0xC0 ? 0 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
+
+        if (bytes > length - first + 1)
+            return first - 1;
+    }
+    return length;
+}
+
 void cln_utf8_repair(char *text)
 {
     while (*text) {

@@ -24,6 +24,9 @@ const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 /* The form of a word beside this number: cln_plural(count, "leaf", "leaves"). */
 const char *cln_plural(double count, const char *one, const char *more);
 
+/* Bytes of the first `most` of text, without a character that these only begin. */
+size_t cln_utf8_whole(const char *text, size_t most);
+
 /* Replaces each byte outside UTF-8 characters by '?'. */
 void cln_utf8_repair(char *text);
 

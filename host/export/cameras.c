@@ -188,6 +188,14 @@ static cln_status list_of(const cln_view *view, const cln_camera *c, const cln_c
     return CLN_OK;
 }
 
+static void put_number(FILE *to, double value)
+{
+    char text[32];
+
+    cln_format(text, sizeof text, " %.17g", value);
+    fputs(text, to);
+}
+
 static cln_status put_camera(FILE *to, int id, const cln_scene *scene, const cln_view *view)
 {
     cln_status st = CLN_OK;
@@ -198,7 +206,7 @@ static cln_status put_camera(FILE *to, int id, const cln_scene *scene, const cln
     CLN_TRY(list_of(view, &c, &model, values));
     fprintf(to, "%d %s %d %d", id, model->name, c.width, c.height);
     for (int i = 0; i < model->count; i++)
-        fprintf(to, " %.17g", values[i]);
+        put_number(to, values[i]);
     fprintf(to, "\n");
 done:
     return st;
@@ -266,8 +274,12 @@ static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
         if (i == 0 || !same_camera(view, &scene->views[i - 1]))
             CLN_TRY(put_camera(to[CAMERAS], ++cameras, scene, view));
         pose_of(view->camera.c2w, q, t);
-        fprintf(to[IMAGES], "%d %.17g %.17g %.17g %.17g %.17g %.17g %.17g %d %s\n\n", i + 1, q[0],
-                q[1], q[2], q[3], t[0], t[1], t[2], cameras, name);
+        fprintf(to[IMAGES], "%d", i + 1);
+        for (int k = 0; k < 4; k++)
+            put_number(to[IMAGES], q[k]);
+        for (int k = 0; k < 3; k++)
+            put_number(to[IMAGES], t[k]);
+        fprintf(to[IMAGES], " %d %s\n\n", cameras, name);
     }
 done:
     free(name);

@@ -13,6 +13,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "io/command.h"
 #include "io/disk.h"
 
@@ -53,7 +54,7 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
     char size[32], rate[32];
 
     snprintf(size, sizeof size, "%dx%d", f->width, f->height);
-    snprintf(rate, sizeof rate, "%.6f", fps);
+    cln_format(rate, sizeof rate, "%.6f", fps);
     CLN_TRY(cln_asprintf(&f->part, "%.*s.part%s", (int)(ending(f->path) - f->path), f->path,
                          ending(f->path)));
     {

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/files.h"
+#include "base/number.h"
 
 /* Numbers are written as they are in memory. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "mesh.c is for little-endian hosts");
@@ -119,9 +120,9 @@ cln_status cln_mesh_write_obj(const char *path, const cln_mesh *mesh)
         const float *v = mesh->normal[i];
         const uint8_t *c = mesh->colour[i];
 
-        n = snprintf(line, sizeof line, "v %.*g %.*g %.*g %.4f %.4f %.4f\nvn %.5f %.5f %.5f\n",
-                     digits, p[0], digits, p[1], digits, p[2], c[0] / 255.0, c[1] / 255.0,
-                     c[2] / 255.0, (double)v[0], (double)v[1], (double)v[2]);
+        n = cln_format(line, sizeof line, "v %.*g %.*g %.*g %.4f %.4f %.4f\nvn %.5f %.5f %.5f\n",
+                       digits, p[0], digits, p[1], digits, p[2], c[0] / 255.0, c[1] / 255.0,
+                       c[2] / 255.0, (double)v[0], (double)v[1], (double)v[2]);
         CLN_TRY(cln_atomic_write(file, line, (size_t)n));
     }
     for (size_t i = 0; i < mesh->faces; i++) {

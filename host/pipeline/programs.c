@@ -11,6 +11,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "model/shell_tree.h"
 #include "ranks/ranks.h"
 
@@ -128,7 +129,7 @@ static void line(text *t, const char *fmt, ...)
     if (t->st != CLN_OK || t->used + 512 > t->capacity)
         return;
     va_start(args, fmt);
-    t->used += (size_t)vsnprintf(t->text + t->used, t->capacity - t->used, fmt, args);
+    t->used += (size_t)cln_format_list(t->text + t->used, t->capacity - t->used, fmt, args);
     va_end(args);
     t->text[t->used++] = '\n';
     t->text[t->used] = 0;

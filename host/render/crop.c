@@ -128,6 +128,7 @@ bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop 
 void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree, cln_crop *crop)
 {
     double box[6];
+    char text[160];
     int n = 0;
 
     if (!cln_crop_is_empty(space, tree, crop))
@@ -135,12 +136,14 @@ void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *t
     for (int i = 0; i < 6; i++)
         box[i] = space->centre[i % 3] + (i < 3 ? -space->half : space->half);
     n = cln_reals_digits(6, box, 2 * space->half);
+    cln_format(text, sizeof text, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2],
+               n, box[3], n, box[4], n, box[5]);
     if (space->forward || space->shell)
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it", name);
     else
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it; the scene's "
-                 "cube is %.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
-                 name, n, box[0], n, box[1], n, box[2], n, box[3], n, box[4], n, box[5]);
+                 "cube is %s",
+                 name, text);
 }
 
 /* half +- axis (p - middle) >= 0 */

@@ -11,6 +11,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 
 enum { BORDER = 8 }; /* places of an image: its corners and the middles of its sides */
 static const double NEAR = 0.9, MARGIN = 1.02;
@@ -177,8 +178,8 @@ cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_resul
     nearest = nearest_told(scene, &space, &aside);
     if (aside) {
         snprintf(refused, CLN_REFUSED_BYTES,
-                 "a border of '%.100s' looks more than 78 degrees off the mean camera's axis",
-                 aside);
+                 "a border of '%.*s' looks more than 78 degrees off the mean camera's axis",
+                 (int)cln_utf8_whole(aside, 100), aside);
         goto done;
     }
     if (isnan(nearest)) {

@@ -41,6 +41,12 @@ typedef struct inspection {
     bool posed; /* photos fit their poses, as far as is known */
 } inspection;
 
+/* Takes off a character at the end that was cut, which JSON would refuse. */
+static void end_whole(char *text)
+{
+    text[cln_utf8_whole(text, strlen(text))] = 0;
+}
+
 void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json_t *views,
                      const char *fmt, ...)
 {
@@ -50,6 +56,8 @@ void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json
     va_start(args, fmt);
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
+    end_whole(text);
+    cln_utf8_repair(text); /* paths may be anything */
     json_array_append_new(findings, json_pack("{s:s, s:b, s:o, s:s}", "what", what, "likely_fault",
                                               likely_fault, "views", views ? views : json_array(),
                                               "text", text));
@@ -79,6 +87,7 @@ static const char *name_some(const json_t *views, char *out, size_t bytes)
                                  json_string_value(json_array_get(views, i)));
     if (count > NAMED && used < bytes)
         snprintf(out + used, bytes - used, " and %zu more", count - NAMED);
+    end_whole(out);
     return out;
 }
 
@@ -96,6 +105,7 @@ static const char *name_pairs(const json_t *views, char *out, size_t bytes)
     if (count > NAMED && used < bytes)
         snprintf(out + used, bytes - used, "; and %zu more pair%s", count - NAMED,
                  cln_plural((double)(count - NAMED), "", "s"));
+    end_whole(out);
     return out;
 }
 
@@ -124,6 +134,12 @@ static void check_agreement(inspection *in)
     measure(in, "ties", a->tie_count);
     measure(in, "agreeing_share", a->share);
     in->posed = !(a->share < UNSOUND);
+    if (isnan(a->share) && a->pairs == 0) {
+        cln_found_fault(in->findings, "overlap", false, NULL,
+                        "no two photos stand apart, so that none can be compared with their poses: "
+                        "a scene needs photos from several places");
+        return;
+    }
     if (isnan(a->share)) {
         cln_found_fault(
             in->findings, "overlap", false, NULL,
@@ -286,8 +302,8 @@ static void write_box(const double low[3], const double high[3], char out[BOX_BY
         if (high[a] > low[a])
             least = fmin(least, high[a] - low[a]);
     n = cln_reals_digits(6, box, least);
-    snprintf(out, BOX_BYTES, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
-             box[3], n, box[4], n, box[5]);
+    cln_format(out, BOX_BYTES, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
+               box[3], n, box[4], n, box[5]);
 }
 
 static cln_status check_cube(inspection *in)
@@ -297,7 +313,8 @@ static cln_status check_cube(inspection *in)
     const cln_space *space = &in->scene->space, core = cln_space_core(space);
     const int count = a->point_count;
     double *values = NULL, low[3], high[3], span = 0, inside = 0, cameras = 0;
-    char box[BOX_BYTES];
+    char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
+    bool tighter = true; /* the box of the points is smaller than the cube, on all axes */
 
     CLN_TRY(cln_alloc(&values, (size_t)count + 1, sizeof *values, "points"));
     for (int i = 0; i < in->scene->view_count; i++) {
@@ -345,11 +362,17 @@ static cln_status check_cube(inspection *in)
 
         low[axis] -= margin;
         high[axis] += margin;
+        tighter = tighter && high[axis] - low[axis] < 2 * space->half;
     }
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
     write_box(low, high, box);
+    if (tighter)
+        snprintf(advice, sizeof advice, ". A tighter box: %s--bbox=%s",
+                 space->shell ? "--space shell " : "", box);
+    else if (!space->shell)
+        snprintf(advice, sizeof advice, ". A box around all of that: --bbox=%s", box);
     if (inside < INSIDE_LEAST && !space->shell)
         cln_found_fault(in->findings, "cube", true, NULL,
                         "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "
@@ -358,9 +381,9 @@ static cln_status check_cube(inspection *in)
     else if (span < SPAN_LEAST || in->scene->cube_guessed)
         cln_found_fault(in->findings, "cube", span < SPAN_LEAST, NULL,
                         "%s (half side %g; %s): it holds %.0f%% of what the photos show, which "
-                        "spans %.0f%% of its side. A tighter box: --bbox=%s",
+                        "spans %.0f%% of its side%s",
                         span < SPAN_LEAST ? "the cube is much too large" : "the cube is a guess",
-                        space->half, in->scene->bounds_rule, 100 * inside, 100 * span, box);
+                        space->half, in->scene->bounds_rule, 100 * inside, 100 * span, advice);
 done:
     free(values);
     return st;
@@ -457,10 +480,10 @@ static void check_masks(inspection *in)
                         "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
                         "show alike. Likely the wrong colour counts: invert them",
                         masks ? "masks" : "alpha channels", 100 * area, 100 * agreeing);
-    else if (masks && (area < MASKS_LEAST || area == 1))
+    else if (masks && (area < MASKS_LEAST || area > 1 - 1e-9))
         cln_found_fault(
             in->findings, "masks", false, NULL,
-            "the mask%s of %d photo%s leave%s %.2g%% of the pixels; if the wrong colour "
+            "the mask%s of %d photo%s leave%s %.3g%% of the pixels; if the wrong colour "
             "counts, invert %s",
             cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
             cln_plural(masks, "s", ""), 100 * area, cln_plural(masks, "it", "them"));
@@ -539,6 +562,13 @@ static bool same_pose(const cln_scene *scene, int a, int b)
     return true;
 }
 
+/* One frame that the val and the test set share, as in many datasets: no copy. */
+static bool in_two_held_out(const cln_view *a, const cln_view *b)
+{
+    return a->split != CLN_SPLIT_TRAIN && b->split != CLN_SPLIT_TRAIN && a->split != b->split &&
+           strcmp(a->path, b->path) == 0;
+}
+
 static void check_duplicates(inspection *in)
 {
     json_t *photos = json_array(), *poses = json_array();
@@ -552,11 +582,12 @@ static void check_duplicates(inspection *in)
             const bool pose = same_pose(in->scene, i, k);
             json_t *list = photo ? photos : poses;
 
-            if (!photo && !pose)
+            if ((!photo && !pose) || in_two_held_out(&in->scene->views[i], &in->scene->views[k]))
                 continue;
             add_view(list, in, k);
             add_view(list, in, i);
-            across |= in->scene->views[i].split != in->scene->views[k].split;
+            across |= (in->scene->views[i].split == CLN_SPLIT_TRAIN) !=
+                      (in->scene->views[k].split == CLN_SPLIT_TRAIN);
         }
     if (json_array_size(photos))
         cln_found_fault(in->findings, "duplicates", true, json_incref(photos),
@@ -591,6 +622,7 @@ static void check_files(inspection *in)
 
 static json_t *describe_views(const inspection *in)
 {
+    const cln_space core = cln_space_core(&in->scene->space);
     json_t *views = json_array();
 
     for (int i = 0; i < in->scene->view_count; i++) {
@@ -603,7 +635,7 @@ static json_t *describe_views(const inspection *in)
                              "s:i}",
                              "name", view->name, "split", cln_split_names[view->split], "place",
                              m[3], m[7], m[11], "axis", m[2], m[6], m[10], "inside_cube",
-                             cln_space_holds(&in->scene->space, place), "sharpness",
+                             cln_space_holds(&core, place), "sharpness",
                              cln_json_real(in->photos[i].sharpness), "exposure",
                              cln_json_real(a->exposure), "exposure_jump", cln_json_real(a->jump),
                              "exposure_around", cln_json_real(isnan(a->jump) ? NAN : a->around),

@@ -272,6 +272,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     scene->ignored = json_incref(result->ignored);
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
                          others ? "; also there, not read: --format " : "", others ? others : ""));
+    cln_utf8_repair(scene->because); /* it names folders; JSON needs UTF-8 */
     CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config->holdout));
     CLN_TRY(cln_scene_leave_out(scene, desc->config->missing));
     CLN_TRY(name_files(scene));

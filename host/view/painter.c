@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "base/memory.h"
+#include "base/number.h"
 #include "io/image.h"
 #include "ranks/ranks.h"
 #include "render/depth_picture.h"
@@ -393,10 +394,10 @@ static cln_status paint_point(cln_painter *painter, cln_painting *g)
     cln_camera_ray(&one, 0.5, 0.5, origin, direction);
     if (g->rendering.picture.opacity[0] > 0)
         depth = cln_space_distance_to_scene(space, g->rendering.picture.depth[0]);
-    snprintf(text, sizeof text,
-             "{\"opacity\": %.6g, \"depth\": %.9g, \"point\": [%.15g, %.15g, %.15g]}",
-             (double)g->rendering.picture.opacity[0], depth, origin[0] + depth * direction[0],
-             origin[1] + depth * direction[1], origin[2] + depth * direction[2]);
+    cln_format(text, sizeof text,
+               "{\"opacity\": %.6g, \"depth\": %.9g, \"point\": [%.15g, %.15g, %.15g]}",
+               (double)g->rendering.picture.opacity[0], depth, origin[0] + depth * direction[0],
+               origin[1] + depth * direction[1], origin[2] + depth * direction[2]);
     cln_painting_say(g, 200, text);
     g->type = "application/json";
 done:

@@ -16,6 +16,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "view/pages.h"
 
 enum {
@@ -212,8 +213,8 @@ static enum MHD_Result send_painting(cln_server *s, struct MHD_Connection *conne
         set_deadline(s, connection, FILM_SECONDS);
         return sent;
     }
-    snprintf(about, sizeof about, "%d %d %.2f %.6g %.6g", g->width, g->height, 1e3 * g->seconds,
-             g->near, g->far);
+    cln_format(about, sizeof about, "%d %d %.2f %.6g %.6g", g->width, g->height, 1e3 * g->seconds,
+               g->near, g->far);
     if (g->width > 0)
         MHD_add_response_header(response, "X-Picture", about);
     return send_response(s, connection, g->status, g->type, response);

@@ -8,6 +8,7 @@
 #include <cmocka.h>
 #include <dlfcn.h>
 #include <unistd.h>
+#include "comma.h"
 #include "export/reduce.h"
 #include "io/npy.h"
 #include "near.h"
@@ -331,6 +332,44 @@ static void cameras_come_back(void **state)
     assert_same_cameras(fixture_path("colmap"), false);
 }
 
+static void assert_same_files(const char *a, const char *b)
+{
+    size_t a_bytes = 0, b_bytes = 0;
+    char *a_text = scratch_get(fixture_path(a), &a_bytes);
+    char *b_text = scratch_get(fixture_path(b), &b_bytes);
+
+    assert_int_equal(a_bytes, b_bytes);
+    assert_memory_equal(a_text, b_text, a_bytes);
+    free(a_text);
+    free(b_text);
+}
+
+/* Kernels get constants as text: a mesh shows that they are right, too. */
+static void other_locales_change_no_file(void **state)
+{
+    static const char *const what[] = {"mesh", "cameras"};
+    static const char *const files[2][2] = {{"point.obj", "comma.obj"}, {"point", "comma"}};
+    cln_status st[2][2];
+
+    NEED_DEVICE();
+    for (int comma = 0; comma < 2; comma++) {
+        if (comma)
+            comma_locale_begin();
+        for (int i = 0; i < 2; i++) {
+            const cln_export_desc desc = export_desc(what[i], files[i][comma]);
+            cln_export_result result;
+
+            st[i][comma] = cln_export(&desc, &result);
+        }
+    }
+    comma_locale_end();
+    for (int i = 0; i < 4; i++)
+        assert_ok(st[i / 2][i % 2]);
+    assert_same_files("point.obj", "comma.obj");
+    assert_same_files("point/cameras.txt", "comma/cameras.txt");
+    assert_same_files("point/images.txt", "comma/images.txt");
+}
+
 static void mistakes_are_named(void **state)
 {
     cln_export_desc desc = export_desc("mesh", "x.stl");
@@ -381,6 +420,7 @@ int test_group_exports(void)
         cmocka_unit_test(a_mesh_of_fewer_triangles),
         cmocka_unit_test(volumes_are_the_field),
         cmocka_unit_test(cameras_come_back),
+        cmocka_unit_test(other_locales_change_no_file),
         cmocka_unit_test(mistakes_are_named),
         cmocka_unit_test(a_signal_leaves_no_file),
     };

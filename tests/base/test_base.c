@@ -617,6 +617,13 @@ static void test_utf8(void **state)
         assert_int_equal(cln_utf8_bytes(cases[i].text), cases[i].bytes);
     assert_true(cln_utf8_valid("") && cln_utf8_valid("\xc3\xbc\xe2\x82\xac"));
     assert_false(cln_utf8_valid("a\xfc"));
+    assert_int_equal(cln_utf8_whole("a\xc3\xbc", 2), 1);
+    assert_int_equal(cln_utf8_whole("a\xc3\xbc", 3), 3);
+    assert_int_equal(cln_utf8_whole("a\xc3\xbc", 9), 3);
+    assert_int_equal(cln_utf8_whole("\xe2\x82\xac", 2), 0);
+    assert_int_equal(cln_utf8_whole("a\xf0\x9f\x98\x80", 4), 1);
+    assert_int_equal(cln_utf8_whole("a\x80\x80\x80\x80", 4), 4); /* no character at all */
+    assert_int_equal(cln_utf8_whole("", 4), 0);
     cln_utf8_repair(name);
     assert_string_equal(name, "Xeon? \xc3\xbc ??");
 }

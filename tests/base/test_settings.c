@@ -11,6 +11,7 @@
 #include <string.h>
 #include "base/log.h"
 #include "base/settings.h"
+#include "comma.h"
 #include "tests.h"
 
 static cln_settings *create(const char *preset)
@@ -114,6 +115,24 @@ static void test_refused(void **state)
     assert_int_equal(cln_settings_of_run("/nonexistent", &none), CLN_INPUT);
     assert_null(none);
     cln_clear_error();
+    cln_settings_free(settings);
+}
+
+static void test_extend_in_other_locale(void **state)
+{
+    cln_settings *settings = NULL;
+    cln_status st = CLN_OK;
+
+    (void)state;
+    comma_locale_begin();
+    settings = create("fast");
+    set(settings, "time-limit", "60.5");
+    settings->base = settings->config;
+    settings->preset[0] = 0;
+    st = cln_settings_set(settings, "time-limit", "+0.25");
+    comma_locale_end();
+    assert_int_equal(st, CLN_OK);
+    assert_true(settings->config.time_limit == 60.75);
     cln_settings_free(settings);
 }
 
@@ -406,6 +425,7 @@ int test_group_settings(void)
         cmocka_unit_test(test_every_setting),
         cmocka_unit_test(test_refused),
         cmocka_unit_test(test_extend),
+        cmocka_unit_test(test_extend_in_other_locale),
         cmocka_unit_test(test_extend_beside_given),
         cmocka_unit_test(test_extend_after_other),
         cmocka_unit_test(test_extend_epochs),

@@ -526,6 +526,9 @@ section_poses() {
     expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
         poses "$work/photos/train" -o "$work/parts" --progress none --json
     check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
+    expect "a model of more than 1 GiB is counted" 0 "~2.groups" env PATH="$path" STAND_IN=large \
+        "$cln" poses "$work/photos/train" -o "$work/large" --progress none --json
+    rm -r "$work/large"
     expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
         env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
     expect "it can be tried again" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
@@ -560,6 +563,16 @@ END
     expect "a video" 0 "" env PATH="$path" "$cln" poses "$work/walk.mp4" -o "$work/walk" \
         --frames 12 --progress none --json
     check "poses of a video take its frames" [ "$(json registered) $(json photos)" = "3 4" ]
+    cp "$work/walk.mp4" "$work/12:30.mp4"
+    printf '#!/bin/sh\necho "$*" >"%s/probed"\necho 10.0\n' "$work" >"$work/bin/ffprobe"
+    printf '#!/bin/sh\nprintf "%%s\\n" "$@" >"%s/made"\nexit 1\n' "$work" >"$work/bin/ffmpeg"
+    expect "a video and a folder whose names mean something to ffmpeg" 1 "" \
+        bash -c 'cd "$1" && PATH=$2 exec "$3" poses 12:30.mp4 -o a%d --progress none' - \
+        "$work" "$path" "$cln"
+    check "ffprobe gets a file, not an address" grep -q " file:12:30.mp4$" "$work/probed"
+    check "so does ffmpeg" grep -qx "file:12:30.mp4" "$work/made"
+    check "its percent sign is no number of a frame" \
+        grep -qx "file:a%%d/images/frame_%05d.jpg" "$work/made"
 }
 
 # numbers FILE.npy: of float32, one a line

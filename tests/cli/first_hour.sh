@@ -315,6 +315,11 @@ section_scenes() {
         "$cln" info "$work/windows" --json
     check "all photos are read" [ "$(json splits.train)$(json splits.test)" = 51 ]
 
+    "$make_scene" "$work/cafe" --format colmap --size 32 --train 6 --test 0 >/dev/null
+    mv "$work/cafe/images" "$work/cafe/caf"$'\xe9'
+    expect "photos in a folder whose name is not UTF-8" 0 "" "$cln" info "$work/cafe" --json
+    check "its name in the reason" grep -q "images are from caf[?]" "$work/out"
+
     mkdir -p "$work/odd/empty" "$work/odd/photos" "$work/odd/polycam/keyframes/images" \
         "$work/odd/record3d/EXR_RGBD" "$work/odd/zip" "$work/odd/video" "$work/odd/mesh"
     cp "$s"/train/r_00[012].png "$work/odd/photos"

@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <cmocka.h>
 #include "io/film.h"
+#include "comma.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -92,6 +93,24 @@ static void test_ffmpeg(void **state)
     free(own);
 }
 
+static void test_rate_in_other_locale(void **state)
+{
+    const char *path = scratch_path(*state, "a.mp4");
+    char *own = NULL;
+    cln_status st = CLN_OK;
+
+    comma_locale_begin();
+    own = strdup(getenv("PATH"));
+    assert_int_equal(setenv("PATH", *state, 1), 0);
+    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\necho \"$*\" >\"$to\"\n/bin/cat >/dev/null\n"
+                      "case \"$*\" in *' -r 12.500000 '*) ;; *) exit 1 ;; esac\n");
+    st = make(path, false);
+    comma_locale_end();
+    setenv("PATH", own, 1);
+    free(own);
+    assert_int_equal(st, CLN_OK);
+}
+
 static void test_names(void **state)
 {
     (void)state;
@@ -104,6 +123,7 @@ int test_group_film(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
     const struct CMUnitTest tests[] = {ON_DISK(test_y4m), ON_DISK(test_ffmpeg),
+                                       ON_DISK(test_rate_in_other_locale),
                                        cmocka_unit_test(test_names)};
 
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);

@@ -6,6 +6,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include "base/text.h"
 #include "format_fixture.h"
 #include "tests.h"
 
@@ -222,6 +223,37 @@ static void test_aside(void **state)
     }
 }
 
+/* The name of the camera that looks aside is shortened between two characters. */
+static void test_long_name(void **state)
+{
+    const char *folder = *state;
+    const cln_config config = *plain();
+    cln_camera cameras[FORMAT_VIEWS];
+    char name[160] = "images/view_02";
+    cln_scene *scene = NULL;
+
+    make_cameras(cameras);
+    for (int a = 0; a < 3; a++) { /* to where the right one's x axis points */
+        double *m = cameras[2].c2w + 4 * a;
+        const double x = m[0];
+
+        m[0] = -m[2];
+        m[2] = x;
+    }
+    for (int i = 0; i < 60; i++)
+        strcat(name, "\xc3\xa9");
+    strcat(name, ".png");
+    format_images(scratch_path(folder, "images"), 1);
+    assert_int_equal(rename(scratch_path(folder, "images/view_02.png"), scratch_path(folder, name)),
+                     0);
+    format_llff(folder, cameras, 1, false);
+    scene = load(folder, &config);
+    assert_non_null(strstr(scene->bounds_rule, "'view_02\xc3\xa9"));
+    assert_non_null(strstr(scene->bounds_rule, "\xc3\xa9' looks more than 78"));
+    assert_true(cln_utf8_valid(scene->bounds_rule));
+    cln_scene_free(scene);
+}
+
 /* COLMAP's points, except an outlier, give the near plane. Such scenes are cubes unless told
  * otherwise. */
 static void test_points(void **state)
@@ -259,6 +291,7 @@ int test_group_forward(void)
         cmocka_unit_test_setup_teardown(test_llff, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_refused, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_aside, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_long_name, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points, scratch_make, scratch_remove),
     };
 

@@ -34,6 +34,7 @@ int test_group_forward(void);
 int test_group_frames(void);
 int test_group_help(void);
 int test_group_image(void);
+int test_group_inspect(void);
 int test_group_integer_program(void);
 int test_group_learning(void);
 int test_group_lens(void);

@@ -1,0 +1,290 @@
+/* The findings of check (scene/inspect.h) that captures of the command line do not reach, on photos
+ * of a painted wall that are made by hand. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/rng.h"
+#include "base/text.h"
+#include "scene/inspect.h"
+#include "tests.h"
+
+enum { VIEWS = 12, BLOCK = 4, STEP = 2 * BLOCK, WIDE = 96, HIGH = 64, NAME_BYTES = 400 };
+
+static char rule[] = "a test's", folder[] = "photos";
+
+/* `count` views of a wall at distance 1, from a row of places. */
+typedef struct wall {
+    cln_scene scene;
+    cln_view views[VIEWS];
+    char names[VIEWS][NAME_BYTES];
+    uint8_t pixels[VIEWS][WIDE * HIGH * 3];
+    json_t *all;
+} wall;
+
+static wall *make_wall(int count)
+{
+    wall *w = calloc(1, sizeof *w);
+
+    assert_non_null(w);
+    w->scene = (cln_scene){.views = w->views,
+                           .view_count = count,
+                           .folder = folder,
+                           .bounds_rule = rule,
+                           .cube_share = 1,
+                           .apart_share = NAN,
+                           .space = cln_space_unit};
+    for (int i = 0; i < count; i++) {
+        cln_camera *c = &w->views[i].camera;
+
+        for (int p = 0; p < WIDE * HIGH; p++)
+            memset(w->pixels[i] + 3 * p,
+                   (int)(60 + 150 * cln_uniform_hash(3, 1, 0, (uint32_t)(p / WIDE / BLOCK), 0,
+                                                     (uint32_t)((p % WIDE + STEP * i) / BLOCK))),
+                   3);
+        snprintf(w->names[i], NAME_BYTES, "%d", i);
+        *c = (cln_camera){.fx = WIDE, .fy = WIDE, .cx = WIDE / 2.0, .cy = HIGH / 2.0};
+        c->width = WIDE;
+        c->height = HIGH;
+        c->c2w[0] = c->c2w[5] = c->c2w[10] = 1;
+        c->c2w[3] = (double)STEP * i / WIDE;
+        w->views[i].name = w->views[i].path = w->names[i];
+        w->views[i].channels = 3;
+        w->views[i].pixels = w->pixels[i];
+    }
+    return w;
+}
+
+/* The findings of that word; NULL: none. */
+static const json_t *inspect(wall *w, const char *what)
+{
+    const json_t *findings = NULL;
+
+    json_decref(w->all);
+    w->all = NULL;
+    assert_int_equal(cln_scene_inspect(&w->scene, NULL, &w->all), CLN_OK);
+    findings = json_object_get(w->all, "findings");
+    for (size_t i = 0; i < json_array_size(findings); i++)
+        if (!strcmp(json_string_value(json_object_get(json_array_get(findings, i), "what")), what))
+            return json_array_get(findings, i);
+    return NULL;
+}
+
+static const char *text_of(const json_t *finding)
+{
+    return finding ? json_string_value(json_object_get(finding, "text")) : "";
+}
+
+static void free_wall(wall *w)
+{
+    json_decref(w->all);
+    free(w);
+}
+
+/* ---- names ---- */
+
+/* A text that is too long ends before a character that does not fit. */
+static void test_long_findings(void **state)
+{
+    char text[4001];
+
+    (void)state;
+    for (int i = 0; i < 2000; i++)
+        memcpy(text + 2 * i, "\xc3\xa9", 2);
+    text[4000] = 0;
+    for (int odd = 0; odd < 2; odd++) {
+        json_t *findings = json_array();
+        const char *got = NULL;
+
+        cln_found_fault(findings, "test", true, NULL, "%s%s", odd ? "a" : "", text);
+        cln_found_fault(findings, "test", true, NULL, "caf\xe9, %s", odd ? "a" : "b");
+        assert_int_equal(json_array_size(findings), 2);
+        got = text_of(json_array_get(findings, 0));
+        assert_in_range(strlen(got), 2045, 2047);
+        assert_true(cln_utf8_valid(got));
+        assert_string_equal(text_of(json_array_get(findings, 1)), odd ? "caf?, a" : "caf?, b");
+        json_decref(findings);
+    }
+}
+
+/* Three far cameras, two of them at one place, with long names of characters of three bytes. */
+static void test_long_names(void **state)
+{
+    enum { COUNT = 7 };
+
+    (void)state;
+    for (int letters = 0; letters < 2; letters++) {
+        wall *w = make_wall(COUNT);
+
+        for (int i = 0; i < COUNT; i++) {
+            char *end = w->names[i] + sprintf(w->names[i], "%.*s", letters, "abc");
+
+            for (int k = 0; k < 100; k++, end += 3)
+                strcpy(end, "\xe2\x82\xac");
+            snprintf(end, 8, "%d", i);
+        }
+        for (int i = COUNT - 3; i < COUNT; i++)
+            w->views[i].camera.c2w[7] = i < COUNT - 1 ? 1000 : 2000;
+        w->views[COUNT - 2].camera.c2w[3] = w->views[COUNT - 3].camera.c2w[3];
+        assert_non_null(inspect(w, "far camera"));
+        assert_true(cln_utf8_valid(text_of(inspect(w, "far camera"))));
+        assert_non_null(strstr(text_of(inspect(w, "far camera")), "leave such frames out"));
+        assert_non_null(inspect(w, "duplicates"));
+        assert_non_null(strstr(text_of(inspect(w, "duplicates")), "One of each pair is wrong"));
+        free_wall(w);
+    }
+}
+
+/* ---- copies ---- */
+
+/* Makes view b show what a shows, from the same place; same_file: it is the same frame. */
+static void copy_view(wall *w, int a, int b, bool same_file)
+{
+    memcpy(w->pixels[b], w->pixels[a], sizeof w->pixels[a]);
+    w->views[b].camera = w->views[a].camera;
+    if (same_file)
+        w->views[b].path = w->views[a].path;
+}
+
+/* A frame in the val and the test set is common; one in the train set, too, spoils its score. */
+static void test_copies(void **state)
+{
+    enum { COUNT = 6 };
+    static const struct {
+        cln_split a, b;
+        bool same_file, found, spoils;
+    } cases[] = {
+        {CLN_SPLIT_VAL, CLN_SPLIT_TEST, true, false, false},
+        {CLN_SPLIT_VAL, CLN_SPLIT_TEST, false, true, false},
+        {CLN_SPLIT_TRAIN, CLN_SPLIT_TEST, true, true, true},
+        {CLN_SPLIT_TRAIN, CLN_SPLIT_TRAIN, true, true, false},
+        {CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, false, true, true},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        wall *w = make_wall(COUNT);
+        const char *text = NULL;
+
+        w->views[COUNT - 2].split = cases[i].a;
+        w->views[COUNT - 1].split = cases[i].b;
+        copy_view(w, COUNT - 2, COUNT - 1, cases[i].same_file);
+        text = text_of(inspect(w, "duplicates"));
+        if ((*text != 0) != cases[i].found || !strstr(text, "held out") == cases[i].spoils)
+            fail_msg("case %zu: '%s'", i, text);
+        free_wall(w);
+    }
+}
+
+/* ---- the cube ---- */
+
+/* What the wall's photos show is 1.4 wide and at a distance of 1. */
+static void test_box(void **state)
+{
+    static const struct {
+        double half;
+        bool shell;
+        const char *has, *has_not;
+    } cases[] = {
+        {2, false, "tighter box: --bbox=", "--space"},
+        {2, true, "tighter box: --space shell --bbox=", "around"},
+        {0.6, false, "box around all of that: --bbox=", "tighter"},
+        {0.6, true, "the cube is a guess", "--bbox"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        wall *w = make_wall(VIEWS);
+        const char *text = NULL;
+
+        w->scene.cube_guessed = true;
+        w->scene.space.half = cases[i].half;
+        w->scene.space.shell = cases[i].shell;
+        w->scene.space.centre[0] = 0.45;
+        w->scene.space.centre[2] = 1;
+        text = text_of(inspect(w, "cube"));
+        if (!strstr(text, cases[i].has) || strstr(text, cases[i].has_not))
+            fail_msg("case %zu: '%s'", i, text);
+        free_wall(w);
+    }
+}
+
+/* A shell is seen from everywhere, but not everything is in its cube. */
+static void test_inside(void **state)
+{
+    enum { COUNT = 6 };
+    wall *w = make_wall(COUNT);
+    int inside = 0;
+
+    (void)state;
+    w->scene.space.shell = true;
+    w->scene.space.half = 0.2;
+    inspect(w, "cube");
+    for (size_t i = 0; i < COUNT; i++)
+        inside += json_is_true(
+            json_object_get(json_array_get(json_object_get(w->all, "views"), i), "inside_cube"));
+    assert_int_equal(inside, 3); /* at 0, 1/12 and 2/12 */
+    assert_true(json_number_value(json_object_get(json_object_get(w->all, "measures"),
+                                                  "cameras_inside")) == inside);
+    free_wall(w);
+}
+
+/* ---- what can be compared ---- */
+
+static void test_nothing_to_compare(void **state)
+{
+    wall *w = make_wall(1);
+    const char *text = NULL;
+
+    (void)state;
+    text = text_of(inspect(w, "overlap"));
+    assert_non_null(strstr(text, "no two photos stand apart"));
+    assert_null(strstr(text, "texture"));
+    free_wall(w);
+    w = make_wall(4);
+    for (int i = 0; i < 4; i++)
+        w->views[i].camera.c2w[3] = 0;
+    assert_non_null(strstr(text_of(inspect(w, "overlap")), "no two photos stand apart"));
+    free_wall(w);
+    w = make_wall(2); /* compared, without much in common */
+    w->views[1].camera.c2w[3] = 0.5;
+    memset(w->pixels[1], 128, sizeof w->pixels[1]);
+    assert_non_null(strstr(text_of(inspect(w, "overlap")), "texture"));
+    free_wall(w);
+}
+
+/* Masks that keep all pixels of 10 photos: tenths do not add up to 1. */
+static void test_masks_without_effect(void **state)
+{
+    enum { COUNT = 10 };
+    wall *w = make_wall(COUNT);
+    static uint8_t all[WIDE * HIGH / 8];
+
+    (void)state;
+    memset(all, 255, sizeof all);
+    for (int i = 0; i < COUNT; i++)
+        w->views[i].kept = w->views[i].masked = all;
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "masks of 10 photos leave 100% of"));
+    free_wall(w);
+}
+
+int test_group_inspect(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_long_findings),
+        cmocka_unit_test(test_long_names),
+        cmocka_unit_test(test_copies),
+        cmocka_unit_test(test_box),
+        cmocka_unit_test(test_inside),
+        cmocka_unit_test(test_nothing_to_compare),
+        cmocka_unit_test(test_masks_without_effect),
+    };
+
+    return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
+}
