@@ -162,6 +162,24 @@ static void test_lenses(void **state)
          "\"camera_model\":\"SIMPLE_FISHEYE\",\"k1\":0,\"k2\":0,\"k3\":0,\"k4\":0,",
          CLN_LENS_OPENCV_FISHEYE,
          {0}},
+        /* nerfstudio's lists, which come before single keys */
+        {"8.png",
+         "\"camera_model\":\"OPENCV\",\"distortion_params\":[0.1,0.2,0,0,0.3,0.4],",
+         CLN_LENS_OPENCV,
+         {0.1, 0.2, 0.3, 0.4}},
+        {"9.png",
+         "\"distortion_params\":[0.1,0.2,0.3,0.4,0,0],\"k1\":5,",
+         CLN_LENS_OPENCV_FISHEYE,
+         {0.1, 0.2, 0.3, 0.4}},
+        {"10.png",
+         "\"camera_model\":\"FISHEYE624\",\"distortion_params\":[0.01,0.02,0.03,0.04,0.05,0.06,"
+         "0.07,0.08,0.09,0.11,0.12,0.13],",
+         CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
+         {0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.11, 0.12, 0.13}},
+        {"11.png",
+         "\"camera_model\":\"PINHOLE\",\"distortion_params\":[0,0,0,0],",
+         CLN_LENS_OPENCV,
+         {0}},
     };
     enum { FRAMES = sizeof frames / sizeof *frames };
     const char *folder = *state;
@@ -184,7 +202,8 @@ static void test_lenses(void **state)
     scene = load(folder, &config);
     assert_int_equal(scene->lenses, 1u << CLN_LENS_OPENCV | 1u << CLN_LENS_OPENCV_FISHEYE |
                                         1u << CLN_LENS_FULL_OPENCV |
-                                        1u << CLN_LENS_EQUIRECTANGULAR | 1u << CLN_LENS_FOV);
+                                        1u << CLN_LENS_EQUIRECTANGULAR | 1u << CLN_LENS_FOV |
+                                        1u << CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE);
     for (int i = 0; i < FRAMES; i++) {
         const cln_camera *camera = &view_named(scene, frames[i].name)->camera;
 
