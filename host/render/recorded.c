@@ -205,6 +205,7 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_s
     if (config.space == CLN_SPACE_AUTO && same_text(dataset, "space", "cube"))
         config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
     desc.config = &config;
+    desc.keep_alpha = json_is_true(json_object_get(dataset, "alpha"));
     if (!desc.path) {
         CLN_TRY(find_scene(run, dataset, &path, &place));
         desc.path = path;

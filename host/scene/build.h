@@ -45,7 +45,13 @@ void cln_scene_tell_turns(const cln_scene *scene, json_t *findings);
 
 /* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,
  * checked, then brought to the downscaled size. Fills downscale, has_alpha, lenses. */
-cln_status cln_scene_size_views(cln_scene *scene, int downscale);
+cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc);
+
+/* opaque.c: if no photo of a scene without alpha files has a pixel that is not opaque, those with
+ * alpha get 3 channels, and are `opaque`. Every rank looks, and finds the same. */
+cln_status cln_scene_find_opaque(cln_scene *scene, const cln_callbacks *callbacks);
+/* Are all of `count` pixels of 4 channels opaque? */
+bool cln_image_is_opaque(const uint8_t *pixels, size_t count);
 
 /* kept.c: finds the pixels that have no ray; fills maps, and the views' kept and left_out.
  * CLN_INPUT if no pixel of a view has a ray. */

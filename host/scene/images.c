@@ -153,14 +153,17 @@ static cln_status read_heads(cln_scene *scene)
     return CLN_OK;
 }
 
-cln_status cln_scene_size_views(cln_scene *scene, int downscale)
+cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
 {
+    const int downscale = desc->config->downscale;
     cln_status st = CLN_OK;
     char *frame = NULL;
     int longest = 0, shortest = INT_MAX;
     bool warned = false;
 
     CLN_TRY(read_heads(scene));
+    if (!desc->keep_alpha)
+        CLN_TRY(cln_scene_find_opaque(scene, desc->callbacks));
     cln_scene_find_turns(scene);
     CLN_TRY(cln_scene_turn_masks(scene));
     for (int i = 0; i < scene->view_count; i++) {
@@ -234,7 +237,8 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
             continue;
         images++;
         kept += (double)v->camera.width * v->camera.height * v->channels;
-        largest = fmax(largest, (double)v->file_width * v->file_height * v->channels);
+        largest =
+            fmax(largest, (double)v->file_width * v->file_height * (v->channels + v->opaque));
     }
     reading = 2 * THREADS * largest; /* the file or the row filters, and the pixels */
     if (kept + reading <= room && kept + desc->elsewhere <= room)
@@ -380,6 +384,19 @@ done:
     return st;
 }
 
+/* Takes the alpha from decoded pixels that are opaque. */
+static cln_status drop_alpha(const cln_view *view, int *channels, uint8_t *pixels)
+{
+    const size_t count = (size_t)view->file_width * (size_t)view->file_height;
+
+    if (*channels != 4 || !cln_image_is_opaque(pixels, count))
+        return changed(view->path);
+    for (size_t i = 1; i < count; i++)
+        memmove(pixels + 3 * i, pixels + 4 * i, 3);
+    *channels = 3;
+    return CLN_OK;
+}
+
 /* Does a block of n x n pixels of a mask count? All of them must. */
 static bool counts(const cln_view *view, const uint8_t *mask, int channels, int x, int y, int n)
 {
@@ -498,6 +515,8 @@ static cln_status read_view(job *work, int index)
         CLN_TRY(cln_image_turn(view->orientation, &width, &height, channels, &pixels));
     if (wanted && (width != view->file_width || height != view->file_height))
         CLN_TRY(changed(view->path));
+    if (wanted && view->opaque)
+        CLN_TRY(drop_alpha(view, &channels, pixels));
     if (view->alpha_path)
         CLN_TRY(add_alpha(view, wanted, digest, &channels, &pixels));
     if (view->mask_path)

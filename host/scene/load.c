@@ -277,7 +277,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_leave_out(scene, desc->config->missing));
     CLN_TRY(name_files(scene));
     digest_cameras(scene);
-    CLN_TRY(cln_scene_size_views(scene, desc->config->downscale));
+    CLN_TRY(cln_scene_size_views(scene, desc));
     CLN_TRY(cln_scene_find_kept(scene));
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config));
     if (!desc->unseen)

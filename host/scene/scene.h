@@ -78,6 +78,7 @@ typedef struct cln_view {
     int alpha_turn, mask_turn;   /* orientations that bring those files onto `pixels`; 1: none */
     bool masks_known;            /* sizes or EXIF data tell these, or those of other masks */
     int channels;                /* 3, or 4 with straight alpha */
+    bool opaque;                 /* its file has alpha, which is left out as it hides nothing */
     int rank;                    /* that has its pixels (dealt.h) */
     uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not in memory */
     cln_store *store;            /* the scene's, if it has the pixels, at `place`; else NULL */
@@ -137,6 +138,7 @@ typedef struct cln_scene_desc {
     bool pixels[CLN_SPLITS];  /* load the images of these splits, of several ranks each its own;
                                  cameras, sizes and masks always */
     bool unseen;              /* no error if no camera sees the cube */
+    bool keep_alpha;          /* photos that are opaque everywhere keep their alpha, too */
     double elsewhere;         /* bytes of host memory that images must leave */
     const cln_callbacks *callbacks; /* told of the images that are read; NULL: none */
 } cln_scene_desc;

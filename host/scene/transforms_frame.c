@@ -94,20 +94,80 @@ done:
     return st;
 }
 
+/* nerfstudio's distortion_params: numbers without names. */
+typedef struct listed {
+    const char *const *names; /* NULL: there is no list */
+    double values[CLN_LENS_PARAMS];
+    int count;
+} listed;
+
+/* Names are those that nerfstudio gives the numbers: FISHEYE624 has its own, all others share
+ * theirs. Numbers that are all 0 are right in any number. */
+static cln_status read_list(const source *src, cln_lens lens, listed *out)
+{
+    static const char *const shared[] = {"k1", "k2", "k3", "k4", "p1", "p2"};
+    const bool own = lens == CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE;
+    const json_t *list = value_of(src, "distortion_params");
+    const size_t length = json_array_size(list);
+    bool any = false;
+
+    *out = (listed){.count = own ? cln_lens_models[lens].count
+                                 : (int)(sizeof shared / sizeof *shared)};
+    if (!list || json_is_null(list))
+        return CLN_OK;
+    out->names = own ? cln_lens_models[lens].params : shared;
+    for (size_t i = 0; i < length || !json_is_array(list); i++) {
+        const json_t *value = json_array_get(list, i);
+
+        if (!json_is_number(value))
+            return cln_fail(CLN_INPUT, "%s: distortion_params must be a list of numbers",
+                            src->where);
+        any = any || json_number_value(value) != 0;
+        if (i < (size_t)out->count)
+            out->values[i] = json_number_value(value);
+    }
+    if (any && length != (size_t)out->count)
+        return cln_fail(CLN_INPUT,
+                        "%s: distortion_params has %zu numbers, of the lens model %s it has %d "
+                        "(%s to %s); correct it, or give them by their names",
+                        src->where, length, cln_lens_models[lens].name, out->count, out->names[0],
+                        out->names[out->count - 1]);
+    return CLN_OK;
+}
+
+/* A parameter of the lens: the list has precedence, as in nerfstudio. */
+static cln_status parameter_of(const source *src, const listed *list, const char *key, double *out)
+{
+    for (int i = 0; i < list->count && list->names; i++)
+        if (!strcmp(list->names[i], key)) {
+            *out = list->values[i];
+            return CLN_OK;
+        }
+    return number_of(src, key, 0, out);
+}
+
+static bool has_parameter(const cln_lens_model *model, const char *key)
+{
+    for (int i = 0; i < model->count; i++)
+        if (!strcmp(model->params[i], key))
+            return true;
+    return false;
+}
+
 /* Reads the lens model, OPENCV if none is named, and its parameters; refuses parameters that the
  * model lacks. */
 static cln_status read_lens(const source *src, cln_camera *camera)
 {
     static const char *const others[] = {"k3", "k4", "k5", "k6"};
+    enum { OTHERS = sizeof others / sizeof *others };
     cln_status st = CLN_OK;
     const json_t *named = value_of(src, "camera_model");
     const cln_lens_model *model = NULL;
+    listed list;
     char *known = NULL;
     double k3 = 0, k4 = 0;
 
     CLN_TRY(cln_dataset_lenses(&known));
-    CLN_TRY(number_of(src, "k3", 0, &k3));
-    CLN_TRY(number_of(src, "k4", 0, &k4));
     camera->lens = CLN_LENS_OPENCV;
     if (named && !json_is_null(named)) {
         if (!json_is_string(named))
@@ -120,6 +180,9 @@ static cln_status read_lens(const source *src, cln_camera *camera)
                          "images to such a camera",
                          src->where,
                          camera->lens == CLN_LENSES ? json_string_value(named) : "F-theta", known));
+    CLN_TRY(read_list(src, camera->lens, &list));
+    CLN_TRY(parameter_of(src, &list, "k3", &k3));
+    CLN_TRY(parameter_of(src, &list, "k4", &k4));
     if (camera->lens == CLN_LENS_OPENCV && json_is_true(value_of(src, "is_fisheye")))
         camera->lens = CLN_LENS_OPENCV_FISHEYE; /* instant-ngp's way to say it */
     /* k3 with k4 is ambiguous: to some, k4 belongs to OpenCV's divisor, to others, to the
@@ -127,22 +190,20 @@ static cln_status read_lens(const source *src, cln_camera *camera)
     if (camera->lens == CLN_LENS_OPENCV && k3 != 0 && k4 == 0)
         camera->lens = CLN_LENS_FULL_OPENCV; /* OPENCV with more terms */
     model = &cln_lens_models[camera->lens];
-    for (size_t k = 0; k < sizeof others / sizeof *others; k++) {
+    for (int k = 0; k < OTHERS + (list.names ? list.count : 0); k++) {
+        const char *key = k < OTHERS ? others[k] : list.names[k - OTHERS];
         double value = 0;
-        bool has = false;
 
-        for (int i = 0; i < model->count; i++)
-            has = has || !strcmp(model->params[i], others[k]);
-        if (!has)
-            CLN_TRY(number_of(src, others[k], 0, &value));
+        if (!has_parameter(model, key))
+            CLN_TRY(parameter_of(src, &list, key, &value));
         if (value != 0)
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: %s = %g is not a parameter of the lens model %s; name another as "
                              "camera_model: %s",
-                             src->where, others[k], value, model->name, known));
+                             src->where, key, value, model->name, known));
     }
     for (int i = 0; i < model->count; i++)
-        CLN_TRY(number_of(src, model->params[i], 0, &camera->distortion[i]));
+        CLN_TRY(parameter_of(src, &list, model->params[i], &camera->distortion[i]));
 done:
     free(known);
     return st;

@@ -162,6 +162,24 @@ static void test_lenses(void **state)
          "\"camera_model\":\"SIMPLE_FISHEYE\",\"k1\":0,\"k2\":0,\"k3\":0,\"k4\":0,",
          CLN_LENS_OPENCV_FISHEYE,
          {0}},
+        /* nerfstudio's lists, which come before single keys */
+        {"8.png",
+         "\"camera_model\":\"OPENCV\",\"distortion_params\":[0.1,0.2,0,0,0.3,0.4],",
+         CLN_LENS_OPENCV,
+         {0.1, 0.2, 0.3, 0.4}},
+        {"9.png",
+         "\"distortion_params\":[0.1,0.2,0.3,0.4,0,0],\"k1\":5,",
+         CLN_LENS_OPENCV_FISHEYE,
+         {0.1, 0.2, 0.3, 0.4}},
+        {"10.png",
+         "\"camera_model\":\"FISHEYE624\",\"distortion_params\":[0.01,0.02,0.03,0.04,0.05,0.06,"
+         "0.07,0.08,0.09,0.11,0.12,0.13],",
+         CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
+         {0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.11, 0.12, 0.13}},
+        {"11.png",
+         "\"camera_model\":\"PINHOLE\",\"distortion_params\":[0,0,0,0],",
+         CLN_LENS_OPENCV,
+         {0}},
     };
     enum { FRAMES = sizeof frames / sizeof *frames };
     const char *folder = *state;
@@ -184,7 +202,8 @@ static void test_lenses(void **state)
     scene = load(folder, &config);
     assert_int_equal(scene->lenses, 1u << CLN_LENS_OPENCV | 1u << CLN_LENS_OPENCV_FISHEYE |
                                         1u << CLN_LENS_FULL_OPENCV |
-                                        1u << CLN_LENS_EQUIRECTANGULAR | 1u << CLN_LENS_FOV);
+                                        1u << CLN_LENS_EQUIRECTANGULAR | 1u << CLN_LENS_FOV |
+                                        1u << CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE);
     for (int i = 0; i < FRAMES; i++) {
         const cln_camera *camera = &view_named(scene, frames[i].name)->camera;
 
@@ -559,6 +578,54 @@ static void test_digest(void **state)
     assert_true(first == digest_of(folder, json));
 }
 
+/* Alpha that is 255 everywhere cuts nothing out: the scene is as if its photos had none, in one way
+ * of reading them, and keeps it where a run began so. One pixel anywhere changes all of that. */
+static void test_opaque_alpha(void **state)
+{
+    enum { SIDE = 12, VIEWS = 5 };
+    const char *folder = *state;
+    const char *json = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME(
+        "0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "," FRAME("2.png", POSE_FRONT) "," FRAME(
+        "3.png", POSE_FRONT) "," FRAME("4.png", POSE_FRONT) "]}";
+    const cln_config config = default_config();
+    cln_scene_desc desc = {.path = folder, .config = &config, .pixels = {true, true, true}};
+    uint8_t pixels[SIDE * SIDE * 4];
+    cln_scene *scene = NULL;
+    char name[16];
+
+    put_text(folder, "transforms.json", json);
+    for (int last = 255; last >= 254; last--) {
+        for (int v = 0; v < VIEWS; v++) {
+            for (int i = 0; i < SIDE * SIDE * 4; i++)
+                pixels[i] = i % 4 == 3 ? 255 : (uint8_t)(i * 5 + v * 17);
+            if (v == VIEWS - 1)
+                pixels[sizeof pixels - 1] = (uint8_t)last;
+            snprintf(name, sizeof name, "%d.png", v);
+            assert_int_equal(
+                cln_image_write_png(scratch_path(folder, name), SIDE, SIDE, 4, pixels), CLN_OK);
+        }
+        for (int keep = 0; keep < 2; keep++) {
+            const bool alpha = keep || last < 255;
+
+            desc.keep_alpha = keep;
+            assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+            assert_int_equal(scene->has_alpha, alpha);
+            assert_int_equal(scene->background_mean, !alpha);
+            for (int v = 0; v < VIEWS; v++) {
+                const cln_view *view = &scene->views[v];
+                const int file = view->name[0] - '0', i = 4 * (3 * SIDE + 7);
+                uint8_t got[4];
+
+                assert_int_equal(view->channels, alpha ? 4 : 3);
+                cln_view_bytes(view, 7, 3, got);
+                for (int c = 0; c < 3; c++)
+                    assert_int_equal(got[c], (uint8_t)((i + c) * 5 + file * 17));
+            }
+            cln_scene_free(scene);
+        }
+    }
+}
+
 static void test_describe(void **state)
 {
     const char *folder = *state;
@@ -651,6 +718,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_bounds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_small_cubes_are_seen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_digest, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_opaque_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_describe, scratch_make, scratch_remove),
     };
 
