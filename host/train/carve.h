@@ -1,6 +1,7 @@
 /* Finds leaves that are empty by geometry alone, before training: those that too few training views
  * see (--seen-by), where leaves could paint what a single photo shows, and those of the cube
- * outside the scene's box (--slab). regrow.h brings none of them back. */
+ * outside the scene's box (--slab): regrow.h brings none of them back; and those far from all
+ * sparse points (--points-near). */
 #ifndef CLN_CARVE_H
 #define CLN_CARVE_H
 

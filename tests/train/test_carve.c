@@ -1,10 +1,12 @@
 /* Leaves that are empty by geometry: those that too few training views see, against a count over
- * many places of each leaf, and those outside the scene's box. */
+ * many places of each leaf, those outside the scene's box, and those far from all sparse points. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
 #include "format_fixture.h"
 #include "tests.h"
 #include "train/carve.h"
@@ -119,6 +121,57 @@ static void test_slab(void **state)
     cln_scene_free(scene);
 }
 
+/* Leaves of a whole level that no sparse point is near, by the largest distance along an axis; a
+ * point counts for all of its cell of the table. */
+static void test_points(void **state)
+{
+    enum { POINTS = 5 };
+    static const double places[POINTS][3] = {
+        {-0.9, -0.9, -0.9}, {0.01, 0.6, -0.3}, {0.999, -0.999, 0}, {0.3, 0.3, 0.7}, {5, 0, 0}};
+    const double near = 0.2, cell = 2.0 / 64;
+    cln_scene *scene = make_scene(*state, "-1,0,2,3,4,6", 0);
+    cln_config config = default_config();
+    cln_octree tree = {0};
+
+    free(scene->sights);
+    scene->sights = calloc(POINTS, sizeof *scene->sights);
+    assert_non_null(scene->sights);
+    scene->sight_count = POINTS;
+    for (int i = 0; i < POINTS; i++)
+        cln_space_point_to_scene(&scene->space, places[i], scene->sights[i].point);
+    config.points_near = (float)near;
+    assert_int_equal(cln_octree_create(3, &tree), CLN_OK);
+    for (int whole = 0; whole < 2; whole++) {
+        uint8_t *marks = NULL;
+        int count = 0, surely = 0;
+
+        assert_int_equal(
+            cln_carve_find(scene, &scene->space, &config, &tree, whole, &marks, &count), CLN_OK);
+        for (int s = 0; s < tree.leaf_count; s++) {
+            float box[4];
+            double least = INFINITY;
+
+            cln_octree_box(&tree, tree.leaf[s], box);
+            for (int i = 0; i < POINTS - 1; i++) { /* the last is outside the cube */
+                double far = 0;
+
+                for (int a = 0; a < 3; a++)
+                    far = fmax(far, fabs(places[i][a] - (double)box[a] - 0.5 * (double)box[3]) -
+                                        0.5 * (double)box[3]);
+                least = fmin(least, far);
+            }
+            if (!whole || least < near)
+                assert_int_equal(marks[s], 0);
+            else if (least > near + 2 * cell)
+                assert_int_equal(marks[s], 1), surely++;
+        }
+        assert_true(whole ? count >= surely && surely > 200 : count == 0);
+        free(marks);
+    }
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
 /* The same slab right after another change: all of its leaves, or of those that came back alone. */
 static void test_after(void **state)
 {
@@ -158,6 +211,7 @@ int test_group_carve(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_seen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_slab, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_points, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_after, scratch_make, scratch_remove),
     };
 
