@@ -51,12 +51,13 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
     cln_status st = CLN_OK;
     const bool gif = strcasecmp(ending(f->path), ".gif") == 0;
     const bool webm = strcasecmp(ending(f->path), ".webm") == 0;
-    char size[32], rate[32];
+    char *to = NULL, size[32], rate[32];
 
     snprintf(size, sizeof size, "%dx%d", f->width, f->height);
     cln_format(rate, sizeof rate, "%.6f", fps);
     CLN_TRY(cln_asprintf(&f->part, "%.*s.part%s", (int)(ending(f->path) - f->path), f->path,
                          ending(f->path)));
+    CLN_TRY(cln_asprintf(&to, "file:%s", f->part)); /* "12:30.mp4" would be an address */
     {
         const char *argv[40] = {"ffmpeg",
                                 "-nostdin",
@@ -90,10 +91,11 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
             argv[n++] = "-b:v";
             argv[n++] = "0";
         }
-        argv[n++] = f->part;
+        argv[n++] = to;
         CLN_TRY(cln_command_open(argv, &f->feed));
     }
 done:
+    free(to);
     return st;
 }
 

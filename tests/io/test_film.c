@@ -56,6 +56,10 @@ static void test_y4m(void **state)
     assert_int_equal(make(path, true), CLN_OK);
 }
 
+/* Sets $to to the file that the last word names; it must not be taken for an address. */
+#define LAST_IS_FILE \
+    "#!/bin/sh\nfor to; do :; done\ncase \"$to\" in file:*) to=${to#file:} ;; *) exit 4 ;; esac\n"
+
 /* Puts a shell script as "ffmpeg" on PATH, with nothing else there. */
 static void put_ffmpeg(void **state, const char *script)
 {
@@ -77,13 +81,13 @@ static void test_ffmpeg(void **state)
     assert_int_equal(warnings, 1);
     assert_bytes(scratch_path(*state, "a.y4m"), y4m, sizeof y4m - 1);
     assert_false(cln_is_file(path));
-    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\n/bin/cat >\"$to\"\n");
+    put_ffmpeg(state, LAST_IS_FILE "/bin/cat >\"$to\"\n");
     assert_int_equal(make(path, false), CLN_OK);
     assert_bytes(path, pictures, sizeof pictures);
     assert_int_equal(make(path, false), CLN_OUTPUT);
     cln_clear_error();
-    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\necho part >\"$to\"\n/bin/cat >/dev/null\n"
-                      "echo no such encoder >&2\nexit 3\n");
+    put_ffmpeg(state, LAST_IS_FILE "echo part >\"$to\"\n/bin/cat >/dev/null\n"
+                                   "echo no such encoder >&2\nexit 3\n");
     assert_int_equal(make(path, true), CLN_FAILED);
     assert_non_null(strstr(cln_error_text(), "code 3: no such encoder"));
     cln_clear_error();
@@ -102,8 +106,8 @@ static void test_rate_in_other_locale(void **state)
     comma_locale_begin();
     own = strdup(getenv("PATH"));
     assert_int_equal(setenv("PATH", *state, 1), 0);
-    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\necho \"$*\" >\"$to\"\n/bin/cat >/dev/null\n"
-                      "case \"$*\" in *' -r 12.500000 '*) ;; *) exit 1 ;; esac\n");
+    put_ffmpeg(state, LAST_IS_FILE "echo \"$*\" >\"$to\"\n/bin/cat >/dev/null\n"
+                                   "case \"$*\" in *' -r 12.500000 '*) ;; *) exit 1 ;; esac\n");
     st = make(path, false);
     comma_locale_end();
     setenv("PATH", own, 1);

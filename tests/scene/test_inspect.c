@@ -155,7 +155,7 @@ static void copy_view(wall *w, int a, int b, bool same_file)
 /* A frame in the val and the test set is common; one in the train set, too, spoils its score. */
 static void test_copies(void **state)
 {
-    enum { COUNT = 6 };
+    enum { COUNT = 3 };
     static const struct {
         cln_split a, b;
         bool same_file, found, spoils;
