@@ -325,7 +325,8 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
         walk((const uint8_t *)all, bytes, false, &head);
     }
     CLN_TRY(check_header(path, &head));
-    *out = (cln_image_head){(int)head.width, (int)head.height, head.channels, head.orientation};
+    *out = (cln_image_head){(int)head.width, (int)head.height, head.channels, head.orientation,
+                            !head.png};
 done:
     free(all);
     if (file)

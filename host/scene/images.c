@@ -403,8 +403,10 @@ static bool counts(const cln_view *view, const uint8_t *mask, int channels, int 
         for (int column = x * n; column < (x + 1) * n; column++) {
             const uint8_t *p =
                 mask + ((size_t)row * (size_t)view->file_width + (size_t)column) * (size_t)channels;
+            const bool black = p[0] < view->mask_least && p[1] < view->mask_least &&
+                               p[2] < view->mask_least;
 
-            if (!(p[0] | p[1] | p[2]) != view->mask_black)
+            if (black != view->mask_black)
                 return false;
         }
     return true;

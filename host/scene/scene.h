@@ -66,6 +66,7 @@ typedef struct cln_view {
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     char *mask_path;  /* a file that says which pixels count; NULL = all */
     bool mask_black;  /* the black ones count; else all others do */
+    int mask_least;   /* a mask's pixel is black if all its values are below this */
     cln_split split;
     cln_camera camera;           /* at the size of `pixels` */
     double near, far;            /* depths that the scene lies between; both 0 = not told */

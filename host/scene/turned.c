@@ -11,6 +11,8 @@
 #include "io/image.h"
 #include "scene/inspect.h"
 
+enum { JPEG_LEAST = 128 }; /* black is not quite black beside white in a JPEG */
+
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height)
 {
     return camera->width > 0 && camera->height > 0 &&
@@ -51,8 +53,9 @@ void cln_scene_find_turns(cln_scene *scene)
     }
 }
 
-/* Is a mask or alpha file of the turned picture, 1, or of the stored one, -1? 0: perhaps either. */
-static cln_status told_by_mask(const cln_view *v, const char *path, int *told)
+/* Is a mask or alpha file of the turned picture, 1, or of the stored one, -1? 0: perhaps either.
+ * *jpeg: is it one? */
+static cln_status told_by_mask(const cln_view *v, const char *path, int *told, bool *jpeg)
 {
     cln_status st = CLN_OK;
     const bool quarter = v->orientation >= 5;
@@ -71,6 +74,7 @@ static cln_status told_by_mask(const cln_view *v, const char *path, int *told)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: the mask has %d x %d pixels, its image %d x %d%s; make them equal",
                          path, head.width, head.height, width, height, other));
+    *jpeg = head.jpeg;
     *told = stored != turned ? (turned ? 1 : -1) : head.orientation == v->orientation ? -1 : 0;
 done:
     return st;
@@ -85,15 +89,17 @@ cln_status cln_scene_turn_masks(cln_scene *scene)
         cln_view *v = &scene->views[i];
         const char *const paths[2] = {v->alpha_path, v->mask_path};
         int *const turns[2] = {&v->alpha_turn, &v->mask_turn};
+        bool jpeg = false;
 
         for (int k = 0; k < 2; k++) { /* what is told is kept there until all of it is known */
             *turns[k] = 0;
             if (!paths[k])
                 continue;
-            CLN_TRY(told_by_mask(v, paths[k], turns[k]));
+            CLN_TRY(told_by_mask(v, paths[k], turns[k], &jpeg));
             turned |= v->orientation > 1 && *turns[k] > 0;
             stored |= v->orientation > 1 && *turns[k] < 0;
         }
+        v->mask_least = jpeg ? JPEG_LEAST : 1;
     }
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *v = &scene->views[i];
