@@ -52,11 +52,12 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
                 ? "its sides are swapped, and no EXIF data tell how it is to be turned: "
                   "turn its pixels, or correct w and h"
                 : "correct w and h or replace the image");
-    if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width))
+    if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width)) {
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
                  "scaled to the images",
                  view->path, width, height, camera->width, camera->height);
-    *warned = true;
+        *warned = true;
+    }
     cln_camera_resize(camera, width, height, (double)camera->width / width,
                       (double)camera->height / height);
     return CLN_OK;
