@@ -57,6 +57,37 @@ static void test_damaged_exif(void **state)
         }
 }
 
+/* A PNG's chunk, before its pixels: the same without "Exif" and two zeros; its CRC is not looked at,
+ * as it harms no pixel. */
+static void test_png_exif(void **state)
+{
+    static const uint8_t pixels[3 * 6] = {0};
+    const char *path = scratch_path(*state, "a.png");
+    char chunk[12 + EXIF_BYTES - 6] = {0, 0, 0, EXIF_BYTES - 6, 'e', 'X', 'I', 'f'}, *data = NULL;
+    uint8_t exif[EXIF_BYTES];
+    cln_image_head head;
+    size_t bytes = 0;
+
+    for (int o = 1; o <= 8; o++) {
+        char *longer = NULL;
+
+        assert_int_equal(cln_image_write_png(path, 3, 2, 3, pixels), CLN_OK);
+        data = scratch_get(path, &bytes);
+        exif_write(exif, o % 2, o);
+        memcpy(chunk + 8, exif + 6, EXIF_BYTES - 6);
+        longer = malloc(bytes + sizeof chunk);
+        assert_non_null(longer);
+        memcpy(longer, data, 33);
+        memcpy(longer + 33, chunk, sizeof chunk);
+        memcpy(longer + 33 + sizeof chunk, data + 33, bytes - 33);
+        scratch_put(path, longer, bytes + sizeof chunk);
+        assert_int_equal(cln_image_read_head(path, &head), CLN_OK);
+        assert_int_equal(head.orientation, o);
+        free(longer);
+        free(data);
+    }
+}
+
 /* ---- turning ---- */
 
 /* The picture 0 1 2 / 3 4 5, turned. */
@@ -477,6 +508,7 @@ int test_group_orientation(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_exif),
         cmocka_unit_test(test_damaged_exif),
+        cmocka_unit_test_setup_teardown(test_png_exif, scratch_make, scratch_remove),
         cmocka_unit_test(test_turn),
         cmocka_unit_test_setup_teardown(test_scenes, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mask_turns, scratch_make, scratch_remove),
