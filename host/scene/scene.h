@@ -58,6 +58,12 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
 /* Has it a pixel whose ray meets the space's cube? */
 bool cln_camera_sees(const cln_camera *camera, const cln_space *space);
 
+/* What of a camera its format does not give, so that it follows from the stored file's size. */
+typedef struct cln_by_file {
+    bool size, centre[2]; /* centre: cx, cy */
+    int angle[2];         /* fx, fy: 1 by an angle across the width, 2 across the height; 0: given */
+} cln_by_file;
+
 typedef struct cln_view {
     char *name;       /* as the dataset names it: path relative to the scene folder */
     char *path;       /* file */
@@ -73,7 +79,7 @@ typedef struct cln_view {
     int number;                  /* among the views as its reader gave them */
     int file_width, file_height; /* size before --downscale; of the turned picture, if turned */
     int orientation;             /* EXIF's (io/exif.h); 1: none */
-    bool sized_by_file;          /* its format gives no size, so the camera has the stored file's */
+    cln_by_file by_file;
     bool turned;                 /* `pixels` are turned as it says; else as stored */
     bool turn_known;             /* sizes or the format tell which of these the pose is of */
     int alpha_turn, mask_turn;   /* orientations that bring those files onto `pixels`; 1: none */
