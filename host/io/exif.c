@@ -1,4 +1,4 @@
-/* EXIF is a TIFF file in a JPEG's APP1 segment: a header with the byte order and the place of the
+/* EXIF is a TIFF file in a JPEG's APP1 segment, or in a PNG's eXIf chunk: a header with the byte order and the place of the
  * first directory, whose entries of 12 bytes are tag, type, count and value. See exif.h. */
 #include "io/exif.h"
 
@@ -18,13 +18,18 @@ static uint32_t number(const uint8_t *p, int bytes, bool little)
 
 int cln_exif_orientation(const uint8_t *data, size_t bytes)
 {
-    const uint8_t *tiff = data + 6;
+    if (bytes < 6 || memcmp(data, "Exif\0", 6) != 0)
+        return 1;
+    return cln_exif_tiff_orientation(data + 6, bytes - 6);
+}
+
+int cln_exif_tiff_orientation(const uint8_t *tiff, size_t bytes)
+{
     size_t at = 0, entries = 0;
     bool little = false;
 
-    if (bytes < 6 + HEADER || memcmp(data, "Exif\0", 6) != 0)
+    if (bytes < HEADER)
         return 1;
-    bytes -= 6;
     little = tiff[0] == 'I';
     if (tiff[0] != tiff[1] || (tiff[0] != 'I' && tiff[0] != 'M') ||
         number(tiff + 2, 2, little) != 42)

@@ -1,4 +1,4 @@
-/* What a JPEG's EXIF data say of its orientation. */
+/* What EXIF data say of an image's orientation. */
 #ifndef CLN_EXIF_H
 #define CLN_EXIF_H
 
@@ -9,5 +9,8 @@
  * (3: by half a turn; 6 and 8: by a quarter turn, clockwise and back; 2, 4, 5, 7 also mirror it). 1
  * if they do not say it, or are damaged. */
 int cln_exif_orientation(const uint8_t *data, size_t bytes);
+
+/* The same of the TIFF file in it, which is all of a PNG's eXIf chunk. */
+int cln_exif_tiff_orientation(const uint8_t *tiff, size_t bytes);
 
 #endif

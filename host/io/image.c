@@ -135,6 +135,8 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
             head->cut = true;
             return;
         }
+        if (!memcmp(type, "eXIf", 4) && head->orientation == 1)
+            head->orientation = cln_exif_tiff_orientation(type + 4, length);
         /* Capital first letter: critical chunk. A bad text chunk or profile harms no pixel. */
         if (whole && (!(type[0] & 32) || !memcmp(type, "tRNS", 4)) &&
             crc32(0, type, (uInt)length + 4) != big_endian(type + 4 + length, 4)) {
@@ -325,7 +327,8 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
         walk((const uint8_t *)all, bytes, false, &head);
     }
     CLN_TRY(check_header(path, &head));
-    *out = (cln_image_head){(int)head.width, (int)head.height, head.channels, head.orientation};
+    *out = (cln_image_head){(int)head.width, (int)head.height, head.channels, head.orientation,
+                            !head.png};
 done:
     free(all);
     if (file)

@@ -3,6 +3,7 @@
 #ifndef CLN_IMAGE_H
 #define CLN_IMAGE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "base/status.h"
@@ -16,6 +17,7 @@ cln_status cln_image_info(const char *path, int *width, int *height, int *channe
  * not do. */
 typedef struct cln_image_head {
     int width, height, channels, orientation;
+    bool jpeg; /* else PNG */
 } cln_image_head;
 cln_status cln_image_read_head(const char *path, cln_image_head *out);
 

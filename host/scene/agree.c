@@ -51,6 +51,7 @@ typedef struct work {
     cln_features *features; /* [view]; list NULL: not found yet */
     double reach;           /* typical distance of a camera from the middle of all */
     int capacity;
+    int pairs[ASKED * (NEIGHBOURS + 1)][2]; /* that were compared: out->pairs */
 } work;
 
 static const cln_camera *camera_of(const work *w, int view)
@@ -272,16 +273,17 @@ static cln_status compare(work *w, int a, int b)
     cln_status st = CLN_OK;
     cln_match matches[CLN_FEATURES_MOST];
 
-    for (int i = 0; i < w->out->tie_count; i++) /* this pair was compared before */
-        if ((w->out->ties[i].a == a && w->out->ties[i].b == b) ||
-            (w->out->ties[i].a == b && w->out->ties[i].b == a))
+    for (int i = 0; i < w->out->pairs; i++)
+        if ((w->pairs[i][0] == a && w->pairs[i][1] == b) ||
+            (w->pairs[i][0] == b && w->pairs[i][1] == a))
             return CLN_OK;
     CLN_TRY(need_features(w, a));
     CLN_TRY(need_features(w, b));
     w->out->views[a].looked_at = w->out->views[b].looked_at = true;
     CLN_TRY(
         add_ties(w, a, b, matches, cln_features_match(&w->features[a], &w->features[b], matches)));
-    w->out->pairs++;
+    w->pairs[w->out->pairs][0] = a;
+    w->pairs[w->out->pairs++][1] = b;
 done:
     return st;
 }
@@ -357,12 +359,13 @@ static void try_readings(work *w)
 static void count_agreeing(work *w)
 {
     cln_agreement *out = w->out;
-    int before = -1, good = 0;
-    int64_t kept = 0;
+    int64_t before = -1, kept = 0;
+    int good = 0;
 
     for (int i = 0; i < out->tie_count; i++) {
         cln_tie *t = &out->ties[i];
         cln_agree_view *a = &out->views[t->a], *b = &out->views[t->b];
+        const int64_t pair = (int64_t)t->a * w->scene->view_count + t->b;
 
         t->agrees = tie_agrees(w, t, &cln_readings[0], 1, 1);
         a->ties++;
@@ -371,8 +374,8 @@ static void count_agreeing(work *w)
         b->agreeing += t->agrees;
         out->agreeing += t->agrees;
         kept += t->agrees * (t->kept_a + t->kept_b);
-        good = before == t->a * w->scene->view_count + t->b ? good + t->agrees : t->agrees;
-        before = t->a * w->scene->view_count + t->b; /* ties of a pair follow each other */
+        good = before == pair ? good + t->agrees : t->agrees;
+        before = pair; /* ties of a pair follow each other */
         if (t->agrees && good == PARTNERS_SHARE) {
             a->partners++;
             b->partners++;

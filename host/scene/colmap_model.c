@@ -213,31 +213,57 @@ done:
     return st;
 }
 
+/* Parses an image's line up to its name, which is the rest and may have blanks: *line. */
+static bool parse_image(char **line, cln_colmap_image *image)
+{
+    double id = 0, camera = 0;
+    bool good = cln_field_whole(line, UINT32_MAX, &id);
+
+    for (int i = 0; i < 7 && good; i++)
+        good = cln_field_number(line, &image->pose[i]);
+    good = good && cln_field_whole(line, UINT32_MAX, &camera);
+    image->id = (uint32_t)id;
+    image->camera = (uint32_t)camera;
+    *line += strspn(*line, " \t");
+    return good && **line;
+}
+
+/* Is it an image's line, where that of the points of the one before it belongs? Points are numbers
+ * alone. */
+static bool is_next_image(const cln_colmap *model, char *line)
+{
+    cln_colmap_image image;
+    double number = 0;
+    bool known = false;
+
+    if (!line || !parse_image(&line, &image) || cln_field_number(&line, &number))
+        return false;
+    for (int i = 0; i < model->camera_count; i++)
+        known = known || model->cameras[i].id == image.camera;
+    return known;
+}
+
 static cln_status parse_images(cln_cursor *c, cln_colmap *out)
 {
     cln_status st = CLN_OK;
 
     for (char *line = NULL; (line = data_line(c));) {
         cln_colmap_image *image = NULL;
-        double id = 0, camera = 0;
-        bool good = cln_field_whole(&line, UINT32_MAX, &id);
 
         if (out->image_count >= CLN_MAX_VIEWS)
             CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "images", CLN_MAX_VIEWS));
         CLN_TRY(cln_dataset_grow(&out->images, out->image_count, sizeof *out->images, "images"));
         image = &out->images[out->image_count];
-        for (int i = 0; i < 7 && good; i++)
-            good = cln_field_number(&line, &image->pose[i]);
-        good = good && cln_field_whole(&line, UINT32_MAX, &camera);
-        line += strspn(line, " \t");
-        if (!good || !*line) /* the rest is the name, which may have blanks */
+        if (!parse_image(&line, image))
             CLN_TRY(bad_line(c, "id, quaternion, translation, id of the camera and name of an "
                                 "image"));
-        image->id = (uint32_t)id;
-        image->camera = (uint32_t)camera;
         CLN_TRY(cln_dataset_name(c->path, line, &image->name));
         out->image_count++;
-        cln_cursor_line(c); /* its points, which may be none */
+        if (is_next_image(out, cln_cursor_line(c))) /* its points, which may be none */
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: line %d is an image, where the line of the points of '%s' belongs; "
+                             "add an empty line after each image",
+                             c->path, c->line, image->name));
     }
 done:
     return st;

@@ -53,11 +53,12 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
                 ? "its sides are swapped, and no EXIF data tell how it is to be turned: "
                   "turn its pixels, or correct w and h"
                 : "correct w and h or replace the image");
-    if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width))
+    if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width)) {
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
                  "scaled to the images",
                  view->path, width, height, camera->width, camera->height);
-    *warned = true;
+        *warned = true;
+    }
     cln_camera_resize(camera, width, height, (double)camera->width / width,
                       (double)camera->height / height);
     return CLN_OK;
@@ -404,8 +405,10 @@ static bool counts(const cln_view *view, const uint8_t *mask, int channels, int 
         for (int column = x * n; column < (x + 1) * n; column++) {
             const uint8_t *p =
                 mask + ((size_t)row * (size_t)view->file_width + (size_t)column) * (size_t)channels;
+            const bool black = p[0] < view->mask_least && p[1] < view->mask_least &&
+                               p[2] < view->mask_least;
 
-            if (!(p[0] | p[1] | p[2]) != view->mask_black)
+            if (black != view->mask_black)
                 return false;
         }
     return true;

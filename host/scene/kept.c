@@ -2,6 +2,7 @@
  * Views with the same lens share a map. */
 #include "scene/build.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -97,7 +98,9 @@ static cln_status make_map(const cln_camera *camera, uint8_t **map, int64_t *lef
     cln_status st = CLN_OK;
     const rectangle image = {0, 0, camera->width, camera->height};
     const int64_t all = (int64_t)camera->width * camera->height;
-    search s = {camera, NULL, (int)camera->cx, (int)camera->cy};
+    /* one beyond the image is in no rectangle */
+    search s = {camera, NULL, (int)fmax(-1, fmin(camera->cx, camera->width)),
+                (int)fmax(-1, fmin(camera->cy, camera->height))};
     int pixels, rays;
 
     *map = NULL;

@@ -58,6 +58,12 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
 /* Has it a pixel whose ray meets the space's cube? */
 bool cln_camera_sees(const cln_camera *camera, const cln_space *space);
 
+/* What of a camera its format does not give, so that it follows from the stored file's size. */
+typedef struct cln_by_file {
+    bool size, centre[2]; /* centre: cx, cy */
+    int angle[2];         /* fx, fy: 1 by an angle across the width, 2 across the height; 0: given */
+} cln_by_file;
+
 typedef struct cln_view {
     char *name;       /* as the dataset names it: path relative to the scene folder */
     char *path;       /* file */
@@ -66,13 +72,14 @@ typedef struct cln_view {
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     char *mask_path;  /* a file that says which pixels count; NULL = all */
     bool mask_black;  /* the black ones count; else all others do */
+    int mask_least;   /* a mask's pixel is black if all its values are below this */
     cln_split split;
     cln_camera camera;           /* at the size of `pixels` */
     double near, far;            /* depths that the scene lies between; both 0 = not told */
     int number;                  /* among the views as its reader gave them */
     int file_width, file_height; /* size before --downscale; of the turned picture, if turned */
     int orientation;             /* EXIF's (io/exif.h); 1: none */
-    bool sized_by_file;          /* its format gives no size, so the camera has the stored file's */
+    cln_by_file by_file;
     bool turned;                 /* `pixels` are turned as it says; else as stored */
     bool turn_known;             /* sizes or the format tell which of these the pose is of */
     int alpha_turn, mask_turn;   /* orientations that bring those files onto `pixels`; 1: none */

@@ -62,7 +62,7 @@ static const json_t *value_of(const source *src, const char *key)
 }
 
 /* Focal lengths from the first of frame and document that has any. */
-static cln_status read_focal(const source *src, cln_camera *camera)
+static cln_status read_focal(const source *src, cln_camera *camera, int angle[2])
 {
     static const double pi = 3.14159265358979323846;
     cln_status st = CLN_OK;
@@ -85,11 +85,14 @@ static cln_status read_focal(const source *src, cln_camera *camera)
                              src->where, keys[k + 2], value[k + 2]));
         value[k] = 0.5 * side / tan(0.5 * value[k + 2]);
         found[k] = true;
+        angle[k] = k + 1;
     }
     if (!found[0] && !found[1])
         CLN_TRY(cln_fail(CLN_INPUT, "%s: no focal length; add fl_x or camera_angle_x", src->where));
     camera->fx = found[0] ? value[0] : value[1];
     camera->fy = found[1] ? value[1] : value[0];
+    angle[0] = found[0] ? angle[0] : angle[1];
+    angle[1] = found[1] ? angle[1] : angle[0];
 done:
     return st;
 }
@@ -227,7 +230,7 @@ done:
 
 /* Reads the intrinsics. If no size is given anywhere, the camera keeps its own, if it has one. */
 static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera,
-                                  bool *by_file)
+                                  cln_by_file *by)
 {
     cln_status st = CLN_OK;
     const int own[2] = {camera->width, camera->height};
@@ -239,7 +242,7 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
     if (!camera->width || !camera->height) {
         camera->width = own[0];
         camera->height = own[1];
-        *by_file = !own[0] || cln_is_file(image);
+        by->size = !own[0] || cln_is_file(image);
         if (!own[0] || cln_is_file(image))
             st = cln_image_info(image, &camera->width, &camera->height, &channels);
         if (st == CLN_INPUT && src->read_later && cln_is_file(image)) {
@@ -254,9 +257,13 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
         cln_camera_span_sphere(camera);
         goto done;
     }
-    CLN_TRY(read_focal(src, camera));
-    CLN_TRY(number_of(src, "cx", 0.5 * camera->width, &camera->cx));
-    CLN_TRY(number_of(src, "cy", 0.5 * camera->height, &camera->cy));
+    CLN_TRY(read_focal(src, camera, by->angle));
+    CLN_TRY(number_of(src, "cx", NAN, &camera->cx));
+    CLN_TRY(number_of(src, "cy", NAN, &camera->cy));
+    by->centre[0] = isnan(camera->cx);
+    by->centre[1] = isnan(camera->cy);
+    camera->cx = by->centre[0] ? 0.5 * camera->width : camera->cx;
+    camera->cy = by->centre[1] ? 0.5 * camera->height : camera->cy;
 done:
     return st;
 }
@@ -436,7 +443,7 @@ cln_status cln_transforms_finish(const char *folder, const char *file, const jso
     CLN_TRY(cln_asprintf(&src.where, "%s: frame %d ('%s')", file, index,
                          json_string_value(json_object_get(src.frame, "file_path"))));
     CLN_TRY(find_masks(&src, moved, view));
-    CLN_TRY(read_intrinsics(&src, view->path, &view->camera, &view->sized_by_file));
+    CLN_TRY(read_intrinsics(&src, view->path, &view->camera, &view->by_file));
 done:
     free(src.where);
     return st;
@@ -448,7 +455,7 @@ cln_status cln_transforms_camera(const char *folder, const char *file, const jso
     cln_status st = CLN_OK;
     source src = {.folder = folder, .root = root};
     const json_t *file_path = NULL;
-    bool by_file = false; /* of a camera without a photo */
+    cln_by_file by_file = {0}; /* of a camera without a photo */
     char *image = NULL;
 
     src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);

@@ -12,6 +12,9 @@
 #include "io/image.h"
 #include "scene/inspect.h"
 
+enum { JPEG_LEAST = 128 }; /* black is not quite black beside white in a JPEG */
+static const double NEAR_MIDDLE = 0.05; /* of a side; at 4:3 the middles of both lie 1/8 apart */
+
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height)
 {
     return camera->width > 0 && camera->height > 0 &&
@@ -19,14 +22,47 @@ bool cln_camera_has_shape(const cln_camera *camera, int width, int height)
                fmax(camera->width, camera->height) + fmax(width, height);
 }
 
-/* By the sizes of a photo that EXIF turns by a quarter: 1: turned, -1: as stored, 0: both fit, or
- * none. */
+/* Is the camera's principal point near the middle of such an image? */
+static bool has_middle(const cln_camera *camera, int width, int height)
+{
+    return fabs(camera->cx - 0.5 * width) <= NEAR_MIDDLE * width &&
+           fabs(camera->cy - 0.5 * height) <= NEAR_MIDDLE * height;
+}
+
+/* By the sizes of a photo that EXIF turns by a quarter, or where only the file tells these, by its
+ * principal point: 1: turned, -1: as stored, 0: both fit, or none. */
 static int told_by_size(const cln_view *v)
 {
-    const bool stored = cln_camera_has_shape(&v->camera, v->file_width, v->file_height);
-    const bool turned = cln_camera_has_shape(&v->camera, v->file_height, v->file_width);
+    const cln_camera *c = &v->camera;
+    const int wide = v->file_width, high = v->file_height;
+    const bool by_middle = v->by_file.size;
+    const bool stored = by_middle ? has_middle(c, wide, high) : cln_camera_has_shape(c, wide, high);
+    const bool turned = by_middle ? has_middle(c, high, wide) : cln_camera_has_shape(c, high, wide);
 
-    return v->orientation < 5 || v->sized_by_file || stored == turned ? 0 : turned ? 1 : -1;
+    if (v->orientation < 5 || stored == turned ||
+        (by_middle && (v->by_file.centre[0] || v->by_file.centre[1] ||
+                       c->lens == CLN_LENS_EQUIRECTANGULAR)))
+        return 0;
+    return turned ? 1 : -1;
+}
+
+/* Gives a camera that has the stored file's size the turned picture's, and what follows from it. */
+static void turn_camera(cln_view *v)
+{
+    cln_camera *c = &v->camera;
+    const int width = c->width;
+    const double wider = (double)c->height / c->width;
+
+    c->width = c->height;
+    c->height = width;
+    if (c->lens == CLN_LENS_EQUIRECTANGULAR) {
+        cln_camera_span_sphere(c);
+        return;
+    }
+    c->cx = v->by_file.centre[0] ? 0.5 * c->width : c->cx;
+    c->cy = v->by_file.centre[1] ? 0.5 * c->height : c->cy;
+    c->fx *= v->by_file.angle[0] == 1 ? wider : v->by_file.angle[0] == 2 ? 1 / wider : 1;
+    c->fy *= v->by_file.angle[1] == 1 ? wider : v->by_file.angle[1] == 2 ? 1 / wider : 1;
 }
 
 void cln_scene_find_turns(cln_scene *scene)
@@ -48,12 +84,15 @@ void cln_scene_find_turns(cln_scene *scene)
         if (v->turned && v->orientation >= 5) {
             v->file_width = v->file_height;
             v->file_height = width;
+            if (v->by_file.size)
+                turn_camera(v);
         }
     }
 }
 
-/* Is a mask or alpha file of the turned picture, 1, or of the stored one, -1? 0: perhaps either. */
-static cln_status told_by_mask(const cln_view *v, const char *path, int *told)
+/* Is a mask or alpha file of the turned picture, 1, or of the stored one, -1? 0: perhaps either.
+ * *jpeg: is it one? */
+static cln_status told_by_mask(const cln_view *v, const char *path, int *told, bool *jpeg)
 {
     cln_status st = CLN_OK;
     const bool quarter = v->orientation >= 5;
@@ -72,6 +111,7 @@ static cln_status told_by_mask(const cln_view *v, const char *path, int *told)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: the mask has %d x %d pixels, its image %d x %d%s; make them equal",
                          path, head.width, head.height, width, height, other));
+    *jpeg = head.jpeg;
     *told = stored != turned ? (turned ? 1 : -1) : head.orientation == v->orientation ? -1 : 0;
 done:
     return st;
@@ -86,15 +126,17 @@ cln_status cln_scene_turn_masks(cln_scene *scene)
         cln_view *v = &scene->views[i];
         const char *const paths[2] = {v->alpha_path, v->mask_path};
         int *const turns[2] = {&v->alpha_turn, &v->mask_turn};
+        bool jpeg = false;
 
         for (int k = 0; k < 2; k++) { /* what is told is kept there until all of it is known */
             *turns[k] = 0;
             if (!paths[k])
                 continue;
-            CLN_TRY(told_by_mask(v, paths[k], turns[k]));
+            CLN_TRY(told_by_mask(v, paths[k], turns[k], &jpeg));
             turned |= v->orientation > 1 && *turns[k] > 0;
             stored |= v->orientation > 1 && *turns[k] < 0;
         }
+        v->mask_least = jpeg ? JPEG_LEAST : 1;
     }
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *v = &scene->views[i];

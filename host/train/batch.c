@@ -205,6 +205,8 @@ static void draw_sights(cln_batch *b, const cln_scene *scene, const cln_config *
         draw_bits((uint64_t)config->seed, CLN_STREAM_SIGHTS, d->step, (uint32_t)i, 0, bits);
         sight = &scene->sights[bounded64((uint64_t)bits[0] << 32 | bits[1],
                                          (uint64_t)scene->sight_count)];
+        if (!cln_view_keeps(&scene->views[sight->view], sight->x, sight->y))
+            continue; /* what it shows does not count: the ray stays what it was */
         b->pixels[i] = (cln_pixel){(cln_u32)sight->view, (cln_u32)sight->x, (cln_u32)sight->y, 0};
         cln_space_point_to_cube(d->space, sight->point, cube);
         for (int k = 0; k < 3; k++)

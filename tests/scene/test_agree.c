@@ -65,6 +65,35 @@ static void test_neighbours_look_alike(void **state)
     free(pixels);
 }
 
+/* Two photos without anything to compare are one pair, though each is the other's neighbour. */
+static void test_pairs_once(void **state)
+{
+    uint8_t *pixels = calloc((size_t)SIDE * SIDE, 3);
+    cln_view views[2];
+    const cln_scene scene = {.views = views, .view_count = 2};
+    cln_agreement a;
+
+    (void)state;
+    assert_non_null(pixels);
+    memset(views, 0, sizeof views);
+    for (int i = 0; i < 2; i++) {
+        cln_camera *c = &views[i].camera;
+
+        c->width = c->height = SIDE;
+        c->fx = c->fy = SIDE;
+        c->cx = c->cy = SIDE / 2;
+        c->c2w[0] = c->c2w[5] = c->c2w[10] = 1;
+        c->c2w[3] = i;
+        views[i].channels = 3;
+        views[i].pixels = pixels;
+    }
+    assert_int_equal(cln_agree(&scene, NULL, &a), CLN_OK);
+    assert_int_equal(a.tie_count, 0);
+    assert_int_equal(a.pairs, 1);
+    cln_agreement_free(&a);
+    free(pixels);
+}
+
 /* ---- brightness ---- */
 
 enum { ROW_MOST = 12 };
@@ -164,6 +193,7 @@ int test_group_agree(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_neighbours_look_alike),
+        cmocka_unit_test(test_pairs_once),
         cmocka_unit_test(test_light_that_fades),
         cmocka_unit_test(test_faulty_neighbours),
     };

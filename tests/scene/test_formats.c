@@ -641,6 +641,52 @@ static void test_masks(void **state)
     assert_int_equal(warnings, 1);
 }
 
+/* Beside an edge a JPEG's black is not quite black, nor its white quite white: a mask keeps what its
+ * pixels were before. In a PNG every value but 0 is other than black, as in label images. */
+static void test_jpeg_masks(void **state)
+{
+    enum { EDGE = 5 };
+    const char *folder = *state;
+    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3], *jpeg = NULL;
+    cln_scene *scene = NULL;
+    size_t bytes = 0;
+    bool above = false;
+
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        memset(pixels + 3 * i, i % FORMAT_WIDTH < EDGE ? 0 : 255, 3);
+    assert_int_equal(
+        cln_image_encode_jpeg(FORMAT_WIDTH, FORMAT_HEIGHT, 3, pixels, 75, &jpeg, &bytes), CLN_OK);
+    format_images(folder, 1);
+    scratch_put(scratch_path(folder, "m.jpg"), (const char *)jpeg, bytes);
+    free(jpeg);
+    assert_int_equal(cln_image_load(scratch_path(folder, "m.jpg"), &(int){0}, &(int){0}, &(int){0},
+                                    &jpeg),
+                     CLN_OK);
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        above |= i % FORMAT_WIDTH < EDGE && jpeg[3 * i] > 0;
+    free(jpeg);
+    assert_true(above); /* the case is one */
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "m.jpg") "]}");
+    scene = load(folder, plain());
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        if (cln_view_keeps(scene->views, i % FORMAT_WIDTH, i / FORMAT_WIDTH) !=
+            (i % FORMAT_WIDTH >= EDGE))
+            fail_msg("column %d, row %d", i % FORMAT_WIDTH, i / FORMAT_WIDTH);
+    cln_scene_free(scene);
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        memset(pixels + 3 * i, i % FORMAT_WIDTH >= EDGE, 3);
+    assert_int_equal(cln_image_write_png(scratch_path(folder, "l.png"), FORMAT_WIDTH, FORMAT_HEIGHT,
+                                         3, pixels),
+                     CLN_OK);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "l.png") "]}");
+    scene = load(folder, plain());
+    for (int x = 0; x < FORMAT_WIDTH; x++)
+        assert_int_equal(cln_view_keeps(scene->views, x, 3), x >= EDGE);
+    cln_scene_free(scene);
+}
+
 static void test_broken_masks(void **state)
 {
     static const struct {
@@ -746,6 +792,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),
     };

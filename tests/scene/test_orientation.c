@@ -57,6 +57,37 @@ static void test_damaged_exif(void **state)
         }
 }
 
+/* A PNG's chunk, before its pixels: the same without "Exif" and two zeros; its CRC is not looked at,
+ * as it harms no pixel. */
+static void test_png_exif(void **state)
+{
+    static const uint8_t pixels[3 * 6] = {0};
+    const char *path = scratch_path(*state, "a.png");
+    char chunk[12 + EXIF_BYTES - 6] = {0, 0, 0, EXIF_BYTES - 6, 'e', 'X', 'I', 'f'}, *data = NULL;
+    uint8_t exif[EXIF_BYTES];
+    cln_image_head head;
+    size_t bytes = 0;
+
+    for (int o = 1; o <= 8; o++) {
+        char *longer = NULL;
+
+        assert_int_equal(cln_image_write_png(path, 3, 2, 3, pixels), CLN_OK);
+        data = scratch_get(path, &bytes);
+        exif_write(exif, o % 2, o);
+        memcpy(chunk + 8, exif + 6, EXIF_BYTES - 6);
+        longer = malloc(bytes + sizeof chunk);
+        assert_non_null(longer);
+        memcpy(longer, data, 33);
+        memcpy(longer + 33, chunk, sizeof chunk);
+        memcpy(longer + 33 + sizeof chunk, data + 33, bytes - 33);
+        scratch_put(path, longer, bytes + sizeof chunk);
+        assert_int_equal(cln_image_read_head(path, &head), CLN_OK);
+        assert_int_equal(head.orientation, o);
+        free(longer);
+        free(data);
+    }
+}
+
 /* ---- turning ---- */
 
 /* The picture 0 1 2 / 3 4 5, turned. */
@@ -402,7 +433,7 @@ static void test_sized_by_file(void **state)
         put_photo(folder, v, 16, 12, v == 1 ? 3 : 0);
     put_transforms(folder, 0, 0);
     scene = load(folder, plain());
-    assert_true(scene->views[0].sized_by_file);
+    assert_true(scene->views[0].by_file.size);
     assert_int_equal(scene->views[0].camera.width, 12);
     assert_int_equal(scene->views[0].camera.height, 16);
     for (int v = 0; v < 2; v++) {
@@ -419,13 +450,102 @@ static void test_sized_by_file(void **state)
                      CLN_OK);
     scratch_put(path, longer, strlen(longer));
     scene = load(folder, plain());
-    assert_false(scene->views[0].sized_by_file);
+    assert_false(scene->views[0].by_file.size);
     assert_int_equal(dark_quarter(scene, 0), 1);
     assert_int_equal(dark_quarter(scene, 1), 3);
     assert_int_equal(findings_of(scene, "turned as EXIF data say"), 1);
     cln_scene_free(scene);
     free(longer);
     free(text);
+}
+
+/* Photos stored upright whose first frame alone has a size, that of turned ones: the others follow,
+ * with all that comes from a size. keys: of all frames. */
+static void test_some_sized(void **state)
+{
+    static const struct {
+        const char *name, *keys;
+        double fx, fy, cx, cy; /* of 16 x 12 */
+    } cases[] = {
+        {"focal length", "\"fl_x\": 20", 20, 20, 8, 6},
+        {"angle", "\"camera_angle_x\": 1.5707963267948966", 8, 8, 8, 6},
+        {"both angles",
+         "\"camera_angle_x\": 1.5707963267948966, \"camera_angle_y\": 1.5707963267948966",
+         8,
+         6,
+         8,
+         6},
+        {"angle across the height", "\"camera_angle_y\": 1.5707963267948966", 6, 6, 8, 6},
+        {"principal point", "\"fl_x\": 20, \"cx\": 7, \"cy\": 5.5", 20, 20, 7, 5.5},
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *folder = scratch_path(*state, cases[i].name);
+        cln_scene *scene = NULL;
+        char *text = NULL, *longer = NULL;
+        size_t bytes = 0;
+
+        for (int v = 0; v < FORMAT_VIEWS; v++)
+            put_photo(folder, v, 12, 16, 6);
+        put_transforms(folder, 0, 0);
+        text = scratch_get(scratch_path(folder, "transforms.json"), &bytes);
+        assert_int_equal(
+            cln_asprintf(&longer, "{%s, \"frames\": [{\"w\": 16, \"h\": 12, %s", cases[i].keys,
+                         strstr(text, "\"file_path\"")),
+            CLN_OK);
+        put_text(folder, "transforms.json", longer);
+        scene = load(folder, plain());
+        for (int v = 0; v < FORMAT_VIEWS; v++) {
+            const cln_camera *c = &scene->views[v].camera;
+
+            assert_int_equal(dark_quarter(scene, v), 1);
+            assert_true(c->width == 16 && c->height == 12);
+            assert_float_equal(c->fx, cases[i].fx, 1e-9);
+            assert_float_equal(c->fy, cases[i].fy, 1e-9);
+            assert_float_equal(c->cx, cases[i].cx, 1e-9);
+            assert_float_equal(c->cy, cases[i].cy, 1e-9);
+        }
+        cln_scene_free(scene);
+        free(longer);
+        free(text);
+    }
+}
+
+/* No frame has a size, but a principal point, near the middle of one of both pictures. */
+static void test_told_by_middle(void **state)
+{
+    static const struct {
+        const char *keys;
+        int quarter;
+        const char *told;
+    } cases[] = {
+        {"\"cx\": 8.2, \"cy\": 5.8", 1, "turned as EXIF data say"},
+        {"\"cx\": 6.2, \"cy\": 7.8", 0, "taken as stored, as the poses are of these"},
+        {"\"cx\": 7, \"cy\": 7", 0, "nothing tells whether"},
+        {"\"cx\": 8.2", 0, "nothing tells whether"},
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cln_scene *scene = NULL;
+        char *text = NULL, *longer = NULL;
+        size_t bytes = 0;
+
+        for (int v = 0; v < FORMAT_VIEWS; v++)
+            put_photo(*state, v, 12, 16, 6);
+        put_transforms(*state, 0, 0);
+        text = scratch_get(scratch_path(*state, "transforms.json"), &bytes);
+        assert_int_equal(cln_asprintf(&longer, "{\"fl_x\": 20, %s, \"frames\": [{%s", cases[i].keys,
+                                      strstr(text, "\"file_path\"")),
+                         CLN_OK);
+        put_text(*state, "transforms.json", longer);
+        scene = load(*state, plain());
+        for (int v = 0; v < FORMAT_VIEWS; v++)
+            assert_int_equal(dark_quarter(scene, v), cases[i].quarter);
+        assert_int_equal(findings_of(scene, cases[i].told), 1);
+        cln_scene_free(scene);
+        free(longer);
+        free(text);
+    }
 }
 
 /* COLMAP's poses are of stored pixels: a half turn is no doubt. */
@@ -477,6 +597,7 @@ int test_group_orientation(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_exif),
         cmocka_unit_test(test_damaged_exif),
+        cmocka_unit_test_setup_teardown(test_png_exif, scratch_make, scratch_remove),
         cmocka_unit_test(test_turn),
         cmocka_unit_test_setup_teardown(test_scenes, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mask_turns, scratch_make, scratch_remove),
@@ -484,6 +605,8 @@ int test_group_orientation(void)
         cmocka_unit_test_setup_teardown(test_mask_fits_neither, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_alpha_turns, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_sized_by_file, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_some_sized, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_told_by_middle, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_refused, scratch_make, scratch_remove),
     };

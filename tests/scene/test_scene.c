@@ -271,6 +271,16 @@ static void test_smaller_copies(void **state)
     assert_near(scene->views[1].camera.cy, 6, 1e-12);
     assert_int_equal(scene->views[1].camera.width, 20);
     cln_scene_free(scene);
+    /* copies in images_3, of which nothing is said, do not take the warning from another */
+    put_folder(folder, "images_3");
+    put_image(folder, "images_3/0.png", 20, 12, 3, 0);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":90,\"w\":60,\"h\":36,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "images_3/0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "]}");
+    warnings = 0;
+    scene = load(folder, &config);
+    assert_int_equal(warnings, 1);
+    cln_scene_free(scene);
 }
 
 /* ---- splits and order ---- */

@@ -101,6 +101,47 @@ static void test_draw(void **state)
     cln_scene_free(scene);
 }
 
+/* A sight whose pixel its mask leaves out: the ray stays what it is without. */
+static void test_masked(void **state)
+{
+    cln_config config;
+    cln_scene *scene = make_scene(*state, &config);
+    uint8_t kept[(FORMAT_WIDTH * FORMAT_HEIGHT + 7) / 8] = {0};
+    cln_config off = config;
+    cln_batch b, without;
+    int sights = 0, left = 0;
+
+    memset(kept, 0xff, sizeof kept / 2); /* the upper half counts */
+    for (int v = 0; v < scene->view_count; v++)
+        scene->views[v].kept = kept;
+    off.depth_loss = 0;
+    assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
+    assert_int_equal(cln_batch_create(scene, &off, &without), CLN_OK);
+    for (uint32_t step = 0; step < STEPS; step++) {
+        const cln_draw draw = {.step = step, .n = config.rays, .depth = 1, .space = &scene->space};
+
+        cln_batch_draw(&b, scene, &config, &draw);
+        cln_batch_draw(&without, scene, &off, &(cln_draw){.step = step, .n = config.rays});
+        for (int i = 0; i < config.rays; i++) {
+            const cln_pixel *p = &b.pixels[i];
+
+            if (!cln_batch_is_sight(i))
+                continue;
+            if (b.shown[i][3] > 0) {
+                assert_true(cln_view_keeps(&scene->views[p->view], (int)p->x, (int)p->y));
+                sights++;
+            } else {
+                assert_memory_equal(p, &without.pixels[i], sizeof *p);
+                left++;
+            }
+        }
+    }
+    assert_true(sights > 0 && left > 0);
+    cln_batch_free(&b);
+    cln_batch_free(&without);
+    cln_scene_free(scene);
+}
+
 /* Not for splatting, which draws rays of a few views. */
 static void test_never(void **state)
 {
@@ -120,6 +161,7 @@ int test_group_sight_rays(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_draw, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masked, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_never, scratch_make, scratch_remove),
     };
 
