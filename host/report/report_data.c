@@ -144,23 +144,24 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
     const double vertices = cln_json_number(row, "vertex_bytes");
     const double balance = cln_json_number(row, "balance");
     const double rays = cln_json_number(row, "rays_per_s") * (seconds - sum->last_seconds);
-    const double steps = step - sum->last_step;
+    const double steps = step - sum->last_step, wall = cln_json_number(row, "wall_seconds");
 
+    /* resumed: the process's clock begins anew, and its counts */
+    if (wall < sum->last_wall || bytes < sum->last_bytes)
+        sum->last_bytes = sum->last_message_seconds = sum->last_vertex_bytes = 0;
     if (isfinite(bytes) && isfinite(waited) && steps > 0) {
-        const bool anew = bytes < sum->last_bytes; /* resumed */
-
         sum->ranks = cln_json_number(row, "ranks");
         sum->steps += steps;
         sum->seconds += seconds - sum->last_seconds;
         sum->rays += isfinite(rays) ? rays : 0;
-        sum->bytes += bytes - (anew ? 0 : sum->last_bytes);
-        sum->message_seconds += waited - (anew ? 0 : sum->last_message_seconds);
+        sum->bytes += bytes - sum->last_bytes;
+        sum->message_seconds += waited - sum->last_message_seconds;
         if (isfinite(balance)) {
             sum->balanced += balance * steps;
             sum->balance_weight += steps;
         }
         if (isfinite(vertices)) {
-            sum->vertex_bytes += vertices - (anew ? 0 : sum->last_vertex_bytes);
+            sum->vertex_bytes += vertices - sum->last_vertex_bytes;
             sum->last_vertex_bytes = vertices;
         }
         sum->last_bytes = bytes;
@@ -172,6 +173,7 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
     }
     sum->last_step = step;
     sum->last_seconds = seconds;
+    sum->last_wall = wall;
 }
 
 /* A row of training, a decision on the structure, or a move; other events are not shown. */

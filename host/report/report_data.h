@@ -41,7 +41,7 @@ typedef struct cln_report_ranks_sum {
     double ranks; /* of the latest row; 0 or NaN without */
     double steps, rays, seconds, bytes, message_seconds;
     double balanced, balance_weight; /* sums of balance x steps, and of steps */
-    double last_step, last_seconds, last_bytes, last_message_seconds;
+    double last_step, last_seconds, last_bytes, last_message_seconds, last_wall;
     double vertex_bytes, last_vertex_bytes; /* of voxels: for common vertices */
     double photos[2]; /* latest row: bytes of the least and of the most that a process has */
     int stage_count;

@@ -566,6 +566,26 @@ static void processes_are_summed_up(void **state)
     free(page);
 }
 
+/* The same, but the resumed run has sent more than the one before; its clock began anew. */
+static void processes_of_a_long_resumed_run(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    put_text(run, "metrics.jsonl",
+             "{\"step\":10,\"seconds\":2,\"wall_seconds\":9,\"rays_per_s\":500,\"ranks\":2,"
+             "\"sent_bytes\":3000,\"message_seconds\":0.3,\"vertex_bytes\":1000}\n"
+             "{\"step\":20,\"seconds\":4,\"wall_seconds\":3,\"rays_per_s\":1000,\"ranks\":2,"
+             "\"sent_bytes\":8000,\"message_seconds\":0.5,\"vertex_bytes\":2000}\n"
+             "{\"step\":30,\"seconds\":6,\"wall_seconds\":6,\"rays_per_s\":1000,\"ranks\":2,"
+             "\"sent_bytes\":10000,\"message_seconds\":0.7,\"vertex_bytes\":2600}\n");
+    page = page_of(run);
+    assert_has(page, "sent, per step<td class=n>433\n"); /* (3000 + 10000) / 30 */
+    assert_has(page, " (16.7&thinsp;% of training)");    /* (0.3 + 0.7) / 6 */
+    free(page);
+}
+
 static json_t *tree_of(json_t *error)
 {
     return json_pack("{s:s s:i s:i s:[i,i,i,i,i,i] s:o s:[s]}", "schema", "cl-nascent.tree/1",
@@ -892,6 +912,7 @@ int test_group_report(void)
         ON_DISK(decisions_are_marks_and_a_table),
         ON_DISK(the_tree_is_shown_with_its_legend),
         ON_DISK(shown_views_are_the_most_held_out),
+        ON_DISK(processes_of_a_long_resumed_run),
         ON_DISK(many_views_are_sampled_by_rank),
         ON_DISK(long_runs_stay_small),
         ON_DISK(photos_stay_small),
