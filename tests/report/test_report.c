@@ -679,6 +679,58 @@ static void shown_views_are_the_most_held_out(void **state)
     cln_report_data_free(&data);
 }
 
+/* Of one step, the figures are those of pictures as they are, whichever file is read first; how
+ * others were rendered is said. */
+static void figures_say_how_they_were_rendered(void **state)
+{
+    static const struct {
+        const char *name;
+        double psnr;
+        int antialias;
+        bool fast;
+    } rows[] = {{"a-fast", 21, 1, true},
+                {"b", 20, 1, false},
+                {"c-antialias2", 22, 2, false},
+                {"d-antialias3-fast", 23, 3, true}};
+    const char *run = scratch_path(*state, "run");
+    cln_report_data data;
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    for (int pass = 0; pass < 2; pass++) {
+        for (int i = 3; i >= 0; i--) {
+            json_t *document =
+                json_pack("{s:s s:i s:f s:s s:{s:f s:f} s:[o]}", "schema", "cl-nascent.eval/1",
+                          "step", 100, "train_seconds", 4.0, "split", "test", "mean", "psnr",
+                          rows[i].psnr, "ssim", 0.5, "images", one_image("r.png", rows[i].psnr));
+            char name[64];
+
+            if (rows[i].antialias > 1)
+                json_object_set_new(document, "antialias", json_integer(rows[i].antialias));
+            if (rows[i].fast)
+                json_object_set_new(document, "fast", json_true());
+            snprintf(name, sizeof name, "eval/%s.json", rows[i].name);
+            put_json(run, name, document);
+        }
+        if (pass == 1)
+            assert_int_equal(remove(scratch_path(run, "eval/b.json")), 0);
+        assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+        assert_int_equal(data.eval_count, 4 - pass);
+        assert_string_equal(data.evals[data.shown].stem, pass ? "d-antialias3-fast" : "b");
+        cln_report_data_free(&data);
+        page = page_of(run);
+        if (pass == 0)
+            assert_has(page, "20.00 <small>dB</small></b><span>test PSNR after 00:04</span>");
+        else
+            assert_has(page, "23.00 <small>dB</small></b><span>test PSNR after 00:04 with "
+                             "--antialias 3 --fast</span>");
+        assert_has(page, "<td>an evaluation of 1 image with --fast\n");
+        assert_has(page, "<td>an evaluation of 1 image with --antialias 2\n");
+        assert_int_equal(count_of(page, "<td>an evaluation of 1 image\n"), pass == 0);
+        free(page);
+    }
+}
+
 static void many_views_are_sampled_by_rank(void **state)
 {
     const char *run = scratch_path(*state, "run");
@@ -912,6 +964,7 @@ int test_group_report(void)
         ON_DISK(decisions_are_marks_and_a_table),
         ON_DISK(the_tree_is_shown_with_its_legend),
         ON_DISK(shown_views_are_the_most_held_out),
+        ON_DISK(figures_say_how_they_were_rendered),
         ON_DISK(processes_of_a_long_resumed_run),
         ON_DISK(many_views_are_sampled_by_rank),
         ON_DISK(long_runs_stay_small),
