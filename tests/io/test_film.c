@@ -4,8 +4,10 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <dirent.h>
 #include <stdlib.h>
 #include <sys/stat.h>
+#include <unistd.h>
 #include <cmocka.h>
 #include "io/film.h"
 #include "scratch.h"
@@ -64,9 +66,24 @@ static void put_ffmpeg(void **state, const char *script)
     assert_int_equal(chmod(path, 0755), 0);
 }
 
+/* to: the last argument, the file's URL */
+#define FFMPEG "#!/bin/sh\nfor to; do :; done\n"
+
+static int count_files(const char *folder)
+{
+    int files = 0;
+    DIR *dir = opendir(folder);
+
+    assert_non_null(dir);
+    for (const struct dirent *e = readdir(dir); e; e = readdir(dir))
+        files += e->d_name[0] != '.';
+    closedir(dir);
+    return files;
+}
+
 static void test_ffmpeg(void **state)
 {
-    const char *path = scratch_path(*state, "a.mp4"), *part = scratch_path(*state, "a.part.mp4");
+    const char *path = scratch_path(*state, "a.mp4");
     char *own = strdup(getenv("PATH"));
     int warnings = 0;
 
@@ -76,20 +93,43 @@ static void test_ffmpeg(void **state)
     assert_int_equal(warnings, 1);
     assert_bytes(scratch_path(*state, "a.y4m"), y4m, sizeof y4m - 1);
     assert_false(cln_is_file(path));
-    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\n/bin/cat >\"$to\"\n");
+    put_ffmpeg(state, FFMPEG "/bin/cat >\"${to#file:}\"\n");
     assert_int_equal(make(path, false), CLN_OK);
     assert_bytes(path, pictures, sizeof pictures);
     assert_int_equal(make(path, false), CLN_OUTPUT);
     cln_clear_error();
-    put_ffmpeg(state, "#!/bin/sh\nfor to; do :; done\necho part >\"$to\"\n/bin/cat >/dev/null\n"
-                      "echo no such encoder >&2\nexit 3\n");
+    put_ffmpeg(state, FFMPEG "echo part >\"${to#file:}\"\n/bin/cat >/dev/null\n"
+                             "echo no such encoder >&2\nexit 3\n");
     assert_int_equal(make(path, true), CLN_FAILED);
     assert_non_null(strstr(cln_error_text(), "code 3: no such encoder"));
     cln_clear_error();
-    assert_false(cln_is_file(part));
+    assert_int_equal(count_files(*state), 3);      /* a.y4m, a.mp4, ffmpeg: no part */
     assert_bytes(path, pictures, sizeof pictures); /* the film before stays */
     setenv("PATH", own, 1);
     free(own);
+}
+
+/* The user's files stay, whatever their names; a colon makes no protocol of a name, and a dash no
+ * option. */
+static void test_ffmpeg_names(void **state)
+{
+    const char *part = scratch_path(*state, "take:1.part.mp4");
+    char *own = strdup(getenv("PATH")), *here = realpath(".", NULL);
+
+    put_ffmpeg(state, FFMPEG "case $to in file:*) ;; *) exit 4 ;; esac\n"
+                             "[ -f \"${to#file:}\" ] || exit 5\n/bin/cat >\"${to#file:}\"\n");
+    assert_int_equal(setenv("PATH", *state, 1), 0);
+    scratch_put(part, "mine", 4);
+    assert_int_equal(chdir(*state), 0);
+    assert_int_equal(make("take:1.mp4", false), CLN_OK);
+    assert_int_equal(make("-a.mp4", false), CLN_OK);
+    assert_int_equal(chdir(here), 0);
+    assert_bytes(part, "mine", 4);
+    assert_bytes(scratch_path(*state, "take:1.mp4"), pictures, sizeof pictures);
+    assert_bytes(scratch_path(*state, "-a.mp4"), pictures, sizeof pictures);
+    setenv("PATH", own, 1);
+    free(own);
+    free(here);
 }
 
 static void test_names(void **state)
@@ -104,7 +144,7 @@ int test_group_film(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
     const struct CMUnitTest tests[] = {ON_DISK(test_y4m), ON_DISK(test_ffmpeg),
-                                       cmocka_unit_test(test_names)};
+                                       ON_DISK(test_ffmpeg_names), cmocka_unit_test(test_names)};
 
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }
