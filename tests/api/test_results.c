@@ -285,6 +285,27 @@ static void test_render_drops_what_is_stale(void **state)
     assert_true(digest_of(fixture_path(extra[0])) != before);
 }
 
+/* A frame whose files cannot be written or read is refused before anything is rendered. */
+static void test_render_refuses_sizes(void **state)
+{
+    fixture_stop none = {0};
+    cln_render_desc desc = render_desc("too large", &none);
+    cln_render_result result;
+
+    NEED_DEVICE();
+    desc.split = NULL;
+    desc.orbit_frames = 1;
+    desc.orbit_radius = 1;
+    desc.normals = true;
+    desc.width = 8192;
+    desc.height = 32768; /* 2^28 pixels, 3 x 2^30 bytes of normals */
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--normals");
+    desc.normals = false;
+    desc.stereo = 0.1;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--stereo");
+    assert_false(cln_is_dir(fixture_path("too large")));
+}
+
 /* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in empty
  * space. */
 static void test_render_files(void **state)
@@ -883,6 +904,7 @@ int test_group_results(void)
         cmocka_unit_test(test_eval_of_other_splits),
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_drops_what_is_stale),
+        cmocka_unit_test(test_render_refuses_sizes),
         cmocka_unit_test(test_render_files),
         cmocka_unit_test(test_render_warns_here),
         cmocka_unit_test(test_render_pairs),
