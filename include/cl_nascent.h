@@ -237,7 +237,7 @@ typedef struct cln_eval_image {
     char *name;
     char *file; /* of its pictures: FILE.png, FILE.truth.png, FILE.error.png */
     int width, height;
-    double psnr, psnr_u8, ssim, mse, seconds;
+    double psnr, psnr_u8, ssim, mse, seconds; /* ssim: NAN if no 11 x 11 pixels all count */
     double psnr_fitted;   /* after an affine fit of the render's colours to the photo's */
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
@@ -260,7 +260,7 @@ typedef struct cln_eval_seams {
 typedef struct cln_eval_result {
     int count;
     cln_eval_image *images;
-    double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images */
+    double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images with a value */
     double psnr_fitted;                                         /* mean over images */
     double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;

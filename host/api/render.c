@@ -26,6 +26,7 @@
 #include "io/disk.h"
 #include "io/film.h"
 #include "io/image.h"
+#include "io/npy.h"
 #include "io/run_folder.h"
 
 /* ---- which frames ---- */
@@ -66,6 +67,28 @@ static cln_status list_frames(cln_render_job *j)
     }
 done:
     return st;
+}
+
+/* Files that cannot be written, or read for the depth pictures, are refused before the work. */
+static cln_status check_sizes(const cln_render_job *j)
+{
+    for (int i = 0; i < j->count; i++) {
+        const cln_render_frame *f = &j->frames[i];
+        const int64_t width = cln_render_width(j, f), pixels = width * f->camera.height;
+
+        if (width > CLN_IMAGE_MAX_SIDE || pixels > CLN_IMAGE_MAX_PIXELS)
+            return cln_fail(CLN_USAGE,
+                            "--stereo: frame %s has %lld x %d pixels with both eyes, more than "
+                            "the %d a side or %d in all that are possible; give less --width",
+                            f->name, (long long)width, f->camera.height, CLN_IMAGE_MAX_SIDE,
+                            CLN_IMAGE_MAX_PIXELS);
+        if (j->desc->normals && (size_t)pixels > CLN_NPY_MAX_BYTES / (3 * sizeof(float)))
+            return cln_fail(CLN_USAGE,
+                            "--normals: frame %s has %lld x %d pixels, whose normals are more "
+                            "than the 2^31 bytes of a file; give less --width, or leave it out",
+                            f->name, (long long)width, f->camera.height);
+    }
+    return CLN_OK;
 }
 
 /* Poses of another scene, or in other units, would give pictures of the background alone. A shell
@@ -392,6 +415,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         CLN_TRY(render_film(&j, result));
         goto done;
     }
+    CLN_TRY(check_sizes(&j));
     if (j.writes) {
         CLN_TRY(cln_render_check_folder(desc->out, &j.before));
         CLN_TRY(cln_render_find_there(&j));

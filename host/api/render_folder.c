@@ -198,7 +198,6 @@ done:
 
 cln_status cln_render_drop_stale(const cln_render_job *j)
 {
-    static const int marks[] = {COLOUR_PNG, DEPTH_PNG};
     cln_status st = CLN_OK;
     char *path = NULL;
     int dropped = 0;
@@ -206,12 +205,12 @@ cln_status cln_render_drop_stale(const cln_render_job *j)
     for (int i = 0; i < j->count; i++) {
         if (j->frames[i].there)
             continue;
-        for (size_t k = 0; k < sizeof marks / sizeof *marks; k++) {
+        for (int file = DEPTH_PNG; file >= 0; file--) { /* first those that say it is there */
             free(path);
             path = NULL;
-            CLN_TRY(path_of(j, &j->frames[i], marks[k], &path));
+            CLN_TRY(path_of(j, &j->frames[i], file, &path));
             if (remove(path) == 0)
-                dropped += marks[k] == COLOUR_PNG;
+                dropped += file == COLOUR_PNG;
             else if (errno != ENOENT)
                 CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path, strerror(errno)));
         }

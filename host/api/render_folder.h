@@ -47,8 +47,8 @@ cln_status cln_render_find_there(cln_render_job *j);
 /* CLN_OUTPUT if the disk has no room for the frames that are not there yet. */
 cln_status cln_render_check_disk(const cln_render_job *j);
 
-/* Removes old pictures of frames that are rendered again: the folder then has what render.json
- * says. */
+/* Removes all files of frames that are rendered again, also those of a kind that is not asked for
+ * now: the folder then has what render.json says. */
 cln_status cln_render_drop_stale(const cln_render_job *j);
 
 /* Writes render.json. scale: of the depth pictures, NULL before they are drawn. */

@@ -3,7 +3,9 @@
 #include "io/film.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,6 +44,34 @@ bool cln_film_named(const char *path)
     return false;
 }
 
+/* An empty file of our own beside the film, with its ending, by which ffmpeg takes the format. */
+static cln_status make_part(cln_film *f)
+{
+    static atomic_uint counter;
+    cln_status st = CLN_OK;
+    const int stem = (int)(ending(f->path) - f->path);
+    int fd = -1;
+
+    for (int attempt = 0; attempt < 100 && fd < 0; attempt++) {
+        free(f->part);
+        f->part = NULL;
+        CLN_TRY(cln_asprintf(&f->part, "%.*s.tmp.%ld.%u%s", stem, f->path, (long)getpid(),
+                             atomic_fetch_add(&counter, 1), ending(f->path)));
+        fd = open(f->part, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+        if (fd < 0 && errno != EEXIST)
+            break;
+    }
+    if (fd < 0) {
+        st = cln_fail(CLN_OUTPUT, "%s: cannot create a file there: %s", f->path, strerror(errno));
+        free(f->part); /* not ours, if it is there */
+        f->part = NULL;
+    }
+done:
+    if (fd >= 0)
+        close(fd);
+    return st;
+}
+
 static cln_status start_ffmpeg(cln_film *f, double fps)
 {
     /* most players need even sides and subsampled colours */
@@ -51,13 +81,12 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
     cln_status st = CLN_OK;
     const bool gif = strcasecmp(ending(f->path), ".gif") == 0;
     const bool webm = strcasecmp(ending(f->path), ".webm") == 0;
-    char *to = NULL, size[32], rate[32];
+    char size[32], rate[32], *url = NULL;
 
     snprintf(size, sizeof size, "%dx%d", f->width, f->height);
     cln_format(rate, sizeof rate, "%.6f", fps);
-    CLN_TRY(cln_asprintf(&f->part, "%.*s.part%s", (int)(ending(f->path) - f->path), f->path,
-                         ending(f->path)));
-    CLN_TRY(cln_asprintf(&to, "file:%s", f->part)); /* "12:30.mp4" would be an address */
+    CLN_TRY(make_part(f));
+    CLN_TRY(cln_asprintf(&url, "file:%s", f->part)); /* "a:1.mp4" would be a protocol's */
     {
         const char *argv[40] = {"ffmpeg",
                                 "-nostdin",
@@ -91,11 +120,11 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
             argv[n++] = "-b:v";
             argv[n++] = "0";
         }
-        argv[n++] = to;
+        argv[n++] = url;
         CLN_TRY(cln_command_open(argv, &f->feed));
     }
 done:
-    free(to);
+    free(url);
     return st;
 }
 

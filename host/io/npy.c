@@ -15,7 +15,6 @@
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "npy.c is for little-endian hosts");
 
 enum { MAX_DIMS = 4, PREFIX_BYTES = 10, HEADER_MAX = 1024 };
-static const size_t MAX_BYTES = (size_t)1 << 31;
 
 static const char magic[8] = {(char)0x93, 'N', 'U', 'M', 'P', 'Y', 1, 0};
 
@@ -24,7 +23,8 @@ static bool element_count(int dims, const int *shape, size_t *count)
 {
     *count = 1;
     for (int i = 0; i < dims; i++) {
-        if (shape[i] < 0 || (shape[i] && *count > MAX_BYTES / sizeof(float) / (size_t)shape[i]))
+        if (shape[i] < 0 ||
+            (shape[i] && *count > CLN_NPY_MAX_BYTES / sizeof(float) / (size_t)shape[i]))
             return false;
         *count *= (size_t)shape[i];
     }
@@ -184,7 +184,7 @@ cln_status cln_npy_read_f32(const char *path, int *dims, int shape[4], float **d
     array a = {.dims = dims, .shape = shape};
 
     *data = NULL;
-    CLN_TRY(cln_read_file(path, MAX_BYTES + PREFIX_BYTES + HEADER_MAX, &file, &bytes));
+    CLN_TRY(cln_read_file(path, CLN_NPY_MAX_BYTES + PREFIX_BYTES + HEADER_MAX, &file, &bytes));
     CLN_TRY(read_header(path, file, bytes, &a));
     if (strncmp(a.type, "'<f4'", 5) != 0 || strncmp(a.order, "False", 5) != 0)
         CLN_TRY(cln_fail(CLN_INPUT,

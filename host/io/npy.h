@@ -6,6 +6,8 @@
 #include <stddef.h>
 #include "base/files.h"
 
+#define CLN_NPY_MAX_BYTES ((size_t)1 << 31) /* of data */
+
 /* Writes shape[dims] float32, atomically. */
 cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const float *data);
 

@@ -7,6 +7,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include "base/memory.h"
 
 enum { WINDOW = CLN_SSIM_WINDOW, MOMENTS = 5 /* a, b, aa, bb, ab */ };
@@ -217,6 +218,18 @@ done:
     return st;
 }
 
+cln_status cln_ssim_has_window(int width, int height, const uint8_t *kept, bool *has)
+{
+    cln_status st = CLN_OK;
+    uint8_t *whole = NULL;
+
+    CLN_TRY(find_windows(width, height, kept, &whole));
+    *has = memchr(whole, 1, (size_t)height * (size_t)(width - WINDOW + 1)) != NULL;
+done:
+    free(whole);
+    return st;
+}
+
 cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const float *a,
                           const float *b, double *ssim)
 {
@@ -260,12 +273,7 @@ cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const floa
             }
             total += row_sum;
         }
-    if (windows == 0)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "SSIM needs a block of %d x %d pixels that the mask keeps; this image of "
-                         "%d x %d has none",
-                         WINDOW, WINDOW, width, height));
-    *ssim = total / windows;
+    *ssim = windows > 0 ? total / windows : NAN;
 done:
     free(whole);
     free(ring);

@@ -8,6 +8,7 @@
 #ifndef CLN_METRICS_IMAGE_H
 #define CLN_METRICS_IMAGE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include "base/status.h"
 
@@ -21,8 +22,10 @@ double cln_psnr(double mse);
 double cln_image_fitted_mse(int width, int height, const uint8_t *kept, const float *a,
                             const float *b);
 enum { CLN_SSIM_WINDOW = 11 };
-/* CLN_INPUT if a side is under that many pixels, or no window is whole. */
+/* NAN if no window is whole. CLN_INPUT if a side is under that many pixels. */
 cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const float *a,
                           const float *b, double *ssim);
+/* Whether any window is whole, of an image that is large enough. */
+cln_status cln_ssim_has_window(int width, int height, const uint8_t *kept, bool *has);
 
 #endif

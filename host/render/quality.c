@@ -8,7 +8,9 @@
 #include <string.h>
 
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "render/tree_picture.h"
 #include "io/image.h"
 #include "render/metrics_image.h"
@@ -41,6 +43,55 @@ done:
     return st;
 }
 
+/* [height][width], 0 where a pixel is left out; NULL if none is. */
+static cln_status list_kept(const cln_view *v, uint8_t **kept)
+{
+    cln_status st = CLN_OK;
+    const int width = v->camera.width;
+    const size_t pixels = (size_t)width * (size_t)v->camera.height;
+
+    if (!v->kept)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(kept, pixels, 1, "picture"));
+    for (size_t i = 0; i < pixels; i++)
+        (*kept)[i] = cln_view_keeps(v, (int)(i % (size_t)width), (int)(i / (size_t)width));
+done:
+    return st;
+}
+
+/* Warns once of views without a whole window. */
+static cln_status warn_windows(const cln_scene *scene, const int *views, int count)
+{
+    cln_status st = CLN_OK;
+    const cln_view *first = NULL;
+    uint8_t *kept = NULL;
+    char others[64] = "";
+    int without = 0;
+
+    for (int i = 0; i < count; i++) {
+        const cln_view *v = &scene->views[views[i]];
+        bool has = true;
+
+        CLN_TRY(list_kept(v, &kept));
+        if (kept)
+            CLN_TRY(cln_ssim_has_window(v->camera.width, v->camera.height, kept, &has));
+        free(kept);
+        kept = NULL;
+        without += !has;
+        first = has || first ? first : v;
+    }
+    if (without > 1)
+        snprintf(others, sizeof others, ", and %d other%s alike", without - 1,
+                 cln_plural(without - 1, "", "s"));
+    if (first)
+        cln_warn("%s: '%s' has no SSIM: no block of %d x %d of its pixels counts%s; means of SSIM "
+                 "leave it out",
+                 scene->folder, first->name, CLN_SSIM_WINDOW, CLN_SSIM_WINDOW, others);
+done:
+    free(kept);
+    return st;
+}
+
 cln_status cln_quality_check(const cln_scene *scene, const int *views, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -53,7 +104,7 @@ cln_status cln_quality_check(const cln_scene *scene, const int *views, int count
                             scene->folder, v->name, v->camera.width, v->camera.height,
                             scene->downscale, CLN_SSIM_WINDOW, CLN_SSIM_WINDOW);
     }
-    return CLN_OK;
+    return warn_windows(scene, views, count);
 }
 
 static cln_status write_picture(const char *folder, const char *name, const char *suffix, int width,
@@ -139,11 +190,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     for (size_t i = 0; i < pixels; i++)
         cln_view_pixel(v, (int)(i % (size_t)width), (int)(i / (size_t)width), scene->background,
                        truth + 3 * i, &alpha);
-    if (v->kept) {
-        CLN_TRY(cln_alloc(&kept, pixels, 1, "picture"));
-        for (size_t i = 0; i < pixels; i++)
-            kept[i] = cln_view_keeps(v, (int)(i % (size_t)width), (int)(i / (size_t)width));
-    }
+    CLN_TRY(list_kept(v, &kept));
     for (size_t i = 0; i < pixels * 3; i++)
         rounded[i] = (float)cln_to_u8(picture->rgb[i]) / 255.0f;
     image->width = width;
@@ -237,13 +284,13 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         result->psnr += image->psnr / count;
         result->psnr_u8 += image->psnr_u8 / count;
         result->psnr_fitted += image->psnr_fitted / count;
-        result->ssim += image->ssim / count;
         result->mse += image->mse / count;
         result->seconds += image->seconds / count;
         if (callbacks && callbacks->work)
             callbacks->work("eval", i + 1, count, callbacks->user);
     }
     result->psnr_of_mean_mse = cln_psnr(result->mse);
+    result->ssim = mean_of(result, offsetof(cln_eval_image, ssim));
     result->opacity_error = mean_of(result, offsetof(cln_eval_image, opacity_error));
     result->opaque_air = mean_of(result, offsetof(cln_eval_image, opaque_air));
     if (tree)
@@ -269,16 +316,23 @@ double cln_quality_bytes(const cln_scene *scene, const int *views, int count)
     return bytes + 2 * TREE_VIEWS * largest;
 }
 
+/* Images without an SSIM are left out of its deviation. */
 static double deviation(const cln_eval_result *r, bool ssim)
 {
     double sum = 0;
+    int count = 0;
 
     for (int i = 0; i < r->count; i++) {
         const double d = ssim ? r->images[i].ssim - r->ssim : r->images[i].psnr - r->psnr;
 
+        if (ssim && !isfinite(r->images[i].ssim))
+            continue;
         sum += d * d;
+        count++;
     }
-    return r->count > 0 ? sqrt(sum / r->count) : 0;
+    if (count == 0)
+        return r->count > 0 ? NAN : 0;
+    return sqrt(sum / count);
 }
 
 static json_t *jump_json(const cln_eval_jump *jump)

@@ -11,7 +11,8 @@
 cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most, int **views,
                               int *count);
 
-/* CLN_INPUT names a view that is too small for an SSIM. Called before a training or a rendering. */
+/* CLN_INPUT names a view that is too small for an SSIM; a warning, one that has none as no whole
+ * window of it counts. Called before a training or a rendering. */
 cln_status cln_quality_check(const cln_scene *scene, const int *views, int count);
 
 /* Renders the given views (their pixels must be loaded) and fills `result` (the caller sets digest,

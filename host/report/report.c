@@ -122,12 +122,12 @@ static void put_headline(FILE *to, const cln_report_data *data)
     fputs("<div class=cards>\n", to);
     if (e) {
         cln_format_duration(e->seconds, text);
-        snprintf(caption, sizeof caption, "%s PSNR after %s", e->split, text);
+        snprintf(caption, sizeof caption, "%s PSNR after %s%s", e->split, text, e->how);
         put_psnr_card(to, e->psnr, caption, true);
         open_card(to, false);
         cln_report_number(to, e->ssim, 4);
-        snprintf(caption, sizeof caption, "%s SSIM, %d view%s", e->split, e->images,
-                 e->images == 1 ? "" : "s");
+        snprintf(caption, sizeof caption, "%s SSIM, %d view%s%s", e->split, e->images,
+                 e->images == 1 ? "" : "s", e->how);
         close_card(to, caption);
     } else if (isfinite(test)) {
         put_psnr_card(to, test, "test PSNR, some views, while training", true);

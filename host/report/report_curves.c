@@ -124,7 +124,9 @@ static void put_small(FILE *to, const cln_report_data *data, const char *title, 
 /* One row of the table of test points. */
 typedef struct point {
     double seconds, step, psnr, ssim, train;
-    int images; /* 0 = a measurement during training */
+    int images;      /* 0 = a measurement during training */
+    const char *how; /* of the evaluation */
+    int order;       /* in the file or list, for those of the same time and images */
 } point;
 
 static int by_seconds(const void *a, const void *b)
@@ -133,7 +135,7 @@ static int by_seconds(const void *a, const void *b)
 
     if (x->seconds != y->seconds)
         return x->seconds < y->seconds ? -1 : 1;
-    return x->images - y->images;
+    return x->images != y->images ? x->images - y->images : x->order - y->order;
 }
 
 /* Smoothed train PSNR of the last row up to a time. */
@@ -153,12 +155,13 @@ static int find_points(const cln_report_data *data, point *out)
 
     for (int i = 0; i < r->count; i++) {
         if (isfinite(r->psnr_test[i]) && isfinite(r->seconds[i]))
-            out[count++] = (point){r->seconds[i], r->step[i], r->psnr_test[i], NAN, NAN, 0};
+            out[count++] = (point){r->seconds[i], r->step[i], r->psnr_test[i], NAN, NAN, 0, "", i};
     }
     for (int i = 0; i < data->eval_count; i++) {
         const cln_report_eval *e = &data->evals[i];
         if (strcmp(e->split, "train") != 0 && isfinite(e->seconds))
-            out[count++] = (point){e->seconds, e->step, e->psnr, e->ssim, NAN, e->images};
+            out[count++] =
+                (point){e->seconds, e->step, e->psnr, e->ssim, NAN, e->images, e->how, i};
     }
     qsort(out, (size_t)count, sizeof *out, by_seconds);
     return count;
@@ -187,8 +190,8 @@ static void put_points(FILE *to, const cln_report_data *data)
             fputs("<td class=n>", to);
             cln_report_number(to, train_at(&data->rows, p->seconds), 2);
             if (p->images > 0)
-                fprintf(to, "<td>an evaluation of %d image%s\n", p->images,
-                        p->images == 1 ? "" : "s");
+                fprintf(to, "<td>an evaluation of %d image%s%s\n", p->images,
+                        p->images == 1 ? "" : "s", p->how);
             else
                 fputs("<td>some images, while training\n", to);
         }

@@ -4,6 +4,7 @@
 
 #include <dirent.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
@@ -144,23 +145,24 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
     const double vertices = cln_json_number(row, "vertex_bytes");
     const double balance = cln_json_number(row, "balance");
     const double rays = cln_json_number(row, "rays_per_s") * (seconds - sum->last_seconds);
-    const double steps = step - sum->last_step;
+    const double steps = step - sum->last_step, wall = cln_json_number(row, "wall_seconds");
 
+    /* resumed: the process's clock begins anew, and its counts */
+    if (wall < sum->last_wall || bytes < sum->last_bytes)
+        sum->last_bytes = sum->last_message_seconds = sum->last_vertex_bytes = 0;
     if (isfinite(bytes) && isfinite(waited) && steps > 0) {
-        const bool anew = bytes < sum->last_bytes; /* resumed */
-
         sum->ranks = cln_json_number(row, "ranks");
         sum->steps += steps;
         sum->seconds += seconds - sum->last_seconds;
         sum->rays += isfinite(rays) ? rays : 0;
-        sum->bytes += bytes - (anew ? 0 : sum->last_bytes);
-        sum->message_seconds += waited - (anew ? 0 : sum->last_message_seconds);
+        sum->bytes += bytes - sum->last_bytes;
+        sum->message_seconds += waited - sum->last_message_seconds;
         if (isfinite(balance)) {
             sum->balanced += balance * steps;
             sum->balance_weight += steps;
         }
         if (isfinite(vertices)) {
-            sum->vertex_bytes += vertices - (anew ? 0 : sum->last_vertex_bytes);
+            sum->vertex_bytes += vertices - sum->last_vertex_bytes;
             sum->last_vertex_bytes = vertices;
         }
         sum->last_bytes = bytes;
@@ -172,6 +174,7 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
     }
     sum->last_step = step;
     sum->last_seconds = seconds;
+    sum->last_wall = wall;
 }
 
 /* A row of training, a decision on the structure, or a move; other events are not shown. */
@@ -295,13 +298,31 @@ int cln_report_decimate(int count, const double *from_x, const double *from_y, d
 
 /* ---- eval/ ---- */
 
+/* Of one step and split, figures of pictures as they are come last: the last is shown. */
 static int by_step(const void *a, const void *b)
 {
     const cln_report_eval *x = a, *y = b;
 
     if (x->step != y->step)
         return x->step < y->step ? -1 : 1;
-    return strcmp(x->split, y->split) ? strcmp(x->split, y->split) : x->images - y->images;
+    if (strcmp(x->split, y->split) != 0)
+        return strcmp(x->split, y->split);
+    if (!x->how[0] != !y->how[0])
+        return y->how[0] ? 1 : -1;
+    return x->images != y->images ? x->images - y->images : strcmp(x->stem, y->stem);
+}
+
+/* Writes " with --antialias 2 --fast"; nothing for pictures as they are. */
+static void say_how(const json_t *document, char *out, size_t bytes)
+{
+    const double n = cln_json_number(document, "antialias");
+    const bool fast = json_is_true(json_object_get(document, "fast"));
+
+    out[0] = 0;
+    if (n > 1)
+        snprintf(out, bytes, " with --antialias %.0f%s", fmin(n, 99), fast ? " --fast" : "");
+    else if (fast)
+        snprintf(out, bytes, " with --fast");
 }
 
 static int split_rank(const char *split)
@@ -331,6 +352,7 @@ static cln_status add_eval(const char *folder, const char *name, cln_report_data
     e->seconds = cln_json_number(e->document, "train_seconds");
     e->psnr = cln_json_number(mean, "psnr");
     e->ssim = cln_json_number(mean, "ssim");
+    say_how(e->document, e->how, sizeof e->how);
     e->images = (int)json_array_size(json_object_get(e->document, "images"));
     data->eval_count++;
 done:

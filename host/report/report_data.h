@@ -41,7 +41,7 @@ typedef struct cln_report_ranks_sum {
     double ranks; /* of the latest row; 0 or NaN without */
     double steps, rays, seconds, bytes, message_seconds;
     double balanced, balance_weight; /* sums of balance x steps, and of steps */
-    double last_step, last_seconds, last_bytes, last_message_seconds;
+    double last_step, last_seconds, last_bytes, last_message_seconds, last_wall;
     double vertex_bytes, last_vertex_bytes; /* of voxels: for common vertices */
     double photos[2]; /* latest row: bytes of the least and of the most that a process has */
     int stage_count;
@@ -58,6 +58,7 @@ typedef struct cln_report_eval {
     const char *split;                /* in document */
     double step, seconds, psnr, ssim; /* seconds of training; means */
     int images;
+    char how[40]; /* " with --fast"; "" for pictures as they are */
 } cln_report_eval;
 
 typedef struct cln_report_data {
@@ -70,7 +71,7 @@ typedef struct cln_report_data {
     cln_report_move *moves; /* likewise */
     cln_report_ranks_sum ranks;
     int eval_count;
-    cln_report_eval *evals; /* by step, split, images */
+    cln_report_eval *evals; /* by step, split, images; those with options first */
     int shown;              /* the eval whose views are shown: latest, test before val before train;
                                -1 = none */
     json_t *tree;           /* tree.json beside its pictures; NULL if there is none */

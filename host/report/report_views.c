@@ -166,7 +166,7 @@ cln_status cln_report_views(FILE *to, const cln_report_data *data)
     cln_format_count(e->step, steps);
     fprintf(to, "<p>%d view%s of the split <b>", e->images, e->images == 1 ? "" : "s");
     cln_html_text(to, e->split);
-    fprintf(to, "</b> at step %s, after %s of training", steps, time);
+    fprintf(to, "</b> at step %s, after %s of training%s", steps, time, e->how);
     put_background(to, json_object_get(e->document, "background"));
     fputs(": mean PSNR ", to);
     cln_report_number(to, e->psnr, 2);

@@ -260,6 +260,52 @@ static void test_render_skips(void **state)
     assert_int_equal(digest_of(fixture_path(files[0])), before[0]);
 }
 
+/* Frames that are rendered again leave no file of before: it would be taken for one of now. */
+static void test_render_drops_what_is_stale(void **state)
+{
+    static const char *const extra[] = {"kinds/test_r_1.depth.pfm", "kinds/test_r_1.depth16.png",
+                                        "kinds/test_r_1.normal.npy", "kinds/test_r_1.normal.png"};
+    fixture_stop none = {0};
+    cln_render_desc desc = render_desc("kinds", &none);
+    uint64_t before = 0;
+
+    NEED_DEVICE();
+    desc.pfm = desc.normals = true;
+    desc.depth_unit = 0.001;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    before = digest_of(fixture_path(extra[0]));
+    desc.z_depth = true;
+    desc.pfm = desc.normals = false;
+    desc.depth_unit = 0;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    for (int i = 0; i < 4; i++)
+        assert_false(cln_is_file(fixture_path(extra[i])));
+    desc.pfm = desc.normals = true;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    assert_true(digest_of(fixture_path(extra[0])) != before);
+}
+
+/* A frame whose files cannot be written or read is refused before anything is rendered. */
+static void test_render_refuses_sizes(void **state)
+{
+    fixture_stop none = {0};
+    cln_render_desc desc = render_desc("too large", &none);
+    cln_render_result result;
+
+    NEED_DEVICE();
+    desc.split = NULL;
+    desc.orbit_frames = 1;
+    desc.orbit_radius = 1;
+    desc.normals = true;
+    desc.width = 8192;
+    desc.height = 32768; /* 2^28 pixels, 3 x 2^30 bytes of normals */
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--normals");
+    desc.normals = false;
+    desc.stereo = 0.1;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--stereo");
+    assert_false(cln_is_dir(fixture_path("too large")));
+}
+
 /* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in empty
  * space. */
 static void test_render_files(void **state)
@@ -857,6 +903,8 @@ int test_group_results(void)
         cmocka_unit_test(test_eval_without_alpha),
         cmocka_unit_test(test_eval_of_other_splits),
         cmocka_unit_test(test_render_skips),
+        cmocka_unit_test(test_render_drops_what_is_stale),
+        cmocka_unit_test(test_render_refuses_sizes),
         cmocka_unit_test(test_render_files),
         cmocka_unit_test(test_render_warns_here),
         cmocka_unit_test(test_render_pairs),

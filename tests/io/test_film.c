@@ -4,8 +4,10 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <dirent.h>
 #include <stdlib.h>
 #include <sys/stat.h>
+#include <unistd.h>
 #include <cmocka.h>
 #include "io/film.h"
 #include "comma.h"
@@ -57,9 +59,6 @@ static void test_y4m(void **state)
 }
 
 /* Sets $to to the file that the last word names; it must not be taken for an address. */
-#define LAST_IS_FILE \
-    "#!/bin/sh\nfor to; do :; done\ncase \"$to\" in file:*) to=${to#file:} ;; *) exit 4 ;; esac\n"
-
 /* Puts a shell script as "ffmpeg" on PATH, with nothing else there. */
 static void put_ffmpeg(void **state, const char *script)
 {
@@ -69,9 +68,24 @@ static void put_ffmpeg(void **state, const char *script)
     assert_int_equal(chmod(path, 0755), 0);
 }
 
+/* to: the last argument, the file's URL */
+#define FFMPEG "#!/bin/sh\nfor to; do :; done\n"
+
+static int count_files(const char *folder)
+{
+    int files = 0;
+    DIR *dir = opendir(folder);
+
+    assert_non_null(dir);
+    for (const struct dirent *e = readdir(dir); e; e = readdir(dir))
+        files += e->d_name[0] != '.';
+    closedir(dir);
+    return files;
+}
+
 static void test_ffmpeg(void **state)
 {
-    const char *path = scratch_path(*state, "a.mp4"), *part = scratch_path(*state, "a.part.mp4");
+    const char *path = scratch_path(*state, "a.mp4");
     char *own = strdup(getenv("PATH"));
     int warnings = 0;
 
@@ -81,17 +95,17 @@ static void test_ffmpeg(void **state)
     assert_int_equal(warnings, 1);
     assert_bytes(scratch_path(*state, "a.y4m"), y4m, sizeof y4m - 1);
     assert_false(cln_is_file(path));
-    put_ffmpeg(state, LAST_IS_FILE "/bin/cat >\"$to\"\n");
+    put_ffmpeg(state, FFMPEG "/bin/cat >\"${to#file:}\"\n");
     assert_int_equal(make(path, false), CLN_OK);
     assert_bytes(path, pictures, sizeof pictures);
     assert_int_equal(make(path, false), CLN_OUTPUT);
     cln_clear_error();
-    put_ffmpeg(state, LAST_IS_FILE "echo part >\"$to\"\n/bin/cat >/dev/null\n"
-                                   "echo no such encoder >&2\nexit 3\n");
+    put_ffmpeg(state, FFMPEG "echo part >\"${to#file:}\"\n/bin/cat >/dev/null\n"
+                             "echo no such encoder >&2\nexit 3\n");
     assert_int_equal(make(path, true), CLN_FAILED);
     assert_non_null(strstr(cln_error_text(), "code 3: no such encoder"));
     cln_clear_error();
-    assert_false(cln_is_file(part));
+    assert_int_equal(count_files(*state), 3);      /* a.y4m, a.mp4, ffmpeg: no part */
     assert_bytes(path, pictures, sizeof pictures); /* the film before stays */
     setenv("PATH", own, 1);
     free(own);
@@ -106,13 +120,36 @@ static void test_rate_in_other_locale(void **state)
     comma_locale_begin();
     own = strdup(getenv("PATH"));
     assert_int_equal(setenv("PATH", *state, 1), 0);
-    put_ffmpeg(state, LAST_IS_FILE "echo \"$*\" >\"$to\"\n/bin/cat >/dev/null\n"
-                                   "case \"$*\" in *' -r 12.500000 '*) ;; *) exit 1 ;; esac\n");
+    put_ffmpeg(state, FFMPEG "echo \"$*\" >\"${to#file:}\"\n/bin/cat >/dev/null\n"
+                             "case \"$*\" in *' -r 12.500000 '*) ;; *) exit 1 ;; esac\n");
     st = make(path, false);
     comma_locale_end();
     setenv("PATH", own, 1);
     free(own);
     assert_int_equal(st, CLN_OK);
+}
+
+/* The user's files stay, whatever their names; a colon makes no protocol of a name, and a dash no
+ * option. */
+static void test_ffmpeg_names(void **state)
+{
+    const char *part = scratch_path(*state, "take:1.part.mp4");
+    char *own = strdup(getenv("PATH")), *here = realpath(".", NULL);
+
+    put_ffmpeg(state, FFMPEG "case $to in file:*) ;; *) exit 4 ;; esac\n"
+                             "[ -f \"${to#file:}\" ] || exit 5\n/bin/cat >\"${to#file:}\"\n");
+    assert_int_equal(setenv("PATH", *state, 1), 0);
+    scratch_put(part, "mine", 4);
+    assert_int_equal(chdir(*state), 0);
+    assert_int_equal(make("take:1.mp4", false), CLN_OK);
+    assert_int_equal(make("-a.mp4", false), CLN_OK);
+    assert_int_equal(chdir(here), 0);
+    assert_bytes(part, "mine", 4);
+    assert_bytes(scratch_path(*state, "take:1.mp4"), pictures, sizeof pictures);
+    assert_bytes(scratch_path(*state, "-a.mp4"), pictures, sizeof pictures);
+    setenv("PATH", own, 1);
+    free(own);
+    free(here);
 }
 
 static void test_names(void **state)
@@ -126,9 +163,9 @@ static void test_names(void **state)
 int test_group_film(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
-    const struct CMUnitTest tests[] = {ON_DISK(test_y4m), ON_DISK(test_ffmpeg),
-                                       ON_DISK(test_rate_in_other_locale),
-                                       cmocka_unit_test(test_names)};
+    const struct CMUnitTest tests[] = {
+        ON_DISK(test_y4m), ON_DISK(test_ffmpeg), ON_DISK(test_ffmpeg_names),
+        ON_DISK(test_rate_in_other_locale), cmocka_unit_test(test_names)};
 
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }

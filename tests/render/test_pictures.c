@@ -433,11 +433,76 @@ static void test_follow(void **state)
     cln_open_run_close(&v);
 }
 
+static void count_warnings(cln_log_level level, const char *line, void *user)
+{
+    *(int *)user += level == CLN_LOG_WARN && strstr(line, "r_0") && strstr(line, "no SSIM");
+}
+
+/* A photo whose mask keeps no whole window has no SSIM: it is left out of the mean, and the rest is
+ * measured. */
+static void test_no_window(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {[CLN_SPLIT_TEST] = true};
+    const cln_device_desc device = fixture_device();
+    uint8_t spots[(SIDE * SIDE + 7) / 8], whole[(SIDE * SIDE + 7) / 8];
+    cln_eval_result result = {0};
+    cln_open_run v;
+    json_t *document = NULL;
+    double other = 0;
+    int *views = NULL, count = 0, warnings = 0;
+
+    NEED_DEVICE();
+    memset(whole, 0xff, sizeof whole);
+    memset(spots, 0x7f, sizeof spots); /* every eighth column is left out */
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
+    assert_int_equal(count, 2);
+    for (int pass = 0; pass < 3; pass++) {
+        v.scene->views[views[0]].kept = pass == 0 ? whole : spots;
+        v.scene->views[views[1]].kept = pass == 2 ? spots : whole;
+        warnings = 0;
+        cln_log_to(CLN_LOG_INFO, count_warnings, &warnings);
+        assert_ok(cln_quality_check(v.scene, views, count));
+        cln_log_to(CLN_LOG_INFO, NULL, NULL);
+        assert_int_equal(warnings, pass > 0);
+        assert_ok(
+            cln_quality_measure(&v.pipeline, NULL, v.scene, views, count, NULL, NULL, &result));
+        assert_true(isfinite(result.images[0].psnr) && isfinite(result.psnr));
+        assert_ok(cln_quality_json(&result, &document));
+        if (pass == 0) {
+            other = result.images[1].ssim;
+            assert_true(isfinite(result.images[0].ssim) && isfinite(other));
+        } else {
+            json_t *image = json_array_get(fixture_at(document, "images"), 0);
+
+            assert_true(isnan(result.images[0].ssim));
+            assert_true(json_is_null(fixture_at(image, "ssim")));
+            assert_true(json_is_real(fixture_at(document, "std.psnr")));
+        }
+        if (pass == 1) {
+            assert_true(result.ssim == other);
+            assert_true(json_real_value(fixture_at(document, "std.ssim")) == 0);
+        }
+        if (pass == 2) {
+            assert_true(json_is_null(fixture_at(document, "mean.ssim")));
+            assert_true(json_is_null(fixture_at(document, "std.ssim")));
+        }
+        json_decref(document);
+        cln_eval_free(&result);
+    }
+    v.scene->views[views[0]].kept = v.scene->views[views[1]].kept = NULL;
+    cln_open_run_close(&v);
+    free(views);
+}
+
 int test_group_pictures(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_agree_with_dense_sampling),
                                        cmocka_unit_test(test_follow),
                                        cmocka_unit_test(test_squares),
+                                       cmocka_unit_test(test_no_window),
                                        cmocka_unit_test(test_keeps_to_the_plan),
                                        cmocka_unit_test(test_wide),
                                        cmocka_unit_test(test_antialias),

@@ -566,6 +566,26 @@ static void processes_are_summed_up(void **state)
     free(page);
 }
 
+/* The same, but the resumed run has sent more than the one before; its clock began anew. */
+static void processes_of_a_long_resumed_run(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    put_text(run, "metrics.jsonl",
+             "{\"step\":10,\"seconds\":2,\"wall_seconds\":9,\"rays_per_s\":500,\"ranks\":2,"
+             "\"sent_bytes\":3000,\"message_seconds\":0.3,\"vertex_bytes\":1000}\n"
+             "{\"step\":20,\"seconds\":4,\"wall_seconds\":3,\"rays_per_s\":1000,\"ranks\":2,"
+             "\"sent_bytes\":8000,\"message_seconds\":0.5,\"vertex_bytes\":2000}\n"
+             "{\"step\":30,\"seconds\":6,\"wall_seconds\":6,\"rays_per_s\":1000,\"ranks\":2,"
+             "\"sent_bytes\":10000,\"message_seconds\":0.7,\"vertex_bytes\":2600}\n");
+    page = page_of(run);
+    assert_has(page, "sent, per step<td class=n>433\n"); /* (3000 + 10000) / 30 */
+    assert_has(page, " (16.7&thinsp;% of training)");    /* (0.3 + 0.7) / 6 */
+    free(page);
+}
+
 static json_t *tree_of(json_t *error)
 {
     return json_pack("{s:s s:i s:i s:[i,i,i,i,i,i] s:o s:[s]}", "schema", "cl-nascent.tree/1",
@@ -657,6 +677,58 @@ static void shown_views_are_the_most_held_out(void **state)
     assert_string_equal(data.evals[data.shown].stem, "00000300-test");
     assert_true(data.evals[data.shown].psnr == 22);
     cln_report_data_free(&data);
+}
+
+/* Of one step, the figures are those of pictures as they are, whichever file is read first; how
+ * others were rendered is said. */
+static void figures_say_how_they_were_rendered(void **state)
+{
+    static const struct {
+        const char *name;
+        double psnr;
+        int antialias;
+        bool fast;
+    } rows[] = {{"a-fast", 21, 1, true},
+                {"b", 20, 1, false},
+                {"c-antialias2", 22, 2, false},
+                {"d-antialias3-fast", 23, 3, true}};
+    const char *run = scratch_path(*state, "run");
+    cln_report_data data;
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    for (int pass = 0; pass < 2; pass++) {
+        for (int i = 3; i >= 0; i--) {
+            json_t *document =
+                json_pack("{s:s s:i s:f s:s s:{s:f s:f} s:[o]}", "schema", "cl-nascent.eval/1",
+                          "step", 100, "train_seconds", 4.0, "split", "test", "mean", "psnr",
+                          rows[i].psnr, "ssim", 0.5, "images", one_image("r.png", rows[i].psnr));
+            char name[64];
+
+            if (rows[i].antialias > 1)
+                json_object_set_new(document, "antialias", json_integer(rows[i].antialias));
+            if (rows[i].fast)
+                json_object_set_new(document, "fast", json_true());
+            snprintf(name, sizeof name, "eval/%s.json", rows[i].name);
+            put_json(run, name, document);
+        }
+        if (pass == 1)
+            assert_int_equal(remove(scratch_path(run, "eval/b.json")), 0);
+        assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+        assert_int_equal(data.eval_count, 4 - pass);
+        assert_string_equal(data.evals[data.shown].stem, pass ? "d-antialias3-fast" : "b");
+        cln_report_data_free(&data);
+        page = page_of(run);
+        if (pass == 0)
+            assert_has(page, "20.00 <small>dB</small></b><span>test PSNR after 00:04</span>");
+        else
+            assert_has(page, "23.00 <small>dB</small></b><span>test PSNR after 00:04 with "
+                             "--antialias 3 --fast</span>");
+        assert_has(page, "<td>an evaluation of 1 image with --fast\n");
+        assert_has(page, "<td>an evaluation of 1 image with --antialias 2\n");
+        assert_int_equal(count_of(page, "<td>an evaluation of 1 image\n"), pass == 0);
+        free(page);
+    }
 }
 
 static void many_views_are_sampled_by_rank(void **state)
@@ -892,6 +964,8 @@ int test_group_report(void)
         ON_DISK(decisions_are_marks_and_a_table),
         ON_DISK(the_tree_is_shown_with_its_legend),
         ON_DISK(shown_views_are_the_most_held_out),
+        ON_DISK(figures_say_how_they_were_rendered),
+        ON_DISK(processes_of_a_long_resumed_run),
         ON_DISK(many_views_are_sampled_by_rank),
         ON_DISK(long_runs_stay_small),
         ON_DISK(photos_stay_small),
