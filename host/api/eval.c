@@ -1,6 +1,7 @@
 /* cln_eval: compares a run's newest checkpoint with the photos of one split. Every figure comes
  * from cln_quality_measure, like those of training, so the two agree image by image. Only figures
  * of the run's own scene go into the run's folder. */
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -118,6 +119,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
 
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_eval", "run", desc->run));
+    CLN_TRY(cln_given_number("cln_eval", "max_images", desc->max_images, 0, INT_MAX));
+    CLN_TRY(cln_given_number("cln_eval", "antialias", desc->antialias, 0, 8));
     for (int s = 0; s < CLN_SPLITS; s++)
         pixels[s] = strcmp(name, cln_split_names[s]) == 0;
     if (desc->out && writes)

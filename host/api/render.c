@@ -10,6 +10,8 @@
  * OUT/render.json has a digest of what each frame was made from: a frame of the same model, camera
  * and settings is kept, another one is rendered again. A folder that holds files but no render.json
  * is not written to. */
+#include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -369,6 +371,37 @@ done:
     return st;
 }
 
+static cln_status check_given(const cln_render_desc *d)
+{
+    cln_status st = CLN_OK;
+    const struct {
+        const char *what;
+        double value, least, most; /* as of the command's options */
+    } rows[] = {
+        {"spiral_frames", d->spiral_frames, 0, 100000},
+        {"orbit_frames", d->orbit_frames, 0, 100000},
+        {"orbit_elevation", isnan(d->orbit_elevation) ? 0 : d->orbit_elevation, -90, 90},
+        {"orbit_radius", d->orbit_radius, 0, 1e3},
+        {"interpolate", d->interpolate, 0, 100000},
+        {"width", d->width, 0, 32768},
+        {"height", d->height, 0, 32768},
+        {"fov", d->fov, 0, 175},
+        {"max_images", d->max_images, 0, INT_MAX},
+        {"antialias", d->antialias, 0, 8},
+        {"stereo", d->stereo, 0, 1e12},
+        {"fps", d->fps, 0, 1000},
+        {"depth_unit", d->depth_unit, 0, 1e12},
+    };
+
+    CLN_TRY(cln_given("cln_render", "run", d->run));
+    CLN_TRY(cln_given("cln_render", "out", d->out));
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+        CLN_TRY(cln_given_number("cln_render", rows[i].what, rows[i].value, rows[i].least,
+                                 rows[i].most));
+done:
+    return st;
+}
+
 cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 {
     cln_status st = CLN_OK;
@@ -376,8 +409,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
     memset(result, 0, sizeof *result);
-    CLN_TRY(cln_given("cln_render", "run", desc->run));
-    CLN_TRY(cln_given("cln_render", "out", desc->out));
+    CLN_TRY(check_given(desc));
     if (desc->cropped) {
         double numbers[CLN_CROP_NUMBERS];
 

@@ -8,6 +8,10 @@
 /* CLN_USAGE if the text is NULL: "CALL: WHAT is missing; give it". */
 cln_status cln_given(const char *call, const char *what, const char *text);
 
+/* CLN_USAGE if the number is outside its range, or none. */
+cln_status cln_given_number(const char *call, const char *what, double value, double least,
+                            double most);
+
 /* *own: the default preset's settings if none are given, else NULL; the caller frees it. Returns
  * those that count in *use. */
 cln_status cln_given_settings(const cln_settings *given, cln_settings **own,

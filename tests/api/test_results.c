@@ -796,7 +796,7 @@ static void test_info(void **state)
     assert_fails(cln_info_run(fixture_path("scene"), &text), CLN_INPUT, "run.json");
 }
 
-/* A desc of nothing names what is missing; without settings the default preset's count. */
+/* A desc names what is missing or out of range; without settings the default preset's count. */
 static void test_nothing_given(void **state)
 {
     const char *scene = fixture_path("scene"), *none = NULL;
@@ -819,6 +819,14 @@ static void test_nothing_given(void **state)
     assert_fails(cln_render(&(cln_render_desc){.out = "o"}, &rendered), CLN_USAGE, "run");
     assert_fails(cln_render(&(cln_render_desc){.run = "r"}, &rendered), CLN_USAGE, "out");
     assert_fails(cln_view_run(&(cln_view_desc){0}), CLN_USAGE, "run");
+    assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .antialias = 99}, &measured), CLN_USAGE,
+                 "antialias is 99; give 0 to 8");
+    assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .max_images = -1}, &measured), CLN_USAGE,
+                 "max_images");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o", .width = -8}, &rendered),
+                 CLN_USAGE, "width is -8");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o", .fps = NAN}, &rendered),
+                 CLN_USAGE, "fps is nan");
     assert_fails(cln_field_open(none, NULL, &field), CLN_USAGE, "run");
     assert_fails(cln_export(&(cln_export_desc){.file = "f"}, &exported), CLN_USAGE, "run");
     assert_fails(cln_export(&(cln_export_desc){.run = "r"}, &exported), CLN_USAGE, "file");
