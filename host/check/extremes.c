@@ -9,6 +9,7 @@
 
 #include "base/config.h"
 #include "check/forward_scene.h"
+#include "check/selftest.h"
 
 /* ---- rows ---- */
 
@@ -357,6 +358,7 @@ cln_status cln_selftest_extremes(const cln_device_desc *desc, bool quick, cln_ch
     const cln_extremes_plan plan = {.quick = quick, .sink = sink, .user = user};
 
     CLN_TRY(cln_device_open(desc, &device));
+    CLN_TRY(cln_selftest_loops(device, sink, user));
     CLN_TRY(cln_extremes_device(device, &plan));
 done:
     cln_device_close(device);

@@ -260,6 +260,17 @@ static cln_status verdict(const cln_device *device, const cln_checks *c)
                     device->info.name, c->first, c->failed > 1 ? ", and more" : "");
 }
 
+cln_status cln_selftest_loops(cln_device *device, cln_check_sink *sink, void *user)
+{
+    cln_status st = CLN_OK;
+    cln_checks c = {.verdicts = {.sink = sink, .user = user}};
+
+    CLN_TRY(check_loops(device, &c));
+    CLN_TRY(verdict(device, &c));
+done:
+    return st;
+}
+
 cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan)
 {
     cln_status st = CLN_OK;

@@ -19,6 +19,9 @@ typedef struct cln_selftest_plan {
 /* CLN_CHECK names the first check that failed. */
 cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan);
 
+/* CLN_CHECK if long loops end early. Kernels may then read and write anywhere. */
+cln_status cln_selftest_loops(cln_device *device, cln_check_sink *sink, void *user);
+
 /* Runs the same checks only for the networks, sampling and loss of these settings, with the
  * device's parameters for them. */
 cln_status cln_selftest_config(cln_device *device, const cln_config *config, cln_check_sink *sink,
