@@ -238,8 +238,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
             continue;
         images++;
         kept += (double)v->camera.width * v->camera.height * v->channels;
-        largest =
-            fmax(largest, (double)v->file_width * v->file_height * (v->channels + v->opaque));
+        largest = fmax(largest, (double)v->file_width * v->file_height * (v->channels + v->opaque));
     }
     reading = 2 * THREADS * largest; /* the file or the row filters, and the pixels */
     if (kept + reading <= room && kept + desc->elsewhere <= room)
@@ -405,8 +404,8 @@ static bool counts(const cln_view *view, const uint8_t *mask, int channels, int 
         for (int column = x * n; column < (x + 1) * n; column++) {
             const uint8_t *p =
                 mask + ((size_t)row * (size_t)view->file_width + (size_t)column) * (size_t)channels;
-            const bool black = p[0] < view->mask_least && p[1] < view->mask_least &&
-                               p[2] < view->mask_least;
+            const bool black =
+                p[0] < view->mask_least && p[1] < view->mask_least && p[2] < view->mask_least;
 
             if (black != view->mask_black)
                 return false;

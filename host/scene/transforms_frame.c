@@ -114,8 +114,8 @@ static cln_status read_list(const source *src, cln_lens lens, listed *out)
     const size_t length = json_array_size(list);
     bool any = false;
 
-    *out = (listed){.count = own ? cln_lens_models[lens].count
-                                 : (int)(sizeof shared / sizeof *shared)};
+    *out = (listed){.count =
+                        own ? cln_lens_models[lens].count : (int)(sizeof shared / sizeof *shared)};
     if (!list || json_is_null(list))
         return CLN_OK;
     out->names = own ? cln_lens_models[lens].params : shared;

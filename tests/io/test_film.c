@@ -58,7 +58,6 @@ static void test_y4m(void **state)
     assert_int_equal(make(path, true), CLN_OK);
 }
 
-/* Sets $to to the file that the last word names; it must not be taken for an address. */
 /* Puts a shell script as "ffmpeg" on PATH, with nothing else there. */
 static void put_ffmpeg(void **state, const char *script)
 {

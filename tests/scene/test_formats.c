@@ -659,9 +659,9 @@ static void test_jpeg_masks(void **state)
     format_images(folder, 1);
     scratch_put(scratch_path(folder, "m.jpg"), (const char *)jpeg, bytes);
     free(jpeg);
-    assert_int_equal(cln_image_load(scratch_path(folder, "m.jpg"), &(int){0}, &(int){0}, &(int){0},
-                                    &jpeg),
-                     CLN_OK);
+    assert_int_equal(
+        cln_image_load(scratch_path(folder, "m.jpg"), &(int){0}, &(int){0}, &(int){0}, &jpeg),
+        CLN_OK);
     for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
         above |= i % FORMAT_WIDTH < EDGE && jpeg[3 * i] > 0;
     free(jpeg);
@@ -676,9 +676,9 @@ static void test_jpeg_masks(void **state)
     cln_scene_free(scene);
     for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
         memset(pixels + 3 * i, i % FORMAT_WIDTH >= EDGE, 3);
-    assert_int_equal(cln_image_write_png(scratch_path(folder, "l.png"), FORMAT_WIDTH, FORMAT_HEIGHT,
-                                         3, pixels),
-                     CLN_OK);
+    assert_int_equal(
+        cln_image_write_png(scratch_path(folder, "l.png"), FORMAT_WIDTH, FORMAT_HEIGHT, 3, pixels),
+        CLN_OK);
     put_text(folder, "transforms.json",
              "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "l.png") "]}");
     scene = load(folder, plain());

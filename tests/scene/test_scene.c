@@ -594,9 +594,13 @@ static void test_opaque_alpha(void **state)
 {
     enum { SIDE = 12, VIEWS = 5 };
     const char *folder = *state;
-    const char *json = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME(
-        "0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "," FRAME("2.png", POSE_FRONT) "," FRAME(
-        "3.png", POSE_FRONT) "," FRAME("4.png", POSE_FRONT) "]}";
+    const char *json =
+        "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(
+            "1.png",
+            POSE_FRONT) "," FRAME("2.png",
+                                  POSE_FRONT) "," FRAME("3.png",
+                                                        POSE_FRONT) "," FRAME("4.png",
+                                                                              POSE_FRONT) "]}";
     const cln_config config = default_config();
     cln_scene_desc desc = {.path = folder, .config = &config, .pixels = {true, true, true}};
     uint8_t pixels[SIDE * SIDE * 4];
@@ -611,8 +615,8 @@ static void test_opaque_alpha(void **state)
             if (v == VIEWS - 1)
                 pixels[sizeof pixels - 1] = (uint8_t)last;
             snprintf(name, sizeof name, "%d.png", v);
-            assert_int_equal(
-                cln_image_write_png(scratch_path(folder, name), SIDE, SIDE, 4, pixels), CLN_OK);
+            assert_int_equal(cln_image_write_png(scratch_path(folder, name), SIDE, SIDE, 4, pixels),
+                             CLN_OK);
         }
         for (int keep = 0; keep < 2; keep++) {
             const bool alpha = keep || last < 255;
