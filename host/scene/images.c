@@ -153,6 +153,28 @@ static cln_status read_heads(cln_scene *scene)
     return CLN_OK;
 }
 
+/* Warns of photos that are made smaller although only others are too large. */
+static void warn_small_reduced(const cln_scene *scene, int longest)
+{
+    const char *first = NULL;
+    int small = 0;
+
+    for (int i = 0; i < scene->view_count && scene->downscale > 1; i++) {
+        const cln_view *v = &scene->views[i];
+
+        if (v->file_width > AUTO_LONGEST_SIDE || v->file_height > AUTO_LONGEST_SIDE)
+            continue;
+        first = first ? first : v->name;
+        small++;
+    }
+    if (small > 0)
+        cln_warn("%s: the largest photo has a side of %d pixels, so all are divided by %d, also %d "
+                 "of at most %d pixels ('%s'%s); choose with --downscale, or make the large ones "
+                 "smaller",
+                 scene->folder, longest, scene->downscale, small, AUTO_LONGEST_SIDE, first,
+                 small > 1 ? ", ..." : "");
+}
+
 cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
 {
     const int downscale = desc->config->downscale;
@@ -186,6 +208,8 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     scene->downscale = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
     scene->downscale = scene->downscale < shortest ? scene->downscale : shortest;
     scene->downscale = downscale > 0 ? downscale : scene->downscale;
+    if (downscale <= 0)
+        warn_small_reduced(scene, longest);
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
         const int n = scene->downscale;
@@ -237,8 +261,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
             continue;
         images++;
         kept += (double)v->camera.width * v->camera.height * v->channels;
-        largest =
-            fmax(largest, (double)v->file_width * v->file_height * (v->channels + v->opaque));
+        largest = fmax(largest, (double)v->file_width * v->file_height * (v->channels + v->opaque));
     }
     reading = 2 * THREADS * largest; /* the file or the row filters, and the pixels */
     if (kept + reading <= room && kept + desc->elsewhere <= room)
@@ -404,8 +427,8 @@ static bool counts(const cln_view *view, const uint8_t *mask, int channels, int 
         for (int column = x * n; column < (x + 1) * n; column++) {
             const uint8_t *p =
                 mask + ((size_t)row * (size_t)view->file_width + (size_t)column) * (size_t)channels;
-            const bool black = p[0] < view->mask_least && p[1] < view->mask_least &&
-                               p[2] < view->mask_least;
+            const bool black =
+                p[0] < view->mask_least && p[1] < view->mask_least && p[2] < view->mask_least;
 
             if (black != view->mask_black)
                 return false;
