@@ -260,10 +260,11 @@ static cln_status parse_images(cln_cursor *c, cln_colmap *out)
         CLN_TRY(cln_dataset_name(c->path, line, &image->name));
         out->image_count++;
         if (is_next_image(out, cln_cursor_line(c))) /* its points, which may be none */
-            CLN_TRY(cln_fail(CLN_INPUT,
-                             "%s: line %d is an image, where the line of the points of '%s' belongs; "
-                             "add an empty line after each image",
-                             c->path, c->line, image->name));
+            CLN_TRY(
+                cln_fail(CLN_INPUT,
+                         "%s: line %d is an image, where the line of the points of '%s' belongs; "
+                         "add an empty line after each image",
+                         c->path, c->line, image->name));
     }
 done:
     return st;

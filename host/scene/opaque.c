@@ -91,10 +91,11 @@ cln_status cln_scene_find_opaque(cln_scene *scene, const cln_callbacks *callback
         pthread_join(other, NULL);
     CLN_TRY(st);
     if (atomic_load(&l.no_memory))
-        CLN_TRY(cln_fail(CLN_MEMORY,
-                         "%s: no memory to decode its photos; make smaller copies of them, or close "
-                         "other programs",
-                         scene->folder));
+        CLN_TRY(
+            cln_fail(CLN_MEMORY,
+                     "%s: no memory to decode its photos; make smaller copies of them, or close "
+                     "other programs",
+                     scene->folder));
     if (atomic_load(&l.found))
         goto done;
     for (int i = first; i < scene->view_count; i++) {

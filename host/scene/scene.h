@@ -61,7 +61,7 @@ bool cln_camera_sees(const cln_camera *camera, const cln_space *space);
 /* What of a camera its format does not give, so that it follows from the stored file's size. */
 typedef struct cln_by_file {
     bool size, centre[2]; /* centre: cx, cy */
-    int angle[2];         /* fx, fy: 1 by an angle across the width, 2 across the height; 0: given */
+    int angle[2]; /* fx, fy: 1 by an angle across the width, 2 across the height; 0: given */
 } cln_by_file;
 
 typedef struct cln_view {
@@ -80,15 +80,15 @@ typedef struct cln_view {
     int file_width, file_height; /* size before --downscale; of the turned picture, if turned */
     int orientation;             /* EXIF's (io/exif.h); 1: none */
     cln_by_file by_file;
-    bool turned;                 /* `pixels` are turned as it says; else as stored */
-    bool turn_known;             /* sizes or the format tell which of these the pose is of */
-    int alpha_turn, mask_turn;   /* orientations that bring those files onto `pixels`; 1: none */
-    bool masks_known;            /* sizes or EXIF data tell these, or those of other masks */
-    int channels;                /* 3, or 4 with straight alpha */
-    bool opaque;                 /* its file has alpha, which is left out as it hides nothing */
-    int rank;                    /* that has its pixels (dealt.h) */
-    uint8_t *pixels;             /* [height][width][channels], the scene's; NULL if not in memory */
-    cln_store *store;            /* the scene's, if it has the pixels, at `place`; else NULL */
+    bool turned;               /* `pixels` are turned as it says; else as stored */
+    bool turn_known;           /* sizes or the format tell which of these the pose is of */
+    int alpha_turn, mask_turn; /* orientations that bring those files onto `pixels`; 1: none */
+    bool masks_known;          /* sizes or EXIF data tell these, or those of other masks */
+    int channels;              /* 3, or 4 with straight alpha */
+    bool opaque;               /* its file has alpha, which is left out as it hides nothing */
+    int rank;                  /* that has its pixels (dealt.h) */
+    uint8_t *pixels;           /* [height][width][channels], the scene's; NULL if not in memory */
+    cln_store *store;          /* the scene's, if it has the pixels, at `place`; else NULL */
     size_t place;
     const uint8_t *kept; /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
     int64_t left_out;    /* number of pixels beyond the fold of its lens */

@@ -11,7 +11,7 @@
 #include "io/image.h"
 #include "scene/inspect.h"
 
-enum { JPEG_LEAST = 128 }; /* black is not quite black beside white in a JPEG */
+enum { JPEG_LEAST = 128 };              /* black is not quite black beside white in a JPEG */
 static const double NEAR_MIDDLE = 0.05; /* of a side; at 4:3 the middles of both lie 1/8 apart */
 
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height)
@@ -39,8 +39,8 @@ static int told_by_size(const cln_view *v)
     const bool turned = by_middle ? has_middle(c, high, wide) : cln_camera_has_shape(c, high, wide);
 
     if (v->orientation < 5 || stored == turned ||
-        (by_middle && (v->by_file.centre[0] || v->by_file.centre[1] ||
-                       c->lens == CLN_LENS_EQUIRECTANGULAR)))
+        (by_middle &&
+         (v->by_file.centre[0] || v->by_file.centre[1] || c->lens == CLN_LENS_EQUIRECTANGULAR)))
         return 0;
     return turned ? 1 : -1;
 }

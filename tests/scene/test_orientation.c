@@ -470,10 +470,7 @@ static void test_some_sized(void **state)
         {"focal length", "\"fl_x\": 20", 20, 20, 8, 6},
         {"angle", "\"camera_angle_x\": 1.5707963267948966", 8, 8, 8, 6},
         {"both angles",
-         "\"camera_angle_x\": 1.5707963267948966, \"camera_angle_y\": 1.5707963267948966",
-         8,
-         6,
-         8,
+         "\"camera_angle_x\": 1.5707963267948966, \"camera_angle_y\": 1.5707963267948966", 8, 6, 8,
          6},
         {"angle across the height", "\"camera_angle_y\": 1.5707963267948966", 6, 6, 8, 6},
         {"principal point", "\"fl_x\": 20, \"cx\": 7, \"cy\": 5.5", 20, 20, 7, 5.5},
@@ -489,10 +486,9 @@ static void test_some_sized(void **state)
             put_photo(folder, v, 12, 16, 6);
         put_transforms(folder, 0, 0);
         text = scratch_get(scratch_path(folder, "transforms.json"), &bytes);
-        assert_int_equal(
-            cln_asprintf(&longer, "{%s, \"frames\": [{\"w\": 16, \"h\": 12, %s", cases[i].keys,
-                         strstr(text, "\"file_path\"")),
-            CLN_OK);
+        assert_int_equal(cln_asprintf(&longer, "{%s, \"frames\": [{\"w\": 16, \"h\": 12, %s",
+                                      cases[i].keys, strstr(text, "\"file_path\"")),
+                         CLN_OK);
         put_text(folder, "transforms.json", longer);
         scene = load(folder, plain());
         for (int v = 0; v < FORMAT_VIEWS; v++) {
