@@ -670,8 +670,8 @@ static void test_unread_alpha(void **state)
     assert_int_equal(warnings, 2);
 }
 
-/* Beside an edge a JPEG's black is not quite black, nor its white quite white: a mask keeps what its
- * pixels were before. In a PNG every value but 0 is other than black, as in label images. */
+/* Beside an edge a JPEG's black is not quite black, nor its white quite white: a mask keeps what
+ * its pixels were before. In a PNG every value but 0 is other than black, as in label images. */
 static void test_jpeg_masks(void **state)
 {
     enum { EDGE = 5 };

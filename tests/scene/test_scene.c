@@ -620,13 +620,11 @@ static void test_opaque_alpha(void **state)
 {
     enum { SIDE = 12, VIEWS = 5 };
     const char *folder = *state;
-    const char *json =
-        "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(
-            "1.png",
-            POSE_FRONT) "," FRAME("2.png",
-                                  POSE_FRONT) "," FRAME("3.png",
-                                                        POSE_FRONT) "," FRAME("4.png",
-                                                                              POSE_FRONT) "]}";
+    /* clang-format off */
+    const char *json = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":["
+        FRAME("0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "," FRAME("2.png", POSE_FRONT) ","
+        FRAME("3.png", POSE_FRONT) "," FRAME("4.png", POSE_FRONT) "]}";
+    /* clang-format on */
     const cln_config config = default_config();
     cln_scene_desc desc = {.path = folder, .config = &config, .pixels = {true, true, true}};
     uint8_t pixels[SIDE * SIDE * 4];
