@@ -1,5 +1,6 @@
-/* EXIF is a TIFF file in a JPEG's APP1 segment, or in a PNG's eXIf chunk: a header with the byte order and the place of the
- * first directory, whose entries of 12 bytes are tag, type, count and value. See exif.h. */
+/* EXIF is a TIFF file in a JPEG's APP1 segment, or in a PNG's eXIf chunk: a header with the byte
+ * order and the place of the first directory, whose entries of 12 bytes are tag, type, count and
+ * value. See exif.h. */
 #include "io/exif.h"
 
 #include <stdbool.h>

@@ -36,8 +36,8 @@ bool cln_camera_has_shape(const cln_camera *camera, int width, int height);
 /* turned.c: decides which photos with an EXIF orientation are turned, and swaps their file_width
  * and file_height if it is a quarter turn. Before cameras are brought to the files' size. */
 void cln_scene_find_turns(cln_scene *scene);
-/* turned.c: how alpha and mask files are turned to lie on their photos' pixels, and what is black in
- * masks. CLN_INPUT if one has neither the stored nor the turned picture's size. */
+/* turned.c: how alpha and mask files are turned to lie on their photos' pixels, and what is black
+ * in masks. CLN_INPUT if one has neither the stored nor the turned picture's size. */
 cln_status cln_scene_turn_masks(cln_scene *scene);
 /* Add those of which nothing tells that they are right, and all others, to the findings. */
 void cln_scene_doubt_turns(const cln_scene *scene, json_t *findings);

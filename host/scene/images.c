@@ -154,6 +154,28 @@ static cln_status read_heads(cln_scene *scene)
     return CLN_OK;
 }
 
+/* Warns of photos that are made smaller although only others are too large. */
+static void warn_small_reduced(const cln_scene *scene, int longest)
+{
+    const char *first = NULL;
+    int small = 0;
+
+    for (int i = 0; i < scene->view_count && scene->downscale > 1; i++) {
+        const cln_view *v = &scene->views[i];
+
+        if (v->file_width > AUTO_LONGEST_SIDE || v->file_height > AUTO_LONGEST_SIDE)
+            continue;
+        first = first ? first : v->name;
+        small++;
+    }
+    if (small > 0)
+        cln_warn("%s: the largest photo has a side of %d pixels, so all are divided by %d, also %d "
+                 "of at most %d pixels ('%s'%s); choose with --downscale, or make the large ones "
+                 "smaller",
+                 scene->folder, longest, scene->downscale, small, AUTO_LONGEST_SIDE, first,
+                 small > 1 ? ", ..." : "");
+}
+
 cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
 {
     const int downscale = desc->config->downscale;
@@ -187,6 +209,8 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     scene->downscale = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
     scene->downscale = scene->downscale < shortest ? scene->downscale : shortest;
     scene->downscale = downscale > 0 ? downscale : scene->downscale;
+    if (downscale <= 0)
+        warn_small_reduced(scene, longest);
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
         const int n = scene->downscale;

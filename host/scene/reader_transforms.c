@@ -108,16 +108,28 @@ static cln_status finish_frames(const char *folder, char *const *files, json_t *
 {
     cln_status st = CLN_OK;
     cln_moved moved = {.folder = folder};
-    int view = 0;
+    const char *first = NULL; /* frame with an alpha file that is not read */
+    int view = 0, unread = 0;
 
     CLN_TRY(cln_moved_views(&moved, result));
     for (int d = 0; d < count; d++) {
         const size_t frames = json_array_size(json_object_get(roots[d], "frames"));
 
-        for (size_t i = 0; i < frames; i++)
-            CLN_TRY(cln_transforms_finish(folder, files[d], roots[d], (int)i, &moved,
-                                          &result->views[view++]));
+        for (size_t i = 0; i < frames; i++) {
+            cln_view *v = &result->views[view++];
+            bool found = false;
+
+            CLN_TRY(cln_transforms_finish(folder, files[d], roots[d], (int)i, &moved, v));
+            CLN_TRY(cln_transforms_unread_alpha(roots[d], (int)i, v, &found));
+            first = found && !first ? v->name : first;
+            unread += found;
+        }
     }
+    if (unread)
+        cln_warn(
+            "%s: instant-ngp's alpha files beside %d images ('%s'%s) are not read; name each as "
+            "its frame's alpha_path, whose brightness is alpha as it stands",
+            folder, unread, first, unread > 1 ? ", ..." : "");
 done:
     cln_moved_free(&moved);
     return st;

@@ -24,6 +24,11 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
 cln_status cln_transforms_finish(const char *folder, const char *file, const json_t *root,
                                  int index, cln_moved *moved, cln_view *view);
 
+/* Is there an alpha file as instant-ngp looks for, FILE_PATH.alpha.png, where the frame names none?
+ * It is not read. */
+cln_status cln_transforms_unread_alpha(const json_t *root, int index, const cln_view *view,
+                                       bool *found);
+
 /* Name and camera of frames[index], checked, for a picture to be rendered: no image need be there.
  * *camera has the size to take if neither file nor image gives one. Without a file_path its name is
  * pose_0000. The caller frees *name, also on failure. */

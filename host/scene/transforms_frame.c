@@ -405,6 +405,29 @@ done:
     return st;
 }
 
+cln_status cln_transforms_unread_alpha(const json_t *root, int index, const cln_view *view,
+                                       bool *found)
+{
+    cln_status st = CLN_OK;
+    const json_t *frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
+    const char *named = json_string_value(json_object_get(frame, "file_path"));
+    const char *slash = strrchr(view->path, '/'), *dot = strrchr(slash ? slash : view->path, '.');
+    const bool has_ending = named && dot && strlen(named) >= strlen(dot) &&
+                            !strcmp(named + strlen(named) - strlen(dot), dot);
+    char *path = NULL;
+
+    *found = false;
+    if (view->alpha_path || !dot)
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&path, "%.*s.alpha%s",
+                         (int)(has_ending ? strlen(view->path) : (size_t)(dot - view->path)),
+                         view->path, dot));
+    *found = cln_is_file(path);
+done:
+    free(path);
+    return st;
+}
+
 cln_status cln_transforms_frame(const char *folder, const char *file, const json_t *root, int index,
                                 cln_view *view)
 {

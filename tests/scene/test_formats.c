@@ -641,8 +641,37 @@ static void test_masks(void **state)
     assert_int_equal(warnings, 1);
 }
 
-/* Beside an edge a JPEG's black is not quite black, nor its white quite white: a mask keeps what its
- * pixels were before. In a PNG every value but 0 is other than black, as in label images. */
+/* Files that instant-ngp would take alpha from, by either form of file_path; not those that a frame
+ * names itself. */
+static void test_unread_alpha(void **state)
+{
+    const char *folder = *state;
+    int warnings = 0;
+
+    format_images(folder, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "view_00.png", POSE_FRONT) "," FRAME("view_01", POSE_FRONT) "]}");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    put_mask(folder, "view_00.alpha.png", 5, 1); /* not a name that it looks for */
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 0);
+    put_mask(folder, "view_01.alpha.png", 5, 1);
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 1);
+    assert_int_equal(remove(scratch_path(folder, "view_01.alpha.png")), 0);
+    put_mask(folder, "view_00.png.alpha.png", 5, 1);
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 2);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[{\"file_path\":\"view_00.png\","
+             "\"alpha_path\":\"view_00.png.alpha.png\",\"transform_matrix\":" POSE_FRONT "}]}");
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 2);
+}
+
+/* Beside an edge a JPEG's black is not quite black, nor its white quite white: a mask keeps what
+ * its pixels were before. In a PNG every value but 0 is other than black, as in label images. */
 static void test_jpeg_masks(void **state)
 {
     enum { EDGE = 5 };
@@ -792,6 +821,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),

@@ -57,8 +57,8 @@ static void test_damaged_exif(void **state)
         }
 }
 
-/* A PNG's chunk, before its pixels: the same without "Exif" and two zeros; its CRC is not looked at,
- * as it harms no pixel. */
+/* A PNG's chunk, before its pixels: the same without "Exif" and two zeros; its CRC is not looked
+ * at, as it harms no pixel. */
 static void test_png_exif(void **state)
 {
     static const uint8_t pixels[3 * 6] = {0};

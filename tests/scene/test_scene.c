@@ -274,9 +274,10 @@ static void test_smaller_copies(void **state)
     /* copies in images_3, of which nothing is said, do not take the warning from another */
     put_folder(folder, "images_3");
     put_image(folder, "images_3/0.png", 20, 12, 3, 0);
+    put_image(folder, "z.png", 20, 12, 3, 1);
     put_text(folder, "transforms.json",
              "{\"fl_x\":90,\"w\":60,\"h\":36,\"aabb_scale\":1,\"frames\":[" FRAME(
-                 "images_3/0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "]}");
+                 "images_3/0.png", POSE_FRONT) "," FRAME("z.png", POSE_FRONT) "]}");
     warnings = 0;
     scene = load(folder, &config);
     assert_int_equal(warnings, 1);
@@ -338,6 +339,31 @@ static void test_holdout(void **state)
 }
 
 /* ---- sizes ---- */
+
+/* One large photo among small ones: all are divided, which is said, unless it was asked for. */
+static void test_downscale_of_small(void **state)
+{
+    const char *folder = *state;
+    cln_config config = default_config();
+    int warnings = 0;
+
+    config.holdout = 0;
+    put_image(folder, "0.png", 3201, 8, 3, 0);
+    put_image(folder, "1.png", 1600, 4, 3, 0);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":3000,\"aabb_scale\":1,\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(
+                 "1.png", POSE_FRONT) "]}");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    cln_scene_free(load(folder, &config));
+    assert_int_equal(warnings, 1);
+    config.downscale = 3;
+    cln_scene_free(load(folder, &config));
+    assert_int_equal(warnings, 1);
+    config.downscale = 0;
+    put_image(folder, "1.png", 1601, 4, 3, 0); /* too large, too */
+    cln_scene_free(load(folder, &config));
+    assert_int_equal(warnings, 1);
+}
 
 static void test_downscale(void **state)
 {
@@ -594,13 +620,11 @@ static void test_opaque_alpha(void **state)
 {
     enum { SIDE = 12, VIEWS = 5 };
     const char *folder = *state;
-    const char *json =
-        "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(
-            "1.png",
-            POSE_FRONT) "," FRAME("2.png",
-                                  POSE_FRONT) "," FRAME("3.png",
-                                                        POSE_FRONT) "," FRAME("4.png",
-                                                                              POSE_FRONT) "]}";
+    /* clang-format off */
+    const char *json = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":["
+        FRAME("0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "," FRAME("2.png", POSE_FRONT) ","
+        FRAME("3.png", POSE_FRONT) "," FRAME("4.png", POSE_FRONT) "]}";
+    /* clang-format on */
     const cln_config config = default_config();
     cln_scene_desc desc = {.path = folder, .config = &config, .pixels = {true, true, true}};
     uint8_t pixels[SIDE * SIDE * 4];
@@ -726,6 +750,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_smaller_copies, scratch_make, scratch_remove),
         cmocka_unit_test(test_natural_compare),
         cmocka_unit_test_setup_teardown(test_holdout, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_downscale_of_small, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_downscale, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wanted_splits, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_background, scratch_make, scratch_remove),
