@@ -306,6 +306,32 @@ static void test_render_refuses_sizes(void **state)
     assert_false(cln_is_dir(fixture_path("too large")));
 }
 
+/* The plans are for the pictures that are asked for, not for the scene's photos: a run whose host
+ * memory they would exceed ends before it renders, and so do lists of projected samples. */
+static void test_render_is_planned(void **state)
+{
+    fixture_stop none = {0};
+    cln_config config = fixture_config();
+    cln_render_desc desc = render_desc("planned pictures", &none);
+    cln_render_result result;
+
+    NEED_DEVICE();
+    config.steps = 1;
+    config.host_mem = 600.0 * (1 << 20);
+    assert_ok(fixture_train("frugal", false, &config, NULL, &(cln_train_result){0}));
+    desc.run = fixture_path("frugal");
+    desc.split = NULL;
+    desc.orbit_frames = 1;
+    desc.orbit_radius = 1;
+    desc.width = desc.height = 32;
+    assert_rendered(&desc, 1, 0);
+    desc.out = fixture_path("larger pictures");
+    desc.width = desc.height = 2000; /* 400 MB at most; with a pair's other eye, 800 */
+    desc.stereo = 0.1;
+    assert_fails(cln_render(&desc, &result), CLN_MEMORY, "batches and pictures");
+    assert_false(cln_is_dir(desc.out));
+}
+
 /* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in empty
  * space. */
 static void test_render_files(void **state)
@@ -905,6 +931,7 @@ int test_group_results(void)
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_drops_what_is_stale),
         cmocka_unit_test(test_render_refuses_sizes),
+        cmocka_unit_test(test_render_is_planned),
         cmocka_unit_test(test_render_files),
         cmocka_unit_test(test_render_warns_here),
         cmocka_unit_test(test_render_pairs),
