@@ -640,6 +640,31 @@ static void check_orbit(const cln_orbit_frame *frame, const cln_render_desc *des
     }
 }
 
+/* A long film's samples are moved a few times, not with each frame. */
+static void test_depth_scale_of_many_frames(void **state)
+{
+    enum { FRAMES = 1000, PIXELS = 4096 };
+    static float depth[PIXELS];
+    static uint8_t opacity[PIXELS];
+    cln_depth_scale scale = {0};
+    int moved = 0;
+
+    (void)state;
+    memset(opacity, 255, sizeof opacity);
+    for (int i = 0; i < FRAMES; i++) {
+        const float *before = scale.sample;
+
+        for (int k = 0; k < PIXELS; k++)
+            depth[k] = (float)(1 + i);
+        assert_ok(cln_depth_scale_add(&scale, PIXELS, depth, opacity));
+        moved += scale.sample != before;
+    }
+    assert_int_equal(scale.count, FRAMES * PIXELS);
+    assert_in_range(moved, 1, 16);
+    assert_true(scale.sample[0] == 1 && scale.sample[scale.count - 1] == 1.0f / FRAMES);
+    cln_depth_scale_free(&scale);
+}
+
 static void test_orbit_cameras(void **state)
 {
     const cln_config config = fixture_config();
@@ -939,6 +964,7 @@ int test_group_results(void)
         cmocka_unit_test(test_render_folders),
         cmocka_unit_test(test_render_follows_the_model),
         cmocka_unit_test(test_depth_pictures_share_a_scale),
+        cmocka_unit_test(test_depth_scale_of_many_frames),
         cmocka_unit_test(test_orbit_cameras),
         cmocka_unit_test(test_orbit_keeps_to_the_arc),
         cmocka_unit_test(test_orbit_renders),
