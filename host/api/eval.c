@@ -2,6 +2,7 @@
  * from cln_quality_measure, like those of training, so the two agree image by image. Only figures
  * of the run's own scene go into the run's folder. */
 #include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -135,6 +136,12 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(check_ranks(desc, &opened, views, count));
     if (desc->seams && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE, "--seams: works in one process only; run eval without mpirun"));
+    for (int i = 0; i < opened.scene->view_count && desc->antialias > 1; i++) {
+        const cln_camera *c = &opened.scene->views[i].camera;
+
+        opened.view_pixels = fmax(opened.view_pixels,
+                                  (double)c->width * c->height * desc->antialias * desc->antialias);
+    }
     opened.fast = desc->fast;
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     opened.pipeline.antialias = desc->antialias;

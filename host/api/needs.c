@@ -247,7 +247,8 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
                                                    .space = &scene->space},
                              &pipeline) == CLN_OK) {
         const cln_plan_desc desc = {
-            &pipeline, scene, cln_config_most_leaves(c), true, cln_coverage_bytes(scene), 0, NULL};
+            &pipeline, scene, cln_config_most_leaves(c), true, cln_coverage_bytes(scene), 0, NULL,
+            0,         0};
 
         cln_plan_device(&desc, &plan);
         cln_plan_host(&desc, &plan, &host);

@@ -187,6 +187,14 @@ static cln_status start(cln_render_job *j)
         cameras[i] = &j->eyes[i];
         lenses |= cln_camera_lenses(cameras[i]);
     }
+    for (int i = 0; i < j->count; i++) {
+        const cln_camera *c = &j->frames[i].camera;
+        const int n = j->desc->antialias > 1 ? j->desc->antialias : 1;
+        const double pixels = (double)c->width * c->height;
+
+        v->view_pixels = fmax(v->view_pixels, n * n * pixels);
+        v->picture_pixels = fmax(v->picture_pixels, each * pixels);
+    }
     v->fast = j->desc->fast;
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
     v->pipeline.antialias = j->desc->antialias;

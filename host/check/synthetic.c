@@ -145,7 +145,8 @@ static cln_status create(cln_device *device, const cln_config *config, int level
     shape.net = out->model.net;
     shape.tune = device->tune;
     cln_pipeline_fit(device, &shape.net, &shape.tune);
-    cln_plan_device(&(cln_plan_desc){&shape, &scene, tree.leaf_count, true, 0, 0, NULL}, &plan);
+    cln_plan_device(&(cln_plan_desc){&shape, &scene, tree.leaf_count, true, 0, 0, NULL, 0, 0},
+                    &plan);
     CLN_TRY(cln_plan_check(device, &plan));
     out->max_entries = plan.max_entries;
     out->sampling = (cln_sampling){.jitter = true,

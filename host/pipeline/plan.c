@@ -108,12 +108,12 @@ static double places_of(double n, double widest)
     return n / CLN_SORT_PER_DIGIT + widest + 1;
 }
 
-/* Pixels of the largest view. */
-static double view_pixels(const cln_scene *scene)
+/* Pixels of the scene's largest view, if the caller does not tell how many there are. */
+static double pixels_of(double told, const cln_scene *scene)
 {
-    double most = 0;
+    double most = told;
 
-    for (int i = 0; i < scene->view_count; i++)
+    for (int i = 0; i < scene->view_count && told == 0; i++)
         most = fmax(most, (double)scene->views[i].camera.width * scene->views[i].camera.height);
     return most;
 }
@@ -370,7 +370,7 @@ static sizes find_sizes(const cln_plan_desc *d, int batches)
                .ray_rows = cln_pipeline_rows(p),
                .extra_rays = d->training ? cln_pipeline_extra_rays(p) : 0,
                .views = d->training ? c->views_per_batch : 1,
-               .pixels = view_pixels(d->scene),
+               .pixels = pixels_of(d->view_pixels, d->scene),
                .runs = ceil(d->leaves * cells / CLN_SPLAT_RUN),
                .widest = 1 << p->tune.db,
                .distil = d->training && cln_config_merges(c)};
@@ -506,9 +506,11 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         if (d->training) /* an array of the leaves that move, as they were and as they will be */
             add(out, 2 * own_leaves(d, s->leaves) * BYTES(d, params));
     }
-    row(out, "batches and pictures", "--rays or the size with --downscale");
+    row(out, "batches and pictures",
+        d->training ? "--rays or the size with --downscale" : "the size of the pictures");
     add(out, (d->training ? 80.0 * cln_config_most_rays(c) : 0) + 80.0 * CLN_RENDER_RAYS);
-    add(out, (picture_bytes + (d->training ? 0 : written_bytes)) * view_pixels(d->scene));
+    add(out, (picture_bytes + (d->training ? 0 : written_bytes)) *
+                 pixels_of(d->picture_pixels, d->scene));
 }
 
 /* ---- what is left ---- */
@@ -661,7 +663,7 @@ cln_status cln_plan_place_images(cln_device *device, const cln_config *config, i
     cln_pipeline outline;
     cln_plan plan, host;
     const cln_plan_desc desc = {
-        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), depth, NULL};
+        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), depth, NULL, 0, 0};
     double left = 0;
 
     CLN_TRY(cln_pipeline_outline(device, config,

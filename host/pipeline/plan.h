@@ -64,6 +64,9 @@ typedef struct cln_plan_desc {
     double coverage_bytes; /* training: host memory of train/coverage.h */
     int depth;             /* of the tree; 0: as deep as it may become */
     const cln_deal *deal;  /* by ranks; NULL: as leaves may move (cln_share_most) */
+    /* Pixels of the largest view that is rendered (n^2 times as many with n x n rays a pixel), and
+     * of the largest picture that the host keeps; 0: of the scene's largest view. */
+    double view_pixels, picture_pixels;
 } cln_plan_desc;
 
 /* The deal of a tree by p->rank_first. */

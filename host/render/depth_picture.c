@@ -17,14 +17,19 @@ cln_status cln_depth_scale_add(cln_depth_scale *scale, size_t n, const float *de
     const size_t stride = (n + OF_A_FRAME - 1) / OF_A_FRAME;
     float *longer = NULL;
 
-    CLN_TRY(cln_alloc(&longer, scale->count + OF_A_FRAME, sizeof *longer, "depth pictures"));
-    if (scale->count > 0)
-        memcpy(longer, scale->sample, scale->count * sizeof *longer);
-    free(scale->sample);
-    scale->sample = longer;
+    if (scale->room < scale->count + OF_A_FRAME) {
+        const size_t room = 2 * scale->room + OF_A_FRAME;
+
+        CLN_TRY(cln_alloc(&longer, room, sizeof *longer, "depth pictures"));
+        if (scale->count > 0)
+            memcpy(longer, scale->sample, scale->count * sizeof *longer);
+        free(scale->sample);
+        scale->sample = longer;
+        scale->room = room;
+    }
     for (size_t i = 0; i < n; i += stride)
         if (opacity[i] >= OPAQUE && depth[i] > 0)
-            longer[scale->count++] = 1 / depth[i];
+            scale->sample[scale->count++] = 1 / depth[i];
 done:
     return st;
 }

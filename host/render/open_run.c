@@ -94,9 +94,13 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     char text[1024];
     const cln_scene none = {0}, *scene = opened->scene ? opened->scene : &none;
     cln_deal deal;
-    const cln_plan_desc desc = {p,     scene, opened->model.tree.leaf_count,
-                                false, 0,     cln_octree_depth(&opened->model.tree),
-                                &deal};
+    const cln_plan_desc desc = {.pipeline = p,
+                                .scene = scene,
+                                .leaves = opened->model.tree.leaf_count,
+                                .depth = cln_octree_depth(&opened->model.tree),
+                                .deal = &deal,
+                                .view_pixels = opened->view_pixels,
+                                .picture_pixels = opened->picture_pixels};
     cln_plan plan, host_plan;
 
     if (device->device_mem)

@@ -16,6 +16,7 @@ typedef struct cln_open_run {
      * slightly worse pictures (cln_render_faster), not. */
     uint32_t wanted;
     bool fast;
+    double view_pixels, picture_pixels; /* as in cln_plan_desc, 0 */
     cln_pipeline pipeline;
 } cln_open_run;
 

@@ -306,6 +306,32 @@ static void test_render_refuses_sizes(void **state)
     assert_false(cln_is_dir(fixture_path("too large")));
 }
 
+/* The plans are for the pictures that are asked for, not for the scene's photos: a run whose host
+ * memory they would exceed ends before it renders, and so do lists of projected samples. */
+static void test_render_is_planned(void **state)
+{
+    fixture_stop none = {0};
+    cln_config config = fixture_config();
+    cln_render_desc desc = render_desc("planned pictures", &none);
+    cln_render_result result;
+
+    NEED_DEVICE();
+    config.steps = 1;
+    config.host_mem = 600.0 * (1 << 20);
+    assert_ok(fixture_train("frugal", false, &config, NULL, &(cln_train_result){0}));
+    desc.run = fixture_path("frugal");
+    desc.split = NULL;
+    desc.orbit_frames = 1;
+    desc.orbit_radius = 1;
+    desc.width = desc.height = 32;
+    assert_rendered(&desc, 1, 0);
+    desc.out = fixture_path("larger pictures");
+    desc.width = desc.height = 2000; /* 400 MB at most; with a pair's other eye, 800 */
+    desc.stereo = 0.1;
+    assert_fails(cln_render(&desc, &result), CLN_MEMORY, "batches and pictures");
+    assert_false(cln_is_dir(desc.out));
+}
+
 /* Colour as evaluated; depth in scene units, shorter along the axis than along the ray, 0 in empty
  * space. */
 static void test_render_files(void **state)
@@ -614,6 +640,31 @@ static void check_orbit(const cln_orbit_frame *frame, const cln_render_desc *des
     }
 }
 
+/* A long film's samples are moved a few times, not with each frame. */
+static void test_depth_scale_of_many_frames(void **state)
+{
+    enum { FRAMES = 1000, PIXELS = 4096 };
+    static float depth[PIXELS];
+    static uint8_t opacity[PIXELS];
+    cln_depth_scale scale = {0};
+    int moved = 0;
+
+    (void)state;
+    memset(opacity, 255, sizeof opacity);
+    for (int i = 0; i < FRAMES; i++) {
+        const float *before = scale.sample;
+
+        for (int k = 0; k < PIXELS; k++)
+            depth[k] = (float)(1 + i);
+        assert_ok(cln_depth_scale_add(&scale, PIXELS, depth, opacity));
+        moved += scale.sample != before;
+    }
+    assert_int_equal(scale.count, FRAMES * PIXELS);
+    assert_in_range(moved, 1, 16);
+    assert_true(scale.sample[0] == 1 && scale.sample[scale.count - 1] == 1.0f / FRAMES);
+    cln_depth_scale_free(&scale);
+}
+
 static void test_orbit_cameras(void **state)
 {
     const cln_config config = fixture_config();
@@ -913,6 +964,7 @@ int test_group_results(void)
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_drops_what_is_stale),
         cmocka_unit_test(test_render_refuses_sizes),
+        cmocka_unit_test(test_render_is_planned),
         cmocka_unit_test(test_render_files),
         cmocka_unit_test(test_render_warns_here),
         cmocka_unit_test(test_render_pairs),
@@ -920,6 +972,7 @@ int test_group_results(void)
         cmocka_unit_test(test_render_folders),
         cmocka_unit_test(test_render_follows_the_model),
         cmocka_unit_test(test_depth_pictures_share_a_scale),
+        cmocka_unit_test(test_depth_scale_of_many_frames),
         cmocka_unit_test(test_orbit_cameras),
         cmocka_unit_test(test_orbit_keeps_to_the_arc),
         cmocka_unit_test(test_orbit_renders),

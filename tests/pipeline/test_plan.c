@@ -710,6 +710,32 @@ static void test_fit(void **state)
     }
 }
 
+/* Pictures of poses that are not a scene's take as much as a scene's of that size. */
+static void test_pictures_without_a_scene(void **state)
+{
+    cln_config config = preset("fast");
+    fake f;
+    cln_plan plan[3], host[3];
+
+    (void)state;
+    config.stage1 = CLN_STAGE1_SPLAT;
+    for (int i = 0; i < 3; i++) {
+        make_fake(&f, &config, 4096 * MIB, "gpu");
+        f.desc.training = false;
+        if (i > 0)
+            f.scene.view_count = 0;
+        if (i == 2)
+            f.desc.view_pixels = f.desc.picture_pixels = 100 * 50;
+        cln_plan_device(&f.desc, &plan[i]);
+        cln_plan_host(&f.desc, &plan[i], &host[i]);
+    }
+    assert_true(plan[1].total < plan[2].total && host[1].total < host[2].total);
+    assert_true(row_bytes(&host[2], "batches and pictures", false) ==
+                row_bytes(&host[0], "batches and pictures", false));
+    assert_true(row_bytes(&plan[2], "lists of views", false) ==
+                row_bytes(&plan[0], "lists of views", false));
+}
+
 int test_group_plan(void)
 {
     const struct CMUnitTest tests[] = {
@@ -723,6 +749,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_fitting_batch),
         cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_pictures_fit),
+        cmocka_unit_test(test_pictures_without_a_scene),
         cmocka_unit_test(test_images_stay),
         cmocka_unit_test(test_peak_is_planned),
         cmocka_unit_test(test_growth_stops_at_the_limit),

@@ -45,7 +45,7 @@ static inline void make_fake(fake *f, const cln_config *config, double max_alloc
     }
     f->scene.views = f->views;
     f->scene.view_count = 4;
-    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0, NULL};
+    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0, NULL, 0, 0};
 }
 
 static inline cln_config preset(const char *name)

@@ -35,7 +35,7 @@ static cln_config settings(void)
  * last level. */
 static void keep_corner(cln_trainer *t)
 {
-    cln_plan_desc plan = {&t->pipeline, t->scene, 0, true, 0, CLN_MAX_LEVEL, NULL};
+    cln_plan_desc plan = {&t->pipeline, t->scene, 0, true, 0, CLN_MAX_LEVEL, NULL, 0, 0};
     cln_model *model = &t->model;
     cln_octree_change change;
     uint8_t marks[64];
