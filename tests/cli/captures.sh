@@ -44,7 +44,7 @@ section_missing() {
     check "run.json says so" [ "$("$query" dataset.missing <"$work/few run/run.json")" = 2 ]
     expect "--missing fail" 3 "r_003.png --missing" "$cln" info "$work/few" --missing fail
     cp "$work/photos/train/r_003.png" "$work/few/train/"
-    expect "resumed, it must see the same" 3 "~1.images ~2.were" \
+    expect "resumed, it must see the same" 3 "~1.image.is ~2.when" \
         "$cln" train --resume "$work/few run" --skip-selftest --steps 3
     rm "$work/few/train/r_003.png" "$work/few/train/r_010.png"
     expect "a tenth missing: refused" 3 "~3.of.27 --missing" "$cln" info "$work/few"
@@ -71,7 +71,7 @@ section_missing() {
         "$cln" train "$work/few" -o "$work/broken run" "${small[@]}" --steps 2 --missing skip
     expect "and so does eval" 0 "~2.of.27.cannot.be.read" "$cln" eval "$work/broken run"
     cp "$work/photos/train/r_000.png" "$work/few/train/"
-    expect "one that was mended: resumed, it must see the same" 3 "~3.images ~4.were" \
+    expect "one that was mended: resumed, it must see the same" 3 "~3.images ~4.when" \
         "$cln" train --resume "$work/broken run" --skip-selftest --steps 3
     cp -r "$work/photos" "$work/renamed"
     (cd "$work/renamed" && for f in t*/*.png; do mv "$f" "${f%png}PNG"; done)
