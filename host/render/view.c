@@ -266,8 +266,8 @@ done:
 }
 
 /* Gives pixels at edges the means of n x n rays. Depth stays that of the ray through the centre, as
- * a mean of depths is on no surface; if that ray meets nothing, it is that of the most opaque ray. Memory is that of a batch of rays or of one row's, however
- * large the picture. */
+ * a mean of depths is on no surface; if that ray meets nothing, it is that of the most opaque one.
+ * Memory is that of a batch of rays or of one row's, however large the picture. */
 static cln_status render_edges(cln_pipeline *p, cln_rendering *r, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
