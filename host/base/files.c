@@ -157,14 +157,12 @@ static void sync_folder_of(const char *path)
     free(folder);
 }
 
-cln_status cln_atomic_commit(cln_atomic_file **taken)
+/* What is written is on the disk then, under the temp file's name. */
+static cln_status finish(cln_atomic_file *file)
 {
     cln_status st = CLN_OK;
-    cln_atomic_file *file = *taken;
-    bool renamed = false;
     int failed = 0;
 
-    *taken = NULL;
     if (ferror(file->stream))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: a write failed; make room or choose another folder",
                          file->path));
@@ -173,15 +171,38 @@ cln_status cln_atomic_commit(cln_atomic_file **taken)
                          file->path, strerror(errno)));
     failed = fclose(file->stream);
     file->stream = NULL;
-    if (failed || rename(file->temp, file->path) != 0)
+    if (failed)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s", file->path, strerror(errno)));
-    renamed = true;
-    sync_folder_of(file->path);
 done:
-    if (!renamed)
-        unlink(file->temp);
-    free_atomic(file);
     return st;
+}
+
+cln_status cln_atomic_commit_all(cln_atomic_file **const files[], int count)
+{
+    cln_status st = CLN_OK;
+
+    for (int i = 0; i < count; i++)
+        CLN_TRY(finish(*files[i]));
+    for (int i = 0; i < count; i++) {
+        cln_atomic_file *file = *files[i];
+
+        if (rename(file->temp, file->path) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s", file->path, strerror(errno)));
+        sync_folder_of(file->path);
+        free_atomic(file);
+        *files[i] = NULL;
+    }
+done:
+    for (int i = 0; i < count; i++) {
+        cln_atomic_abandon(*files[i]);
+        *files[i] = NULL;
+    }
+    return st;
+}
+
+cln_status cln_atomic_commit(cln_atomic_file **file)
+{
+    return cln_atomic_commit_all(&file, 1);
 }
 
 void cln_atomic_abandon(cln_atomic_file *file)

@@ -28,6 +28,9 @@ FILE *cln_atomic_stream(cln_atomic_file *file);
 const char *cln_atomic_temp(const cln_atomic_file *file); /* its path until the commit */
 cln_status cln_atomic_write(cln_atomic_file *file, const void *data, size_t bytes);
 cln_status cln_atomic_commit(cln_atomic_file **file);
+/* Files that belong together: all are flushed and synced before the first is renamed, in this
+ * order. */
+cln_status cln_atomic_commit_all(cln_atomic_file **const files[], int count);
 void cln_atomic_abandon(cln_atomic_file *file); /* accepts NULL */
 
 /* mkdir -p. CLN_OUTPUT on failure. */

@@ -313,8 +313,8 @@ static cln_status write_colmap(const cln_export_job *job, const cln_scene *scene
         streams[i] = cln_atomic_stream(files[i]);
     }
     CLN_TRY(put_views(scene, streams));
-    for (int i = 0; i < FILES; i++)
-        CLN_TRY(cln_atomic_commit(&files[i]));
+    CLN_TRY(cln_atomic_commit_all(
+        (cln_atomic_file **const[]){&files[CAMERAS], &files[POINTS], &files[IMAGES]}, FILES));
 done:
     for (int i = 0; i < FILES; i++) {
         cln_atomic_abandon(files[i]);

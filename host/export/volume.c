@@ -105,7 +105,8 @@ done:
     return st;
 }
 
-static cln_status write_slices(cln_export_job *job, grid *g)
+/* *out: the file, to be committed. */
+static cln_status write_slices(cln_export_job *job, grid *g, cln_atomic_file **out)
 {
     cln_status st = CLN_OK;
     const cln_callbacks *callbacks = &job->desc->callbacks;
@@ -126,7 +127,8 @@ static cln_status write_slices(cln_export_job *job, grid *g)
             CLN_TRY(cln_atomic_write(file, values, n * sizeof *values));
         }
     }
-    CLN_TRY(cln_atomic_commit(&file));
+    *out = file;
+    file = NULL;
     if (callbacks->work)
         callbacks->work("volume", g->shape[0], g->shape[0], callbacks->user);
 done:
@@ -143,7 +145,8 @@ static cln_status name_about(const char *file, char **path)
     return cln_asprintf(path, "%.*s.json", (int)strlen(file) - 4, file);
 }
 
-static cln_status write_about(const cln_export_job *job, const grid *g, const char *path)
+static cln_status write_about(const cln_export_job *job, const grid *g, const char *path,
+                              cln_atomic_file **out)
 {
     cln_status st = CLN_OK;
     const cln_space *space = &job->opened.model.space;
@@ -163,7 +166,8 @@ static cln_status write_about(const cln_export_job *job, const grid *g, const ch
     text = about ? json_dumps(about, JSON_INDENT(1)) : NULL;
     if (!text)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", path));
-    CLN_TRY(cln_write_file(path, text, strlen(text)));
+    CLN_TRY(cln_atomic_open(path, out));
+    CLN_TRY(cln_atomic_write(*out, text, strlen(text)));
 done:
     json_decref(about);
     free(text);
@@ -176,6 +180,7 @@ cln_status cln_export_volume(cln_export_job *job)
     cln_status st = CLN_OK;
     grid g = {0};
     char *about = NULL;
+    cln_atomic_file *files[2] = {NULL};
 
     CLN_TRY(place_grid(job, &g));
     CLN_TRY(name_about(job->desc->file, &about));
@@ -184,14 +189,20 @@ cln_status cln_export_volume(cln_export_job *job)
                          "%s: already exists, and would say where the grid lies; choose another "
                          "name, or give --overwrite",
                          about));
+    if (about)
+        CLN_TRY(cln_disk_check_new(about, true));
     CLN_TRY(cln_alloc(&g.at, CHUNK, sizeof *g.at, "points"));
     CLN_TRY(cln_alloc(&g.towards, CHUNK, sizeof *g.towards, "points"));
     CLN_TRY(cln_alloc(&g.out, CHUNK, sizeof *g.out, "points"));
-    CLN_TRY(write_slices(job, &g));
+    CLN_TRY(write_slices(job, &g, &files[0]));
     if (about)
-        CLN_TRY(write_about(job, &g, about));
+        CLN_TRY(write_about(job, &g, about, &files[1]));
+    CLN_TRY(
+        cln_atomic_commit_all((cln_atomic_file **const[]){&files[0], &files[1]}, about ? 2 : 1));
     memcpy(job->result->shape, g.shape, sizeof g.shape);
 done:
+    cln_atomic_abandon(files[0]);
+    cln_atomic_abandon(files[1]);
     free(about);
     free(g.at);
     free(g.towards);

@@ -184,6 +184,7 @@ typedef struct block {
     cln_pixel *rays;   /* [count n n] by rows of the finer picture, as splatting by view needs */
     int *edge_of;      /* [count n n] index into edges */
     double (*sums)[4]; /* [count] r, g, b, opacity */
+    float (*best)[2];  /* [count] opacity and depth of the most opaque ray */
 } block;
 
 /* Counts edges in whole rows from the first edge on: at most `most`, but at least one row. */
@@ -231,6 +232,7 @@ static cln_status render_block(cln_pipeline *p, cln_rendering *r, block *b,
     cln_picture *out = &r->picture;
 
     memset(b->sums, 0, (size_t)b->count * sizeof *b->sums);
+    memset(b->best, 0, (size_t)b->count * sizeof *b->best);
     make_rays(b, out->width, r->view + p->view_count);
     for (int first = 0, rendered = 0; first < total; first += rendered) {
         const int some = total - first < r->most ? total - first : r->most;
@@ -240,16 +242,23 @@ static cln_status render_block(cln_pipeline *p, cln_rendering *r, block *b,
         CLN_TRY(render_some(p, r, some, &rendered));
         for (int i = 0; i < rendered; i++) {
             double *sum = b->sums[b->edge_of[first + i]];
+            float *best = b->best[b->edge_of[first + i]];
 
             sum[0] += r->results[i].r;
             sum[1] += r->results[i].g;
             sum[2] += r->results[i].b;
             sum[3] += r->results[i].opacity;
+            if (r->results[i].opacity > best[0]) {
+                best[0] = r->results[i].opacity;
+                best[1] = r->results[i].depth;
+            }
         }
     }
     for (int i = 0; i < b->count; i++) {
         for (int c = 0; c < 3; c++)
             out->rgb[3 * b->edges[i] + c] = (float)(b->sums[i][c] / each);
+        if (!(out->opacity[b->edges[i]] > 0) && b->best[i][0] > 0)
+            out->depth[b->edges[i]] = b->best[i][1];
         out->opacity[b->edges[i]] = (float)(b->sums[i][3] / each);
     }
 done:
@@ -257,8 +266,8 @@ done:
 }
 
 /* Gives pixels at edges the means of n x n rays. Depth stays that of the ray through the centre, as
- * a mean of depths is on no surface. Memory is that of a batch of rays or of one row's, however
- * large the picture. */
+ * a mean of depths is on no surface; if that ray meets nothing, it is that of the most opaque one.
+ * Memory is that of a batch of rays or of one row's, however large the picture. */
 static cln_status render_edges(cln_pipeline *p, cln_rendering *r, const cln_callbacks *callbacks)
 {
     cln_status st = CLN_OK;
@@ -271,6 +280,7 @@ static cln_status render_edges(cln_pipeline *p, cln_rendering *r, const cln_call
     CLN_TRY(cln_alloc(&b.rays, most * (size_t)(n * n), sizeof *b.rays, "edges"));
     CLN_TRY(cln_alloc(&b.edge_of, most * (size_t)(n * n), sizeof *b.edge_of, "edges"));
     CLN_TRY(cln_alloc(&b.sums, most, sizeof *b.sums, "edges"));
+    CLN_TRY(cln_alloc(&b.best, most, sizeof *b.best, "edges"));
     for (int first = 0; first < count; first += b.count) {
         b.edges = edges + first;
         b.count = count_rows(b.edges, count - first, width, some);
@@ -281,6 +291,7 @@ done:
     free(b.rays);
     free(b.edge_of);
     free(b.sums);
+    free(b.best);
     return st;
 }
 

@@ -475,11 +475,21 @@ static int status_of(cln_status st)
     return st == CLN_MEMORY ? 503 : st == CLN_INPUT ? 404 : st == CLN_USAGE ? 409 : 500;
 }
 
+/* The pose of a view that is asked for, as it is now: a training on this thread may refine it. */
+static void take_pose(const cln_painter *painter, cln_ask *ask)
+{
+    if (ask->view >= 0 && painter->scene)
+        memcpy(ask->camera.c2w, painter->scene->views[ask->view].camera.c2w,
+               sizeof ask->camera.c2w);
+}
+
 cln_status cln_painter_step(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
     const double began = cln_now();
 
+    if (!g->begun)
+        take_pose(painter, &g->ask);
     switch (g->ask.kind) {
     case CLN_ASK_PICTURE:
         st = step_picture(painter, g);

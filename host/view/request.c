@@ -4,6 +4,7 @@
 #include <arpa/inet.h>
 #include <errno.h>
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -105,9 +106,20 @@ static cln_status read_view(const cln_scene *scene, cln_ask_get *get, void *quer
     return read_int(get, query, "view", 0, count - 1, -1, view);
 }
 
+/* The view's camera without its pose, which a training on another thread may be refining. */
+static const cln_camera *lens_of(const cln_view *view, cln_camera *out)
+{
+    const size_t from = offsetof(cln_camera, fx);
+
+    memset(out, 0, sizeof *out);
+    memcpy((char *)out + from, (const char *)&view->camera + from, sizeof *out - from);
+    return out;
+}
+
 static cln_status read_camera(const cln_scene *scene, cln_ask_get *get, void *query, cln_ask *out)
 {
     cln_status st = CLN_OK;
+    cln_camera like;
     int width = 0, height = 0;
 
     CLN_TRY(read_view(scene, get, query, &out->view));
@@ -116,7 +128,8 @@ static cln_status read_camera(const cln_scene *scene, cln_ask_get *get, void *qu
     if (out->view < 0) {
         CLN_TRY(read_free_camera(get, query, width, height, &out->camera));
     } else {
-        CLN_TRY(cln_orbit_resize(&scene->views[out->view].camera, width, height, &out->camera));
+        CLN_TRY(cln_orbit_resize(lens_of(&scene->views[out->view], &like), width, height,
+                                 &out->camera));
         CLN_TRY(check_size(&out->camera));
     }
 done:

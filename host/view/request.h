@@ -39,9 +39,10 @@ typedef enum {
 
 typedef struct cln_ask {
     cln_ask_kind kind;
-    int view;          /* photo: index into the scene's views */
+    int view;          /* index into the scene's views, whose photo or camera it is; or -1 */
     int side;          /* photo: at most so many pixels */
-    cln_camera camera; /* picture, point: at full size; scene units */
+    cln_camera camera; /* picture, point: at full size; scene units; of a view without its pose,
+                          which the painter takes */
     double x, y;       /* point: pixel position */
     double budget;     /* picture: seconds that it may take, for which its size is reduced; 0 = full
                           size, however long it takes */

@@ -383,6 +383,10 @@ static void mistakes_are_named(void **state)
     desc = export_desc("volume", "x.npy");
     desc.spacing = 1e-5;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "or more");
+    desc.spacing = 0.5;
+    desc.overwrite = true;
+    assert_ok(cln_make_dirs(fixture_path("x.json"))); /* no volume without what tells of it */
+    assert_fails(cln_export(&desc, &result), CLN_OUTPUT, "x.json");
     desc = export_desc("points", "x.ply");
     desc.spacing = 1e-5;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "larger --spacing");

@@ -403,6 +403,35 @@ static void test_atomic(void **state)
     free(nowhere);
 }
 
+/* Files that belong together: if one cannot be written, none is replaced. */
+static void test_atomic_together(void **state)
+{
+    char *path[2] = {in_folder(*state, "a.npy"), in_folder(*state, "a.json")};
+    cln_atomic_file *file[2] = {NULL};
+    cln_atomic_file **const both[2] = {&file[0], &file[1]};
+
+    for (int broken = 0; broken < 3; broken++) {
+        for (int i = 0; i < 2; i++) {
+            assert_int_equal(cln_write_file(path[i], "old", 3), CLN_OK);
+            assert_int_equal(cln_atomic_open(path[i], &file[i]), CLN_OK);
+            assert_int_equal(cln_atomic_write(file[i], "new", 3), CLN_OK);
+        }
+        if (broken < 2) {
+            assert_int_equal(close(fileno(cln_atomic_stream(file[broken]))), 0);
+            assert_failed(cln_atomic_commit_all(both, 2), CLN_OUTPUT, path[broken]);
+        } else {
+            assert_int_equal(cln_atomic_commit_all(both, 2), CLN_OK);
+        }
+        for (int i = 0; i < 2; i++) {
+            assert_null(file[i]);
+            assert_content(path[i], broken < 2 ? "old" : "new");
+        }
+        assert_int_equal(entries(*state), 2);
+    }
+    free(path[0]);
+    free(path[1]);
+}
+
 /* fsync of this program: what was synced while it is watched, and the file that then had the
  * watched path. */
 static struct {
@@ -711,6 +740,7 @@ int test_group_base(void)
         cmocka_unit_test(test_huge_pages),
         cmocka_unit_test_setup_teardown(test_read_write, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_atomic_together, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_synced, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_full, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),

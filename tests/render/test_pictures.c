@@ -17,6 +17,9 @@
 #include "run_fixture.h"
 #include "tests.h"
 
+/* What render_fine shows; NULL: all. */
+static cln_crop *shown;
+
 /* The first test view of the run, with these settings of its sampling (NULL: its own), so many
  * times as large; max_rays 0: the pipeline's own. */
 static size_t render_fine(const cln_config *sampling, int antialias, int larger, int max_rays,
@@ -48,7 +51,9 @@ static size_t render_fine(const cln_config *sampling, int antialias, int larger,
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
     assert_ok(cln_render_prepare(&v.pipeline));
+    assert_ok(cln_crop_use(&v.pipeline, &v.model.space, shown));
     assert_ok(cln_render_view(&v.pipeline, views[0], v.scene->background, false, NULL, out));
+    assert_ok(cln_crop_use(&v.pipeline, &v.model.space, NULL));
     samples = v.pipeline.sample_total;
     cln_open_run_close(&v);
     free(views);
@@ -292,15 +297,14 @@ static void test_wide(void **state)
 }
 
 /* A pixel is the mean of a picture of three times the size where edges are, and the ray through its
- * centre elsewhere. */
-static void test_antialias(void **state)
+ * centre elsewhere. Returns how many pixels have the depth of another ray than the centre's. */
+/* Returns how many pixels have the depth of another ray than the centre's. */
+static int check_antialias(void)
 {
     enum { N = 3 };
     cln_picture own, blocks, plain, fine;
-    int *edges = NULL, count = 0, next = 0;
+    int *edges = NULL, count = 0, next = 0, taken = 0;
 
-    (void)state;
-    NEED_DEVICE();
     render(NULL, &plain);
     render_fine(NULL, N, 1, 0, &own);
     render_fine(NULL, N, 1, 200, &blocks); /* a row of pixels needs more than one batch */
@@ -312,6 +316,7 @@ static void test_antialias(void **state)
     for (int i = 0; i < plain.width * plain.height; i++) {
         const bool edge = next < count && edges[next] == i;
         double sum[4] = {0};
+        float best[2] = {0, plain.depth[i]}; /* opacity, depth */
 
         next += edge;
         for (int k = 0; k < N * N; k++) {
@@ -320,11 +325,18 @@ static void test_antialias(void **state)
             for (int c = 0; c < 3; c++)
                 sum[c] += fine.rgb[3 * at + c] / (double)(N * N);
             sum[3] += fine.opacity[at] / (double)(N * N);
+            if (edge && plain.opacity[i] == 0 && fine.opacity[at] > best[0]) {
+                best[0] = fine.opacity[at];
+                best[1] = fine.depth[at];
+            }
         }
+        taken += best[0] > 0;
         for (int c = 0; c < 3; c++)
             assert_float_equal(own.rgb[3 * i + c], edge ? sum[c] : plain.rgb[3 * i + c], 1e-6);
         assert_float_equal(own.opacity[i], edge ? sum[3] : plain.opacity[i], 1e-6);
-        assert_true(own.depth[i] == plain.depth[i]);
+        assert_float_equal(own.depth[i], best[1], 1e-6);
+        assert_true(own.depth[i] > 0 || own.opacity[i] == 0);
+        assert_true(blocks.depth[i] == own.depth[i]);
         assert_memory_equal(blocks.rgb + 3 * i, own.rgb + 3 * i, 3 * sizeof *own.rgb);
         assert_true(blocks.opacity[i] == own.opacity[i]);
     }
@@ -333,6 +345,23 @@ static void test_antialias(void **state)
     cln_picture_free(&blocks);
     cln_picture_free(&plain);
     cln_picture_free(&fine);
+    return taken;
+}
+
+/* Pixels at edges have the mean of n x n rays, and the centre's depth; where that ray meets nothing
+ * and others do, the depth of the most opaque one. */
+static void test_antialias(void **state)
+{
+    cln_crop part = {.on = true, .box = {-0.5, -0.5, -0.5, 0.3, 0.6, 0.7}};
+    int taken = 0;
+
+    NEED_DEVICE();
+    assert_int_equal(check_antialias(), 0); /* the fixture's field is nowhere empty */
+    shown = &part;
+    taken = check_antialias();
+    shown = NULL;
+    print_message("depths of another ray than the centre's: %d\n", taken);
+    assert_true(taken > 0);
 }
 
 /* Does the scene's ray pass through the box, made larger by `margin`? */

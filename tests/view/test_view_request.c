@@ -76,7 +76,8 @@ static void read_what_is_asked(void **state)
     assert_true(a.background[0] == 1 && a.background[1] == 0 && a.background[2] == 0.25f);
     assert_int_equal(ask(CLN_ASK_PICTURE, &scene, of_view, &a), CLN_OK);
     assert_true(a.camera.width == 40 && a.camera.height == 30 && a.camera.fx == 50 &&
-                a.camera.fy == 55 && a.camera.c2w[3] == 1);
+                a.camera.fy == 55 && a.view == 1);
+    assert_true(a.camera.c2w[3] == 0); /* the painter takes the pose */
     assert_true(a.png && a.budget == 0 && a.background[1] == 0.5f);
     assert_int_equal(ask(CLN_ASK_POINT, &scene, point, &a), CLN_OK);
     assert_true(a.x == 79.5 && a.y == 0);
