@@ -177,7 +177,7 @@ static cln_status check_coverage(void)
     for (size_t k = 0; k < sizeof all_kernels / sizeof all_kernels[0]; k++) {
         const size_t length = strlen(all_kernels[k]);
         bool covered = begins(all_kernels[k], "share_") || begins(all_kernels[k], "stretch_") ||
-                       begins(all_kernels[k], "halo_") ||
+                       begins(all_kernels[k], "halo_") || begins(all_kernels[k], "walk_") ||
                        strcmp(all_kernels[k], "intervals_crop") == 0;
 
         for (int f = 0; f < FAMILIES; f++)

@@ -316,10 +316,8 @@ static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
     if (tree->state[node] != CLN_NODE_INNER && !has_marked(tree, node, g))
         return CLN_OK;
     if (tree->state[node] == CLN_NODE_ACTIVE) {
-        if (g->empty[tree->slot[node]]) {
-            tree->slot[node] = FRESH_SLOT;
-            tree->strikes[node] = 0; /* else the next culling takes it back */
-        }
+        if (g->empty[tree->slot[node]])
+            tree->slot[node] = FRESH_SLOT; /* strikes stay: the next culling may take it back */
         return CLN_OK;
     }
     if (tree->state[node] == CLN_NODE_CULLED && tree->level[node] >= level_of_new(tree, node, g)) {

@@ -504,7 +504,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         row(out, "messages to other ranks", lower(d, CLN_LOWER_LEAVES));
         add(out, fmax(links, fmax(densities, samples)));
         if (d->training) /* an array of the leaves that move, as they were and as they will be */
-            add(out, 2 * own_leaves(d, s->leaves) * BYTES(d, params));
+            add(out, 2.0 * cln_share_most(d->pipeline, (int)s->leaves) * BYTES(d, params));
     }
     row(out, "batches and pictures",
         d->training ? "--rays or the size with --downscale" : "the size of the pictures");

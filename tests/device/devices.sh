@@ -224,14 +224,14 @@ section_grind() {
     ran=$(sed -n "s/.*executed for kernel '\([a-z_0-9]*\)'.*/\1/p" "$work/out" | sort -u)
     head -n 40 "$work/log"
     check "no race, no bad access" [ ! -s "$work/log" ]
-    # peak_*: ceilings of the benches; share_*, stretch_*, halo_*: of several ranks
+    # peak_*: ceilings of the benches; share_*, walk_*, stretch_*, halo_*: of several ranks
     # (tests/cli/ranks.sh);
     # sort_varying, sort_buckets: need 32768 and a million pairs,
     # which take half a minute and many minutes here
     for kernel in $(cat kernels/*.cl | tr '\n' ' ' | sed 's/__attribute__((reqd[^)]*)))//g' |
         grep -oE '__kernel +void [a-z_0-9]+' | sed 's/.* //'); do
         case $kernel in
-        peak_* | sort_varying | sort_buckets | share_* | stretch_* | halo_*) ;;
+        peak_* | sort_varying | sort_buckets | share_* | walk_* | stretch_* | halo_*) ;;
         *) grep -qx "$kernel" <<<"$ran" || missing="$missing $kernel" ;;
         esac
     done
