@@ -42,6 +42,7 @@ typedef struct work {
     cln_poses_result *result;
     cln_names photos;
     char *images, *database, *sparse, *log_path;
+    bool again; /* an earlier attempt was made in this folder */
     FILE *log;
     const char *stage; /* name of this step on the progress line */
     int done;
@@ -183,6 +184,38 @@ done:
     return st;
 }
 
+/* Clears the way for a video's frames: removes frames of an earlier attempt, and links to photos,
+ * which stay where they are. CLN_OUTPUT for anything else: it may be the only copy. */
+static cln_status clear_frames(const work *w)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    cln_names there = {0};
+
+    CLN_TRY(cln_dataset_images(w->images, &there));
+    for (int i = 0; i < there.count; i++) {
+        struct stat info = {.st_nlink = 0};
+        const char *name = there.name[i];
+        int end = 0;
+
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, w->images, name));
+        (void)sscanf(name, "frame_%*5[0-9].jpg%n", &end);
+        if (lstat(path, &info) != 0 || !(info.st_nlink > 1 || (w->again && end > 0 && !name[end])))
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s: is there already, and is no frame of an earlier attempt; give an "
+                             "empty folder with -o",
+                             path));
+        if (unlink(path) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path, strerror(errno)));
+    }
+done:
+    cln_dataset_free_names(&there);
+    free(path);
+    return st;
+}
+
 static cln_status take_frames(work *w)
 {
     cln_status st = CLN_OK;
@@ -213,6 +246,7 @@ static cln_status take_frames(work *w)
     if (!(w->duration > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?", video));
     cln_format(rate, sizeof rate, "fps=%.6f", frames / w->duration);
+    CLN_TRY(clear_frames(w));
     CLN_TRY(frame_names(w->images, &names));
     CLN_TRY(run(w, "poses: frames",
                 (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", file, "-vf",
@@ -250,6 +284,32 @@ done:
     return st;
 }
 
+static bool has_name(const cln_names *names, const char *name)
+{
+    for (int i = 0; i < names->count; i++)
+        if (strcmp(names->name[i], name) == 0)
+            return true;
+    return false;
+}
+
+/* COLMAP would match what an earlier attempt left in the scene, too. */
+static cln_status refuse_others(const work *w, const cln_names *photos)
+{
+    cln_status st = CLN_OK;
+    cln_names there = {0};
+
+    CLN_TRY(cln_dataset_images(w->images, &there));
+    for (int i = 0; there.count > photos->count && i < there.count; i++)
+        if (!has_name(photos, there.name[i]))
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s/%s: is none of the photos in %s, and would be matched with them; "
+                             "remove it, or give an empty folder with -o",
+                             w->images, there.name[i], w->desc->photos));
+done:
+    cln_dataset_free_names(&there);
+    return st;
+}
+
 /* Links the photos into the scene, unless they are there. */
 static cln_status take_photos(work *w)
 {
@@ -276,6 +336,7 @@ static cln_status take_photos(work *w)
         *slash = '/';
         CLN_TRY(copy_file(from, to));
     }
+    CLN_TRY(refuse_others(w, &photos));
 done:
     cln_dataset_free_names(&photos);
     free(from);
@@ -455,6 +516,7 @@ static cln_status set_up(work *w)
     CLN_TRY(cln_path_join(&w->sparse, w->desc->out, "sparse.new"));
     CLN_TRY(cln_make_dirs(w->images));
     remove_rest(w);
+    w->again = cln_is_file(w->log_path);
     w->log = fopen(w->log_path, "w");
     if (!w->log)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));

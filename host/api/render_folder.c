@@ -257,6 +257,7 @@ static cln_status write_normals(const cln_render_job *j, const cln_render_frame 
     CLN_TRY(path_of(j, f, NORMAL_NPY, &path));
     CLN_TRY(cln_npy_write_f32(path, 3, shape, normals));
     free(path);
+    path = NULL;
     CLN_TRY(path_of(j, f, NORMAL_PNG, &path));
     CLN_TRY(cln_alloc(&bytes, n, 1, "picture"));
     for (size_t i = 0; i < n; i++)
@@ -319,6 +320,7 @@ static cln_status read_frame(const cln_render_job *j, const cln_render_frame *f,
     CLN_TRY(path_of(j, f, DEPTH_NPY, &path));
     CLN_TRY(cln_npy_read_f32(path, &dims, shape, depth));
     free(path);
+    path = NULL;
     CLN_TRY(path_of(j, f, OPACITY_PNG, &path));
     CLN_TRY(cln_image_load(path, &width, &height, &channels, &grey));
     if (dims != 2 || shape[0] != f->camera.height || shape[1] != cln_render_width(j, f) ||

@@ -120,7 +120,7 @@ static cln_status set_costs(const cln_integer_program_desc *desc, group *g)
         density = fmax(density, m->density);
     }
     g->merge = desc->merge_factor * errors * density;
-    if (desc->no_merges)
+    if (desc->no_merges || desc->tree->level[desc->tree->leaf[g->slot[0]]] <= desc->coarsest)
         g->may_merge = false;
     CLN_TRY(check_number(g->slot[0], "the cost of its group's merge", g->merge));
 done:

@@ -32,6 +32,7 @@ typedef struct cln_integer_program_desc {
     int max_leaves, max_level;
     double split_factor, merge_factor;
     bool no_merges; /* voxels: eight grids do not fit into one */
+    int coarsest;   /* leaves of this level and above do not merge: 2 in a shell, else 0 */
 } cln_integer_program_desc;
 
 typedef struct cln_integer_program_result {

@@ -70,14 +70,16 @@ cln_status cln_shell_tree_most_intervals(const cln_octree *tree, int *most)
 
     CLN_TRY(cln_alloc(&met, (size_t)(PIECES * 3 * planes), 1, "planes of leaves"));
     for (int s = 0; s < tree->leaf_count; s++) {
-        const int node = tree->leaf[s], piece = tree->level[node] < 2 ? -1 : piece_of(tree, node);
-        const int finer = depth - tree->level[node];
+        const int node = tree->leaf[s], finer = depth - tree->level[node];
+        const bool in_all = tree->level[node] < 2; /* it has parts of several */
 
-        for (int a = 0; a < 3 && piece >= 0; a++) {
-            uint8_t *row = met + (piece * 3 + a) * planes;
+        for (int i = 0; i < PIECES * 3; i++) {
+            uint8_t *row = met + i * planes;
 
-            row[tree->pos[node][a] << finer] = 1;
-            row[(tree->pos[node][a] + 1) << finer] = 1;
+            if (!in_all && piece_of(tree, node) != i / 3)
+                continue;
+            row[tree->pos[node][i % 3] << finer] = 1;
+            row[(tree->pos[node][i % 3] + 1) << finer] = 1;
         }
     }
     for (int i = 0; i < PIECES * 3 * planes; i++)

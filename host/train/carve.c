@@ -124,6 +124,7 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
 {
     cln_status st = CLN_OK;
     const bool near = whole && config->points_near > 0 && scene->sight_count > 0;
+    const double reach = config->points_near * (space->shell ? 0.5 : 1); /* the core's half side */
     points_table *points = NULL;
     const bool slab = config->slab && scene->has_box && !space->forward && !space->shell;
 
@@ -135,10 +136,9 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
         float box[4];
 
         cln_octree_box(tree, tree->leaf[s], box);
-        (*marks)[s] =
-            (slab && !is_within(scene, space, box)) ||
-            (config->seen_by > 0 && !is_seen(scene, space, box, config->seen_by)) ||
-            (near && is_plain(space, box) && !has_points(points, box, config->points_near));
+        (*marks)[s] = (slab && !is_within(scene, space, box)) ||
+                      (config->seen_by > 0 && !is_seen(scene, space, box, config->seen_by)) ||
+                      (near && is_plain(space, box) && !has_points(points, box, reach));
         *count += (*marks)[s];
     }
     if (*count == tree->leaf_count) { /* then the cameras must be wrong */

@@ -135,7 +135,8 @@ static cln_status decide(cln_trainer *t, double fraction)
                                      .max_level = m->config.max_level + m->space.shell,
                                      .split_factor = m->config.split_factor,
                                      .merge_factor = m->config.merge_factor,
-                                     .no_merges = !cln_config_merges(&m->config)};
+                                     .no_merges = !cln_config_merges(&m->config),
+                                     .coarsest = m->space.shell ? 2 : 0};
 
     CLN_TRY(cln_measure_leaves(t, fraction, &measures, &children));
     desc.measures = measures;

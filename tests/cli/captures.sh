@@ -564,6 +564,28 @@ END
     expect "a video" 0 "" env PATH="$path" "$cln" poses "$work/walk.mp4" -o "$work/walk" \
         --frames 12 --progress none --json
     check "poses of a video take its frames" [ "$(json registered) $(json photos)" = "3 4" ]
+    # a second attempt in a folder where photos were linked, which ffmpeg must not write through
+    mkdir "$work/mine"
+    for i in 1 2 3 4; do cp "$work/photos/train/r_00$i.png" "$work/mine/frame_0000$i.jpg"; done
+    cat >"$work/bin/ffmpeg" <<END
+#!/bin/sh
+for i in 1 2 3; do cat "$work/photos/train/r_01\$i.png" >"$work/again/images/frame_0000\$i.jpg"; done
+END
+    expect "photos that show too little" 1 "" env PATH="$path" STAND_IN=nothing "$cln" poses \
+        "$work/mine" -o "$work/again" --progress none
+    expect "then a video" 1 "" env PATH="$path" STAND_IN=nothing "$cln" poses "$work/walk.mp4" \
+        -o "$work/again" --progress none
+    check "the photos are what they were" cmp "$work/mine/frame_00001.jpg" \
+        "$work/photos/train/r_001.png"
+    check "and none of them is taken for a frame" \
+        [ "$(find "$work/again/images" -type f | wc -l)" = 3 ]
+    expect "a video again: its own frames go" 1 "~too.little.in.common" env PATH="$path" \
+        STAND_IN=nothing "$cln" poses "$work/walk.mp4" -o "$work/again" --progress none
+    cp "$work/photos/train/r_001.png" "$work/again/images/mine.png"
+    expect "a photo there that may be the only copy" 7 "~mine.png ~empty.folder" env PATH="$path" \
+        "$cln" poses "$work/walk.mp4" -o "$work/again" --progress none
+    expect "photos beside one that is none of them" 7 "~mine.png ~matched ~empty.folder" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/again" --progress none
     cp "$work/walk.mp4" "$work/12:30.mp4"
     printf '#!/bin/sh\necho "$*" >"%s/probed"\necho 10.0\n' "$work" >"$work/bin/ffprobe"
     printf '#!/bin/sh\nprintf "%%s\\n" "$@" >"%s/made"\nexit 1\n' "$work" >"$work/bin/ffmpeg"

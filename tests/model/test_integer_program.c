@@ -437,6 +437,9 @@ static void test_merge_with_culled(void **state)
     assert_solution(&p, "n", 1);
     p.desc.merge_factor = 0.9;
     assert_solution(&p, "g", 0.9);
+    p.desc.coarsest = 1; /* a shell has no coarser leaves */
+    assert_solution(&p, "n", 1);
+    p.desc.coarsest = 0;
     p.desc.max_leaves = 8;
     assert_solution(&p, "s", 0.75);
     end(&p);

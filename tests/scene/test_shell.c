@@ -380,13 +380,28 @@ static void test_most_leaves(void **state)
     cln_octree_free(&tree);
 }
 
+/* What merged above level 2, in a checkpoint of an older program, has its planes counted. */
+static void test_coarse_leaves(void **state)
+{
+    cln_octree tree;
+    int most = 0;
+
+    (void)state;
+    for (int level = 0; level < 2; level++) {
+        assert_int_equal(cln_octree_create(level, &tree), CLN_OK);
+        assert_int_equal(cln_shell_tree_most_intervals(&tree, &most), CLN_OK);
+        assert_true(most >= 3 * ((1 << level) + 1));
+        cln_octree_free(&tree);
+    }
+}
+
 int test_group_shell(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_by_hand),     cmocka_unit_test(test_lines),
         cmocka_unit_test(test_joints),      cmocka_unit_test(test_derivative),
         cmocka_unit_test(test_other),       cmocka_unit_test(test_tree),
-        cmocka_unit_test(test_most_leaves),
+        cmocka_unit_test(test_most_leaves), cmocka_unit_test(test_coarse_leaves),
     };
 
     return cmocka_run_group_tests_name("shell", tests, NULL, NULL);
