@@ -569,7 +569,9 @@ END
     for i in 1 2 3 4; do cp "$work/photos/train/r_00$i.png" "$work/mine/frame_0000$i.jpg"; done
     cat >"$work/bin/ffmpeg" <<END
 #!/bin/sh
-for i in 1 2 3; do cat "$work/photos/train/r_01\$i.png" >"$work/again/images/frame_0000\$i.jpg"; done
+for i in 1 2 3; do
+    cat "$work/photos/train/r_01\$i.png" >"$work/again/images/frame_0000\$i.jpg"
+done
 END
     expect "photos that show too little" 1 "" env PATH="$path" STAND_IN=nothing "$cln" poses \
         "$work/mine" -o "$work/again" --progress none
