@@ -499,7 +499,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     }
     if (d->pipeline->ranks > 1) {
         const double links = d->training ? 2 * links_of(d, s->leaves) * BYTES(d, halo_rows) : 0;
-        const double samples = s->samples * BYTES(d, packed);
+        const double samples = s->samples * fmax(BYTES(d, packed), BYTES(d, walked));
 
         row(out, "messages to other ranks", lower(d, CLN_LOWER_LEAVES));
         add(out, fmax(links, fmax(densities, samples)));
