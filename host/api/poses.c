@@ -35,6 +35,7 @@
 
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, FRAMES = 150, MODELS = 64, PHOTOS_LEAST = 3 };
 static const size_t FILE_MOST = (size_t)1 << 30;
+static const char frame_name[] = "frame_%05d.jpg"; /* ffmpeg's */
 static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
 
 typedef struct work {
@@ -42,7 +43,7 @@ typedef struct work {
     cln_poses_result *result;
     cln_names photos;
     char *images, *database, *sparse, *log_path;
-    bool again; /* an earlier attempt was made in this folder */
+    bool framed; /* by its log, an earlier attempt put a video's frames into this folder */
     FILE *log;
     const char *stage; /* name of this step on the progress line */
     int done;
@@ -178,14 +179,29 @@ static cln_status frame_names(const char *folder, char **out)
         if (*folder == '%')
             doubled[used++] = '%';
     }
-    CLN_TRY(cln_asprintf(out, "file:%s/frame_%%05d.jpg", doubled));
+    CLN_TRY(cln_asprintf(out, "file:%s/%s", doubled, frame_name));
 done:
     free(doubled);
     return st;
 }
 
-/* Clears the way for a video's frames: removes frames of an earlier attempt, and links to photos,
- * which stay where they are. CLN_OUTPUT for anything else: it may be the only copy. */
+/* Whether the log of an earlier attempt has a command that made frames. */
+static bool has_framed(const char *log)
+{
+    char *text = NULL;
+    size_t bytes = 0;
+    bool framed = false;
+
+    if (cln_read_file(log, FILE_MOST, &text, &bytes) == CLN_OK)
+        framed = strstr(text, frame_name) != NULL;
+    else
+        cln_clear_error();
+    free(text);
+    return framed;
+}
+
+/* Clears the way for a video's frames: removes those of an earlier attempt. CLN_OUTPUT for anything
+ * else: it may be the only copy, or a link through which ffmpeg would write into a photo. */
 static cln_status clear_frames(const work *w)
 {
     cln_status st = CLN_OK;
@@ -202,7 +218,7 @@ static cln_status clear_frames(const work *w)
         path = NULL;
         CLN_TRY(cln_path_join(&path, w->images, name));
         (void)sscanf(name, "frame_%*5[0-9].jpg%n", &end);
-        if (lstat(path, &info) != 0 || !(info.st_nlink > 1 || (w->again && end > 0 && !name[end])))
+        if (!w->framed || end == 0 || name[end] || lstat(path, &info) != 0 || info.st_nlink != 1)
             CLN_TRY(cln_fail(CLN_OUTPUT,
                              "%s: is there already, and is no frame of an earlier attempt; give an "
                              "empty folder with -o",
@@ -516,7 +532,7 @@ static cln_status set_up(work *w)
     CLN_TRY(cln_path_join(&w->sparse, w->desc->out, "sparse.new"));
     CLN_TRY(cln_make_dirs(w->images));
     remove_rest(w);
-    w->again = cln_is_file(w->log_path);
+    w->framed = has_framed(w->log_path);
     w->log = fopen(w->log_path, "w");
     if (!w->log)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));
