@@ -295,8 +295,7 @@ static bool has_marked(const cln_octree *tree, int node, const regrowth *g)
     return cln_marks_meet(g->marks, tree->level[node], cell);
 }
 
-/* Level of new leaves at a node. */
-static int level_of_new(const cln_octree *tree, int node, const regrowth *g)
+bool cln_octree_in_middle(const cln_octree *tree, int node)
 {
     const int quarter = tree->level[node] - 2;
 
@@ -304,9 +303,9 @@ static int level_of_new(const cln_octree *tree, int node, const regrowth *g)
         const int at = tree->pos[node][a] >> quarter;
 
         if (at == 0 || at == 3)
-            return g->level;
+            return false;
     }
-    return quarter >= 0 ? g->core_level : g->level;
+    return quarter >= 0;
 }
 
 static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
@@ -320,7 +319,8 @@ static cln_status regrow_under(cln_octree *tree, int node, const regrowth *g)
             tree->slot[node] = FRESH_SLOT; /* strikes stay: the next culling may take it back */
         return CLN_OK;
     }
-    if (tree->state[node] == CLN_NODE_CULLED && tree->level[node] >= level_of_new(tree, node, g)) {
+    if (tree->state[node] == CLN_NODE_CULLED &&
+        tree->level[node] >= (cln_octree_in_middle(tree, node) ? g->core_level : g->level)) {
         tree->state[node] = CLN_NODE_ACTIVE;
         tree->strikes[node] = 0;
         tree->slot[node] = FRESH_SLOT;

@@ -47,7 +47,7 @@ cln_status cln_shell_tree_create(int level, cln_octree *out)
     CLN_TRY(cln_octree_cull(out, marks, &change));
     cln_octree_change_free(&change);
     for (int s = 0; s < out->leaf_count; s++)
-        marks[s] = piece_of(out, out->leaf[s]) == CORE;
+        marks[s] = cln_octree_in_middle(out, out->leaf[s]);
     CLN_TRY(cln_octree_split(out, marks, &change));
     for (int l = 2; l < level; l++) {
         cln_octree_change_free(&change);

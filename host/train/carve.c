@@ -106,15 +106,10 @@ static bool has_points(points_table *sum, const float box[4], double near)
     return n > 0;
 }
 
-/* A box that is not in the core of a shell space is not cubical in the scene, and its points are
- * few. */
-static bool is_plain(const cln_space *space, const float box[4])
+/* A leaf outside the core of a shell space is not cubical in the scene, and its points are few. */
+static bool is_plain(const cln_space *space, const cln_octree *tree, int slot)
 {
-    bool inside = true;
-
-    for (int a = 0; a < 3; a++)
-        inside &= (double)box[a] >= -0.5 && (double)box[a] + (double)box[3] <= 0.5;
-    return inside || !space->shell;
+    return !space->shell || cln_octree_in_middle(tree, tree->leaf[slot]);
 }
 
 /* ---- all of it ---- */
@@ -138,7 +133,7 @@ cln_status cln_carve_find(const cln_scene *scene, const cln_space *space, const 
         cln_octree_box(tree, tree->leaf[s], box);
         (*marks)[s] = (slab && !is_within(scene, space, box)) ||
                       (config->seen_by > 0 && !is_seen(scene, space, box, config->seen_by)) ||
-                      (near && is_plain(space, box) && !has_points(points, box, reach));
+                      (near && is_plain(space, tree, s) && !has_points(points, box, reach));
         *count += (*marks)[s];
     }
     if (*count == tree->leaf_count) { /* then the cameras must be wrong */
