@@ -72,9 +72,9 @@ cln_status cln_octree_merge(cln_octree *tree, const uint8_t *merge, const float 
 /* Whether a node lies in the middle half of the cube along each axis: a shell space's core. */
 bool cln_octree_in_middle(const cln_octree *tree, int node);
 
-/* Makes ACTIVE leaves of `level`, in the middle (above) of `core_level`, again in CULLED nodes where
- * cells are marked (marks in order); a marked CULLED node of that level or deeper becomes ACTIVE
- * itself. ACTIVE leaves that are `empty` [slot] but have a marked cell begin anew. */
+/* Makes ACTIVE leaves of `level`, in the middle (above) of `core_level`, again in CULLED nodes
+ * where cells are marked (marks in order); a marked CULLED node of that level or deeper becomes
+ * ACTIVE itself. ACTIVE leaves that are `empty` [slot] but have a marked cell begin anew. */
 cln_status cln_octree_regrow(cln_octree *tree, const cln_marks *marks, int level, int core_level,
                              const uint8_t *empty, cln_octree_change *change);
 
