@@ -15,10 +15,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/clock.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "device/device.h"
 #include "io/run_folder.h"
 #include "ranks/ranks.h"
 #include "report/report_data.h"

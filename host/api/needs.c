@@ -9,6 +9,7 @@
 #include <math.h>
 #include <string.h>
 #include "base/callbacks.h"
+#include "base/clock.h"
 #include "base/config.h"
 #include "base/number.h"
 #include "check/synthetic.h"

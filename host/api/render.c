@@ -18,6 +18,7 @@
 
 #include "api/frame_writer.h"
 #include "api/render_folder.h"
+#include "base/clock.h"
 #include "base/files.h"
 #include "base/given.h"
 #include "base/log.h"

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "api/needs.h"
+#include "base/clock.h"
 #include "base/config.h"
 #include "base/files.h"
 #include "base/given.h"

@@ -10,9 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/clock.h"
 #include "base/log.h"
 #include "base/text.h"
-#include "device/device.h"
 #include "ranks/ranks.h"
 
 /* A terminal that is closed sends SIGHUP, which is obeyed as SIGTERM; nohup has it ignored. */

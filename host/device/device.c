@@ -33,14 +33,6 @@ const char *cln_stage_text(const char *name, bool voxels)
 
 enum { MIN_ALLOC = 65536 };
 
-double cln_now(void)
-{
-    struct timespec t;
-
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static void device_text(cl_device_id id, cl_device_info what, char *out, size_t bytes)
 {
     memset(out, 0, bytes);

@@ -14,6 +14,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include "base/clock.h"
 #include "cl.h"
 #include "cl_nascent.h"
 #include "device/tune.h"
@@ -95,8 +96,5 @@ void cln_device_describe(cl_device_id id, cln_device_info *info);
 /* Chooses the parameters for a network ("W32-D3-V32"); from: their source, as a phrase. */
 void cln_device_tune(const cln_device *device, const char *network, cln_tune *out,
                      char from[CLN_TUNE_FROM]);
-
-/* Monotonic seconds. */
-double cln_now(void);
 
 #endif

@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
-#include <time.h>
 #include <unistd.h>
+#include "base/clock.h"
 #include "base/log.h"
 #include "base/memory.h"
 
@@ -28,14 +28,6 @@ struct cln_progress {
     bool stale; /* text is newer than what was written */
     char text[TEXT_BYTES];
 };
-
-static double monotonic_seconds(void)
-{
-    struct timespec now;
-
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
 
 int cln_terminal_columns(int stream, int otherwise)
 {
@@ -110,7 +102,7 @@ done:
 
 void cln_progress_show(cln_progress *progress, double fraction, const char *text)
 {
-    double now = monotonic_seconds();
+    double now = cln_now();
     double waited = now - progress->shown_at;
     /* other work begins with another word */
     const bool other = strncmp(progress->text, text, strcspn(text, " ") + 1) != 0;

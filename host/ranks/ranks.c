@@ -8,6 +8,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
@@ -66,14 +67,6 @@ cln_status cln_ranks_agree(uint64_t digest, const char *what)
 
 #include <mpi.h>
 #include <sched.h>
-
-static double now(void)
-{
-    struct timespec t;
-
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* Rows as MPI's elements, so that its counts, which are ints, count rows. */
 static MPI_Datatype type_of(size_t row_bytes)
@@ -203,7 +196,7 @@ static void await_status(MPI_Request *request, MPI_Status *status)
 
             nanosleep(&rest, NULL);
             listen_roll();
-            last = now();
+            last = cln_now();
             if (before > 0) /* a longer while is one in which this rank stood still itself */
                 roll.clock += fmin(last - before, 1);
             if (roll.patience > 0 && roll.clock - called > roll.patience / 8) {
@@ -226,7 +219,7 @@ void cln_ranks_answer(void)
 
 static void account(double began, double bytes)
 {
-    self.sent.seconds += now() - began;
+    self.sent.seconds += cln_now() - began;
     self.sent.bytes += bytes;
 }
 
@@ -298,7 +291,7 @@ static MPI_Request asked = MPI_REQUEST_NULL;
 
 void cln_ranks_largest_begin(double *values, int n)
 {
-    const double began = now();
+    const double began = cln_now();
 
     if (self.count > 1)
         MPI_Iallreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD, &asked);
@@ -307,7 +300,7 @@ void cln_ranks_largest_begin(double *values, int n)
 
 void cln_ranks_largest_end(void)
 {
-    const double began = now();
+    const double began = cln_now();
 
     await(&asked);
     account(began, 0);
@@ -321,7 +314,7 @@ void cln_ranks_largest(double *values, int n)
 
 void cln_ranks_tell_from(int rank, void *data, size_t bytes)
 {
-    const double began = now();
+    const double began = cln_now();
 
     MPI_Request request = MPI_REQUEST_NULL;
 
@@ -346,7 +339,7 @@ static void receive(void *data, size_t bytes, int from)
 
 void cln_ranks_take(void *baton, size_t bytes)
 {
-    const double began = now();
+    const double began = cln_now();
 
     if (self.me > 0)
         receive(baton, bytes, self.me - 1);
@@ -355,7 +348,7 @@ void cln_ranks_take(void *baton, size_t bytes)
 
 void cln_ranks_hand(void *baton, size_t bytes)
 {
-    const double began = now();
+    const double began = cln_now();
     MPI_Request request = MPI_REQUEST_NULL;
 
     if (self.count > 1)
@@ -369,7 +362,7 @@ void cln_ranks_hand(void *baton, size_t bytes)
 
 void cln_ranks_gather(void *rows, size_t row_bytes, const int *first, bool all)
 {
-    const double began = now();
+    const double began = cln_now();
     const int mine = first[self.me + 1] - first[self.me];
     int counts[CLN_RANKS_MOST];
     MPI_Datatype type;
@@ -400,7 +393,7 @@ static struct {
 
 void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first)
 {
-    const double began = now();
+    const double began = cln_now();
 
     if (self.count == 1)
         return;
@@ -416,7 +409,7 @@ void cln_ranks_gather_begin(void *rows, size_t row_bytes, const int *first)
 
 void cln_ranks_gather_end(void)
 {
-    const double began = now();
+    const double began = cln_now();
 
     if (self.count == 1)
         return;
@@ -438,7 +431,7 @@ static int common(int from, int end, int other_from, int other_end, int *at)
 void cln_ranks_deal(const void *from, const int *old_first, void *to, const int *new_first,
                     size_t row_bytes)
 {
-    const double began = now();
+    const double began = cln_now();
     const int me = self.me;
     int sent[CLN_RANKS_MOST], got[CLN_RANKS_MOST], sent_at[CLN_RANKS_MOST], got_at[CLN_RANKS_MOST];
     double bytes = 0;
@@ -461,7 +454,7 @@ void cln_ranks_deal(const void *from, const int *old_first, void *to, const int 
 void cln_ranks_swap(const void *sent, const int *sent_first, const bool *to, void *got,
                     const int *got_first, int *got_count, size_t row_bytes)
 {
-    const double began = now();
+    const double began = cln_now();
     static MPI_Request sending[CLN_RANKS_MOST], getting[CLN_RANKS_MOST];
     MPI_Datatype type = type_of(row_bytes);
     MPI_Status status;
