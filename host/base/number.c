@@ -169,13 +169,6 @@ bool cln_reals_read(const char *text, int count, double *out)
     return true;
 }
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 int cln_reals_digits(int count, const double *values, double least)
 {
     double largest = 0;
@@ -185,7 +178,26 @@ int cln_reals_digits(int count, const double *values, double least)
     return (int)fmin(fmax(3 + ceil(log10(largest / least)), 4), 17); /* NaN: 4 */
 }
 
+static int by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return x < y ? -1 : x > y;
+}
+
+static int by_float(const void *a, const void *b)
+{
+    const float x = *(const float *)a, y = *(const float *)b;
+
+    return x < y ? -1 : x > y;
+}
+
 void cln_reals_sort(double *values, int count)
 {
     qsort(values, (size_t)count, sizeof *values, by_value);
+}
+
+void cln_floats_sort(float *values, size_t count)
+{
+    qsort(values, count, sizeof *values, by_float);
 }

@@ -1,5 +1,6 @@
 /* Numbers from and to text in the C locale, whatever LC_NUMERIC is, with the units of options. The
- * readers return false for other text; the caller writes the sentence (base/config.h). */
+ * readers return false for other text; the caller writes the sentence (base/config.h). Also sorts
+ * numbers. */
 #ifndef CLN_NUMBER_H
 #define CLN_NUMBER_H
 
@@ -36,7 +37,8 @@ bool cln_reals_read(const char *text, int count, double *out);
  * least 4, at most 17. */
 int cln_reals_digits(int count, const double *values, double least);
 
-/* Sorts ascending; no NaN allowed. */
+/* Sort ascending; no NaN allowed. */
 void cln_reals_sort(double *values, int count);
+void cln_floats_sort(float *values, size_t count);
 
 #endif

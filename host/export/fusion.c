@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/number.h"
 #include "render/orbit.h"
 #include "render/quality.h"
 
@@ -160,13 +161,6 @@ bool cln_fusion_seen(const cln_fusion *fusion, const float at[3], const float no
 
 /* ---- rendering ---- */
 
-static int by_size(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 cln_status cln_fusion_start(const cln_space *space, const cln_octree *tree, int count,
                             cln_fusion *out)
 {
@@ -221,7 +215,7 @@ cln_status cln_fusion_set(cln_fusion *fusion, int i, const cln_camera *camera, f
     for (size_t k = 0; k < n; k++)
         if (depth[k] >= 0)
             sorted[count++] = depth[k];
-    qsort(sorted, count, sizeof *sorted, by_size);
+    cln_floats_sort(sorted, count);
     if (count > 0)
         *pixel = fusion->space->forward
                      ? sqrt(fusion->space->scale[0] * fusion->space->scale[1]) / camera->fx
@@ -265,7 +259,7 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
                      "%s: no training view shows anything opaque, so there is no surface; train "
                      "it longer",
                      opened->run));
-    qsort(pixels, (size_t)views, sizeof *pixels, by_size);
+    cln_floats_sort(pixels, (size_t)views);
     f->pixel = pixels[views / 2];
     if (callbacks->work)
         callbacks->work("depths", f->count, f->count, callbacks->user);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/number.h"
 #include "io/image.h"
 
 enum { OF_A_FRAME = 4096, OPAQUE = 128 };
@@ -34,20 +35,13 @@ done:
     return st;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *)a, y = *(const float *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 bool cln_depth_scale_make(cln_depth_scale *scale)
 {
     const size_t n = scale->count;
 
     if (n == 0)
         return false;
-    qsort(scale->sample, n, sizeof *scale->sample, ascending);
+    cln_floats_sort(scale->sample, n);
     scale->low = scale->sample[n / 50];
     scale->high = scale->sample[n - 1 - n / 50];
     return true;

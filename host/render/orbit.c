@@ -7,6 +7,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "io/image.h"
 #include "render/vectors.h"
 
@@ -95,13 +96,6 @@ static void find_axes(const cln_scene *scene, int count, cln_orbit_frame *out)
     cln_cross(out->up, out->east, out->north);
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return x < y ? -1 : x > y;
-}
-
 /* The arc leaves out the widest gap between neighbours. Cameras near the pole have no azimuth. */
 static cln_status find_arc(const cln_scene *scene, int count, cln_orbit_frame *out)
 {
@@ -125,7 +119,7 @@ static cln_status find_arc(const cln_scene *scene, int count, cln_orbit_frame *o
     }
     if (n == 0)
         goto done;
-    qsort(azimuth, (size_t)n, sizeof *azimuth, ascending);
+    cln_reals_sort(azimuth, n);
     azimuth[n] = azimuth[0] + 360;
     for (int i = 0; i < n; i++) {
         if (azimuth[i + 1] - azimuth[i] <= fmax(gap, GAP))

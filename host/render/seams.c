@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/number.h"
 #include "pipeline/field.h"
 #include "render/view.h"
 
@@ -130,13 +131,6 @@ static void add_view(const cln_model *model, const cln_camera *camera, const cln
         }
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* Mean and 95th percentile of the values; NAN if there are none. Sorts them. */
 static void summarise(double *values, int n, double *mean, double *most)
 {
@@ -145,7 +139,7 @@ static void summarise(double *values, int n, double *mean, double *most)
     *mean = *most = NAN;
     if (n == 0)
         return;
-    qsort(values, (size_t)n, sizeof *values, ascending);
+    cln_reals_sort(values, n);
     for (int i = 0; i < n; i++)
         sum += values[i];
     *mean = sum / n;

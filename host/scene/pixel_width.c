@@ -4,15 +4,8 @@
 
 #include <math.h>
 #include <stdlib.h>
-
 #include "base/memory.h"
-
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
+#include "base/number.h"
 
 cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space, double *width)
 {
@@ -34,7 +27,7 @@ cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space,
         if (c->fx > 0)
             each[count++] = sqrt(square) / c->fx / space->half;
     }
-    qsort(each, (size_t)count, sizeof *each, by_value);
+    cln_reals_sort(each, count);
     *width = count > 0 ? each[count / 2] : 0;
 done:
     free(each);
@@ -99,6 +92,6 @@ double cln_scene_cell_pixels(const cln_scene *scene, const cln_space *space, con
         }
         each[count++] = sqrt(widest) * s.pixels;
     }
-    qsort(each, (size_t)count, sizeof *each, by_value);
+    cln_reals_sort(each, count);
     return count > 0 ? each[count / 2] : INFINITY;
 }

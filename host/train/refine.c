@@ -7,6 +7,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/rng.h"
 #include "device/queue.h"
 #include "ranks/rows.h"
@@ -250,13 +251,6 @@ static double residual(const cln_spot *spot, const cln_ray_result *look, const d
     return sum;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double *p = a, *q = b;
-
-    return (*p > *q) - (*p < *q);
-}
-
 /* The medians of photo over rendered colour: a photo that is brighter as a whole has not moved. */
 static void find_gain(int count, const int *found, const cln_spot *spots,
                       const cln_ray_result (*looks)[CLN_SPOT_LOOKS], double gain[3])
@@ -267,7 +261,7 @@ static void find_gain(int count, const int *found, const cln_spot *spots,
         for (int i = 0; i < count; i++)
             ratios[i] = (double)spots[found[i]].photo[c] /
                         fmax(channel(&looks[found[i]][0], c), LEAST_COLOUR);
-        qsort(ratios, (size_t)count, sizeof *ratios, ascending);
+        cln_reals_sort(ratios, count);
         gain[c] = fmin(fmax(ratios[count / 2], 1 / MOST_GAIN), MOST_GAIN);
     }
 }
@@ -330,7 +324,7 @@ bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
     find_gain(count, found, spots, looks, out->gain);
     for (int i = 0; i < count; i++)
         residuals[i] = residual(&spots[found[i]], &looks[found[i]][0], out->gain);
-    qsort(residuals, (size_t)count, sizeof *residuals, ascending);
+    cln_reals_sort(residuals, count);
     out->scale = fmax(2 * sqrt(residuals[count / 2]), LEAST_SCALE);
     for (int i = 0; i < count; i++) {
         const cln_spot *spot = &spots[found[i]];

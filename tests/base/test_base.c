@@ -694,6 +694,23 @@ static void test_digits(void **state)
         assert_int_equal(cln_reals_digits(2, cases[i].values, cases[i].least), cases[i].digits);
 }
 
+static void test_sort(void **state)
+{
+    static const double sorted[] = {-INFINITY, -2.5, -0.25, 0, 1e-300, 0.5, 0.5, 3};
+    double reals[] = {0.5, -2.5, 3, 0, 0.5, -INFINITY, 1e-300, -0.25};
+    float floats[] = {0.5f, -2.5f, 3, 0, 0.5f, -INFINITY, 1e-30f, -0.25f};
+
+    (void)state;
+    cln_reals_sort(reals, 8);
+    cln_floats_sort(floats, 8);
+    for (int i = 0; i < 8; i++) {
+        assert_true(reals[i] == sorted[i]);
+        assert_true(floats[i] == (i == 4 ? 1e-30f : (float)sorted[i]));
+    }
+    cln_floats_sort(floats, 0);
+    assert_true(floats[0] == -INFINITY);
+}
+
 static void put_limit(const char *root, const char *folder, const char *file, const char *text)
 {
     const char *place = scratch_path(root, folder), *path = scratch_path(place, file);
@@ -746,6 +763,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_group_memory, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),
+        cmocka_unit_test(test_sort),
         cmocka_unit_test(test_digest),
         cmocka_unit_test(test_log),
         cmocka_unit_test(test_utf8),
