@@ -3,8 +3,7 @@
 
 #include <math.h>
 #include <string.h>
-
-#include "render/vectors.h"
+#include "scene/vectors.h"
 
 static const float SEEN = 0.5f;  /* from this opacity on, a pixel shows a surface */
 static const double EDGE = 0.05; /* a larger step of depth, as a share of it, is an edge */

@@ -9,7 +9,7 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "io/image.h"
-#include "render/vectors.h"
+#include "scene/vectors.h"
 
 static const double PI = 3.14159265358979323846, DEGREE = 3.14159265358979323846 / 180;
 static const double LEVEL = 1e-3; /* of find_up: the square of how level they are held */

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "render/vectors.h"
+#include "scene/vectors.h"
 
 /* Numbers of a key: position, unit quaternion w x y z, distance from the target (0 without one).
  * Around a target, the quaternion is relative to a level camera that looks at it from the same

@@ -7,7 +7,7 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "render/frames.h"
-#include "render/vectors.h"
+#include "scene/vectors.h"
 
 static const double PI = 3.14159265358979323846;
 static const double SHARE = 0.9;    /* of the cameras stand within the spiral */

@@ -11,6 +11,7 @@
 #include "base/callbacks.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "scene/vectors.h"
 
 /* ASKED: views that are compared with others, each with NEIGHBOURS. TRIED: ties on which other
  * readings are tried. STRAYS: photos that are compared with all others. */
@@ -59,26 +60,15 @@ static const cln_camera *camera_of(const work *w, int view)
     return &w->scene->views[view].camera;
 }
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
-}
-
 /* ---- two rays ---- */
 
 /* Finds how far along two rays they come nearest to each other; false if they are too parallel. */
 static bool nearest(const double b[3], const double d1[3], const double d2[3], double *s, double *t)
 {
-    const double c = dot(d1, d2), far = 1 - c * c;
+    const double c = cln_dot(d1, d2), far = 1 - c * c;
 
-    *s = (dot(d1, b) - c * dot(d2, b)) / far;
-    *t = (c * dot(d1, b) - dot(d2, b)) / far;
+    *s = (cln_dot(d1, b) - c * cln_dot(d2, b)) / far;
+    *t = (c * cln_dot(d1, b) - cln_dot(d2, b)) / far;
     return far > FAR_APART;
 }
 
@@ -88,10 +78,10 @@ static bool agrees(const double o1[3], const double d1[3], const double o2[3], c
     const double b[3] = {o2[0] - o1[0], o2[1] - o1[1], o2[2] - o1[2]};
     double n1[3], n2[3], s = 0, t = 0, size = 0;
 
-    cross(b, d1, n1);
-    cross(b, d2, n2);
-    size = sqrt(dot(n1, n1) + dot(n2, n2));
-    if (!(fabs(dot(n1, d2)) <= tolerance * size) || size <= 1e-9 * sqrt(dot(b, b)))
+    cln_cross(b, d1, n1);
+    cln_cross(b, d2, n2);
+    size = sqrt(cln_dot(n1, n1) + cln_dot(n2, n2));
+    if (!(fabs(cln_dot(n1, d2)) <= tolerance * size) || size <= 1e-9 * sqrt(cln_dot(b, b)))
         return false;
     return !nearest(b, d1, d2, &s, &t) || (s > 0 && t > 0);
 }

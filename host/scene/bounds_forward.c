@@ -12,32 +12,13 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
+#include "scene/vectors.h"
 
 enum { BORDER = 8 }; /* places of an image: its corners and the middles of its sides */
 static const double NEAR = 0.9, MARGIN = 1.02;
 static const double LEAST_COSINE = 0.2;     /* of a border's ray with the mean axis: 78 degrees */
 static const double LEAST_COMMON = 0.7;     /* length of the mean of the forward axes */
 static const double NEAREST_POINTS = 0.005; /* that share of the points may be outliers */
-
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static double normalise(double v[3])
-{
-    const double length = sqrt(dot(v, v));
-
-    for (int a = 0; a < 3 && length > 0; a++)
-        v[a] /= length;
-    return length;
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
-}
 
 /* Sets centre and axes; false if the cameras look into different directions. */
 static bool find_mean(const cln_scene *scene, cln_space *space)
@@ -55,17 +36,17 @@ static bool find_mean(const cln_scene *scene, cln_space *space)
             down[a] += m[4 * a + 1] / count;
         }
     }
-    if (!(normalise(forward) > LEAST_COMMON))
+    if (!(cln_unit(forward) > LEAST_COMMON))
         return false;
-    cross(down, forward, right);
-    if (!(normalise(right) > 1e-3)) { /* cameras are held in all ways: any axis will do */
+    cln_cross(down, forward, right);
+    if (!(cln_unit(right) > 1e-3)) { /* cameras are held in all ways: any axis will do */
         down[0] = fabs(forward[0]) < 0.9;
         down[1] = !down[0];
         down[2] = 0;
-        cross(down, forward, right);
-        normalise(right);
+        cln_cross(down, forward, right);
+        cln_unit(right);
     }
-    cross(forward, right, space->axes + 3);
+    cln_cross(forward, right, space->axes + 3);
     return true;
 }
 
@@ -85,8 +66,8 @@ static bool border_ray(const cln_space *space, const cln_camera *camera, int k, 
     for (int a = 0; a < 3; a++)
         from[a] -= space->centre[a];
     for (int a = 0; a < 3; a++) {
-        o[a] = dot(space->axes + 3 * a, from);
-        d[a] = dot(space->axes + 3 * a, towards);
+        o[a] = cln_dot(space->axes + 3 * a, from);
+        d[a] = cln_dot(space->axes + 3 * a, towards);
     }
     return true;
 }
@@ -131,7 +112,7 @@ static cln_status nearest_point(const cln_space *space, const cln_reader_result 
 
         for (int a = 0; a < 3; a++)
             from[a] = result->points[i].xyz[a] - space->centre[a];
-        depths[i] = dot(space->axes + 6, from);
+        depths[i] = cln_dot(space->axes + 6, from);
     }
     cln_reals_sort(depths, result->point_count);
     *nearest = depths[(int)(NEAREST_POINTS * (result->point_count - 1))];

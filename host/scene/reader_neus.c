@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "io/npz.h"
 #include "scene/dataset.h"
+#include "scene/vectors.h"
 
 static const char *const file_name = "cameras_sphere.npz";
 static const double SKEW_LIMIT = 1e-3; /* of the focal length */
@@ -43,21 +44,6 @@ done:
     return st;
 }
 
-static double dot3(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-/* The length of v, which becomes a unit vector; 0 if it has none. */
-static double make_unit(double v[3])
-{
-    const double length = sqrt(dot3(v, v));
-
-    for (int i = 0; i < 3 && length > 0; i++)
-        v[i] /= length;
-    return length;
-}
-
 /* P = s K [R|t]: rows of R from the last one up, each without its part along those below it. P's
  * sign is free; the determinant of R tells it. */
 static cln_status take_apart(const char *where, const double p[12], cln_camera *camera)
@@ -67,11 +53,11 @@ static cln_status take_apart(const char *where, const double p[12], cln_camera *
     for (int i = 2; i >= 0; i--) {
         memcpy(r + 3 * i, p + 4 * i, 3 * sizeof *r);
         for (int j = i + 1; j < 3; j++) {
-            k[3 * i + j] = dot3(r + 3 * i, r + 3 * j);
+            k[3 * i + j] = cln_dot(r + 3 * i, r + 3 * j);
             for (int a = 0; a < 3; a++)
                 r[3 * i + a] -= k[3 * i + j] * r[3 * j + a];
         }
-        k[3 * i + i] = make_unit(r + 3 * i);
+        k[3 * i + i] = cln_unit(r + 3 * i);
         if (!(k[3 * i + i] > 0))
             return cln_fail(CLN_INPUT,
                             "%s: not a projection matrix: its rows are linearly dependent; export "
@@ -114,7 +100,7 @@ static cln_status set_cube(const char *where, cln_npz *npz, cln_reader_result *r
     result->space.half = 0;
     for (int i = 0; i < 3; i++) {
         result->space.centre[i] = m[4 * i + 3];
-        result->space.half = fmax(result->space.half, sqrt(dot3(m + 4 * i, m + 4 * i)));
+        result->space.half = fmax(result->space.half, sqrt(cln_dot(m + 4 * i, m + 4 * i)));
     }
     CLN_TRY(cln_strdup(&result->bounds_rule, "around the unit ball of scale_mat"));
 done:

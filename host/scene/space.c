@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "scene/vectors.h"
 
 const cln_space cln_space_unit = {.half = 1};
 
@@ -32,14 +33,6 @@ static void to_camera_units(const cln_space *space, const double scene[3], doubl
     for (int a = 0; a < 3; a++)
         from[a] = (scene[a] - space->centre[a]) / space->half;
     turn(space, from, out);
-}
-
-static void normalise(double v[3])
-{
-    const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-
-    for (int a = 0; a < 3 && length > 0; a++)
-        v[a] /= length;
 }
 
 /* How the point q moves in the cube when it moves by v: the map's derivative, times q_z^2. */
@@ -183,7 +176,7 @@ int cln_space_lines(const cln_space *space, const double origin[3], const double
         s = until;
         *line = (cln_space_line){.begin = t};
         bend_in_piece(here, o, d, line->direction);
-        normalise(line->direction);
+        cln_unit(line->direction);
         line->end = t + length_along(from, to, line->direction);
         if (!(line->end > line->begin))
             continue;
@@ -263,7 +256,7 @@ void cln_space_ray_to_cube(const cln_space *space, const double origin[3],
         cube_origin[a] = space->scale[a] * (o[a] + (z - o[2]) / d[2] * d[a]) / z;
     cube_origin[2] = 1 - 2 / z;
     bend(space, o, d, cube_direction);
-    normalise(cube_direction);
+    cln_unit(cube_direction);
 }
 
 void cln_space_depth_to_cube(const cln_space *space, const double origin[3],
@@ -294,14 +287,14 @@ void cln_space_direction_to_cube(const cln_space *space, const double scene[3],
             for (int a = 0; a < 3; a++)
                 q[a] = (scene[a] - space->centre[a]) / space->half;
             bend_in_piece(piece_of(q, 1), q, d, cube);
-            normalise(cube);
+            cln_unit(cube);
         }
         return;
     }
     to_camera_units(space, scene, q);
     turn(space, direction, d);
     bend(space, q, d, cube);
-    normalise(cube);
+    cln_unit(cube);
 }
 
 void cln_space_normal_to_scene(const cln_space *space, const double cube[3], const float normal[3],
@@ -317,7 +310,7 @@ void cln_space_normal_to_scene(const cln_space *space, const double cube[3], con
             out[f.axis] *= 2 * (1 - f.sign * cube[f.axis]);
             for (int a = 0; a < 3; a++)
                 out[f.axis] -= a == f.axis ? 0 : 2 * f.sign * cube[a] * out[a];
-            normalise(out);
+            cln_unit(out);
         }
         for (int a = 0; a < 3; a++)
             scene[a] = (float)out[a];
@@ -329,7 +322,7 @@ void cln_space_normal_to_scene(const cln_space *space, const double cube[3], con
         n[a] = space->scale[a] * normal[a];
     n[2] = 2 * q[3] * normal[2] - q[0] * n[0] - q[1] * n[1];
     turn_back(space, n, out);
-    normalise(out);
+    cln_unit(out);
     for (int a = 0; a < 3; a++)
         scene[a] = (float)out[a];
 }
@@ -378,7 +371,7 @@ double cln_space_density_to_scene(const cln_space *space, const double scene[3],
         for (int a = 0; a < 3; a++)
             q[a] = (scene[a] - space->centre[a]) / space->half;
         cube /= bend_in_piece(piece_of(q, 1), q, direction, v);
-        return cube * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / space->half;
+        return cube * sqrt(cln_dot(v, v)) / space->half;
     }
     if (!space->forward)
         return cube / space->half;
@@ -387,7 +380,7 @@ double cln_space_density_to_scene(const cln_space *space, const double scene[3],
         return 0;
     turn(space, direction, d);
     bend(space, q, d, v);
-    return cube * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) / (q[2] * q[2] * space->half);
+    return cube * sqrt(cln_dot(v, v)) / (q[2] * q[2] * space->half);
 }
 
 void cln_space_box_to_scene(const cln_space *space, const float cube[4], double low[3],

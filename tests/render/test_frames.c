@@ -11,7 +11,7 @@
 #include <cmocka.h>
 #include "base/log.h"
 #include "render/frames.h"
-#include "render/vectors.h"
+#include "scene/vectors.h"
 #include "scratch.h"
 #include "tests.h"
 

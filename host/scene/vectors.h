@@ -1,4 +1,4 @@
-/* Vectors of three doubles: what the geometry of camera paths shares. */
+/* Vectors of three doubles: what the geometry of cameras shares. */
 #ifndef CLN_VECTORS_H
 #define CLN_VECTORS_H
 
@@ -17,7 +17,17 @@ static inline void cln_cross(const double a[3], const double b[3], double out[3]
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* False if there is nothing to normalise. */
+/* The length of v, which becomes a unit vector unless that is 0. */
+static inline double cln_unit(double v[3])
+{
+    const double length = sqrt(cln_dot(v, v));
+
+    for (int a = 0; a < 3 && length > 0; a++)
+        v[a] /= length;
+    return length;
+}
+
+/* Makes v a unit vector; false if it is too short to have a direction (1e-9). */
 static inline bool cln_normalise(double v[3])
 {
     const double length = sqrt(cln_dot(v, v));
