@@ -23,6 +23,7 @@
 #include "io/run_folder.h"
 #include "common/csv.h"
 #include "common/plot.h"
+#include "io/json.h"
 
 enum { MAX_RUNS = 64, SERIES = 3 };
 

@@ -19,6 +19,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "io/json.h"
 #include "io/run_folder.h"
 #include "ranks/ranks.h"
 #include "report/report_data.h"

@@ -29,6 +29,7 @@
 #include "io/run_folder.h"
 #include "common/csv.h"
 #include "common/plot.h"
+#include "io/json.h"
 
 enum { POINTS = 64, LABEL_BYTES = 64 };
 

@@ -20,6 +20,7 @@
 #include "base/config.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "io/json.h"
 #include "io/npy.h"
 #include "report/report_data.h"
 #include "scene/scene.h"

@@ -9,6 +9,7 @@
 #include "base/log.h"
 #include "base/text.h"
 #include "cli/console.h"
+#include "io/json.h"
 
 enum { COLUMNS = 96 };
 
@@ -18,13 +19,6 @@ static void print_wrapped(int column, int indent, const char *text)
     const int has = cln_stdout_columns(COLUMNS);
 
     cln_print_wrapped(column, indent, has < COLUMNS ? has : COLUMNS, text);
-}
-
-static double number(const json_t *object, const char *key)
-{
-    const json_t *value = json_object_get(object, key);
-
-    return json_is_number(value) ? json_number_value(value) : NAN;
 }
 
 static const char *text_of(const json_t *object, const char *key)
@@ -55,19 +49,20 @@ static void print_findings(const json_t *findings)
 /* Photos that share nothing have fewer measures. */
 static void print_overlap(const json_t *measures)
 {
-    const double agreeing = number(measures, "agreeing_share");
-    const double partners = number(measures, "mean_partners");
+    const double agreeing = cln_json_number(measures, "agreeing_share");
+    const double partners = cln_json_number(measures, "mean_partners");
     char line[512];
 
-    if (isnan(agreeing) && number(measures, "ties") > 0)
+    if (isnan(agreeing) && cln_json_number(measures, "ties") > 0)
         snprintf(line, sizeof line, "%.0f mark%s that two photos share: too few to tell",
-                 number(measures, "ties"), cln_plural(number(measures, "ties"), "", "s"));
+                 cln_json_number(measures, "ties"),
+                 cln_plural(cln_json_number(measures, "ties"), "", "s"));
     else if (isnan(agreeing))
         snprintf(line, sizeof line, "no two photos share a mark");
     else
         snprintf(line, sizeof line,
                  "%.0f%% of %.0f marks that two photos share lie where both poses put them",
-                 100 * agreeing, number(measures, "ties"));
+                 100 * agreeing, cln_json_number(measures, "ties"));
     if (!isnan(partners))
         snprintf(line + strlen(line), sizeof line - strlen(line),
                  "; a photo shares much with %.2g of those that it was compared with", partners);
@@ -83,23 +78,25 @@ static void print_measures(const json_t *document)
     bool one = false;
 
     snprintf(line, sizeof line, "%.0f train, %.0f val, %.0f test, as %s; %s",
-             number(splits, "train"), number(splits, "val"), number(splits, "test"),
-             text_of(scene, "dialect"), text_of(scene, "split_rule"));
+             cln_json_number(splits, "train"), cln_json_number(splits, "val"),
+             cln_json_number(splits, "test"), text_of(scene, "dialect"),
+             text_of(scene, "split_rule"));
     print_wrapped(printf("photos   "), 9, line);
-    snprintf(least, sizeof least, "%.3g", number(measures, "fov_least"));
-    snprintf(most, sizeof most, "%.3g", number(measures, "fov_most"));
+    snprintf(least, sizeof least, "%.3g", cln_json_number(measures, "fov_least"));
+    snprintf(most, sizeof most, "%.3g", cln_json_number(measures, "fov_most"));
     one = strcmp(least, most) == 0;
     snprintf(line, sizeof line, "%.0f inside the cube, %.0f outside; field of view %s%s%s degrees",
-             number(measures, "cameras_inside"), number(measures, "cameras_outside"),
-             one ? "" : least, one ? "" : " to ", most);
+             cln_json_number(measures, "cameras_inside"),
+             cln_json_number(measures, "cameras_outside"), one ? "" : least, one ? "" : " to ",
+             most);
     print_wrapped(printf("cameras  "), 9, line);
     snprintf(line, sizeof line, "half side %.6g, %s; %.1f%% of the training rays meet it",
-             number(scene, "half"), text_of(scene, "bounds_rule"),
-             100 * number(measures, "cube_share"));
-    if (!isnan(number(measures, "points_inside")))
+             cln_json_number(scene, "half"), text_of(scene, "bounds_rule"),
+             100 * cln_json_number(measures, "cube_share"));
+    if (!isnan(cln_json_number(measures, "points_inside")))
         snprintf(line + strlen(line), sizeof line - strlen(line),
                  ", it holds %.0f%% of what the photos show",
-                 100 * number(measures, "points_inside"));
+                 100 * cln_json_number(measures, "points_inside"));
     print_wrapped(printf("cube     "), 9, line);
     print_overlap(measures);
 }
@@ -121,15 +118,16 @@ static void print_training(const json_t *training)
         print_wrapped(printf("training "), 9, text_of(training, "no_device"));
         return;
     }
-    cln_format_bytes(number(training, "device_memory"), need[0]);
-    cln_format_bytes(number(training, "device_memory_limit"), limit[0]);
-    cln_format_bytes(number(training, "host_memory"), need[1]);
-    cln_format_bytes(number(training, "host_memory_limit"), limit[1]);
+    cln_format_bytes(cln_json_number(training, "device_memory"), need[0]);
+    cln_format_bytes(cln_json_number(training, "device_memory_limit"), limit[0]);
+    cln_format_bytes(cln_json_number(training, "host_memory"), need[1]);
+    cln_format_bytes(cln_json_number(training, "host_memory_limit"), limit[1]);
     snprintf(line, sizeof line,
              "%s on the device (of %s), %s on the host (of %s), at the largest "
              "tree of %.0f %s, on %s",
-             need[0], limit[0], need[1], limit[1], number(training, "most_leaves"),
-             number(training, "most_leaves") == 1 ? "leaf" : "leaves", text_of(training, "device"));
+             need[0], limit[0], need[1], limit[1], cln_json_number(training, "most_leaves"),
+             cln_json_number(training, "most_leaves") == 1 ? "leaf" : "leaves",
+             text_of(training, "device"));
     print_wrapped(printf("memory   "), 9, line);
     if (json_is_string(json_object_get(training, "no_time"))) {
         print_wrapped(printf("time     "), 9, text_of(training, "no_time"));
@@ -137,24 +135,24 @@ static void print_training(const json_t *training)
     }
     if (!time)
         return;
-    cln_format_duration(number(time, "seconds"), duration[0]);
-    cln_format_duration(number(time, "seconds_least"), duration[1]);
-    cln_format_duration(number(time, "seconds_most"), duration[2]);
-    if (!isnan(number(time, "seconds")))
+    cln_format_duration(cln_json_number(time, "seconds"), duration[0]);
+    cln_format_duration(cln_json_number(time, "seconds_least"), duration[1]);
+    cln_format_duration(cln_json_number(time, "seconds_most"), duration[2]);
+    if (!isnan(cln_json_number(time, "seconds")))
         snprintf(range, sizeof range, "about %s of training (%s to %s), ", duration[0], duration[1],
                  duration[2]);
-    if (!isnan(number(time, "steps_in_time_limit")))
+    if (!isnan(cln_json_number(time, "steps_in_time_limit")))
         snprintf(range, sizeof range, "about %.0f step%s within --time-limit, ",
-                 number(time, "steps_in_time_limit"),
-                 cln_plural(number(time, "steps_in_time_limit"), "", "s"));
+                 cln_json_number(time, "steps_in_time_limit"),
+                 cln_plural(cln_json_number(time, "steps_in_time_limit"), "", "s"));
     snprintf(line, sizeof line,
              "%s%s ms a step (%s with the first tree, %s with the largest), %s ms a picture of "
              "%.2g megapixels that is filled. This is %s",
-             range, in_ms(number(time, "step_seconds"), step[0]),
-             in_ms(number(time, "step_seconds_first"), step[1]),
-             in_ms(number(time, "step_seconds_last"), step[2]),
-             in_ms(number(time, "picture_seconds"), step[3]), 1e-6 * number(time, "picture_pixels"),
-             text_of(time, "how_good"));
+             range, in_ms(cln_json_number(time, "step_seconds"), step[0]),
+             in_ms(cln_json_number(time, "step_seconds_first"), step[1]),
+             in_ms(cln_json_number(time, "step_seconds_last"), step[2]),
+             in_ms(cln_json_number(time, "picture_seconds"), step[3]),
+             1e-6 * cln_json_number(time, "picture_pixels"), text_of(time, "how_good"));
     print_wrapped(printf("time     "), 9, line);
 }
 

@@ -22,6 +22,20 @@ double cln_json_digits(float value)
     return round(value * 1e7) / 1e7;
 }
 
+double cln_json_number(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+
+    return json_is_number(value) ? json_number_value(value) : NAN;
+}
+
+const char *cln_json_text(const json_t *object, const char *key)
+{
+    const char *text = json_string_value(json_object_get(object, key));
+
+    return text ? text : "";
+}
+
 /* Index after the closing quote of the string literal that opens at `at`, or bytes. */
 static size_t skip_string(const char *text, size_t bytes, size_t at)
 {

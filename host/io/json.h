@@ -1,4 +1,4 @@
-/* JSON files, and reals that need not be finite. */
+/* JSON files, members of objects, and reals that need not be finite. */
 #ifndef CLN_JSON_H
 #define CLN_JSON_H
 
@@ -10,6 +10,11 @@
 json_t *cln_json_real(double value);
 /* A float of 0..1 to a float's digits: 0.1f is 0.1. */
 double cln_json_digits(float value);
+
+/* A member's number or text; NaN or "" if it is absent or of another type, or the object is NULL.
+ */
+double cln_json_number(const json_t *object, const char *key);
+const char *cln_json_text(const json_t *object, const char *key);
 
 /* Parses a file; with `relaxed`, // and block comments and trailing commas are allowed, as in
  * instant-ngp's files, and NaN and infinities become strings. CLN_INPUT: "path: line L column C:

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
+#include "io/json.h"
 #include "report/html.h"
 #include "io/progress.h"
 #include "report/report_sections.h"

@@ -15,20 +15,6 @@
 
 static const size_t metrics_max_bytes = (size_t)1 << 30;
 
-double cln_json_number(const json_t *object, const char *key)
-{
-    const json_t *value = json_object_get(object, key);
-
-    return json_is_number(value) ? json_number_value(value) : NAN;
-}
-
-const char *cln_json_text(const json_t *object, const char *key)
-{
-    const char *text = json_string_value(json_object_get(object, key));
-
-    return text ? text : "";
-}
-
 cln_status cln_report_file(const json_t *image, char **file)
 {
     const char *given = cln_json_text(image, "file");

@@ -80,11 +80,6 @@ typedef struct cln_report_data {
 cln_status cln_report_data_read(const char *run, cln_report_data *out);
 void cln_report_data_free(cln_report_data *data);
 
-/* A member's number or text; NaN or "" if it is absent or of another type, or the object is NULL.
- */
-double cln_json_number(const json_t *object, const char *key);
-const char *cln_json_text(const json_t *object, const char *key);
-
 /* The name, without suffixes, of the pictures of an evaluation's image: its "file" or, in older
  * evaluations that lack it, its name made fit for a file. The caller frees *file. */
 cln_status cln_report_file(const json_t *image, char **file);

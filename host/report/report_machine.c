@@ -1,5 +1,6 @@
 /* The report's section "Machine and data": the device, its memory as planned, and the data, from
  * run.json. */
+#include "io/json.h"
 #include "report/report_sections.h"
 
 #include <math.h>

@@ -7,6 +7,7 @@
 #include "base/files.h"
 #include "device/device.h"
 #include "io/image.h"
+#include "io/json.h"
 #include "report/html.h"
 
 enum { PICTURE_WIDTH = 400, JPEG_QUALITY = 80 };

@@ -5,6 +5,7 @@
 #include <string.h>
 #include "base/config.h"
 #include "base/settings.h"
+#include "io/json.h"
 #include "report/html.h"
 
 /* A value of run.json as its option would be written. */

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "io/json.h"
 #include "report/html.h"
 #include "io/palette.h"
 #include "io/progress.h"

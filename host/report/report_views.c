@@ -7,6 +7,7 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "io/json.h"
 #include "report/html.h"
 #include "io/progress.h"
 

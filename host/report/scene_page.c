@@ -11,6 +11,7 @@
 #include "base/number.h"
 #include "base/text.h"
 #include "io/image.h"
+#include "io/json.h"
 #include "report/html.h"
 #include "report/report_style.h"
 
@@ -23,20 +24,6 @@ static const char style[] =
     ".photos figure{margin:0}.photos img{width:100%;border:2px solid var(--line)}"
     ".photos .named img{border-color:#c2501c}.photos figcaption{font-size:12px}"
     ".sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(280px,1fr));gap:16px}";
-
-static double number(const json_t *object, const char *key)
-{
-    const json_t *value = json_object_get(object, key);
-
-    return json_is_number(value) ? json_number_value(value) : NAN;
-}
-
-static const char *text(const json_t *object, const char *key)
-{
-    const char *value = json_string_value(json_object_get(object, key));
-
-    return value ? value : "";
-}
 
 /* Is the view named by a finding that is likely a fault? */
 static bool is_named(const json_t *document, const char *name)
@@ -63,9 +50,9 @@ static void put_findings(FILE *to, const json_t *findings)
 
         fprintf(to, "<div class='found%s'><b>",
                 json_is_true(json_object_get(one, "likely_fault")) ? " fault" : "");
-        cln_html_text(to, text(one, "what"));
+        cln_html_text(to, cln_json_text(one, "what"));
         fputs("</b> ", to);
-        cln_html_text(to, text(one, "text"));
+        cln_html_text(to, cln_json_text(one, "text"));
         fputs("</div>\n", to);
     }
 }
@@ -257,10 +244,11 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
         CLN_TRY(put_thumb(to, scene, &scene->views[i]));
         fputs("<figcaption>", to);
         cln_html_text(to, scene->views[i].name);
-        fprintf(to, "<br><span class=soft>%s, fits %.0f of %.0f marks", text(about, "split"),
-                number(about, "agreeing"), number(about, "ties"));
-        put_value(to, "exposure", number(about, "exposure"), "%+.2f");
-        put_value(to, "sharpness", number(about, "sharpness"), "%.2f");
+        fprintf(to, "<br><span class=soft>%s, fits %.0f of %.0f marks",
+                cln_json_text(about, "split"), cln_json_number(about, "agreeing"),
+                cln_json_number(about, "ties"));
+        put_value(to, "exposure", cln_json_number(about, "exposure"), "%+.2f");
+        put_value(to, "sharpness", cln_json_number(about, "sharpness"), "%.2f");
         fputs("</span></figcaption></figure>\n", to);
     }
     fputs("</div>\n", to);
