@@ -35,8 +35,8 @@ static void print_findings(const json_t *findings)
 
     for (size_t i = 0; i < count; i++)
         faults += json_is_true(json_object_get(json_array_get(findings, i), "likely_fault"));
-    printf("%zu likely fault%s, %zu remark%s\n", faults, faults == 1 ? "" : "s", count - faults,
-           count - faults == 1 ? "" : "s");
+    printf("%zu likely fault%s, %zu remark%s\n", faults, cln_plural(faults, "", "s"),
+           count - faults, cln_plural(count - faults, "", "s"));
     for (size_t i = 0; i < count; i++) {
         const json_t *one = json_array_get(findings, i);
         const bool fault = json_is_true(json_object_get(one, "likely_fault"));
@@ -126,7 +126,7 @@ static void print_training(const json_t *training)
              "%s on the device (of %s), %s on the host (of %s), at the largest "
              "tree of %.0f %s, on %s",
              need[0], limit[0], need[1], limit[1], cln_json_number(training, "most_leaves"),
-             cln_json_number(training, "most_leaves") == 1 ? "leaf" : "leaves",
+             cln_plural(cln_json_number(training, "most_leaves"), "leaf", "leaves"),
              text_of(training, "device"));
     print_wrapped(printf("memory   "), 9, line);
     if (json_is_string(json_object_get(training, "no_time"))) {

@@ -1,6 +1,7 @@
 /* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or as the JSON document
  * that is in RUN/eval/STEP-SPLIT.json. */
 #include "cli/commands.h"
+#include "base/text.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -72,7 +73,7 @@ static void print_table(const cln_eval_result *r)
         putchar('\n');
     }
     printf("\n%d %s image%s at step %s, after %s of training; background %g,%g,%g; model %s\n",
-           r->count, r->split, r->count == 1 ? "" : "s", step, duration, r->background[0],
+           r->count, r->split, cln_plural(r->count, "", "s"), step, duration, r->background[0],
            r->background[1], r->background[2], digest);
 }
 

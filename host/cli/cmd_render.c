@@ -6,6 +6,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"
 #include "ranks/ranks.h"
@@ -96,7 +97,7 @@ cln_status cln_cmd_render(const cln_options *options)
         printf("%s: %d rendered in %s", desc.out, result.rendered, duration);
         if (result.skipped)
             printf(", %d left as %s (--overwrite renders all again)", result.skipped,
-                   result.skipped == 1 ? "it is" : "they are");
+                   cln_plural(result.skipped, "it is", "they are"));
         putchar('\n');
     }
 done:

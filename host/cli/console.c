@@ -109,7 +109,7 @@ void cln_train_line(const cln_train_progress *progress, char *out, size_t bytes)
              "loss %s | %s %s %s params | %s dev",
              floor(100 * progress->fraction), train, test, left, evals, trained, step,
              progress->steps > 0 ? "/" : "", progress->steps > 0 ? steps : "", rays, loss, leaves,
-             progress->leaves == 1 ? "leaf" : "leaves", params, memory);
+             cln_plural(progress->leaves, "leaf", "leaves"), params, memory);
 }
 
 static void show_train(const cln_train_progress *progress, void *user)

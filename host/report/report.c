@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
+#include "base/text.h"
 #include "io/json.h"
 #include "report/html.h"
 #include "io/progress.h"
@@ -128,7 +129,7 @@ static void put_headline(FILE *to, const cln_report_data *data)
         open_card(to, false);
         cln_report_number(to, e->ssim, 4);
         snprintf(caption, sizeof caption, "%s SSIM, %d view%s%s", e->split, e->images,
-                 e->images == 1 ? "" : "s", e->how);
+                 cln_plural(e->images, "", "s"), e->how);
         close_card(to, caption);
     } else if (isfinite(test)) {
         put_psnr_card(to, test, "test PSNR, some views, while training", true);

@@ -1,5 +1,6 @@
 /* The report's section "Error against run time": PSNR over seconds and over steps, the tree and the
  * speed over seconds, the test points as a table. */
+#include "base/text.h"
 #include "report/report_sections.h"
 
 #include <math.h>
@@ -191,7 +192,7 @@ static void put_points(FILE *to, const cln_report_data *data)
             cln_report_number(to, train_at(&data->rows, p->seconds), 2);
             if (p->images > 0)
                 fprintf(to, "<td>an evaluation of %d image%s%s\n", p->images,
-                        p->images == 1 ? "" : "s", p->how);
+                        cln_plural(p->images, "", "s"), p->how);
             else
                 fputs("<td>some images, while training\n", to);
         }

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/json.h"
 #include "report/html.h"
 #include "io/palette.h"
@@ -42,7 +43,7 @@ static void put_levels(FILE *to, const json_t *levels)
         cln_palette_level(level, rgb);
         cln_format_count(leaves, text);
         put_key(to, rgb);
-        fprintf(to, "level %d: %s %s</span>\n", level, text, leaves == 1 ? "leaf" : "leaves");
+        fprintf(to, "level %d: %s %s</span>\n", level, text, cln_plural(leaves, "leaf", "leaves"));
     }
     fputs("</p>\n", to);
 }
@@ -119,7 +120,7 @@ static cln_status put_pictures(FILE *to, const cln_report_data *data)
 
     cln_format_count(leaves, text);
     fprintf(to, "<p>%s %s with a model", isfinite(leaves) ? text : "&ndash;",
-            leaves == 1 ? "leaf" : "leaves");
+            cln_plural(leaves, "leaf", "leaves"));
     cln_format_count(cln_json_number(data->tree, "step"), text);
     fprintf(
         to,

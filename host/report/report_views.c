@@ -7,6 +7,7 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/json.h"
 #include "report/html.h"
 #include "io/progress.h"
@@ -165,7 +166,7 @@ cln_status cln_report_views(FILE *to, const cln_report_data *data)
         fputs("<p class=soft>No held-out view was evaluated; these are training views.</p>\n", to);
     cln_format_duration(e->seconds, time);
     cln_format_count(e->step, steps);
-    fprintf(to, "<p>%d view%s of the split <b>", e->images, e->images == 1 ? "" : "s");
+    fprintf(to, "<p>%d view%s of the split <b>", e->images, cln_plural(e->images, "", "s"));
     cln_html_text(to, e->split);
     fprintf(to, "</b> at step %s, after %s of training%s", steps, time, e->how);
     put_background(to, json_object_get(e->document, "background"));

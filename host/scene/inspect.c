@@ -285,7 +285,7 @@ static void check_overlap(inspection *in)
                         "only %d training photo%s: surfaces that fewer than three of them show are "
                         "learnt badly",
                         cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN),
-                        cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN) == 1 ? "" : "s");
+                        cln_plural(cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN), "", "s"));
     json_decref(alone);
 }
 
