@@ -18,6 +18,7 @@
 
 #include "api/frame_writer.h"
 #include "api/render_folder.h"
+#include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/files.h"
 #include "base/given.h"
@@ -306,8 +307,7 @@ static cln_status render_frames(cln_render_job *j, cln_film *film, cln_render_re
     for (int i = 0; i < j->count; i++) {
         if (j->frames[i].there)
             continue;
-        if (callbacks->work)
-            callbacks->work("render", result->skipped + rendered, j->count, callbacks->user);
+        cln_show_work(callbacks, "render", result->skipped + rendered, j->count);
         CLN_TRY(render_frame(j, i, &picture, &normals));
         CLN_TRY(cln_frame_writer_wait(&writer, &done));
         result->rendered += done;
@@ -334,10 +334,10 @@ done:
             j->desc->out, result->skipped + result->rendered, j->count);
     if (st == CLN_OK)
         st = written;
-    if (st == CLN_OK && callbacks->work)
-        callbacks->work("render", j->count, j->count, callbacks->user);
-    if (st == CLN_OK)
+    if (st == CLN_OK) {
+        cln_show_work(callbacks, "render", j->count, j->count);
         tell_stages(j->opened.device, j->opened.model.config.encoding == CLN_ENCODING_VOXEL);
+    }
     cln_picture_free(&picture);
     free(normals);
     return st;

@@ -3,12 +3,12 @@
  * options and memory plan are known to be good. */
 #include <limits.h>
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "api/needs.h"
+#include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/config.h"
 #include "base/files.h"
@@ -398,24 +398,16 @@ done:
     return st;
 }
 
-static void show_work(const char *what, int done, int total, void *user)
-{
-    const cln_callbacks *callbacks = &((const cln_trainer *)user)->desc->callbacks;
-
-    if (callbacks->work)
-        callbacks->work(what, done, total, callbacks->user);
-}
-
 /* Most of its time is compiling, if the driver has not cached the kernels. */
 static cln_status check_kernels(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
-    const bool alone = cln_ranks_count() == 1; /* several ranks could stop at different checks */
-    const cln_callbacks callbacks = {
-        .work = show_work, .interrupted = alone ? cln_loop_poll : NULL, .user = t};
+    cln_callbacks callbacks = cln_loop_callbacks(t);
     const double began = cln_now();
     char took[32];
 
+    if (cln_ranks_count() > 1) /* they could stop at different checks */
+        callbacks.interrupted = NULL;
     cln_info("checking the kernels on %s", t->device->info.name);
     st = cln_selftest_training(t->device, config, &t->scene->space, &callbacks);
     if (st == CLN_CHECK)
@@ -436,9 +428,7 @@ done:
 static cln_status stop_early(cln_trainer *t)
 {
     cln_loop_poll(t);
-    if (t->signal == 0)
-        return CLN_OK;
-    return cln_fail(t->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
+    return cln_stopped_by(t->signal, NULL);
 }
 
 /* Is there a run to resume, or room for a new one? Holds the former until the end, before anything

@@ -1,8 +1,8 @@
 /* cln_view_run: opens a run for a browser. host/view answers the requests and paints. */
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/given.h"
 #include "base/log.h"
 #include "io/json.h"
@@ -76,10 +76,7 @@ static cln_status serve(cln_server *server, cln_painter *painter, const cln_call
     bool painted = false;
 
     for (;;) {
-        const int signal = cln_painter_signal(painter, callbacks);
-
-        if (signal == SIGINT || signal == SIGTERM)
-            CLN_TRY(cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal"));
+        CLN_TRY(cln_stopped_by(cln_painter_signal(painter, callbacks), NULL));
         CLN_TRY(cln_server_turn(server, 0.1, &painted));
     }
 done:

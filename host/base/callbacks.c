@@ -4,15 +4,27 @@
 #include <signal.h>
 #include "base/status.h"
 
-cln_status cln_tell_work(const cln_callbacks *callbacks, const char *what, int done, int total)
+void cln_show_work(const cln_callbacks *callbacks, const char *what, int done, int total)
 {
-    int wanted = 0;
-
     if (callbacks && callbacks->work && total > 0)
         callbacks->work(what, done, total, callbacks->user);
-    if (callbacks && callbacks->interrupted)
-        wanted = callbacks->interrupted(callbacks->user);
-    if (wanted == SIGINT || wanted == SIGTERM)
-        return cln_fail(wanted == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
-    return CLN_OK;
+}
+
+int cln_poll_signal(const cln_callbacks *callbacks)
+{
+    return callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+}
+
+cln_status cln_stopped_by(int signal, const char *left)
+{
+    if (signal != SIGINT && signal != SIGTERM)
+        return CLN_OK;
+    return cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal%s%s",
+                    left ? "; " : "", left ? left : "");
+}
+
+cln_status cln_tell_work(const cln_callbacks *callbacks, const char *what, int done, int total)
+{
+    cln_show_work(callbacks, what, done, total);
+    return cln_stopped_by(cln_poll_signal(callbacks), NULL);
 }

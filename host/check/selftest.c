@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/config.h"
 #include "base/memory.h"
 #include "check/forward_scene.h"
@@ -324,8 +325,7 @@ typedef struct progress {
 
 static void poll_callbacks(progress *p)
 {
-    const cln_callbacks *c = p->callbacks;
-    const int signal = c->interrupted ? c->interrupted(c->user) : 0;
+    const int signal = cln_poll_signal(p->callbacks);
 
     if (signal == SIGINT || signal == SIGTERM)
         p->signal = signal;
@@ -341,13 +341,9 @@ static void on_check(const char *name, bool passed, bool skipped, const char *de
 /* Shows progress and polls between two pipelines. */
 static cln_status advance(progress *p, const cln_checks *c)
 {
-    if (p->callbacks->work)
-        p->callbacks->work("checking kernels", p->done, p->total, p->callbacks->user);
+    cln_show_work(p->callbacks, "checking kernels", p->done++, p->total);
     poll_callbacks(p);
-    if (p->signal && c->failed == 0)
-        return cln_fail(p->signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
-    p->done++;
-    return CLN_OK;
+    return cln_stopped_by(c->failed == 0 ? p->signal : 0, NULL);
 }
 
 /* Returns whether a shape is checked before a training in this space. */

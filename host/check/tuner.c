@@ -14,11 +14,11 @@
 #include "check/tuner.h"
 
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/files.h"
 #include "base/given.h"
@@ -76,15 +76,10 @@ typedef struct tuner {
 static cln_status poll(const tuner *t)
 {
     const cln_callbacks *c = &t->desc->callbacks;
-    const int signal = c->interrupted ? c->interrupted(c->user) : 0;
 
-    if (c->work)
-        c->work("tune: seconds", (int)fmin(cln_now() - t->began, t->desc->budget),
-                (int)ceil(t->desc->budget), c->user);
-    if (signal != SIGINT && signal != SIGTERM)
-        return CLN_OK;
-    return cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
-                    "stopped by a signal; no row was written");
+    cln_show_work(c, "tune: seconds", (int)fmin(cln_now() - t->began, t->desc->budget),
+                  (int)ceil(t->desc->budget));
+    return cln_stopped_by(cln_poll_signal(c), "no row was written");
 }
 
 /* ---- the list of what was tried ---- */

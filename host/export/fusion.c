@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "render/orbit.h"
@@ -238,8 +239,7 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
     for (int i = 0; i < f->count; i++) {
         double pixel = 0;
 
-        if (callbacks->work)
-            callbacks->work("depths", i, f->count, callbacks->user);
+        cln_show_work(callbacks, "depths", i, f->count);
         CLN_TRY(cln_render_view(&opened->pipeline, i, opened->model.background, 0, callbacks,
                                 &picture));
         for (size_t k = 0; k < (size_t)picture.width * (size_t)picture.height; k++)
@@ -261,8 +261,7 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
                      opened->run));
     cln_floats_sort(pixels, (size_t)views);
     f->pixel = pixels[views / 2];
-    if (callbacks->work)
-        callbacks->work("depths", f->count, f->count, callbacks->user);
+    cln_show_work(callbacks, "depths", f->count, f->count);
 done:
     cln_picture_free(&picture);
     free(pixels);

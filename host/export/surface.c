@@ -4,9 +4,9 @@
 #include "export/surface.h"
 
 #include <math.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/callbacks.h"
 #include "base/memory.h"
 #include "export/marching.h"
 #include "io/image.h"
@@ -28,13 +28,7 @@ typedef struct job {
 
 static cln_status poll(const cln_callbacks *callbacks)
 {
-    const int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
-
-    if (signal == SIGINT)
-        return cln_fail(CLN_SIGINT, "stopped by a signal; nothing was written");
-    if (signal == SIGTERM)
-        return cln_fail(CLN_SIGTERM, "stopped by a signal; nothing was written");
-    return CLN_OK;
+    return cln_stopped_by(cln_poll_signal(callbacks), "nothing was written");
 }
 
 double cln_surface_cell(const cln_model *model)
@@ -55,10 +49,7 @@ static cln_status ask_fusion(void *user, size_t n, const float (*at)[4], float *
 
 static cln_status report(void *user, int done, int total)
 {
-    const cln_callbacks *callbacks = ((job *)user)->callbacks;
-
-    if (callbacks->work)
-        callbacks->work("surface", done, total, callbacks->user);
+    cln_show_work(((const job *)user)->callbacks, "surface", done, total);
     return CLN_OK;
 }
 

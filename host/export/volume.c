@@ -2,10 +2,10 @@
  * over the box of the active leaves. Colour depends on the direction: the mean of six, along the
  * axes, is written. A JSON file beside the array says where the grid lies. */
 #include <math.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/files.h"
 #include "base/memory.h"
 #include "export/export.h"
@@ -65,12 +65,8 @@ static cln_status ask_cells(cln_export_job *job, grid *g, int z, size_t first, s
 {
     cln_status st = CLN_OK;
     const cln_model *model = &job->opened.model;
-    const cln_callbacks *callbacks = &job->desc->callbacks;
-    const int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
 
-    if (signal == SIGINT || signal == SIGTERM)
-        return cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM,
-                        "stopped by a signal; nothing was written");
+    CLN_TRY(cln_stopped_by(cln_poll_signal(&job->desc->callbacks), "nothing was written"));
     for (size_t i = 0; i < n; i++) {
         const size_t cell[3] = {(first + i) % (size_t)g->shape[2],
                                 (first + i) / (size_t)g->shape[2], (size_t)z};
@@ -118,8 +114,7 @@ static cln_status write_slices(cln_export_job *job, grid *g, cln_atomic_file **o
     CLN_TRY(cln_alloc(&values, CHUNK, sizeof *values, "slice"));
     CLN_TRY(cln_npy_begin_f32(job->desc->file, 4, shape, &file));
     for (int z = 0; z < g->shape[0]; z++) {
-        if (callbacks->work)
-            callbacks->work("volume", z, g->shape[0], callbacks->user);
+        cln_show_work(callbacks, "volume", z, g->shape[0]);
         for (size_t first = 0; first < area; first += CHUNK) {
             const size_t n = area - first < CHUNK ? area - first : CHUNK;
 
@@ -129,8 +124,7 @@ static cln_status write_slices(cln_export_job *job, grid *g, cln_atomic_file **o
     }
     *out = file;
     file = NULL;
-    if (callbacks->work)
-        callbacks->work("volume", g->shape[0], g->shape[0], callbacks->user);
+    cln_show_work(callbacks, "volume", g->shape[0], g->shape[0]);
 done:
     cln_atomic_abandon(file);
     free(values);

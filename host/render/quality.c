@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/files.h"
 #include "base/log.h"
@@ -265,8 +266,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
                  cln_split_names[scene->views[views[0]].split]);
     if (folder)
         CLN_TRY(cln_make_dirs(folder));
-    if (callbacks && callbacks->work)
-        callbacks->work("eval", 0, count, callbacks->user);
+    cln_show_work(callbacks, "eval", 0, count);
     CLN_TRY(cln_render_prepare(p));
     for (int i = 0; i < count; i++) {
         cln_eval_image *image = &result->images[i];
@@ -287,8 +287,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         result->psnr_fitted += image->psnr_fitted / count;
         result->mse += image->mse / count;
         result->seconds += image->seconds / count;
-        if (callbacks && callbacks->work)
-            callbacks->work("eval", i + 1, count, callbacks->user);
+        cln_show_work(callbacks, "eval", i + 1, count);
     }
     result->psnr_of_mean_mse = cln_psnr(result->mse);
     result->ssim = mean_of(result, offsetof(cln_eval_image, ssim));

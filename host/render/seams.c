@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "pipeline/field.h"
@@ -196,8 +197,7 @@ cln_status cln_seams_measure(cln_pipeline *p, const cln_model *model, const cln_
             add_view(model, &scene->views[view].camera, &picture, stride, &all);
         cln_picture_free(&picture);
         CLN_TRY(st);
-        if (callbacks && callbacks->work)
-            callbacks->work("seams", i + 1, count, callbacks->user);
+        cln_show_work(callbacks, "seams", i + 1, count);
     }
     CLN_TRY(cln_field_points(p, &model->tree, 2 * (size_t)all.count,
                              (const float(*)[4])all.position, (const float(*)[4])all.direction,

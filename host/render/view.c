@@ -1,10 +1,10 @@
 /* A view in batches of rays, square by square of its pixels. See view.h. */
 #include "render/view.h"
 
-#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/memory.h"
 #include "pipeline/plan.h"
 #include "pipeline/stage1.h"
@@ -165,15 +165,11 @@ done:
 /* All ranks poll at the same places, and each obeys a signal to any of them. */
 static cln_status poll_signal(const cln_pipeline *p, const cln_callbacks *callbacks)
 {
-    int signal = callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
-    double most = signal;
+    double most = cln_poll_signal(callbacks);
 
     if (p->ranks > 1)
         cln_ranks_largest(&most, 1);
-    signal = (int)most;
-    if (signal == SIGINT || signal == SIGTERM)
-        return cln_fail(signal == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal");
-    return CLN_OK;
+    return cln_stopped_by((int)most, NULL);
 }
 
 /* Edge pixels in some whole rows of a picture, and the n x n rays of each. */

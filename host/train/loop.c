@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/config.h"
 #include "base/files.h"
@@ -74,8 +75,7 @@ enum { SIGNALS = sizeof signals / sizeof signals[0] };
 /* Index in `signals` of a signal to this rank, 0 without one. */
 static int poll_here(cln_trainer *t)
 {
-    const cln_callbacks *callbacks = &t->desc->callbacks;
-    int signal = callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0, i = SIGNALS;
+    int signal = cln_poll_signal(&t->desc->callbacks), i = SIGNALS;
 
     if (signal == 0)
         signal = cln_watch_orders(t);
@@ -107,10 +107,12 @@ int cln_loop_poll(void *user)
 
 static void show_work(const char *what, int done, int total, void *user)
 {
-    const cln_callbacks *callbacks = &((const cln_trainer *)user)->desc->callbacks;
+    cln_show_work(&((const cln_trainer *)user)->desc->callbacks, what, done, total);
+}
 
-    if (callbacks->work)
-        callbacks->work(what, done, total, callbacks->user);
+cln_callbacks cln_loop_callbacks(cln_trainer *t)
+{
+    return (cln_callbacks){.work = show_work, .interrupted = cln_loop_poll, .user = t};
 }
 
 /* Evaluates the test views. *done: false without test views, or if a signal (t->signal) ended it.
@@ -120,7 +122,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     cln_status st = CLN_OK, rendered = CLN_OK;
     cln_eval_result result = {0};
     const double began = cln_now();
-    const cln_callbacks callbacks = {.work = show_work, .interrupted = cln_loop_poll, .user = t};
+    const cln_callbacks callbacks = cln_loop_callbacks(t);
 
     *done = false;
     if (t->eval_count == 0)

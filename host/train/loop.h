@@ -18,4 +18,7 @@ bool cln_loop_used_up(cln_trainer *t);
  * ranks poll at the same places, and each obeys a signal to any of them. user: a cln_trainer. */
 int cln_loop_poll(void *user);
 
+/* For long work within a training: shown to the caller, interrupted by cln_loop_poll. */
+cln_callbacks cln_loop_callbacks(cln_trainer *t);
+
 #endif
