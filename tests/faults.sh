@@ -23,19 +23,13 @@ RANDOM=${FAULT_SEED:-1}
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-faults-XXXXXX")
 trap 'chmod -R u+w "$work"; rm -rf "$work"' EXIT
 
-# A tree that grows, is culled and restructured on the way.
-small=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
-    --batch-samples 4096 --refresh-every 16
-    --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60
-    --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --split-samples 0
-    --distil-steps 5 --save-every 1)
+. tests/support/checks.sh
+
+small=("${adapted[@]}" --distil-steps 5 --save-every 1)
 steps=40
-whole="" total=0 rc=0 query="" what=""
+whole="" total=0 rc=0 what=""
 fresh=("$cln" train "$work/scene" -o "$work/run" "${small[@]}" --steps "$steps")
 again=("$cln" train --resume "$work/run" --skip-selftest --progress none)
-
-. tests/support/checks.sh
 
 # ---- checks of its own ----
 
@@ -47,10 +41,6 @@ faulty() {
     # the shell would report a killed command
     { run env LD_PRELOAD="$shim" FAULT_CALL="$call" FAULT_AT="$at" FAULT_DO="$how" \
         FAULT_SPEED=20 FAULT_LOG="$work/log" "$@"; } 2>/dev/null
-}
-
-digest() {
-    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
 }
 
 step_rows() {

@@ -27,8 +27,7 @@ unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE
 
 # A whole schedule in a few hundred steps: growth, culls, splits, merges.
 short=(--skip-selftest --progress none -q --preset fast --steps 300 --cull-after 32
-    --refresh-every 64
-    --distil-steps 40    --split-samples 200 --structure-every 0.1 --max-leaves 600)
+    --refresh-every 64 --distil-steps 40 --split-samples 200 --structure-every 0.1 --max-leaves 600)
 
 wanted() {
     [ ${#cases[@]} = 0 ] && return

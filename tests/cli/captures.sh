@@ -645,11 +645,6 @@ section_depth() {
         "$(depth_error "$work/air views/test_r_000.depth.npy" "$work/air/test/r_000.depth.npy")"
 }
 
-# digest RUN: of its weights
-digest() {
-    "$cln" info "$1" --json | grep -o '"model_digest": *"[0-9a-f]*"' | head -n 1
-}
-
 # The same village by few photos, with the points of a sparse model: what these tell of depths. 14
 # photos train, two are held out.
 section_sparse() {
@@ -678,7 +673,7 @@ section_sparse() {
     kill -INT $child 2>/dev/null
     wait $child
     expect "interrupted and resumed" 0 "" "$cln" train --resume "$air stopped" --skip-selftest
-    check "it has the same weights" [ "$(digest "$air stopped")" = "$(digest "$air run 5")" ]
+    check "it has the same weights" same_model "$air stopped" "$air run 5"
 
     expect "too few views of a part, and a slab" 0 "~leaves.are.left.out" "$cln" train "$air" \
         -o "$air slab" "${net[@]}" --space cube --slab --seen-by 2 --steps 2
@@ -774,7 +769,7 @@ section_beyond() {
             --smooth-density-delta $shell --smooth-colour-delta $shell
     done
     check "their smoothness is by squares in both" \
-        [ "$(digest "$work/street v1")" = "$(digest "$work/street v0")" ]
+        same_model "$work/street v1" "$work/street v0"
     expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 302
     expect "eval" 0 "" "$cln" eval "$run" --json
     check "on that colour" [ "$(json background.1)" = "$colour" ]

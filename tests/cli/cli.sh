@@ -18,22 +18,12 @@ children="" child=0 whole=""
 trap 'for c in $children; do kill -9 "$c" 2>/dev/null; done; chmod -R u+w "$work"; rm -rf "$work"' \
     EXIT
 
-# A network small enough for a second's training, on a tree that grows and is culled on the way.
-small=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
-    --batch-samples 4096 --refresh-every 16
-    --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60
-    --structure-from 0.5 --structure-every 0.1 --structure-until 0.95 --split-samples 0
-    --distil-steps 20)
-steps=300
-
 . tests/support/checks.sh
 
-# ---- checks of its own ----
+small=("${adapted[@]}")
+steps=300
 
-digest() {
-    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
-}
+# ---- checks of its own ----
 
 same_tree() {
     diff -r "$1" "$2" >"$work/out" 2>&1
@@ -508,7 +498,7 @@ section_regrow() {
     finish
     run "$cln" train --resume "$work/regrow-half" --skip-selftest --progress none
     check "a resumed run finds the same" \
-        eval '[ $rc = 0 ] && [ "$(digest "$work/regrow-half")" = "$(digest "$work/regrow0.7")" ]'
+        eval '[ $rc = 0 ] && same_model "$work/regrow-half" "$work/regrow0.7"'
 }
 
 section_resume() {
@@ -559,7 +549,7 @@ section_resume() {
     finish
     check "SIGINT with --exposure: exit code 130" [ $rc = 130 ]
     expect "resume with gains" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
-    check "gains resume to the same bits" [ "$(digest "$r")" = "$(digest "$work/exposed")" ]
+    check "gains resume to the same bits" same_model "$r" "$work/exposed"
 
     scene shaken --fault shaken --size 48 --train 12 --test 3
     expect "--refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" \
@@ -571,7 +561,7 @@ section_resume() {
     finish
     check "SIGINT with --refine-poses: exit code 130" [ $rc = 130 ]
     expect "resume with poses" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
-    check "poses resume to the same bits" [ "$(digest "$r")" = "$(digest "$work/refined")" ]
+    check "poses resume to the same bits" same_model "$r" "$work/refined"
     for run in refined refined-stopped; do
         expect "export --cameras of $run" 0 "" "$cln" export "$work/$run" --cameras \
             "$work/$run.json"
@@ -906,7 +896,7 @@ section_memory() {
     check "memory is less by most of the photos" number_above "$whole_peak" \
         "$(awk -v p="$(json host_peak)" 'BEGIN { printf "%.0f", p + 150 * 1048576 }')"
     check "the training keeps to --host-mem" number_above 503316480 "$(json host_peak)"
-    check "the model is the same" [ "$(digest "$work/stored")" = "$(digest "$work/in-memory")" ]
+    check "the model is the same" same_model "$work/stored" "$work/in-memory"
     check "the evaluation's pictures and photos are the same" diff -r \
         "$work/in-memory/eval/00000020-test" "$work/stored/eval/00000020-test"
     check "the report has the photos" grep -q 'alt="truth of test/r_000"' "$work/stored/report.html"
@@ -916,7 +906,7 @@ section_memory() {
     run "$cln" train "$work/large" -o "$work/between" "${small[@]}" --steps 20 --no-adaptive \
         --host-mem "$limit" --json
     check "photos beyond the rest go to a file" grep -q "pixels go to a file" "$work/err"
-    check "both models are equal" [ "$(digest "$work/between")" = "$(digest "$work/in-memory")" ]
+    check "both models are equal" same_model "$work/between" "$work/in-memory"
     check "that training keeps to --host-mem" number_above "$limit" "$(json host_peak)"
     rm -r "$work/large" "$work/in-memory" "$work/stored" "$work/between"
 

@@ -13,13 +13,10 @@ make_scene=$here/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln hour XXXXXX")
 trap 'rm -rf "$work"' EXIT
 
-# A network small enough for a second's training.
-small=(--skip-selftest --progress line --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
-    --batch-samples 4096 --refresh-every 16
-    --cull-from 0.3 --cull-after 0 --max-leaves 60 --distil-steps 20)
-
 . tests/support/checks.sh
+
+plain=(--skip-selftest --progress line) # for a resumed run, which keeps its settings
+small=("${grown[@]}" "${plain[@]}")
 
 # printed TEXT: TEXT is on the last stdout, literally
 printed() {
@@ -413,7 +410,7 @@ section_training() {
     check "run.json has what the conf file set" \
         [ "$("$query" config.eval_images <"$r/run.json")" = 2 ]
     expect "resumed, though its budget is used up" 0 "~used.up --time-limit" \
-        "$cln" train --resume "$r" "${small[@]:0:3}"
+        "$cln" train --resume "$r" "${plain[@]}"
     check "the conf is not read on --resume: what it has otherwise, and nothing else" said \
         "$s/cl-nascent.conf is not read on --resume: the run keeps rays 256 (there 128)"
     check "the suggested command is quoted" said "--resume '$work/run'\''s 1' --time-limit +2s"
@@ -422,20 +419,20 @@ section_training() {
         "$cln" train "$s" -o "$r" --steps 3
     check "it is refused before a device is opened" not_said "checking the kernels"
     expect "--steps +N where there was no budget in steps" 0 "" \
-        "$cln" train --resume "$r" "${small[@]:0:3}" --steps +7 --json
+        "$cln" train --resume "$r" "${plain[@]}" --steps +7 --json
     check "the evaluation to come has a time" grep -qE \
         '^train .* left \| evaluation ~[0-9:]+ more \|' "$work/err"
     check "the conf is named on every --resume" said "cl-nascent.conf is not read"
     sed -i 's/rays .*/rays 256/' "$s/cl-nascent.conf"
     expect "--resume with a conf that says the same" 0 "" \
-        "$cln" train --resume "$r" "${small[@]:0:3}" --json
+        "$cln" train --resume "$r" "${plain[@]}" --json
     check "nothing about it" not_said "cl-nascent.conf"
     echo 'rayz 3' >>"$s/cl-nascent.conf"
     expect "--resume with a conf that cannot be read" 0 "" \
-        "$cln" train --resume "$r" "${small[@]:0:3}" --json
+        "$cln" train --resume "$r" "${plain[@]}" --json
     sed -i -e '$d' -e 's/rays .*/rays 128/' "$s/cl-nascent.conf"
     expect "--resume --no-conf" 0 "" \
-        "$cln" train --resume "$r" "${small[@]:0:3}" --no-conf --json
+        "$cln" train --resume "$r" "${plain[@]}" --no-conf --json
     check "nothing about the conf" not_said "cl-nascent.conf"
     check "it trains 7 more steps" [ "$(json step)" = "$("$query" config.steps <"$r/run.json")" ]
     check "the budget in time is dropped" \
@@ -470,17 +467,17 @@ section_training() {
     check "bugreport has what differs from the preset" grep -qE "^ +rays 256" "$work/out"
     check "no home folder is named" eval '! printed "$work"'
     expect "a budget below what was trained" 0 "~used.up" "$cln" train --resume "$r" \
-        "${small[@]:0:3}" --steps 3 --json
+        "${plain[@]}" --steps 3 --json
     step=$(json step)
     expect "resumed from another folder" 0 "" \
-        bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${small[@]:0:3}" --steps +1 -q
+        bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${plain[@]}" --steps +1 -q
     step=$((step + 1))
     expect "a budget below what was trained, without --skip-selftest" 0 "~used.up" \
         "$cln" train --resume "$r" --progress none --steps 3
     check "kernels are not checked for it" not_said "checking the kernels"
     expect "a budget below what was trained, again" 0 "~used.up" "$cln" train --resume "$r" \
-        "${small[@]:0:3}" --steps 3 --json
-    expect "the command that it suggests" 0 "" "$cln" train --resume "$r" "${small[@]:0:3}" \
+        "${plain[@]}" --steps 3 --json
+    expect "the command that it suggests" 0 "" "$cln" train --resume "$r" "${plain[@]}" \
         --steps "$(sed -n 's/.*--steps \(+[0-9]*\)`.*/\1/p' "$work/err")" --json
     check "the suggested command trains on" [ "$(json step)" = $((step + 3)) ]
     sed -i 's/eval-images.*/time-limit 20s/' "$s/cl-nascent.conf"
@@ -512,13 +509,13 @@ section_training() {
     done
     mv "$s/away" "$s/train"
     expect "resumed with smaller photos, on black: warnings" 0 "~divided.by.2.now --background" \
-        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1 --downscale 2 \
+        "$cln" train --resume "$work/other" "${plain[@]}" --steps +1 --downscale 2 \
         --background black
     expect "resumed again with the same" 0 "" \
-        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1
+        "$cln" train --resume "$work/other" "${plain[@]}" --steps +1
     check "no warning the second time" eval '! said "do not compare"'
     expect "a --tune value that the network does not allow" 0 "~NV=8.*is.used" \
-        "$cln" train --resume "$work/other" "${small[@]:0:3}" --steps +1 --tune NV=8
+        "$cln" train --resume "$work/other" "${plain[@]}" --steps +1 --tune NV=8
     run timeout --foreground --preserve-status -s INT 0.3 "$cln" train "$s" -o "$work/early"
     check "Ctrl-C before the first step: it ends" [ $rc = 130 ]
     check "it says that nothing was written" said "nothing was written"

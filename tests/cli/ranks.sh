@@ -28,23 +28,7 @@ ${MAKE:-make} --no-print-directory MPI=1 build/mpi/cl-nascent build/faults.so >"
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 POCL_MAX_PTHREAD_COUNT=1
 mpi=(mpirun --oversubscribe --bind-to none)
 
-# a tree that grows, is culled, splits and merges on the way
-small=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 4 --start-level 1 --level-at 2:0.4 --n1 8 --rays 256
-    --batch-samples 4096 --refresh-every 16
-    --log-every 1 --cull-from 0.3 --cull-after 0 --max-leaves 60 --structure-from 0.5
-    --structure-every 0.1 --structure-until 0.95 --split-samples 0 --distil-steps 20)
-
-digest() {
-    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
-}
-
-# same RUN RUN: their models, bit for bit
-same() {
-    local d
-    d=$(digest "$1")
-    [ -n "$d" ] && [ "$d" = "$(digest "$2")" ]
-}
+small=("${adapted[@]}")
 
 baseline() {
     [ -d "$work/scene" ] && return
@@ -72,7 +56,7 @@ section_walk() {
         "${small[@]}" "${cut[@]}"
     expect "three ranks cut theirs" 0 "" "${mpi[@]}" -n 3 "$ranked" train "$work/scene" \
         -o "$work/cut three" "${small[@]}" "${samples[@]}" "${cut[@]}"
-    check "the model is that of one process" same "$work/cut" "$work/cut three"
+    check "the model is that of one process" same_model "$work/cut" "$work/cut three"
     expect "three ranks cut theirs by stretches" 0 "" "${mpi[@]}" -n 3 "$ranked" train \
         "$work/scene" -o "$work/cut stretches" "${small[@]}" "${cut[@]}" --log-every 1
     check "and tell each other intervals" grep -q '"intervals"' "$work/cut stretches/metrics.jsonl"
@@ -83,7 +67,7 @@ section_same() {
     expect "train with two ranks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
         -o "$work/two" "${small[@]}" "${samples[@]}" --steps 200 -v
     check "leaves moved between them" said "moved to other ranks"
-    check "the model is that of one process" same "$work/one" "$work/two"
+    check "the model is that of one process" same_model "$work/one" "$work/two"
     check "one rank prints the run" [ "$(grep -c '^run ' "$work/out")" = 1 ]
     check "rows have the bytes sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
     check "and the idlest and the busiest rank's seconds in messages" awk -F'"messages":[[]' '
@@ -96,13 +80,13 @@ section_same() {
     expect "two ranks refine poses" 0 "~cameras.were.turned.by" "${mpi[@]}" -n 2 "$ranked" train \
         "$work/shaken" -o "$work/refined two" "${small[@]}" "${samples[@]}" --steps 400 \
         --refine-poses
-    check "both refine to the same bits" same "$work/refined" "$work/refined two"
+    check "both refine to the same bits" same_model "$work/refined" "$work/refined two"
     local more=(--steps 60 --distortion-loss 0.01 --edge 0.01 --sparsity 0.01 --stage1 splat
         --moments bfloat16)
     run "$cln" train "$work/scene" -o "$work/more" "${small[@]}" "${more[@]}"
     expect "three ranks, with regularisers and splatting" 0 "" "${mpi[@]}" -n 3 "$ranked" train \
         "$work/scene" -o "$work/three" "${small[@]}" "${more[@]}"
-    check "their model is that of one process" same "$work/more" "$work/three"
+    check "their model is that of one process" same_model "$work/more" "$work/three"
 }
 
 # number KEY FILE: of the last row that has it
@@ -133,7 +117,8 @@ section_stretches() {
     done
     expect "two ranks by stretches, again" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
         -o "$work/stretch-again" "${small[@]}" --steps 200
-    check "the same ranks and seed give the same bits" same "$work/stretch-2" "$work/stretch-again"
+    check "the same ranks and seed give the same bits" \
+        same_model "$work/stretch-2" "$work/stretch-again"
     # the first step has one process's rays and samples: its loss differs by rounding alone
     check "the first step's loss is that of one process" eval '
         paste <(grep -o "\"loss\":[0-9.e-]*" "$work/one/metrics.jsonl" | head -n 1) \
@@ -150,7 +135,7 @@ section_stretches() {
     run "$cln" train "$work/scene" -o "$work/points-one" "${small[@]}" --steps 40 --sparsity 0.01
     expect "regularisers of points, by samples" 0 "" "${mpi[@]}" -n 2 "$ranked" train \
         "$work/scene" -o "$work/points" "${small[@]}" --steps 40 --sparsity 0.01
-    check "they have the bits of one process" same "$work/points" "$work/points-one"
+    check "they have the bits of one process" same_model "$work/points" "$work/points-one"
 }
 
 # Photos are dealt: a rank reads and keeps its own alone, and learns others' pixels by messages.
@@ -172,7 +157,7 @@ section_photos() {
         --steps 200 : \
         -n 1 "$ranked" train "$work/scene-2" -o "$work/dealt" "${small[@]}" "${samples[@]}" \
         --steps 200
-    check "their model is that of one process" same "$work/one" "$work/dealt"
+    check "their model is that of one process" same_model "$work/one" "$work/dealt"
     check "the last evaluation's pictures are those of one process" \
         diff -r -x '*tree*' "$work/one/eval/00000200-test" "$work/dealt/eval/00000200-test"
     # 48 x 48 x 4 bytes each; of the two test photos, ranks 0 and 2 have one each
@@ -191,7 +176,7 @@ section_photos() {
     run "$cln" train "$work/masked" -o "$work/masked-one" "${small[@]}" --steps 60
     expect "two ranks, photos with masks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/masked" \
         -o "$work/masked-two" "${small[@]}" "${samples[@]}" --steps 60
-    check "their model is that of one process, too" same "$work/masked-one" "$work/masked-two"
+    check "their model is that of one process, too" same_model "$work/masked-one" "$work/masked-two"
     # every rank needs all masks, but compares the files of one other rank alone
     cp -r "$work/masked" "$work/masked-0"
     cp "$work/masked/masks/frame_00002.png" "$work/masked-0/masks/frame_00007.png"
@@ -205,7 +190,7 @@ section_photos() {
     expect "four ranks, three photos" 0 "" "${mpi[@]}" -n 4 "$ranked" train "$work/few" \
         -o "$work/few-four" "${small[@]}" "${samples[@]}" --steps 40 --exposure
     check "their model is that of one process with three photos" \
-        same "$work/few-one" "$work/few-four"
+        same_model "$work/few-one" "$work/few-four"
     check "and the pictures of the one test photo" diff -r -x '*tree*' \
         "$work/few-one/eval/00000040-test" "$work/few-four/eval/00000040-test"
     # what does not fit a rank's memory lies in a file of that rank
@@ -217,7 +202,7 @@ section_photos() {
         'BEGIN { printf "%.0f", t - 0.3 * i }')
     expect "two ranks with little memory" 0 "their pixels go to a file" "${mpi[@]}" -n 2 "$ranked" \
         train "$work/large scene" -o "$work/stored" "${small[@]}" --steps 20 --host-mem "$limit"
-    check "their model is the same" same "$work/whole" "$work/stored"
+    check "their model is the same" same_model "$work/whole" "$work/stored"
     check "and the evaluation's pictures" diff -r "$work/whole/eval/00000020-test" \
         "$work/stored/eval/00000020-test"
     run "$cln" eval "$work/whole" --split train --max-images 2 --save-images -o "$work/seen"
@@ -279,7 +264,8 @@ section_step() {
         check "its weights are those of one" equal "$work/step-1" "$work/step-$n" params "$params"
         run "${mpi[@]}" -n $n "$ranked" train "$work/scene" -o "$work/step-samples-$n" \
             "${small[@]}" "${step[@]}" "${samples[@]}"
-        check "by samples its bits are those of one" same "$work/step-1" "$work/step-samples-$n"
+        check "by samples its bits are those of one" \
+            same_model "$work/step-1" "$work/step-samples-$n"
     done
 }
 
@@ -319,7 +305,7 @@ section_voxels() {
     done
     expect "two ranks train voxels again" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
         -o "$work/vox-again" "${voxels[@]}" --steps 120
-    check "the same ranks and seed give the same voxels" same "$work/vox-2" "$work/vox-again"
+    check "the same ranks and seed give the same voxels" same_model "$work/vox-2" "$work/vox-again"
     check "rows have the bytes of common vertices" \
         number_above "$(number vertex_bytes "$on/metrics.jsonl")" 1000
     check "the report has them, too" grep -q 'for common vertices of leaves' "$on/report.html"
@@ -342,7 +328,7 @@ section_voxels() {
         cp -r "$work/vox-2" "$work/vox-on-$n"
         expect "$n go on with voxels of two" 0 "resumed" "${mpi[@]}" -n $n "$ranked" train \
             --resume "$work/vox-on-$n" --skip-selftest --progress none --steps +10 "${samples[@]}"
-        check "to the same voxels" same "$work/vox-on-1" "$work/vox-on-$n"
+        check "to the same voxels" same_model "$work/vox-on-1" "$work/vox-on-$n"
     done
 }
 
@@ -368,7 +354,7 @@ section_resume() {
     check "it stopped before the end" [ "$(digest "$work/on")" != "$(digest "$work/one")" ]
     expect "three ranks resume the run of two" 0 "resumed" "${mpi[@]}" -n 3 "$ranked" train \
         --resume "$work/on" --skip-selftest --progress none
-    check "the model is that of one process" same "$work/one" "$work/on"
+    check "the model is that of one process" same_model "$work/one" "$work/on"
     start "$work/by-stretches" --steps 200
     kill -TERM "$(process 0)"
     wait "$child"
@@ -381,7 +367,7 @@ section_resume() {
         cp -r "$work/four" "$work/four-$n"
         expect "$n go on with the run of four" 0 "resumed" "${mpi[@]}" -n $n "$ranked" train \
             --resume "$work/four-$n" --skip-selftest --progress none --steps 24
-        check "to the same model" same "$work/four-1" "$work/four-$n"
+        check "to the same model" same_model "$work/four-1" "$work/four-$n"
     done
     check "which is not that of four" [ "$(digest "$work/four")" != "$(digest "$work/four-1")" ]
 }

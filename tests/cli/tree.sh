@@ -93,10 +93,6 @@ section_seams() {
     done
 }
 
-digest() {
-    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
-}
-
 # decisions RUN: of each its step, the leaves before and after it, the leaves split, and the budget
 decisions() {
     grep '"event":"structure"' "$1/metrics.jsonl" >"$work/rows"
@@ -141,8 +137,7 @@ section_voxels() {
     expect "resume with a decoder" 0 "" "$cln" train --resume "$work/halves" --skip-selftest \
         --progress none
     check "a resumed decoder is as one that was not interrupted" \
-        eval '[ -n "$(digest "$work/whole")" ] &&
-            [ "$(digest "$work/halves")" = "$(digest "$work/whole")" ]'
+        same_model "$work/halves" "$work/whole"
     psnr=$("$query" result.psnr_test <"$work/whole/run.json")
     run "$cln" eval "$work/whole" --max-images 1 --json --no-save-images
     check "the checkpoint has the decoder: eval's figures are train's" number_above 0.01 \

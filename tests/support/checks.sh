@@ -12,9 +12,15 @@ export XDG_CONFIG_HOME=$work/config # without the user's rows
 # A network and a tree that are trained in a second, for those who add --steps.
 # shellcheck disable=SC2034
 tiny=(--skip-selftest --progress none --preset fast --width 16 --depth 2 --view-width 16
-    --view-bands 1 --bands 2
-    --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256 --batch-samples 2048
-    --refresh-every 8)
+    --view-bands 1 --bands 2 --start-level 1 --level-at "" --no-adaptive --n1 6 --rays 256
+    --batch-samples 2048 --refresh-every 8)
+# One that grows and is culled on the way; and that splits and merges, too.
+grown=(--skip-selftest --preset fast --width 16 --depth 2 --view-width 16 --view-bands 1 --bands 4
+    --start-level 1 --level-at 2:0.4 --n1 8 --rays 256 --batch-samples 4096 --refresh-every 16
+    --cull-from 0.3 --cull-after 0 --max-leaves 60 --distil-steps 20)
+# shellcheck disable=SC2034
+adapted=("${grown[@]}" --progress none --log-every 1 --structure-from 0.5 --structure-every 0.1
+    --structure-until 0.95 --split-samples 0)
 
 ok() {
     passed=$((passed + 1))
@@ -78,6 +84,18 @@ expect() {
 # The value at a path of the JSON document on the last stdout.
 json() {
     "$query" "$1" <"$work/out" 2>>"$work/err"
+}
+
+# digest RUN: of its model; empty if there is none
+digest() {
+    "$cln" info "$1" --json 2>/dev/null | "$query" model_digest
+}
+
+# same_model RUN RUN: bit for bit
+same_model() {
+    local first
+    first=$(digest "$1")
+    [ -n "$first" ] && [ "$first" = "$(digest "$2")" ]
 }
 
 number_above() {
