@@ -57,8 +57,7 @@ CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
 # separate programs and a library, for cli.sh, devices.sh, fuzz.sh and faults.sh
 TEST_OWN := tests/support/json_query.c tests/support/copies.c tests/device/device_cases.c \
-            tests/support/faults.c \
-            $(wildcard tests/fuzz/*.c)
+            tests/support/faults.c $(wildcard tests/fuzz/*.c)
 TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/scenes/table.c bench/common/plot.c
@@ -90,11 +89,11 @@ FUZZ_LINK := -Wl,--wrap=cln_digest,--wrap=crc32 -lcmocka
 BENCH_OBJ := $(BENCH_SRC:%.c=$B/obj/%.o) $B/obj/bench/common/plot.o
 TABLE_OBJ := $(TABLE_SRC:%.c=$B/obj/%.o)
 VIEWS_OBJ := $(VIEWS_SRC:%.c=$B/obj/%.o)
+FLOATERS_OBJ := $(FLOATERS_SRC:%.c=$B/obj/%.o)
 GROWTH_OBJ := $(GROWTH_SRC:%.c=$B/obj/%.o)
 SCALE_OBJ := $(SCALE_SRC:%.c=$B/obj/%.o)
-ALL_SRC := $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) $(VIEWS_SRC) \
-           $(FLOATERS_SRC) \
-           bench/growth/growth.c $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN)
+ALL_SRC := $(sort $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
+             $(VIEWS_SRC) $(FLOATERS_SRC) $(GROWTH_SRC) $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN))
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
 PAGES := $(wildcard host/view/page.*) host/view/path.js host/view/crop.js
 TUNE_ROWS := $(wildcard data/tune/*.txt)
@@ -104,7 +103,22 @@ SAY = $(if $V,,@echo "  $1";)
 
 all: $P/cl-nascent $P/libcl-nascent.a $P/$(SONAME) $P/cl-nascent.pc
 
+# Programs of objects and the library, all linked in one way.
+PROGRAMS := $P/cl-nascent $P/bench-scale \
+            $(addprefix $B/,make-scene json-query voxel-copies device-cases bench-kernels \
+                            bench-table bench-views bench-floaters bench-growth)
 $P/cl-nascent: $(CLI_OBJ) $P/libcl-nascent.a
+$P/bench-scale: $(SCALE_OBJ) $P/libcl-nascent.a
+$B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
+$B/json-query: $B/obj/tests/support/json_query.o
+$B/voxel-copies: $B/obj/tests/support/copies.o $B/libcl-nascent.a
+$B/device-cases: $B/obj/tests/device/device_cases.o $B/libcl-nascent.a
+$B/bench-kernels: $(BENCH_OBJ) $B/libcl-nascent.a
+$B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
+$B/bench-views: $(VIEWS_OBJ) $B/libcl-nascent.a
+$B/bench-floaters: $(FLOATERS_OBJ) $B/libcl-nascent.a
+$B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
+$(PROGRAMS):
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
 
 $P/libcl-nascent.a: $(LIB_OBJ)
@@ -143,43 +157,12 @@ $B/fuzz: $(FUZZ_OBJ)
 $B/fuzz-alone: $B/obj/tests/fuzz/alone.o $(FUZZ_OBJ)
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) $(FUZZ_LINK) -o $@
 
-$B/json-query: $B/obj/tests/support/json_query.o
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
-$B/voxel-copies: $B/obj/tests/support/copies.o $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
 $B/faults.so: $B/obj/tests/support/faults.o
 	$(call SAY,LINK $@)$(CC) -shared $^ -ldl -o $@
 
-$B/device-cases: $B/obj/tests/device/device_cases.o $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
-$B/make-scene: $(DATA_OBJ) $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
-$B/bench-kernels: $(BENCH_OBJ) $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
 $B/bench-sort: bench/peers/peer_sort.cpp $B/libcl-nascent.a
 	$(call SAY,CXX $@)$(CXX) -std=c++17 -D_GNU_SOURCE -O3 -march=native -fopenmp -Wall -Wextra \
-	    -Iinclude -Ihost \
-	    $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
-
-$B/bench-table: $(TABLE_OBJ) $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
-$B/bench-views: $(VIEWS_OBJ) $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
-$B/bench-floaters: $B/obj/bench/scenes/floaters.o $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
-$B/bench-growth: $(GROWTH_OBJ) $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
-
-$P/bench-scale: $(SCALE_OBJ) $P/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -o $@
+	    -Iinclude -Ihost $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
 
 # A peer is a file in bench/peers, a header to detect it by, and libraries to link.
 PEERS := xsmm onednn openblas clblast
@@ -217,8 +200,9 @@ $B/obj/%.o: %.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -MMD -MP -c $< -o $@
 
-# Each line of a kernel file or file of tuning rows becomes a C string literal, so that the limit on
+# Each line of a file that the program has in it becomes a C string literal, so that the limit on
 # literal length does not matter and build logs can name file and line.
+AS_STRINGS := sed -e 's/\\/\\\\/g' -e 's/["?]/\\&/g' -e 's/.*/"&\\n",/'
 $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	@mkdir -p $(@D)
 	@{ echo '/* Generated from kernels/, include/device_abi.h and data/tune/ by make. */'; \
@@ -226,7 +210,7 @@ $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	   for f in $(KERNELS) $(TUNE_ROWS); do \
 	     n=$$(basename $$f | tr . _); \
 	     echo "static const char *const $${n}[] = {"; \
-	     sed -e 's/\\/\\\\/g' -e 's/["?]/\\&/g' -e 's/.*/"&\\n",/' $$f; \
+	     $(AS_STRINGS) $$f; \
 	     echo '0};'; \
 	   done; \
 	   echo 'const cln_kernel_source cln_kernel_sources[] = {'; \
@@ -240,29 +224,20 @@ $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	   done; \
 	   echo '{0, 0}};'; } > $@
 
-$B/obj/mpi/ranks.o: host/ranks/ranks.c host/ranks/ranks.h
+$B/obj/mpi/ranks.o: host/ranks/ranks.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $< with MPI)$(CC) $(CFLAGS_ALL) -DCLN_WITH_MPI \
-	    $(shell pkg-config --cflags-only-I ompi-c) -c $< -o $@
+	    $(shell pkg-config --cflags-only-I ompi-c) -MMD -MP -c $< -o $@
 
-$B/obj/kernels_embed.o: $B/kernels_embed.c
-	@mkdir -p $(@D)
-	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
-
-# The viewer's page, likewise.
 $B/pages_embed.c: $(PAGES) Makefile
 	@mkdir -p $(@D)
 	@{ echo '/* Generated from the viewer'\''s page by make. */'; \
 	   echo '#include "view/pages.h"'; \
 	   for f in $(PAGES); do \
 	     echo "const char *const cln_$$(basename $$f | tr . _)[] = {"; \
-	     sed -e 's/\\/\\\\/g' -e 's/["?]/\\&/g' -e 's/.*/"&\\n",/' $$f; \
+	     $(AS_STRINGS) $$f; \
 	     echo '0};'; \
 	   done; } > $@
-
-$B/obj/pages_embed.o: $B/pages_embed.c
-	@mkdir -p $(@D)
-	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
@@ -294,7 +269,8 @@ $B/test_groups.c: FORCE
 	   echo '    {NULL, NULL}};'; } > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
-$B/obj/test_groups.o: $B/test_groups.c
+GENERATED := kernels_embed pages_embed test_groups
+$(GENERATED:%=$B/obj/%.o): $B/obj/%.o: $B/%.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
@@ -352,10 +328,13 @@ bench-sort:
 
 bench-scale:
 	@tests/deps.sh build
-	@$(MAKE) --no-print-directory MPI=1 bench-scale-programs
+	@$(MAKE) --no-print-directory bench-scale-programs
 	bench/scale/scale.sh build/bench-scale $(BENCH)
 
-bench-scale-programs: $P/cl-nascent $P/bench-scale $B/make-scene
+# Only what is trained is built with MPI.
+bench-scale-programs:
+	@$(MAKE) --no-print-directory MPI= build/make-scene
+	@$(MAKE) --no-print-directory MPI=1 build/mpi/cl-nascent build/mpi/bench-scale
 
 bench-programs:
 	@tests/deps.sh build
@@ -384,9 +363,9 @@ install: all
 	install -m 644 docs/*.md "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
-	$B/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"
-	$B/cl-nascent completion zsh >"$(DESTDIR)$(ZSHDIR)/_cl-nascent"
-	$B/cl-nascent completion fish >"$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
+	$P/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"
+	$P/cl-nascent completion zsh >"$(DESTDIR)$(ZSHDIR)/_cl-nascent"
+	$P/cl-nascent completion fish >"$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
 
 # The same variables as for install. Folders that others use, too, stay.
 uninstall:
@@ -405,7 +384,7 @@ deb: all
 clean:
 	rm -rf build
 
--include $(ALL_SRC:%.c=$B/obj/%.d)
+-include $(ALL_SRC:%.c=$B/obj/%.d) $B/obj/mpi/ranks.d
 .DELETE_ON_ERROR:
 FORCE:
 .PHONY: all FORCE deps demo test test-devices test-browser grind faults fuzz lint fmt bench \

@@ -225,7 +225,7 @@ static cln_status measure_messages(void)
     if (cln_ranks_count() != 2)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "messages takes two processes: start it by `mpirun -n 2`, as built by "
-                         "`make MPI=1 bench-scale-programs`"));
+                         "`make bench-scale-programs`"));
     CLN_TRY(cln_alloc(&rows, ROWS, 16, "messages"));
     memset(rows, 1, (size_t)ROWS * 16);
     small = time_gather(rows, 2);

@@ -9,7 +9,7 @@
 #
 #   STEPS=...    steps of a run; the second half is measured (64)
 #   RANKS=...    numbers of ranks of the runs that check the model ("2 4")
-#   CLN, SCALE, MAKE_SCENE: the programs, of `make MPI=1 bench-scale-programs`
+#   CLN, SCALE, MAKE_SCENE: the programs, of `make bench-scale-programs`
 # Prints the tables, also into OUT/scale.md. A rank has one thread. Every call makes its runs again.
 # TRAIN OPTIONS go to every run (a larger network, or --preset voxel).
 set -eu
@@ -21,7 +21,7 @@ scale=${SCALE:-build/mpi/bench-scale}
 make_scene=${MAKE_SCENE:-build/make-scene}
 for program in "$cln" "$scale" "$make_scene"; do
     [ -x "$program" ] ||
-        { echo "scale: $program is not there; make MPI=1 bench-scale-programs" >&2; exit 1; }
+        { echo "scale: $program is not there; make bench-scale-programs" >&2; exit 1; }
 done
 command -v mpirun >/dev/null ||
     { echo "scale: no mpirun (apt-get install libopenmpi-dev openmpi-bin)" >&2; exit 1; }
