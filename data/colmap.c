@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
-#include "base/memory.h"
 #include "base/rng.h"
 
 enum { PER_VIEW = 100 }; /* pixels of a view where points are looked for */

@@ -18,8 +18,6 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "device/device.h"
-#include "io/progress.h"
-#include "report/report_data.h"
 #include "io/run_folder.h"
 #include "common/csv.h"
 #include "common/plot.h"

@@ -22,7 +22,6 @@
 #include "io/json.h"
 #include "io/run_folder.h"
 #include "ranks/ranks.h"
-#include "report/report_data.h"
 #include "scale/model.h"
 #include "scene/dataset.h"
 

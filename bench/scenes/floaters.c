@@ -15,7 +15,6 @@
 
 #include "cl_nascent.h"
 #include "base/config.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "io/npy.h"
 #include "scene/scene.h"

@@ -6,7 +6,6 @@
 
 #include "api/needs.h"
 #include "base/callbacks.h"
-#include "base/config.h"
 #include "base/given.h"
 #include "cl_nascent.h"
 #include "device/kernel_dir.h"

@@ -8,7 +8,6 @@
 #include "base/memory.h"
 #include "device/tune.h"
 #include "check/selftest.h"
-#include "pipeline/stages.h"
 
 /* Fills in the kernel parameters that a training with a preset would use. */
 static cln_status tell_tune(const cln_device *device, const char *preset, char network[32],

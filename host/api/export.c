@@ -6,9 +6,7 @@
 #include <strings.h>
 #include <sys/stat.h>
 
-#include "base/files.h"
 #include "base/given.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "cl_nascent.h"
 #include "export/export.h"

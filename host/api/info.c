@@ -6,10 +6,8 @@
 #include <string.h>
 
 #include "api/needs.h"
-#include "base/config.h"
 #include "base/files.h"
 #include "base/given.h"
-#include "base/memory.h"
 #include "base/settings.h"
 #include "cl_nascent.h"
 #include "io/run_folder.h"

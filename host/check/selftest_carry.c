@@ -5,7 +5,6 @@
 
 #include <string.h>
 
-#include "base/memory.h"
 #include "pipeline/carry.h"
 
 /* Fills moments or densities with varying bits; any bits can be carried. */

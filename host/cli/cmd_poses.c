@@ -3,7 +3,6 @@
 #include "cli/commands.h"
 
 #include <stdio.h>
-#include "base/log.h"
 #include "base/text.h"
 #include "cli/console.h"
 

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
-#include "base/number.h"
 #include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"

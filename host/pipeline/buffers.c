@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "base/config.h"
-#include "model/encoding.h"
 #include "pipeline/walk.h"
 
 const cln_buffer_row cln_buffer_rows[CLN_BUFFERS] = {

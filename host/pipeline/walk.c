@@ -5,7 +5,6 @@
 
 #include "base/memory.h"
 #include "pipeline/share.h"
-#include "pipeline/stages.h"
 #include "ranks/ranks.h"
 
 static int first_ray(const cln_pipeline *p, int rank, int n)

@@ -6,8 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/files.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "io/json.h"
 #include "io/names.h"

@@ -6,7 +6,6 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include "base/config.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"

@@ -4,7 +4,6 @@
 #include "scene/transforms.h"
 
 #include <string.h>
-#include "base/memory.h"
 
 /* Keys of the document or of a frame that are read; parameters of lens models are in their own
  * table. */

@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/config.h"
 #include "base/memory.h"
 
 enum { PLACES = 4 }; /* tested along each axis of a leaf, faces included */

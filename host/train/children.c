@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "device/queue.h"
 #include "model/structure.h"
 #include "ranks/ranks.h"
 

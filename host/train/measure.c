@@ -4,9 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "base/config.h"
 #include "base/memory.h"
-#include "device/queue.h"
 #include "pipeline/share.h"
 #include "train/children.h"
 

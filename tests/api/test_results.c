@@ -11,7 +11,6 @@
 #include "render/open_run.h"
 #include "render/orbit.h"
 #include "render/view.h"
-#include "check/selftest.h"
 #include "io/npy.h"
 #include "sanitized.h"
 #include "tests.h"

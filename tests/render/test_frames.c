@@ -9,7 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <cmocka.h>
-#include "base/log.h"
 #include "render/frames.h"
 #include "scene/vectors.h"
 #include "scratch.h"

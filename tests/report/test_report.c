@@ -15,7 +15,6 @@
 #include "base/config.h"
 #include "report/html.h"
 #include "io/image.h"
-#include "io/progress.h"
 #include "report/report.h"
 #include "report/report_data.h"
 #include "report/report_sections.h"
