@@ -306,17 +306,11 @@ static void write_box(const double low[3], const double high[3], char out[BOX_BY
                box[3], n, box[4], n, box[5]);
 }
 
-static cln_status check_cube(inspection *in)
+static void count_cameras(inspection *in)
 {
-    cln_status st = CLN_OK;
-    const cln_agreement *a = &in->agreement;
-    const cln_space *space = &in->scene->space, core = cln_space_core(space);
-    const int count = a->point_count;
-    double *values = NULL, low[3], high[3], span = 0, inside = 0, cameras = 0;
-    char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
-    bool tighter = true; /* the box of the points is smaller than the cube, on all axes */
+    const cln_space core = cln_space_core(&in->scene->space);
+    double cameras = 0;
 
-    CLN_TRY(cln_alloc(&values, (size_t)count + 1, sizeof *values, "points"));
     for (int i = 0; i < in->scene->view_count; i++) {
         const double *m = in->scene->views[i].camera.c2w;
 
@@ -324,46 +318,67 @@ static cln_status check_cube(inspection *in)
     }
     measure(in, "cameras_inside", cameras);
     measure(in, "cameras_outside", in->scene->view_count - cameras);
-    measure(in, "cube_share", in->scene->cube_share);
-    json_object_set_new(in->measures, "cube_guessed", json_boolean(in->scene->cube_guessed));
-    if (count < FEW_POINTS || !in->posed) {
-        if (in->scene->cube_guessed)
-            cln_found_fault(in->findings, "cube", false, NULL,
-                            "the cube is a guess (%s): half side %g, and %.0f%% of the rays meet "
-                            "it",
-                            in->scene->bounds_rule, space->half, 100 * in->scene->cube_share);
-        goto done;
-    }
-    for (int i = 0; i < count; i++)
-        inside += cln_space_holds(&core, a->points[i]) / (double)count;
-    if (space->forward) { /* it is endless: only its near plane can be wrong */
-        measure(in, "points", count);
-        measure(in, "points_inside", inside);
-        if (inside < INSIDE_LEAST)
-            cln_found_fault(in->findings, "cube", true, NULL,
-                            "only %.0f%% of what the photos show is beyond the near plane (%s): "
-                            "are the dataset's near depths right? --space cube needs none",
-                            100 * inside, in->scene->bounds_rule);
-        goto done;
-    }
+}
+
+/* Share of the points that photos agree on which the cube holds. */
+static double share_inside(const inspection *in)
+{
+    const cln_agreement *a = &in->agreement;
+    const cln_space core = cln_space_core(&in->scene->space);
+    double inside = 0;
+
+    for (int i = 0; i < a->point_count; i++)
+        inside += cln_space_holds(&core, a->points[i]) / (double)a->point_count;
+    return inside;
+}
+
+/* A forward space is endless: only its near plane can be wrong. */
+static void judge_near_plane(inspection *in, double inside)
+{
+    if (inside < INSIDE_LEAST)
+        cln_found_fault(in->findings, "cube", true, NULL,
+                        "only %.0f%% of what the photos show is beyond the near plane (%s): "
+                        "are the dataset's near depths right? --space cube needs none",
+                        100 * inside, in->scene->bounds_rule);
+}
+
+/* Where the middle nine tenths of the points lie along each axis. */
+static cln_status find_middle(const cln_agreement *a, double low[3], double high[3])
+{
+    cln_status st = CLN_OK;
+    const int count = a->point_count;
+    double *values = NULL;
+
+    CLN_TRY(cln_alloc(&values, (size_t)count + 1, sizeof *values, "points"));
     for (int axis = 0; axis < 3; axis++) {
         for (int i = 0; i < count; i++)
             values[i] = a->points[i][axis];
         cln_reals_sort(values, count);
         low[axis] = values[count / 20];
         high[axis] = values[count - 1 - count / 20];
-        span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
     }
-    measure(in, "points", count);
-    measure(in, "points_inside", inside);
-    measure(in, "points_span", span);
-    for (int axis = 0; axis < 3; axis++) { /* a tenth more to either side */
-        const double margin = 0.1 * (high[axis] - low[axis]);
+done:
+    free(values);
+    return st;
+}
 
+/* Compares a cube, plain or a shell's core, with find_middle()'s box, and advises a better one. */
+static void judge_cube(inspection *in, double inside, double low[3], double high[3])
+{
+    const cln_space *space = &in->scene->space;
+    double span = 0;
+    char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
+    bool tighter = true; /* the box of the points is smaller than the cube, on all axes */
+
+    for (int axis = 0; axis < 3; axis++) {
+        const double margin = 0.1 * (high[axis] - low[axis]); /* a tenth more to either side */
+
+        span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
         low[axis] -= margin;
         high[axis] += margin;
         tighter = tighter && high[axis] - low[axis] < 2 * space->half;
     }
+    measure(in, "points_span", span);
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
@@ -384,8 +399,35 @@ static cln_status check_cube(inspection *in)
                         "spans %.0f%% of its side%s",
                         span < SPAN_LEAST ? "the cube is much too large" : "the cube is a guess",
                         space->half, in->scene->bounds_rule, 100 * inside, 100 * span, advice);
+}
+
+static cln_status check_cube(inspection *in)
+{
+    cln_status st = CLN_OK;
+    const cln_scene *scene = in->scene;
+    double low[3], high[3], inside = 0;
+
+    count_cameras(in);
+    measure(in, "cube_share", scene->cube_share);
+    json_object_set_new(in->measures, "cube_guessed", json_boolean(scene->cube_guessed));
+    if (in->agreement.point_count < FEW_POINTS || !in->posed) {
+        if (scene->cube_guessed)
+            cln_found_fault(in->findings, "cube", false, NULL,
+                            "the cube is a guess (%s): half side %g, and %.0f%% of the rays meet "
+                            "it",
+                            scene->bounds_rule, scene->space.half, 100 * scene->cube_share);
+        return CLN_OK;
+    }
+    inside = share_inside(in);
+    measure(in, "points", in->agreement.point_count);
+    measure(in, "points_inside", inside);
+    if (scene->space.forward) {
+        judge_near_plane(in, inside);
+        return CLN_OK;
+    }
+    CLN_TRY(find_middle(&in->agreement, low, high));
+    judge_cube(in, inside, low, high);
 done:
-    free(values);
     return st;
 }
 
