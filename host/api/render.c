@@ -411,6 +411,63 @@ done:
     return st;
 }
 
+/* The box of --crop. */
+static cln_status read_crop(cln_render_job *j)
+{
+    double numbers[CLN_CROP_NUMBERS];
+
+    if (!j->desc->cropped)
+        return CLN_OK;
+    memcpy(numbers, j->desc->crop, sizeof j->desc->crop);
+    memcpy(numbers + 6, j->desc->crop_turn, sizeof j->desc->crop_turn);
+    return cln_crop_from_numbers("--crop", numbers, &j->crop);
+}
+
+/* Without one, that of the file of poses, with its background. */
+static void choose_crop(cln_render_job *j)
+{
+    const cln_render_desc *desc = j->desc;
+    cln_model *model = &j->opened.model;
+
+    if (!desc->cropped && j->cameras.crop.on) {
+        j->crop = j->cameras.crop;
+        memcpy(model->background, j->cameras.crop_background, sizeof model->background);
+        cln_info("%s: only what is in its crop box is shown, on its background colour; --crop "
+                 "gives another box",
+                 desc->poses);
+    }
+    if (j->crop.on)
+        cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &model->space, &model->tree,
+                      &j->crop);
+}
+
+/* Renders what is not in the folder yet. */
+static cln_status render_folder(cln_render_job *j, cln_render_result *result)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(check_sizes(j));
+    if (j->writes) {
+        CLN_TRY(cln_render_check_folder(j->desc->out, &j->before));
+        CLN_TRY(cln_render_find_there(j));
+        CLN_TRY(cln_render_check_disk(j));
+    }
+    CLN_TRY(tell_there(j));
+    result->skipped = j->there;
+    if (j->there < j->count) {
+        CLN_TRY(start(j));
+        if (j->writes) {
+            CLN_TRY(cln_render_drop_stale(j));
+            CLN_TRY(cln_render_write_about(j, NULL));
+        }
+        CLN_TRY(render_frames(j, NULL, result));
+    }
+    if (j->writes && (j->there < j->count || j->pictured < j->count))
+        CLN_TRY(cln_render_draw_depths(j));
+done:
+    return st;
+}
+
 cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 {
     cln_status st = CLN_OK;
@@ -419,13 +476,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 
     memset(result, 0, sizeof *result);
     CLN_TRY(check_given(desc));
-    if (desc->cropped) {
-        double numbers[CLN_CROP_NUMBERS];
-
-        memcpy(numbers, desc->crop, sizeof desc->crop);
-        memcpy(numbers + 6, desc->crop_turn, sizeof desc->crop_turn);
-        CLN_TRY(cln_crop_from_numbers("--crop", numbers, &j.crop));
-    }
+    CLN_TRY(read_crop(&j));
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
     if (cln_frames_need_scene(desc, j.run))
@@ -433,17 +484,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
-    if (!desc->cropped && j.cameras.crop.on) { /* the command line overrides the file */
-        j.crop = j.cameras.crop;
-        memcpy(j.opened.model.background, j.cameras.crop_background,
-               sizeof j.opened.model.background);
-        cln_info("%s: only what is in its crop box is shown, on its background colour; --crop "
-                 "gives another box",
-                 desc->poses);
-    }
-    if (j.crop.on)
-        cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &j.opened.model.space,
-                      &j.opened.model.tree, &j.crop);
+    choose_crop(&j);
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
     j.model_digest = cln_model_digest(&j.opened.model);
@@ -452,30 +493,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     if (desc->poses)
         warn_unseen(&j);
     CLN_TRY(check_ranks(&j));
-    if (cln_film_named(desc->out)) {
-        CLN_TRY(render_film(&j, result));
-        goto done;
-    }
-    CLN_TRY(check_sizes(&j));
-    if (j.writes) {
-        CLN_TRY(cln_render_check_folder(desc->out, &j.before));
-        CLN_TRY(cln_render_find_there(&j));
-        CLN_TRY(cln_render_check_disk(&j));
-    }
-    CLN_TRY(tell_there(&j));
-    result->skipped = j.there;
-    if (j.there < j.count) {
-        CLN_TRY(start(&j));
-        if (j.writes) {
-            CLN_TRY(cln_render_drop_stale(&j));
-            CLN_TRY(cln_render_write_about(&j, NULL));
-        }
-        CLN_TRY(render_frames(&j, NULL, result));
-    }
-    if (!j.writes)
-        goto done;
-    if (j.there < j.count || j.pictured < j.count)
-        CLN_TRY(cln_render_draw_depths(&j));
+    CLN_TRY(cln_film_named(desc->out) ? render_film(&j, result) : render_folder(&j, result));
 done:
     free(j.frames);
     free(j.eyes);

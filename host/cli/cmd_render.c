@@ -28,13 +28,32 @@ static cln_status standard_folder(const cln_options *options, char **out)
                         options->interpolate ? "-path" : "");
 }
 
+/* out: the folder or film that was written. */
+static cln_status print_result(const cln_options *options, const char *out,
+                               const cln_render_result *result)
+{
+    char duration[32];
+
+    if (options->json)
+        return cln_print_json(json_pack("{s:s s:s s:s s:i s:i s:o}", "schema",
+                                        "cl-nascent.render/1", "run", options->operand, "out", out,
+                                        "rendered", result->rendered, "skipped", result->skipped,
+                                        "seconds", cln_json_real(result->seconds)));
+    cln_format_duration(result->seconds, duration);
+    printf("%s: %d rendered in %s", out, result->rendered, duration);
+    if (result->skipped)
+        printf(", %d left as %s (--overwrite renders all again)", result->skipped,
+               cln_plural(result->skipped, "it is", "they are"));
+    putchar('\n');
+    return CLN_OK;
+}
+
 cln_status cln_cmd_render(const cln_options *options)
 {
     cln_status st = CLN_OK;
     cln_console console = {0};
     cln_render_result result = {0};
     char *standard_out = NULL, *plain = NULL;
-    char duration[32];
     const bool path = options->orbit_frames > 0 || options->spiral_frames > 0;
     cln_render_desc desc = {.run = options->operand,
                             .out = options->output,
@@ -86,19 +105,7 @@ cln_status cln_cmd_render(const cln_options *options)
             cln_asprintf(&plain, "%.*s.y4m", (int)(strrchr(desc.out, '.') - desc.out), desc.out));
         desc.out = plain;
     }
-    if (options->json) {
-        CLN_TRY(cln_print_json(
-            json_pack("{s:s s:s s:s s:i s:i s:o}", "schema", "cl-nascent.render/1", "run",
-                      options->operand, "out", desc.out, "rendered", result.rendered, "skipped",
-                      result.skipped, "seconds", cln_json_real(result.seconds))));
-    } else {
-        cln_format_duration(result.seconds, duration);
-        printf("%s: %d rendered in %s", desc.out, result.rendered, duration);
-        if (result.skipped)
-            printf(", %d left as %s (--overwrite renders all again)", result.skipped,
-                   cln_plural(result.skipped, "it is", "they are"));
-        putchar('\n');
-    }
+    CLN_TRY(print_result(options, desc.out, &result));
 done:
     cln_console_close(&console);
     free(standard_out);

@@ -187,6 +187,30 @@ static void find_rays(const cln_pipeline *p, cln_ray_group *g)
     g->rays = end - first;
 }
 
+enum { WHOLE = 1 << 20 }; /* row_end of a group that is not cut by rows */
+
+/* Halves a group, by views, or of one view by whole coarse rows; *a comes first. False if it is one
+ * coarse row of one view. */
+static bool halve(const cln_pipeline *p, cln_ray_group *g, cln_ray_group *a, cln_ray_group *b)
+{
+    int bands = 0;
+
+    if (g->views == 1 && g->row_end == WHOLE)
+        g->row_end =
+            ((p->host_cameras[p->host_pixels[g->first_ray].view].height - 1) / MAX_COARSENING + 1) *
+            MAX_COARSENING;
+    bands = (g->row_end - g->row_begin) / MAX_COARSENING;
+    *a = *b = *g;
+    if (g->views > 1) {
+        a->views = g->views / 2;
+        b->first_view += a->views;
+        b->views -= a->views;
+        return true;
+    }
+    a->row_end = b->row_begin = g->row_begin + bands / 2 * MAX_COARSENING;
+    return g->row_end - g->row_begin > MAX_COARSENING;
+}
+
 cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_ray_group **groups,
                          int *count)
 {
@@ -211,9 +235,9 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
     capacity = 4 * (p->batch_view_count + 32768);
     CLN_TRY(cln_alloc(&stack, (size_t)capacity, sizeof *stack, "splat plan"));
     CLN_TRY(cln_alloc(groups, (size_t)capacity, sizeof **groups, "splat plan"));
-    stack[depth++] = (cln_ray_group){.views = p->batch_view_count, .row_end = 1 << 20};
+    stack[depth++] = (cln_ray_group){.views = p->batch_view_count, .row_end = WHOLE};
     while (depth > 0) {
-        cln_ray_group g = stack[--depth];
+        cln_ray_group g = stack[--depth], a, b;
         uint32_t entries = 0;
 
         find_rays(p, &g);
@@ -230,30 +254,13 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
             p->splat_entries += entries;
             continue;
         }
-        if (g.row_end == 1 << 20 && g.views == 1) /* bands are whole coarse rows */
-            g.row_end =
-                ((p->host_cameras[p->host_pixels[g.first_ray].view].height - 1) / MAX_COARSENING +
-                 1) *
-                MAX_COARSENING;
-        if (g.views == 1 && g.row_end - g.row_begin <= MAX_COARSENING) {
-            st = cln_fail(CLN_MEMORY,
-                          "splatting: %u samples fall on %d rows of one view, more than the %zu of "
-                          "the memory plan; lower --n1, raise --device-mem or use --stage1 gather",
-                          entries, g.row_end - g.row_begin, p->max_entries);
-            goto done;
-        }
+        if (!halve(p, &g, &a, &b))
+            CLN_TRY(
+                cln_fail(CLN_MEMORY,
+                         "splatting: %u samples fall on %d rows of one view, more than the %zu of "
+                         "the memory plan; lower --n1, raise --device-mem or use --stage1 gather",
+                         entries, g.row_end - g.row_begin, p->max_entries));
         CLN_ASSERT(depth + 2 <= capacity);
-        cln_ray_group a = g, b = g;
-
-        if (g.views > 1) {
-            a.views = g.views / 2;
-            b.first_view += a.views;
-            b.views -= a.views;
-        } else {
-            const int bands = (g.row_end - g.row_begin) / MAX_COARSENING;
-
-            a.row_end = b.row_begin = g.row_begin + bands / 2 * MAX_COARSENING;
-        }
         stack[depth++] = b; /* below a: groups stay in the order of rays */
         stack[depth++] = a;
     }
