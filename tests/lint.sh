@@ -5,7 +5,7 @@
 #   bench-sort  so does the one program in C++, with clang's
 #   kernels     every kernels/*.cl compiles with clang as OpenCL C 1.2, with no device involved
 #   floats      kernels keep no integers in the bits of floats, which a device may flush to zero
-#   rooms       host/ folders include only themselves and lower folders (ORDER, DOWN)
+#   rooms       host/ folders include only themselves and lower folders (ORDER)
 #   circles     no file of host/ includes itself through others (a.c and a.h count as one)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
 #   options     every option of host/base/config_rows.h is in the man page

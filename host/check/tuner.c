@@ -68,9 +68,8 @@ typedef struct tuner {
     cln_tune *tried;   /* [result->count] */
     int capacity;
     double began, deadline; /* monotonic seconds */
-    double
-        longest[2]; /* of a candidate: [0] its kernels were compiled already, [1] they were not */
-    bool spent;     /* some sets were not tried, for lack of time */
+    double longest[2]; /* of a candidate whose kernels: [0] were compiled already, [1] were not */
+    bool spent;        /* some sets were not tried, for lack of time */
 } tuner;
 
 static cln_status poll(const tuner *t)

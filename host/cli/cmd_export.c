@@ -192,7 +192,7 @@ cln_status cln_cmd_export(const cln_options *options)
     cln_export_desc desc = {.run = options->operand,
                             .what = options->export_what,
                             .file = options->export_file,
-                            .colour = options->colour,
+                            .colour = options->box_colour,
                             .overwrite = options->overwrite,
                             .scene = options->scene,
                             .spacing = options->spacing,

@@ -249,7 +249,7 @@ const cln_arg cln_args[] = {
          "points, mesh: also the parts that no training view sees; the mesh is closed then"),
     INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,
          "mesh: at most N triangles; those that matter least are left out", .shown = "all"),
-    WORD(CLN_EXPORT, "colour", colour, "level|error",
+    WORD(CLN_EXPORT, "colour", box_colour, "level|error",
          "octree: what the boxes' colours show: the level, or the error on a logarithmic scale",
          .standard = "level"),
 

@@ -15,12 +15,12 @@ typedef struct cln_options {
     char *tune_path;     /* file of the user's tuning rows, which may not exist; NULL = no home */
 
     const char *output, *resume, *scene, *like, *preset, *split, *progress, *color;
-    const char *dump_program, *colour, *match;
+    const char *dump_program, *match;
+    const char *box_colour;                /* export --octree: "level" or "error" */
     const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;
-    bool conf; /* cl-nascent.conf beside the scene is read */
-    char
-        *conf_said; /* a line for the log: its settings, or what --resume leaves out; may be NULL */
+    bool conf;       /* cl-nascent.conf beside the scene is read */
+    char *conf_said; /* for the log: its settings, or what --resume leaves out; may be NULL */
     bool circle, fast, json, quiet, test, quick, extremes, skip_selftest, save_images, overwrite,
         z_depth, seams;
     int verbose, max_images, antialias, frames;
@@ -37,8 +37,8 @@ typedef struct cln_options {
     bool open, watch;
     double view_share; /* percent */
 
-    cln_settings
-        *settings; /* train, check, info, tune: preset or resumed run, then the options given */
+    /* Of train, check, info and tune: the preset or resumed run, then the options given. */
+    cln_settings *settings;
 } cln_options;
 
 #endif

@@ -5,8 +5,8 @@
 
 #include "train/trainer.h"
 
-/* Whether leaves may be culled at this step, right after a refresh. fraction: 0..1 of the budget.
- * */
+/* Whether leaves may be culled at this step, right after a refresh. fraction: 0..1 of the
+ * budget. */
 bool cln_cull_due(const cln_trainer *t, double fraction);
 
 /* Marks empty leaves, and culls the marked ones once they are many, or `now`, before another change

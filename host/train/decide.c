@@ -95,8 +95,8 @@ static void say(const cln_trainer *t, const cln_decision *d)
                         : "no leaf was added, as voxels do not merge; give more");
 }
 
-/* By ranks, takes fewer leaves if those of one do not fit where they will be. *how: the solution.
- * */
+/* By ranks, takes fewer leaves if those of one do not fit where they will be. *how: the
+ * solution. */
 static cln_status solve(cln_trainer *t, const uint8_t *children, cln_integer_program_desc *desc,
                         cln_integer_program_result *r, cln_restructuring *how)
 {

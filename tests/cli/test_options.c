@@ -287,7 +287,7 @@ static void every_other_option_is_read(void **state)
     assert_string_equal(o->operand, "run");
     assert_string_equal(o->export_file, "tree.ply");
     assert_string_equal(o->export_what, "octree");
-    assert_string_equal(o->colour, "error");
+    assert_string_equal(o->box_colour, "error");
     assert_true(o->overwrite);
     done(&l);
 
@@ -339,7 +339,7 @@ static void what_is_not_given_has_its_default(void **state)
     assert_null(o->output);
     done(&l);
     o = parsed(&l, "export run --octree tree.ply");
-    assert_string_equal(o->colour, "level");
+    assert_string_equal(o->box_colour, "level");
     assert_false(o->overwrite);
     done(&l);
     o = parsed(&l, "train s -o r");
