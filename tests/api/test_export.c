@@ -19,24 +19,11 @@
 #include "io/palette.h"
 #include "io/run_folder.h"
 #include "near.h"
+#include "outcome.h"
 #include "scratch.h"
 #include "tests.h"
 
 enum { LEAVES = 14, VERTEX_BYTES = 20, WIDE_VERTEX_BYTES = 32, FACE_BYTES = 17 };
-
-static void assert_ok(cln_status st)
-{
-    if (st != CLN_OK)
-        fail_msg("%s: %s", cln_status_phrase(st), cln_error_text());
-}
-
-static void assert_fails(cln_status got, cln_status want, const char *word)
-{
-    if (got != want || !strstr(cln_error_text(), word))
-        fail_msg("%s: '%s', not %s with '%s'", cln_status_phrase(got), cln_error_text(),
-                 cln_status_phrase(want), word);
-    cln_clear_error();
-}
 
 /* ---- the tree ---- */
 

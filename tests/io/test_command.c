@@ -8,6 +8,7 @@
 #include <signal.h>
 #include <string.h>
 #include "io/command.h"
+#include "outcome.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -23,14 +24,6 @@ static int stop_at_once(void *user)
     return SIGTERM;
 }
 
-static void expect_error(cln_status got, cln_status want, const char *words)
-{
-    assert_int_equal(got, want);
-    if (!strstr(cln_error_text(), words))
-        fail_msg("'%s' does not say '%s'", cln_error_text(), words);
-    cln_clear_error();
-}
-
 static void test_lines(void **state)
 {
     static const char script[] =
@@ -42,7 +35,7 @@ static void test_lines(void **state)
     size_t bytes = 0;
 
     assert_non_null(watch.log);
-    expect_error(cln_command_run(argv, &watch), CLN_FAILED, "sh -c: ended with code 7: last");
+    assert_fails(cln_command_run(argv, &watch), CLN_FAILED, "sh -c: ended with code 7: last");
     fclose(watch.log);
     assert_string_equal(lines, "one|two| 3 %||last| |");
     log = scratch_get(path, &bytes);
@@ -64,9 +57,9 @@ static void test_ends(void **state)
     (void)state;
     assert_int_equal(cln_command_run(silent, &watch), CLN_OK);
     assert_string_equal(lines, "not ended|");
-    expect_error(cln_command_run(killed, &none), CLN_FAILED, "ended by signal 9, perhaps for lack");
-    expect_error(cln_command_run(missing, &none), CLN_FAILED, "no such program: No such file");
-    expect_error(cln_command_run(sleeps, &stopped), CLN_SIGTERM, "stopped by a signal in `sleep`");
+    assert_fails(cln_command_run(killed, &none), CLN_FAILED, "ended by signal 9, perhaps for lack");
+    assert_fails(cln_command_run(missing, &none), CLN_FAILED, "no such program: No such file");
+    assert_fails(cln_command_run(sleeps, &stopped), CLN_SIGTERM, "stopped by a signal in `sleep`");
     assert_true(cln_command_found("sh") && !cln_command_found("no such program"));
 }
 

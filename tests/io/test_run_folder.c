@@ -15,6 +15,7 @@
 #include "io/disk.h"
 #include "io/names.h"
 #include "io/run_folder.h"
+#include "outcome.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -24,32 +25,24 @@ static json_t *document(double number)
                      cln_json_real(number));
 }
 
-static void expect_error(cln_status got, cln_status want, const char *word)
-{
-    assert_int_equal(got, want);
-    if (!strstr(cln_error_text(), word))
-        fail_msg("'%s' does not name '%s'", cln_error_text(), word);
-    cln_clear_error();
-}
-
 static void test_new_folder(void **state)
 {
     const char *run = scratch_path(*state, "deep/in/run");
     json_t *doc = document(1);
 
-    expect_error(cln_run_open(run, true), CLN_INPUT, "no run there");
+    assert_fails(cln_run_open(run, true), CLN_INPUT, "no run there");
     assert_false(cln_is_dir(run));
     assert_int_equal(cln_run_open(run, false), CLN_OK);
     assert_true(cln_is_dir(run));
     assert_int_equal(cln_run_open(run, false), CLN_OK); /* still empty */
-    expect_error(cln_run_open(run, true), CLN_INPUT, "no run there");
+    assert_fails(cln_run_open(run, true), CLN_INPUT, "no run there");
     scratch_put(scratch_path(run, "run.json.tmp.12.0"), "{", 1); /* a first write that was killed */
     assert_int_equal(cln_run_open(run, false), CLN_OK);
 
     assert_int_equal(cln_run_write(run, doc), CLN_OK);
-    expect_error(cln_run_open(run, false), CLN_OUTPUT, "before its first checkpoint");
+    assert_fails(cln_run_open(run, false), CLN_OUTPUT, "before its first checkpoint");
     assert_int_equal(mkdir(scratch_path(run, "checkpoint"), 0777), 0);
-    expect_error(cln_run_open(run, false), CLN_OUTPUT, "--resume");
+    assert_fails(cln_run_open(run, false), CLN_OUTPUT, "--resume");
     assert_int_equal(cln_run_open(run, true), CLN_OK);
     json_decref(doc);
 }
@@ -74,7 +67,7 @@ static void test_refuses_foreign(void **state)
             size_t bytes = 0;
             char *data = NULL;
             scratch_put(path, foreign[i].text, strlen(foreign[i].text));
-            expect_error(cln_run_open(run, resume), CLN_OUTPUT, foreign[i].word);
+            assert_fails(cln_run_open(run, resume), CLN_OUTPUT, foreign[i].word);
             data = scratch_get(path, &bytes);
             assert_string_equal(data, foreign[i].text);
             free(data);
@@ -83,10 +76,10 @@ static void test_refuses_foreign(void **state)
             assert_int_equal(mkdir(run, 0777), 0);
         }
     scratch_put(scratch_path(*state, "file"), "x", 1);
-    expect_error(cln_run_open(scratch_path(*state, "file"), false), CLN_OUTPUT, "not a folder");
-    expect_error(cln_run_open(scratch_path(*state, "file/run"), false), CLN_OUTPUT, "file");
+    assert_fails(cln_run_open(scratch_path(*state, "file"), false), CLN_OUTPUT, "not a folder");
+    assert_fails(cln_run_open(scratch_path(*state, "file/run"), false), CLN_OUTPUT, "file");
     assert_int_equal(symlink("/nowhere/at/all", scratch_path(*state, "link")), 0);
-    expect_error(cln_run_open(scratch_path(*state, "link"), false), CLN_OUTPUT, "not a folder");
+    assert_fails(cln_run_open(scratch_path(*state, "link"), false), CLN_OUTPUT, "not a folder");
 }
 
 /* The error for a path inside a run names the run, however the path ends; for other paths it says
@@ -103,9 +96,9 @@ static void test_in_a_run(void **state)
     assert_int_equal(mkdir(scratch_path(run, "checkpoint"), 0777), 0);
     snprintf(want, sizeof want, "in one: give %s", run);
     for (size_t i = 0; i < sizeof within / sizeof *within; i++)
-        expect_error(cln_run_read(scratch_path(run, within[i]), &back), CLN_INPUT, want);
-    expect_error(cln_run_read(scratch_path(*state, "a/"), &back), CLN_INPUT, "no run.json in it");
-    expect_error(cln_run_read(scratch_path(*state, "b"), &back), CLN_INPUT, "no such folder");
+        assert_fails(cln_run_read(scratch_path(run, within[i]), &back), CLN_INPUT, want);
+    assert_fails(cln_run_read(scratch_path(*state, "a/"), &back), CLN_INPUT, "no run.json in it");
+    assert_fails(cln_run_read(scratch_path(*state, "b"), &back), CLN_INPUT, "no such folder");
     json_decref(doc);
 }
 
@@ -116,7 +109,7 @@ static void test_run_json(void **state)
     const char *run = *state;
     json_t *doc = NULL, *back = NULL;
 
-    expect_error(cln_run_read(run, &back), CLN_INPUT, "no run.json");
+    assert_fails(cln_run_read(run, &back), CLN_INPUT, "no run.json");
     assert_null(back);
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
         double value = 0;
@@ -147,7 +140,7 @@ static void test_atomic(void **state)
     json_object_set_new(larger, "filler", json_string(filler));
     assert_int_equal(cln_run_write(run, doc), CLN_OK);
     scratch_limit_files(1024);
-    expect_error(cln_run_write(run, larger), CLN_OUTPUT, "run.json");
+    assert_fails(cln_run_write(run, larger), CLN_OUTPUT, "run.json");
     scratch_limit_files(RLIM_INFINITY);
     assert_int_equal(cln_run_read(run, &back), CLN_OK);
     assert_true(json_equal(doc, back));
@@ -155,8 +148,8 @@ static void test_atomic(void **state)
     assert_int_equal(cln_run_write_json(run, "eval/00000002-test.json", doc), CLN_OK);
     assert_true(cln_is_file(scratch_path(run, "eval/00000002-test.json")));
     assert_int_equal(mkdir(blocked, 0777), 0);
-    expect_error(cln_run_write_json(run, "eval/00000001-test.json", doc), CLN_OUTPUT, "00000001");
-    expect_error(cln_run_write_json(run, "run.json/x.json", doc), CLN_OUTPUT, "run.json");
+    assert_fails(cln_run_write_json(run, "eval/00000001-test.json", doc), CLN_OUTPUT, "00000001");
+    assert_fails(cln_run_write_json(run, "run.json/x.json", doc), CLN_OUTPUT, "run.json");
     json_decref(doc);
     json_decref(larger);
     json_decref(back);
@@ -257,7 +250,7 @@ static void test_metrics_full_disk(void **state)
     add_rows(metrics, 25, 50);
     free(scratch_get(path, &before));
     scratch_limit_files(before + 100);
-    expect_error(cln_metrics_add(metrics, row), CLN_OUTPUT, "metrics.jsonl");
+    assert_fails(cln_metrics_add(metrics, row), CLN_OUTPUT, "metrics.jsonl");
     scratch_limit_files(RLIM_INFINITY);
     data = scratch_get(path, &after);
     assert_int_equal(after, before);
@@ -268,7 +261,7 @@ static void test_metrics_full_disk(void **state)
     free(data);
     cln_metrics_close(metrics);
     json_decref(row);
-    expect_error(cln_metrics_open(scratch_path(run, "missing"), 0, &metrics), CLN_OUTPUT,
+    assert_fails(cln_metrics_open(scratch_path(run, "missing"), 0, &metrics), CLN_OUTPUT,
                  "metrics.jsonl");
     assert_null(metrics);
 }

@@ -13,23 +13,10 @@
 #include <string.h>
 #include "base/config.h"
 #include "base/rng.h"
+#include "draws.h"
+#include "near.h"
 #include "reference/reference.h"
 #include "tests.h"
-
-static void assert_near(double got, double want, double bound)
-{
-    if (!(fabs(got - want) <= bound))
-        fail_msg("%.17g is not within %g of %.17g", got, bound, want);
-}
-
-/* Uniform in [low, high), a function of (seed, index). */
-static double uniform(uint64_t seed, int index, double low, double high)
-{
-    float u[4];
-
-    cln_uniform4(seed, CLN_STREAM_POINTS, 0, (uint32_t)index / 4, 0, u);
-    return low + (high - low) * u[index % 4];
-}
 
 /* ---- network: finite differences ---- */
 

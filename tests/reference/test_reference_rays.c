@@ -11,24 +11,12 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/rng.h"
+#include "draws.h"
+#include "near.h"
 #include "reference/reference.h"
 #include "tests.h"
 
 enum { MAX_INTERVALS = 256 };
-
-static void assert_near(double got, double want, double bound)
-{
-    if (!(fabs(got - want) <= bound))
-        fail_msg("%.17g is not within %g of %.17g", got, bound, want);
-}
-
-static double uniform(uint64_t seed, int index, double low, double high)
-{
-    float u[4];
-
-    cln_uniform4(seed, CLN_STREAM_POINTS, 0, (uint32_t)index / 4, 0, u);
-    return low + (high - low) * u[index % 4];
-}
 
 /* ---- rays ---- */
 

@@ -16,6 +16,7 @@
 #include "base/config.h"
 #include "base/rng.h"
 #include "device/device.h"
+#include "outcome.h"
 #include "pipeline/stages.h"
 
 enum { GUARD = 4096 };
@@ -43,12 +44,6 @@ static const tune_set half_sets[] = {
 };
 
 /* Fails the test with the current error's sentence if st is not CLN_OK. */
-static inline void assert_ok(cln_status st)
-{
-    if (st != CLN_OK)
-        fail_msg("%s: %s", cln_status_phrase(st), cln_error_text());
-}
-
 static cln_device *test_device_open;
 static cln_tune test_device_tune; /* its defaults */
 

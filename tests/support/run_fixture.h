@@ -14,26 +14,12 @@
 #include "device/device.h"
 #include "io/image.h"
 #include "io/run_folder.h"
+#include "outcome.h"
 #include "scratch.h"
 
 enum { SIDE = 24, STEPS = 30, TRAIN_VIEWS = 6, TEST_VIEWS = 2 };
 
 static char fixture_folder[PATH_MAX - 64]; /* of the whole group */
-
-static inline void assert_ok(cln_status st)
-{
-    if (st != CLN_OK)
-        fail_msg("%s: %s", cln_status_phrase(st), cln_error_text());
-}
-
-/* Asserts the status and a word of its sentence; clears the error. */
-static inline void assert_fails(cln_status got, cln_status want, const char *word)
-{
-    if (got != want || !strstr(cln_error_text(), word))
-        fail_msg("%s: '%s', not %s with '%s'", cln_status_phrase(got), cln_error_text(),
-                 cln_status_phrase(want), word);
-    cln_clear_error();
-}
 
 static inline void fixture_no_log(cln_log_level level, const char *line, void *user)
 {
