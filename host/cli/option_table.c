@@ -474,16 +474,57 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
     return NULL;
 }
 
+/* Fails for an option of other commands: `bits` says whose. */
+static cln_status fail_of_others(const cln_command *command, const char *name, unsigned bits)
+{
+    char owners[128] = "";
+
+    if (strcmp(name, "scene") == 0 && command->operand && strstr(command->operand, "SCENE"))
+        return cln_fail(CLN_USAGE,
+                        "--scene is not an option of %s; SCENE needs none: `cl-nascent %s%s"
+                        " SCENE`",
+                        command->name, command->name,
+                        command->bit == CLN_TRAIN ? " --resume RUN" : "");
+    for (int i = 0; i < cln_command_count; i++) {
+        const size_t used = strlen(owners);
+
+        if (bits & cln_commands[i].bit)
+            snprintf(owners + used, sizeof owners - used, "%s%s", used ? ", " : "",
+                     cln_commands[i].name);
+    }
+    return cln_fail(CLN_USAGE, "--%s is not an option of %s, only of %s", name, command->name,
+                    owners);
+}
+
+/* The command's option that a name resembles by at most so many edits, NULL without one; off: the
+ * name stood behind "no-". */
+static const char *nearest_option(const cln_command *command, const char *name, bool off,
+                                  int distance)
+{
+    const char *best = off ? NULL : longer_option(command, name);
+
+    distance = best ? 0 : distance;
+    for (int i = 0; i < cln_arg_count; i++) {
+        if (cln_command_takes_arg(command, &cln_args[i]) && (!off || cln_args[i].negatable))
+            consider(name, cln_args[i].name, &distance, &best);
+    }
+    for (int i = 0; i < cln_config_row_count; i++) {
+        if (cln_command_takes_row(command, &cln_config_rows[i]) &&
+            (!off || cln_config_rows[i].type == CLN_ROW_BOOL))
+            consider(name, cln_config_rows[i].option, &distance, &best);
+    }
+    return best;
+}
+
 /* Fails for a name that is in no table of this command: says which commands have it, or which name
  * it resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length)
 {
-    char wanted[64], owners[128] = "";
-    const char *best = NULL;
-    const char *no = "";
+    char wanted[64];
+    const char *best = NULL, *plain = wanted;
     const cln_arg *arg = NULL;
-    int distance = limit_for(length);
     unsigned bits = 0;
+    bool off = false;
 
     snprintf(wanted, sizeof wanted, "%.*s", (int)length, name);
     for (int i = 0; i < cln_command_count; i++) {
@@ -491,23 +532,8 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
             cln_row_find(&cln_commands[i], name, length))
             bits |= cln_commands[i].bit;
     }
-    if (bits && command && strcmp(wanted, "scene") == 0 && command->operand &&
-        strstr(command->operand, "SCENE"))
-        return cln_fail(CLN_USAGE,
-                        "--scene is not an option of %s; SCENE needs none: `cl-nascent %s%s"
-                        " SCENE`",
-                        command->name, command->name,
-                        command->bit == CLN_TRAIN ? " --resume RUN" : "");
-    if (bits && command) {
-        for (int i = 0; i < cln_command_count; i++) {
-            size_t used = strlen(owners);
-            if (bits & cln_commands[i].bit)
-                snprintf(owners + used, sizeof owners - used, "%s%s", used ? ", " : "",
-                         cln_commands[i].name);
-        }
-        return cln_fail(CLN_USAGE, "--%s is not an option of %s, only of %s", wanted, command->name,
-                        owners);
-    }
+    if (bits && command)
+        return fail_of_others(command, wanted, bits);
     if (length == 1 && cln_arg_find_letter(command, *name))
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean -%s?", wanted, wanted);
     best = name_elsewhere(command, wanted);
@@ -516,34 +542,22 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
                         best, command->name, best);
     if (best)
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s?", wanted, best);
-    name = wanted;
-    if (strncmp(wanted, "no-", 3) == 0) {
-        name += 3;
-        no = "no-";
-    }
-    best = *no ? NULL : longer_option(command, name);
-    distance = best ? 0 : distance;
-    for (int i = 0; i < cln_arg_count; i++) {
-        if (cln_command_takes_arg(command, &cln_args[i]) && (!*no || cln_args[i].negatable))
-            consider(name, cln_args[i].name, &distance, &best);
-    }
-    for (int i = 0; i < cln_config_row_count; i++) {
-        if (cln_command_takes_row(command, &cln_config_rows[i]) &&
-            (!*no || cln_config_rows[i].type == CLN_ROW_BOOL))
-            consider(name, cln_config_rows[i].option, &distance, &best);
-    }
-    arg = *no ? cln_arg_find(command, name, strlen(name)) : NULL;
+    off = strncmp(wanted, "no-", 3) == 0;
+    plain += off ? 3 : 0;
+    arg = off ? cln_arg_find(command, plain, strlen(plain)) : NULL;
     if (arg && arg->kind == CLN_ARG_FLAG)
         return cln_fail(CLN_USAGE,
                         "unknown option --%s: --%s is off unless it is given; leave it out", wanted,
-                        name);
-    if (arg || (*no && cln_row_find(command, name, strlen(name))))
+                        plain);
+    if (arg || (off && cln_row_find(command, plain, strlen(plain))))
         return cln_fail(CLN_USAGE,
                         "unknown option --%s: --%s is not a switch; leave it out, or give "
                         "it a value",
-                        wanted, name);
+                        wanted, plain);
+    best = nearest_option(command, plain, off, limit_for(length));
     if (best)
-        return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s%s?", wanted, no, best);
+        return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s%s?", wanted,
+                        off ? "no-" : "", best);
     return cln_fail(CLN_USAGE, "unknown option --%s", wanted);
 }
 
