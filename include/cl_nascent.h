@@ -6,7 +6,12 @@
  * prints or exits: log lines go to cln_log_to's sink, progress and interruption through callbacks.
  * The caller frees texts (char **) with free(). Strings are UTF-8; descs and what they point to
  * stay the caller's and need only live during the call. One process at a time trains into a run
- * folder: cln_train holds RUN/lock; if another process does, CLN_OUTPUT names it. */
+ * folder: cln_train holds RUN/lock; if another process does, CLN_OUTPUT names it.
+ *
+ * Any call may return CLN_MEMORY, and CLN_USAGE for a member that is missing or out of range; one
+ * that reads a scene or a run, CLN_INPUT or CLN_CHECKPOINT; one that works on a device,
+ * CLN_NO_DEVICE, CLN_CL or CLN_BUILD; one that writes, CLN_OUTPUT; one with callbacks, CLN_SIGINT
+ * or CLN_SIGTERM. The comments below have the others, and what is special. */
 #ifndef CL_NASCENT_H
 #define CL_NASCENT_H
 
@@ -124,8 +129,7 @@ CLN_API bool cln_setting_describe(int index, cln_setting_info *info);
  * name. CLN_NO_DEVICE if none matches; there is no silent substitute. */
 typedef struct cln_device_desc {
     const char *spec;
-    const char
-        *kernel_dir; /* read kernels from here instead of the embedded ones; NULL = embedded */
+    const char *kernel_dir; /* kernels are read from here; NULL = the embedded ones */
     /* Source of kernel parameters, the first one of: tune ("VW=8,TS=6,...", on top of the device
      * class's defaults), a row of tune_file that fits device and leaves, such a row that came with
      * the program, the class's defaults. NULL = none. */
@@ -168,10 +172,11 @@ typedef struct cln_train_progress {
     double eta;          /* seconds to go, evaluations included; NaN at first */
     int unmeasured;      /* evaluations to come that eta leaves out, as none was timed yet */
     double rays_per_s, samples_per_ray;
-    double loss, psnr_train, psnr_test; /* psnr_test NaN before the first evaluation */
+    double loss, psnr_train; /* over the rays since the last row of metrics.jsonl; dB */
+    double psnr_test;        /* dB, of the last evaluation; NaN before the first */
     int leaves;
-    double params, device_bytes;
-    double unmeasured_seconds; /* estimate for those, from rays_per_s: off by up to 2 times */
+    double params, device_bytes; /* learned numbers; bytes of device buffers */
+    double unmeasured_seconds;   /* estimate for those, from rays_per_s: off by up to 2 times */
 } cln_train_progress;
 
 typedef struct cln_callbacks {
@@ -218,10 +223,10 @@ typedef struct cln_train_desc {
 
 typedef struct cln_train_result {
     int64_t step;
-    double seconds;      /* training seconds, without evaluation */
-    double wall_seconds; /* of the call */
-    double psnr_train, psnr_test;
-    int eval_views, test_views; /* number of views of psnr_test, and of all test views */
+    double seconds;               /* training seconds, without evaluation */
+    double wall_seconds;          /* of the call */
+    double psnr_train, psnr_test; /* dB, the newest; NaN if there is none */
+    int eval_views, test_views;   /* number of views of psnr_test, and of all test views */
     int leaves;
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
     uint64_t digest;               /* model_digest */
@@ -237,8 +242,11 @@ typedef struct cln_eval_image {
     char *name;
     char *file; /* of its pictures: FILE.png, FILE.truth.png, FILE.error.png */
     int width, height;
-    double psnr, psnr_u8, ssim, mse, seconds; /* ssim: NAN if no 11 x 11 pixels all count */
-    double psnr_fitted;   /* after an affine fit of the render's colours to the photo's */
+    /* PSNRs in dB: psnr_u8 of the render rounded to 8 bits, psnr_fitted after an affine fit of its
+     * colours to the photo's. ssim: NAN if no 11 x 11 pixels all count. mse: of colours in 0..1.
+     * seconds: to render it. */
+    double psnr, psnr_u8, ssim, mse, seconds;
+    double psnr_fitted;
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
                              NAN where there are none */
