@@ -162,7 +162,26 @@ static double chord_of(const float (*crop)[4], const float o[4], const float d[4
     return fmax(upto - from, 0);
 }
 
-cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, const char *range)
+/* Rays of the pipeline, and the samples that they got. */
+typedef struct sampled {
+    const cln_octree *tree;
+    float (*boxes)[4], (*o)[4], (*d)[4]; /* [leaf]; [ray], both */
+    uint32_t samples, *starts, *used;    /* starts: [ray + 1]; used: [ray] intervals */
+    cln_sample *sample;                  /* [sample] */
+} sampled;
+
+static void free_sampled(sampled *s)
+{
+    free(s->boxes);
+    free(s->starts);
+    free(s->used);
+    free(s->sample);
+    free(s->o);
+    free(s->d);
+}
+
+/* On failure *out may be partly filled. */
+static cln_status sample_rays(const cln_checks *c, const cln_octree *tree, int rays, sampled *out)
 {
     /* leaves no interval out, so samples fill chords */
     const cln_sampling sampling = {.jitter = true,
@@ -174,68 +193,97 @@ cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, c
                                    .max_samples = 1 << 24};
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
+    const size_t n = (size_t)rays;
+    int whole = 0;
+
+    out->tree = tree;
+    CLN_TRY(cln_octree_boxes(tree, (float **)&out->boxes));
+    CLN_TRY(cln_alloc(&out->starts, n + 1, sizeof *out->starts, "self-test"));
+    CLN_TRY(cln_alloc(&out->used, n, sizeof *out->used, "self-test"));
+    CLN_TRY(cln_alloc(&out->o, n, sizeof *out->o, "self-test"));
+    CLN_TRY(cln_alloc(&out->d, n, sizeof *out->d, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, out->o, n * sizeof *out->o));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, out->d, n * sizeof *out->d));
+    CLN_TRY(cln_stage_sample(p, rays, &sampling, &whole, &out->samples));
+    CLN_TRY(cln_buffer_read(p->device, &p->sample_starts, 0, out->starts,
+                            (n + 1) * sizeof *out->starts));
+    CLN_TRY(cln_buffer_read(p->device, &p->used, 0, out->used, n * sizeof *out->used));
+    CLN_TRY(cln_alloc(&out->sample, out->samples, sizeof *out->sample, "self-test"));
+    CLN_TRY(cln_buffer_read(p->device, &p->samples, 0, out->sample,
+                            out->samples * sizeof *out->sample));
+done:
+    return st;
+}
+
+/* How far a sample is outside of its leaf. */
+static double distance_outside(const sampled *s, int ray, const cln_sample *sample)
+{
+    const float *box = s->boxes[sample->slot];
+    double off = 0;
+
+    for (int a = 0; a < 3; a++) {
+        const double at = s->o[ray][a] + (double)sample->t * s->d[ray][a] - box[a];
+
+        off = fmax(off, fmax(-at, at - box[3]));
+    }
+    return off;
+}
+
+/* Checks order and places of a ray's samples; returns the length that they fill. */
+static double check_samples(const sampled *s, int r, cln_extreme *order, cln_extreme *places)
+{
+    const float *o = s->o[r], *d = s->d[r];
+    double filled = 0, last = 0;
+
+    for (uint32_t i = s->starts[r]; i < s->starts[r + 1]; i++) {
+        const cln_sample *sample = &s->sample[i];
+        const bool valid = sample->slot >= 0 && sample->slot < s->tree->leaf_count;
+
+        cln_extreme_meet(
+            order, sample->t >= last && sample->delta >= 0 && valid && sample->ray == (uint32_t)r,
+            1, 1, 0, "ray %d, from %g %g %g along %g %g %g", r, (double)o[0], (double)o[1],
+            (double)o[2], (double)d[0], (double)d[1], (double)d[2]);
+        cln_extreme_finite(order, sample->delta, "ray %d", r);
+        if (!valid)
+            break;
+        cln_extreme_meet(places, distance_outside(s, r, sample), 0, 1, 2e-6, "ray %d from %g %g %g",
+                         r, (double)o[0], (double)o[1], (double)o[2]);
+        last = sample->t;
+        filled += sample->delta;
+    }
+    return filled;
+}
+
+cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, const char *range)
+{
+    cln_status st = CLN_OK;
     cln_extreme chords = cln_extreme_row(c, "samples fill the chord", range);
     cln_extreme places = cln_extreme_row(c, "samples in their leaf", range);
     cln_extreme order = cln_extreme_row(c, "order of samples", range);
     cln_extreme compared = cln_extreme_row(c, "share of rays not compared", range);
-    uint32_t samples = 0, *starts = NULL, *used = NULL;
-    int whole = 0, met = 0;
-    cln_sample *sample = NULL;
-    float(*boxes)[4] = NULL, (*o)[4] = NULL, (*d)[4] = NULL;
-    const size_t n = (size_t)rays;
+    sampled s = {0};
+    int met = 0;
 
-    CLN_TRY(cln_octree_boxes(tree, (float **)&boxes));
-    CLN_TRY(cln_alloc(&starts, n + 1, sizeof *starts, "self-test"));
-    CLN_TRY(cln_alloc(&used, n, sizeof *used, "self-test"));
-    CLN_TRY(cln_alloc(&o, n, sizeof *o, "self-test"));
-    CLN_TRY(cln_alloc(&d, n, sizeof *d, "self-test"));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, o, n * sizeof *o));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, d, n * sizeof *d));
-    CLN_TRY(cln_stage_sample(p, rays, &sampling, &whole, &samples));
-    CLN_TRY(cln_buffer_read(p->device, &p->sample_starts, 0, starts, (n + 1) * sizeof *starts));
-    CLN_TRY(cln_buffer_read(p->device, &p->used, 0, used, n * sizeof *used));
-    CLN_TRY(cln_alloc(&sample, samples, sizeof *sample, "self-test"));
-    CLN_TRY(cln_buffer_read(p->device, &p->samples, 0, sample, samples * sizeof *sample));
-    cln_extreme_meet(&order, starts[rays], samples, 1, 0, "the last start");
-    for (int r = 0; r < rays && starts[rays] == samples; r++) {
+    CLN_TRY(sample_rays(c, tree, rays, &s));
+    cln_extreme_meet(&order, s.starts[rays], s.samples, 1, 0, "the last start");
+    for (int r = 0; r < rays && s.starts[rays] == s.samples; r++) {
+        const float *o = s.o[r], *d = s.d[r];
+        const bool ascends = s.starts[r] <= s.starts[r + 1] && s.starts[r + 1] <= s.samples;
         bool vague = false;
-        const double chord = chord_of(c->crop, o[r], d[r], &vague);
-        double filled = 0, last = 0;
+        const double chord = chord_of(c->crop, o, d, &vague);
+        double filled = 0;
 
-        cln_extreme_meet(&order, starts[r] <= starts[r + 1] && starts[r + 1] <= samples, 1, 1, 0,
-                         "ray %d's start", r);
-        if (!(starts[r] <= starts[r + 1] && starts[r + 1] <= samples))
+        cln_extreme_meet(&order, ascends, 1, 1, 0, "ray %d's start", r);
+        if (!ascends)
             break;
-        for (uint32_t i = starts[r]; i < starts[r + 1]; i++) {
-            const cln_sample *s = &sample[i];
-            const bool valid = s->slot >= 0 && s->slot < tree->leaf_count;
-            double off = 0;
-
-            cln_extreme_meet(
-                &order, s->t >= last && s->delta >= 0 && valid && s->ray == (uint32_t)r, 1, 1, 0,
-                "ray %d, from %g %g %g along %g %g %g", r, (double)o[r][0], (double)o[r][1],
-                (double)o[r][2], (double)d[r][0], (double)d[r][1], (double)d[r][2]);
-            cln_extreme_finite(&order, s->delta, "ray %d", r);
-            if (!valid)
-                break;
-            for (int a = 0; a < 3; a++) {
-                const double at = o[r][a] + (double)s->t * d[r][a] - boxes[s->slot][a];
-
-                off = fmax(off, fmax(-at, at - boxes[s->slot][3]));
-            }
-            cln_extreme_meet(&places, fmax(off, 0), 0, 1, 2e-6, "ray %d from %g %g %g", r,
-                             (double)o[r][0], (double)o[r][1], (double)o[r][2]);
-            last = s->t;
-            filled += s->delta;
-        }
+        filled = check_samples(&s, r, &order, &places);
         if (vague)
             continue;
         met += chord > 0;
         /* a ray may lose chords shorter than CLN_MIN_CHORD in a few leaves */
-        cln_extreme_meet(&chords, filled, chord, 1, (used[r] + 3) * (double)CLN_MIN_CHORD,
-                         "ray %d, from %g %g %g along %g %g %g", r, (double)o[r][0],
-                         (double)o[r][1], (double)o[r][2], (double)d[r][0], (double)d[r][1],
-                         (double)d[r][2]);
+        cln_extreme_meet(&chords, filled, chord, 1, (s.used[r] + 3) * (double)CLN_MIN_CHORD,
+                         "ray %d, from %g %g %g along %g %g %g", r, (double)o[0], (double)o[1],
+                         (double)o[2], (double)d[0], (double)d[1], (double)d[2]);
     }
     cln_extreme_report(&chords);
     cln_extreme_report(&places);
@@ -243,12 +291,7 @@ cln_status cln_extreme_chords(cln_checks *c, const cln_octree *tree, int rays, c
     cln_extreme_meet(&compared, (double)met / rays, 1, 1, 0.75, "all rays");
     cln_extreme_report(&compared);
 done:
-    free(boxes);
-    free(starts);
-    free(used);
-    free(sample);
-    free(o);
-    free(d);
+    free_sampled(&s);
     return st;
 }
 
