@@ -130,14 +130,7 @@ static cln_status check_batch(const batch *t, bool train, bench_errors *errors)
     enum { GRADIENTS = PER_RAY * 4 };
     cln_status st = CLN_OK;
     const cln_config *config = &t->p->config;
-    ref_loss rule = {config->loss,
-                     config->huber_delta,
-                     config->cauchy,
-                     config->opacity_entropy,
-                     config->distortion_loss,
-                     t->p->opacity_loss,
-                     config->depth_loss,
-                     0};
+    ref_loss rule = cln_check_loss(t->p);
     const int count = t->rays < MOST ? t->rays : MOST, each = train ? GRADIENTS : 5;
     cln_ray_result *results = NULL;
     float(*dout)[4] = NULL, *measures = NULL, *got = NULL, *shares = NULL;

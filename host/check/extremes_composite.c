@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "check/selftest_checks.h"
 #include "pipeline/stretch.h"
 #include "reference/reference.h"
 
@@ -439,14 +440,7 @@ static cln_status check_mixed(cln_checks *c, bool shared)
         "sigma delta 0 to 1e6, 1 to 60 samples, equal t, t of 1e3, deltas of 0";
     cln_status st = CLN_OK;
     const cln_config *config = &c->p->config;
-    ref_loss loss = {config->loss,
-                     config->huber_delta,
-                     config->cauchy,
-                     config->opacity_entropy,
-                     config->distortion_loss,
-                     c->p->opacity_loss,
-                     config->depth_loss,
-                     0};
+    ref_loss loss = cln_check_loss(c->p);
     cln_extreme colours = cln_extreme_row(c, "colour and opacity", range);
     cln_extreme losses = cln_extreme_row(c, "loss", range);
     cln_extreme by_colour = cln_extreme_row(c, "colour gradient / sample weight", range);

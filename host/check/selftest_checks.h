@@ -7,9 +7,10 @@
 #include "check/compare.h"
 #include "reference/reference.h"
 
-/* The reference's side of a pipeline: the network of leaf `slot`; the rules of a batch's
- * samples. */
+/* The reference's side of a pipeline: the network of leaf `slot`; the losses, of which depth and
+ * reach are still each ray's to set; the rules of a batch's samples. */
 ref_network cln_check_network(const cln_config *config, const cln_model *model, int slot);
+ref_loss cln_check_loss(const cln_pipeline *p);
 ref_way cln_check_way(const cln_octree *tree, const cln_config *config, const cln_sampling *s);
 
 /* Compares got and values with a stable sort of keys with the values 0 .. n - 1; *wrong: number of

@@ -27,6 +27,17 @@ ref_network cln_check_network(const cln_config *config, const cln_model *model, 
     return r;
 }
 
+ref_loss cln_check_loss(const cln_pipeline *p)
+{
+    return (ref_loss){.kind = p->config.loss,
+                      .huber_delta = p->config.huber_delta,
+                      .cauchy = p->config.cauchy,
+                      .opacity_entropy = p->config.opacity_entropy,
+                      .distortion = p->config.distortion_loss,
+                      .alpha = p->opacity_loss,
+                      .depth = p->config.depth_loss};
+}
+
 static double slope_of(const cln_checks *c)
 {
     return 0.5 * (c->p->config.rrelu_lower + c->p->config.rrelu_upper);
@@ -676,14 +687,7 @@ static int widen(const cln_pipeline *p, batch *b, int r, double background[3], d
 static void compare_batch(cln_checks *c, batch *b)
 {
     const cln_config *config = &c->p->config;
-    ref_loss loss = {config->loss,
-                     config->huber_delta,
-                     config->cauchy,
-                     config->opacity_entropy,
-                     config->distortion_loss,
-                     c->p->opacity_loss,
-                     config->depth_loss,
-                     0};
+    ref_loss loss = cln_check_loss(c->p);
     double background[3], target[4], losses[RAYS];
     float got_losses[RAYS];
 
