@@ -458,13 +458,21 @@ done:
 /* No leaf here has more samples than the roulette decides on together. */
 enum { MOST_OF_SLICE = CLN_ROULETTE_SEGMENT, CUTOFF = 2 };
 
-/* Counts the samples of a slice that the reference chooses differently; want and got: gradients of
- * heads, 0 for samples left out. If a draw is too close to its threshold for float32, the slice is
- * not compared. */
-static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const uint32_t *order,
-                          const uint32_t *chosen, uint32_t count, const float (*heads)[4],
-                          float (*got)[4], double (*want)[4])
+/* What roulette.cl chose. Arrays: [grouped sample], but for counts [slice]. */
+typedef struct choice {
+    uint32_t *order, *chosen, *counts;
+    float (*heads)[4];
+    float (*got)[4];   /* gradients of heads, 0 for samples left out */
+    double (*want)[4]; /* the reference's */
+} choice;
+
+/* Counts the samples of a slice that the reference chooses differently, and fills in its part of
+ * got and want. If a draw is too close to its threshold for float32, the slice is not compared. */
+static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const choice *of)
 {
+    const uint32_t count = of->counts[s];
+    float(*got)[4] = of->got;
+    double(*want)[4] = of->want;
     const ref_network r = cln_check_network(&c->p->config, c->model, d->slice[s].slot);
     const cln_slice *slice = &d->slice[s];
     double factors[MOST_OF_SLICE];
@@ -473,16 +481,16 @@ static int compare_choice(const cln_checks *c, const data *d, uint32_t s, const 
 
     CLN_ASSERT(slice->count <= MOST_OF_SLICE);
     memset(got + slice->start, 0, slice->count * sizeof *got);
-    near = ref_roulette(&r, CUTOFF, cln_hash(STEP_KEY), (int)slice->count, order + slice->start,
+    near = ref_roulette(&r, CUTOFF, cln_hash(STEP_KEY), (int)slice->count, of->order + slice->start,
                         (const float(*)[4])d->out, d->dout, want + slice->start, factors) < 1e-5;
     for (uint32_t i = 0; i < count && i < slice->count; i++) {
-        const uint32_t row = chosen[slice->start + i];
+        const uint32_t row = of->chosen[slice->start + i];
 
         if (row >= slice->count || went[row])
             return 1;
         went[row] = true;
         for (int k = 0; k < 4; k++)
-            got[slice->start + row][k] = heads[slice->start + i][k];
+            got[slice->start + row][k] = of->heads[slice->start + i][k];
     }
     for (uint32_t i = 0; i < slice->count; i++)
         any |= factors[i] > 0;
@@ -502,39 +510,40 @@ static cln_status check_roulette(cln_checks *c, const data *d)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = c->p;
-    uint32_t *order = NULL, *chosen = NULL, *counts = NULL, all = 0;
-    float(*heads)[4] = NULL, (*got)[4] = NULL;
-    double(*want)[4] = NULL;
+    choice of = {0};
+    uint32_t all = 0;
     int other = 0;
 
-    CLN_TRY(cln_alloc(&order, d->n, sizeof *order, "self-test"));
-    CLN_TRY(cln_alloc(&chosen, d->n, sizeof *chosen, "self-test"));
-    CLN_TRY(cln_alloc(&counts, d->slices, sizeof *counts, "self-test"));
-    CLN_TRY(cln_alloc(&heads, d->n, sizeof *heads, "self-test"));
-    CLN_TRY(cln_alloc(&got, d->n, sizeof *got, "self-test"));
-    CLN_TRY(cln_alloc(&want, d->n, sizeof *want, "self-test"));
-    CLN_TRY(cln_check_spoil(p->device, &p->heads, d->n * sizeof *heads));
-    CLN_TRY(cln_check_spoil(p->device, &p->chosen, d->n * sizeof *chosen));
+    CLN_TRY(cln_alloc(&of.order, d->n, sizeof *of.order, "self-test"));
+    CLN_TRY(cln_alloc(&of.chosen, d->n, sizeof *of.chosen, "self-test"));
+    CLN_TRY(cln_alloc(&of.counts, d->slices, sizeof *of.counts, "self-test"));
+    CLN_TRY(cln_alloc(&of.heads, d->n, sizeof *of.heads, "self-test"));
+    CLN_TRY(cln_alloc(&of.got, d->n, sizeof *of.got, "self-test"));
+    CLN_TRY(cln_alloc(&of.want, d->n, sizeof *of.want, "self-test"));
+    CLN_TRY(cln_check_spoil(p->device, &p->heads, d->n * sizeof *of.heads));
+    CLN_TRY(cln_check_spoil(p->device, &p->chosen, d->n * sizeof *of.chosen));
     CLN_TRY(cln_stage_roulette(p, d->n, d->slices, 0, CUTOFF, STEP_KEY));
-    CLN_TRY(cln_buffer_read(p->device, &p->values[0], 0, order, d->n * sizeof *order));
-    CLN_TRY(cln_buffer_read(p->device, &p->chosen, 0, chosen, d->n * sizeof *chosen));
-    CLN_TRY(cln_buffer_read(p->device, &p->chosen_counts, 0, counts, d->slices * sizeof *counts));
-    CLN_TRY(cln_buffer_read(p->device, &p->heads, 0, heads, d->n * sizeof *heads));
+    CLN_TRY(cln_buffer_read(p->device, &p->values[0], 0, of.order, d->n * sizeof *of.order));
+    CLN_TRY(cln_buffer_read(p->device, &p->chosen, 0, of.chosen, d->n * sizeof *of.chosen));
+    CLN_TRY(
+        cln_buffer_read(p->device, &p->chosen_counts, 0, of.counts, d->slices * sizeof *of.counts));
+    CLN_TRY(cln_buffer_read(p->device, &p->heads, 0, of.heads, d->n * sizeof *of.heads));
     for (uint32_t s = 0; s < d->slices; s++) {
-        other += compare_choice(c, d, s, order, chosen, counts[s], heads, got, want);
-        all += counts[s];
+        other += compare_choice(c, d, s, &of);
+        all += of.counts[s];
     }
     /* some must be left out if any slice has more than one sample */
     cln_check_say(c, "roulette: samples", other == 0 && (all < d->n || d->slices >= d->n),
                   "%d of %u not chosen as by the reference, %u chosen", other, d->n, all);
-    cln_check_compare(c, "roulette: gradients", got[0], want[0], 4 * (size_t)d->n, 1e-11, 1e-4);
+    cln_check_compare(c, "roulette: gradients", of.got[0], of.want[0], 4 * (size_t)d->n, 1e-11,
+                      1e-4);
 done:
-    free(order);
-    free(chosen);
-    free(counts);
-    free(heads);
-    free(got);
-    free(want);
+    free(of.order);
+    free(of.chosen);
+    free(of.counts);
+    free(of.heads);
+    free(of.got);
+    free(of.want);
     return st;
 }
 
