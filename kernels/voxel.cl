@@ -391,6 +391,87 @@ HELPER vf smooth_slope(vf d, vf bend)
     return d / sqrt(MAD(bend * d, d, (vf)(1.0f)));
 }
 
+/* Adds a sample's gradient d to its cell's corners: grad, a slice's [VERTICES][FEATURES], of which
+ * `met` has the vertices that samples met, [SIDE * SIDE] bits. LS 1: begins those that none met. */
+HELPER void add_to_corners(const place *p, const float *d, int lid, __global uint *met,
+                           __global float *grad)
+{
+#if LS == 1
+    UNROLL (c, 8) {
+        const int at = p->first + corner_at(c);
+        const int vertex = at / FEATURES, row = vertex / SIDE;
+        const uint bit = 1u << vertex % SIDE;
+        __global float *to = grad + at;
+
+        if (met[row] & bit) {
+            UNROLL (v, FEATURES / VW)
+                VSTORE_IN(__global,
+                          MAD((vf)(p->weight[c]), VLOAD(d + v * VW), VLOAD(to + v * VW)),
+                          to + v * VW);
+        } else {
+            UNROLL (v, FEATURES / VW)
+                VSTORE_IN(__global, p->weight[c] * VLOAD(d + v * VW), to + v * VW);
+            met[row] |= bit;
+        }
+    }
+#else
+    /* each work-item takes one feature of the corners of one parity of every sample: no two
+     * write one number */
+    const int vertex = p->first / FEATURES;
+    const int odd = vertex % SIDE % 2 + vertex / SIDE % SIDE % 2 * 2 +
+                    vertex / (SIDE * SIDE) % 2 * 4;
+
+    for (int j = lid; j < 8 * FEATURES; j += LS) {
+        const int c = j / FEATURES ^ odd, f = j % FEATURES, at = p->first + corner_at(c);
+
+        grad[at + f] = MAD(p->weight[c], d[f], grad[at + f]);
+        if (f == 0)
+            atomic_or(met + at / FEATURES / SIDE, 1u << at / FEATURES % SIDE);
+    }
+#endif
+}
+
+#if SMOOTH
+/* Adds the gradient of the smoothness of a leaf of this side at the vertices that samples met. w:
+ * the leaf's numbers. */
+HELPER void add_smoothness(const __global float *w, float side, int lid, const __global uint *met,
+                           __global float *grad)
+{
+    /* as many samples as its face is large */
+    const float area = SMOOTH_EVERY * 256.0f * side * side;
+
+    for (int v = lid; v < VERTICES; v += LS) {
+        const int3 at = (int3)(v % SIDE, v / SIDE % SIDE, v / (SIDE * SIDE));
+        const int c[3] = {at.x, at.y, at.z}, step[3] = {FEATURES, STEP_Y, STEP_Z};
+        const __global float *p = w + v * FEATURES;
+        __global float *g = grad + v * FEATURES;
+
+        if (!(met[v / SIDE] >> v % SIDE & 1u))
+            continue;
+        UNROLL (f, FEATURES / VW) {
+            vf sum = (vf)(0.0f);
+            float weight[VW], bends[VW];
+
+            UNROLL (i, VW) {
+                weight[i] = area * (f * VW + i == 3 ? SMOOTH_DENSITY : SMOOTH_COLOUR);
+                bends[i] = f * VW + i == 3 ? BEND_DENSITY : BEND_COLOUR;
+            }
+            const vf here = VLOAD(p + f * VW), bend = VLOAD(bends);
+
+            for (int a = 0; a < 3; a++) {
+                const float share = edge_share(at, a);
+
+                if (c[a] > 0)
+                    sum += share * smooth_slope(here - VLOAD(p + f * VW - step[a]), bend);
+                if (c[a] < CELLS)
+                    sum += share * smooth_slope(here - VLOAD(p + f * VW + step[a]), bend);
+            }
+            VSTORE_IN(__global, MAD(VLOAD(weight), sum, VLOAD(g + f * VW)), g + f * VW);
+        }
+    }
+}
+#endif
+
 /* The gradient of a slice to grads [slice][PARAMS], of the vertices that samples are near: met
  * [slice][z][y], bit x. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
@@ -461,79 +542,15 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
         UNROLL (f, FEATURES)
             d[f] += feature_grads[(size_t)(slice.start + i) * FEATURES + f];
 #endif
-#if LS == 1
-        UNROLL (c, 8) {
-            const int at = p[k].first + corner_at(c);
-            const int vertex = at / FEATURES, row = vertex / SIDE;
-            const uint bit = 1u << vertex % SIDE;
-            __global float *to = grad + at;
-
-            if (mine[row] & bit) {
-                UNROLL (v, FEATURES / VW)
-                    VSTORE_IN(__global,
-                              MAD((vf)(p[k].weight[c]), VLOAD(d + v * VW), VLOAD(to + v * VW)),
-                              to + v * VW);
-            } else {
-                UNROLL (v, FEATURES / VW)
-                    VSTORE_IN(__global, p[k].weight[c] * VLOAD(d + v * VW), to + v * VW);
-                mine[row] |= bit;
-            }
-        }
-#else
-        /* each work-item takes one feature of the corners of one parity of every sample: no two
-         * write one number */
-        const int vertex = p[k].first / FEATURES;
-        const int odd = vertex % SIDE % 2 + vertex / SIDE % SIDE % 2 * 2 +
-                        vertex / (SIDE * SIDE) % 2 * 4;
-
-        for (int j = lid; j < 8 * FEATURES; j += LS) {
-            const int c = j / FEATURES ^ odd, f = j % FEATURES, at = p[k].first + corner_at(c);
-
-            grad[at + f] = MAD(p[k].weight[c], d[f], grad[at + f]);
-            if (f == 0)
-                atomic_or(mine + at / FEATURES / SIDE, 1u << at / FEATURES % SIDE);
-        }
-#endif
+        add_to_corners(&p[k], d, lid, mine, grad);
     }
 #if SMOOTH
 #if LS > 1
     barrier(CLK_GLOBAL_MEM_FENCE);
 #endif
-    if (slice.start != begin[slice.slot] ||
-        (hash_one((step_key ^ SMOOTH_KEY) + (uint)slice.slot * 0x9E3779B9u) & (SMOOTH_EVERY - 1u)))
-        return;
-    /* as many samples as its face is large */
-    const float area = SMOOTH_EVERY * 256.0f * box.w * box.w;
-
-    for (int v = lid; v < VERTICES; v += LS) {
-        const int3 at = (int3)(v % SIDE, v / SIDE % SIDE, v / (SIDE * SIDE));
-        const int c[3] = {at.x, at.y, at.z}, step[3] = {FEATURES, STEP_Y, STEP_Z};
-        const __global float *p = w + v * FEATURES;
-        __global float *g = grad + v * FEATURES;
-
-        if (!(mine[v / SIDE] >> v % SIDE & 1u))
-            continue;
-        UNROLL (f, FEATURES / VW) {
-            vf sum = (vf)(0.0f);
-            float weight[VW], bends[VW];
-
-            UNROLL (i, VW) {
-                weight[i] = area * (f * VW + i == 3 ? SMOOTH_DENSITY : SMOOTH_COLOUR);
-                bends[i] = f * VW + i == 3 ? BEND_DENSITY : BEND_COLOUR;
-            }
-            const vf here = VLOAD(p + f * VW), bend = VLOAD(bends);
-
-            for (int a = 0; a < 3; a++) {
-                const float share = edge_share(at, a);
-
-                if (c[a] > 0)
-                    sum += share * smooth_slope(here - VLOAD(p + f * VW - step[a]), bend);
-                if (c[a] < CELLS)
-                    sum += share * smooth_slope(here - VLOAD(p + f * VW + step[a]), bend);
-            }
-            VSTORE_IN(__global, MAD(VLOAD(weight), sum, VLOAD(g + f * VW)), g + f * VW);
-        }
-    }
+    if (slice.start == begin[slice.slot] &&
+        !(hash_one((step_key ^ SMOOTH_KEY) + (uint)slice.slot * 0x9E3779B9u) & (SMOOTH_EVERY - 1u)))
+        add_smoothness(w, box.w, lid, mine, grad);
 #endif
     (void)w;
     (void)begin;
@@ -654,6 +671,51 @@ HELPER vf voxel_step(vf rate, uint key, vf g, uint p, __global float *params,
     return w;
 }
 
+/* Of numbers f .. f + VW - 1 of vertex `at`: the sum over the sharers of their sums over slices. */
+HELPER vf shared_gradient(const __local sharers *s, const __global uint *met,
+                          LEAF_ARRAY(const float, grads), int at, int f)
+{
+    vf all = (vf)(0.0f);
+
+    for (int i = 0; i < s->count; i++) {
+        const int v = at + s->shift[i];
+        vf sum = (vf)(0.0f);
+
+        for (uint slice = s->first[i]; slice < s->last[i]; slice++)
+            if (met_from(met, slice, v) & 1u)
+                sum += VLOAD(SLICE_ROW(grads, slice, PARAMS) + v * FEATURES + f);
+        all += sum;
+    }
+    return all;
+}
+
+#if FETCHES
+/* Fetches what the update of a leaf, row `leaf` of its arrays, will read of a row of vertices. */
+HELPER void fetch_update(const __local leaf_update *u, int row, uint leaf,
+                         LEAF_ARRAY(const float, grads), LEAF_ARRAY(float, params),
+                         LEAF_ARRAY(moment_type, m), LEAF_ARRAY(moment_type, v))
+{
+    for (uint bits = u->met[row]; bits;) {
+        const int x = 31 - (int)clz(bits), at = row * SIDE + x;
+        const __local sharers *s = sharers_of(u, row, face_of(x));
+
+        bits ^= 1u << x;
+        for (int f = 0; f < FEATURES; f += CACHE_LINE / 4) {
+            const int p = at * FEATURES + f;
+
+            FETCH_WRITE(LEAF_ROW(params, leaf, PARAMS) + p);
+#if MOMENTUM
+            FETCH_WRITE(LEAF_ROW(m, leaf, PARAMS) + p);
+#endif
+            FETCH_WRITE(LEAF_ROW(v, leaf, PARAMS) + p);
+            for (int i = 0; i < s->count; i++)
+                if (s->first[i] < s->last[i])
+                    FETCH(SLICE_ROW(grads, s->first[i], PARAMS) + p + s->shift[i] * FEATURES);
+        }
+    }
+}
+#endif
+
 /* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
  * work-group updates EACH of the `own` leaves from `first` on. A gradient is the sum over leaves of
  * their sums over slices, of which other ranks' leaves have one (halo.cl). What a leaf's update
@@ -694,25 +756,9 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
             find_update(met, around + ahead * 27u, of, &updates[ahead & FETCHES]);
         for (int row = lid / LANES; row < SIDE * SIDE; row += LS / LANES) {
 #if FETCHES
-            for (uint bits = ahead < to ? updates[ahead & FETCHES].met[row] : 0u; bits;) {
-                const int x = 31 - (int)clz(bits), at = row * SIDE + x;
-                const __local sharers *s = sharers_of(&updates[ahead & FETCHES], row, face_of(x));
-
-                bits ^= 1u << x;
-                for (int f = 0; f < FEATURES; f += CACHE_LINE / 4) {
-                    const int p = at * FEATURES + f;
-
-                    FETCH_WRITE(LEAF_ROW(params, ahead - first, PARAMS) + p);
-#if MOMENTUM
-                    FETCH_WRITE(LEAF_ROW(m, ahead - first, PARAMS) + p);
-#endif
-                    FETCH_WRITE(LEAF_ROW(v, ahead - first, PARAMS) + p);
-                    for (int i = 0; i < s->count; i++)
-                        if (s->first[i] < s->last[i])
-                            FETCH(SLICE_ROW(grads, s->first[i], PARAMS) + p +
-                                  s->shift[i] * FEATURES);
-                }
-            }
+            if (ahead < to)
+                fetch_update(&updates[ahead & FETCHES], row, ahead - first, LEAF_PASS(grads),
+                             LEAF_PASS(params), LEAF_PASS(m), LEAF_PASS(v));
 #endif
             for (uint bits = u->met[row]; bits;) {
                 const int x = 31 - (int)clz(bits), at = row * SIDE + x;
@@ -721,17 +767,7 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
                 bits ^= 1u << x;
                 for (int f = lid % LANES * VW; f < FEATURES; f += LANES * VW) {
                     const uint p = (uint)(at * FEATURES + f);
-                    vf g = (vf)(0.0f);
-
-                    for (int i = 0; i < s->count; i++) {
-                        vf sum = (vf)(0.0f);
-
-                        for (uint slice = s->first[i]; slice < s->last[i]; slice++)
-                            if (met_from(met, slice, at + s->shift[i]) & 1u)
-                                sum += VLOAD(SLICE_ROW(grads, slice, PARAMS) +
-                                             (at + s->shift[i]) * FEATURES + f);
-                        g += sum;
-                    }
+                    const vf g = shared_gradient(s, met, LEAF_PASS(grads), at, f);
                     const vf w = voxel_step(rate[f / VW], key, g, p, w_row, m_row, v_row);
 
                     for (int i = 1; i < s->count; i++)
