@@ -360,7 +360,7 @@ install: all
 	packaging/man-pages.sh $P/cl-nascent "$(DESTDIR)$(PREFIX)/share/man/man1"
 	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
-	install -m 644 docs/*.md "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
+	install -m 644 docs/*.md docs/*.png "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
 	$P/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"
