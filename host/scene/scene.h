@@ -169,8 +169,10 @@ int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 cln_view *cln_scene_training_view(const cln_scene *scene, int i);
 
 /* Width of a pixel of the training photos at the cube's centre, in half sides of the scene's cube:
- * the median over them; 0 in a forward space, where there is no such place. CLN_MEMORY. */
-cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space, double *width);
+ * the median over them; 0 in a forward space, where there is no such place. poses [training view]:
+ * instead of the scene's, NULL for these. CLN_MEMORY. */
+cln_status cln_scene_pixel_width(const cln_scene *scene, const double (*poses)[12],
+                                 const cln_space *space, double *width);
 
 /* Width of a cell in pixels of the training photos: the median over those that see its centre;
  * infinite if none does. centre, cell: in half sides of the cube; its widest edge across the line

@@ -110,7 +110,9 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     }
     if (!*grows || c->cell_pixels <= 0)
         return CLN_OK;
-    CLN_TRY(cln_scene_pixel_width(t->scene, &t->model.space, &pixel));
+    /* by poses that do not change, so that a resumed run finds the same */
+    CLN_TRY(cln_scene_pixel_width(t->scene, (const double(*)[12])t->refine.given, &t->model.space,
+                                  &pixel));
     *grows = cell >= c->cell_pixels * pixel;
     t->finest = !*grows;
     if (t->finest)

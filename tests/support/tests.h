@@ -33,6 +33,7 @@ int test_group_formats(void);
 int test_group_forward(void);
 int test_group_frames(void);
 int test_group_help(void);
+int test_group_grow(void);
 int test_group_image(void);
 int test_group_inspect(void);
 int test_group_integer_program(void);
