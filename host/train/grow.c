@@ -223,7 +223,7 @@ cln_status cln_grow_back(cln_trainer *t, int splits, bool *came_back)
     cln_status st = CLN_OK;
     const int leaves = t->pipeline.leaves;
     const double began = cln_now();
-    const int most = cln_config_most_leaves(&t->model.config);
+    const int most = cln_config_most_leaves(&t->model.config, t->model.space.shell);
     uint8_t *empty = NULL;
     int fresh = 0, own = 0, carved = 0;
     cln_missing missing = {0};
