@@ -263,7 +263,9 @@ cln_status cln_grow_back(cln_trainer *t, int splits, bool *came_back)
     tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
     CLN_TRY(cln_change_adopt(t, &change, &next, own));
-    if (missing.errors > 0) { /* densities change fast */
+    /* Densities change fast. But culling does not wait for empty leaves that begin anew: they do at
+     * every decision, and it would never come. */
+    if (missing.errors > 0 && t->pipeline.leaves > leaves) {
         t->model.growth_step = t->model.step;
         t->model.last_square = 0;
     }
