@@ -163,7 +163,7 @@ static double picture_pixels(const cln_scene *scene)
 static void add_time(json_t *about, cln_device *device, const cln_scene *scene, const cln_config *c,
                      double steps, double budget, const cln_callbacks *callbacks)
 {
-    const int most = cln_config_most_leaves(c), trees = most > SMALL ? 2 : 1;
+    const int most = cln_config_most_leaves(c, scene->space.shell), trees = most > SMALL ? 2 : 1;
     cln_status st = CLN_OK;
     timing first = {0}, last = {0};
     double step = 0;
@@ -248,8 +248,12 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
                                                    .space = &scene->space},
                              &pipeline) == CLN_OK) {
         const cln_plan_desc desc = {
-            &pipeline, scene, cln_config_most_leaves(c), true, cln_coverage_bytes(scene), 0, NULL,
-            0,         0};
+            .pipeline = &pipeline,
+            .scene = scene,
+            .leaves = cln_config_most_leaves(c, scene->space.shell),
+            .training = true,
+            .coverage_bytes = cln_coverage_bytes(scene),
+        };
 
         cln_plan_device(&desc, &plan);
         cln_plan_host(&desc, &plan, &host);

@@ -1,7 +1,8 @@
-/* cln_find_poses: photos or a video in, a scene with poses out, by COLMAP's own program and ffmpeg,
- * where they are installed. What it leaves:
+/* cln_find_poses: photos or a video in, a scene with poses out, by COLMAP's own program, where it
+ * is installed. What it leaves:
  *
  *   SCENE/images/       hard links to the photos (copies on another disk), or the video's frames
+ *                       (photo_folder.c)
  *   SCENE/sparse/0/     the largest model, which readers take
  *   SCENE/colmap.db     COLMAP's features and matches
  *   SCENE/colmap.log    every command with its output
@@ -14,7 +15,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <unistd.h>
 
 #include "base/config.h"
@@ -22,9 +22,9 @@
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "base/number.h"
 #include "base/settings.h"
 #include "base/text.h"
+#include "api/photo_folder.h"
 #include "cl_nascent.h"
 #include "io/command.h"
 #include "io/disk.h"
@@ -33,21 +33,16 @@
 #include "scene/dataset.h"
 #include "scene/reader.h"
 
-enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, FRAMES = 150, MODELS = 64, PHOTOS_LEAST = 3 };
-static const size_t FILE_MOST = (size_t)1 << 30;
-static const char frame_name[] = "frame_%05d.jpg"; /* ffmpeg's */
-static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
+enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST = 3 };
 
 typedef struct work {
     const cln_poses_desc *desc;
     cln_poses_result *result;
     cln_names photos;
     char *images, *database, *sparse, *log_path;
-    bool framed; /* by its log, an earlier attempt put a video's frames into this folder */
     FILE *log;
     const char *stage; /* name of this step on the progress line */
     int done;
-    double duration;                   /* of a video; seconds */
     const char *extraction, *matching; /* how this COLMAP calls its options */
 } work;
 
@@ -142,225 +137,6 @@ static void ask_names(work *w)
 }
 
 /* ---- photos ---- */
-
-static bool is_video(const char *path)
-{
-    const char *dot = strrchr(path, '.');
-    char word[16];
-
-    if (!dot || strlen(dot) > 6)
-        return false;
-    snprintf(word, sizeof word, " %s ", dot + 1);
-    for (char *c = word; *c; c++)
-        *c = (char)tolower((unsigned char)*c);
-    return strstr(videos, word) != NULL;
-}
-
-static void read_duration(const char *line, void *user)
-{
-    double seconds = 0;
-    const char *end = NULL;
-
-    if (cln_number_read(line, &seconds, &end) && seconds > 0)
-        ((work *)user)->duration = seconds;
-}
-
-/* A pattern of names in a folder as ffmpeg takes it: a file whatever its name begins with, and with
- * numbers in the last name alone. */
-static cln_status frame_names(const char *folder, char **out)
-{
-    cln_status st = CLN_OK;
-    size_t used = 0;
-    char *doubled = NULL;
-
-    CLN_TRY(cln_alloc(&doubled, 2 * strlen(folder) + 1, 1, "name"));
-    for (; *folder; folder++) {
-        doubled[used++] = *folder;
-        if (*folder == '%')
-            doubled[used++] = '%';
-    }
-    CLN_TRY(cln_asprintf(out, "file:%s/%s", doubled, frame_name));
-done:
-    free(doubled);
-    return st;
-}
-
-/* Whether the log of an earlier attempt has a command that made frames. */
-static bool has_framed(const char *log)
-{
-    char *text = NULL;
-    size_t bytes = 0;
-    bool framed = false;
-
-    if (cln_read_file(log, FILE_MOST, &text, &bytes) == CLN_OK)
-        framed = strstr(text, frame_name) != NULL;
-    else
-        cln_clear_error();
-    free(text);
-    return framed;
-}
-
-/* Clears the way for a video's frames: removes those of an earlier attempt. CLN_OUTPUT for anything
- * else: it may be the only copy, or a link through which ffmpeg would write into a photo. */
-static cln_status clear_frames(const work *w)
-{
-    cln_status st = CLN_OK;
-    char *path = NULL;
-    cln_names there = {0};
-
-    CLN_TRY(cln_dataset_images(w->images, &there));
-    for (int i = 0; i < there.count; i++) {
-        struct stat info = {.st_nlink = 0};
-        const char *name = there.name[i];
-        int end = 0;
-
-        free(path);
-        path = NULL;
-        CLN_TRY(cln_path_join(&path, w->images, name));
-        (void)sscanf(name, "frame_%*5[0-9].jpg%n", &end);
-        if (!w->framed || end == 0 || name[end] || lstat(path, &info) != 0 || info.st_nlink != 1)
-            CLN_TRY(cln_fail(CLN_OUTPUT,
-                             "%s: is there already, and is no frame of an earlier attempt; give an "
-                             "empty folder with -o",
-                             path));
-        if (unlink(path) != 0)
-            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path, strerror(errno)));
-    }
-done:
-    cln_dataset_free_names(&there);
-    free(path);
-    return st;
-}
-
-static cln_status take_frames(work *w)
-{
-    cln_status st = CLN_OK;
-    const char *video = w->desc->photos;
-    const int frames = w->desc->frames > 0 ? w->desc->frames : FRAMES;
-    const cln_command_watch watch = {read_duration, is_interrupted, w, w->log};
-    char *file = NULL, *names = NULL, *why = NULL, rate[64];
-
-    if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
-        CLN_TRY(cln_fail(CLN_FAILED,
-                         "%s: taking frames from a video needs ffmpeg, which is not installed; "
-                         "install it (Debian: apt install ffmpeg), or take the frames with another "
-                         "program and give their folder",
-                         video));
-    CLN_TRY(cln_asprintf(&file, "file:%s", video)); /* "12:30.mp4" would be an address */
-    st = cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
-                                               "format=duration", "-of", "csv=p=0", file, NULL},
-                         &watch);
-    if (st == CLN_FAILED) {
-        why = strdup(cln_error_text());
-        cln_clear_error();
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: cannot be read as a video (%s); give another file, or a folder of "
-                         "photos",
-                         video, why ? why : "out of memory"));
-    }
-    CLN_TRY(st);
-    if (!(w->duration > 0))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?", video));
-    cln_format(rate, sizeof rate, "fps=%.6f", frames / w->duration);
-    CLN_TRY(clear_frames(w));
-    CLN_TRY(frame_names(w->images, &names));
-    CLN_TRY(run(w, "poses: frames",
-                (const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i", file, "-vf",
-                                      rate, "-qscale:v", "2", names, NULL}));
-done:
-    free(file);
-    free(names);
-    free(why);
-    return st;
-}
-
-/* Links or copies a photo; one that is there already must be the same. */
-static cln_status copy_file(const char *from, const char *to)
-{
-    cln_status st = CLN_OK;
-    char *data = NULL, *there = NULL;
-    size_t bytes = 0, there_bytes = 0;
-
-    if (link(from, to) == 0)
-        return CLN_OK;
-    CLN_TRY(cln_read_file(from, FILE_MOST, &data, &bytes));
-    if (cln_is_file(to)) {
-        CLN_TRY(cln_read_file(to, FILE_MOST, &there, &there_bytes));
-        if (bytes != there_bytes || memcmp(data, there, bytes) != 0)
-            CLN_TRY(cln_fail(CLN_OUTPUT,
-                             "%s: already there, and is another photo; give an empty folder with "
-                             "-o",
-                             to));
-        goto done;
-    }
-    CLN_TRY(cln_write_file(to, data, bytes));
-done:
-    free(data);
-    free(there);
-    return st;
-}
-
-static bool has_name(const cln_names *names, const char *name)
-{
-    for (int i = 0; i < names->count; i++)
-        if (strcmp(names->name[i], name) == 0)
-            return true;
-    return false;
-}
-
-/* COLMAP would match what an earlier attempt left in the scene, too. */
-static cln_status refuse_others(const work *w, const cln_names *photos)
-{
-    cln_status st = CLN_OK;
-    cln_names there = {0};
-
-    CLN_TRY(cln_dataset_images(w->images, &there));
-    for (int i = 0; there.count > photos->count && i < there.count; i++)
-        if (!has_name(photos, there.name[i]))
-            CLN_TRY(cln_fail(CLN_OUTPUT,
-                             "%s/%s: is none of the photos in %s, and would be matched with them; "
-                             "remove it, or give an empty folder with -o",
-                             w->images, there.name[i], w->desc->photos));
-done:
-    cln_dataset_free_names(&there);
-    return st;
-}
-
-/* Links the photos into the scene, unless they are there. */
-static cln_status take_photos(work *w)
-{
-    cln_status st = CLN_OK;
-    char *from = NULL, *to = NULL, *there = NULL, *here = NULL;
-    cln_names photos = {0};
-
-    CLN_TRY(cln_path_absolute(&there, w->desc->photos));
-    CLN_TRY(cln_path_absolute(&here, w->images));
-    if (strcmp(there, here) == 0)
-        goto done;
-    CLN_TRY(cln_dataset_images(there, &photos));
-    for (int i = 0; i < photos.count; i++) {
-        char *slash = NULL;
-
-        free(from);
-        free(to);
-        from = to = NULL;
-        CLN_TRY(cln_path_join(&from, there, photos.name[i]));
-        CLN_TRY(cln_path_join(&to, w->images, photos.name[i]));
-        slash = strrchr(to, '/');
-        *slash = 0;
-        CLN_TRY(cln_make_dirs(to));
-        *slash = '/';
-        CLN_TRY(copy_file(from, to));
-    }
-    CLN_TRY(refuse_others(w, &photos));
-done:
-    cln_dataset_free_names(&photos);
-    free(from);
-    free(to);
-    free(there);
-    free(here);
-    return st;
-}
 
 /* The number at the end of a name, before its extension; -1 without. */
 static long number_of(const char *name)
@@ -488,7 +264,7 @@ static cln_status check_folder(const work *w)
     if (access(w->desc->photos, F_OK) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not there; give a folder of photos, or a video",
                          w->desc->photos));
-    if (!cln_is_dir(w->desc->photos) && !is_video(w->desc->photos))
+    if (!cln_is_dir(w->desc->photos) && !cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
                          w->desc->photos));
     if (cln_is_dir(w->desc->photos))
@@ -525,6 +301,7 @@ static void remove_rest(const work *w)
 static cln_status set_up(work *w)
 {
     cln_status st = CLN_OK;
+    bool framed = false;
 
     CLN_TRY(cln_path_join(&w->images, w->desc->out, "images"));
     CLN_TRY(cln_path_join(&w->database, w->desc->out, "colmap.db"));
@@ -532,14 +309,14 @@ static cln_status set_up(work *w)
     CLN_TRY(cln_path_join(&w->sparse, w->desc->out, "sparse.new"));
     CLN_TRY(cln_make_dirs(w->images));
     remove_rest(w);
-    w->framed = has_framed(w->log_path);
+    framed = cln_photos_were_framed(w->log_path); /* by the log that is written over now */
     w->log = fopen(w->log_path, "w");
     if (!w->log)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));
-    if (is_video(w->desc->photos))
-        CLN_TRY(take_frames(w));
+    if (cln_photos_are_video(w->desc->photos))
+        CLN_TRY(cln_photos_take_frames(w->desc, framed, w->images, w->log, w->log_path));
     else
-        CLN_TRY(take_photos(w));
+        CLN_TRY(cln_photos_link(w->desc->photos, w->images));
     CLN_TRY(cln_dataset_images(w->images, &w->photos));
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;
@@ -579,7 +356,7 @@ static cln_status match(work *w)
 {
     const char *how = w->desc->match ? w->desc->match : "auto";
     const bool automatic = strcmp(how, "auto") == 0;
-    const bool ordered = is_video(w->desc->photos) || in_sequence(&w->photos);
+    const bool ordered = cln_photos_are_video(w->desc->photos) || in_sequence(&w->photos);
     const bool next = automatic ? w->photos.count > FEW && ordered : strcmp(how, "next") == 0;
     char overlap[16];
 

@@ -357,7 +357,7 @@ static cln_status check_disk(const cln_trainer *t, const cln_config *config)
     cln_status st = CLN_OK;
     double bytes = 0;
 
-    CLN_TRY(cln_checkpoint_room(t->desc->run, config, &bytes));
+    CLN_TRY(cln_checkpoint_room(t->desc->run, config, t->scene->space.shell, &bytes));
     bytes += cln_quality_bytes(t->scene, t->eval_views, t->eval_count);
     CLN_TRY(cln_disk_check(t->desc->run, bytes, "its checkpoints and pictures"));
 done:
@@ -489,7 +489,8 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
     } else {
         CLN_TRY(cln_scene_load(&desc, &t->scene));
     }
-    CLN_TRY(cln_plan_place_images(t->device, config, cln_config_most_leaves(config), 0,
+    CLN_TRY(cln_plan_place_images(t->device, config,
+                                  cln_config_most_leaves(config, t->scene->space.shell), 0,
                                   cln_coverage_bytes(t->scene), t->scene));
 done:
     return st;

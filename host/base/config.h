@@ -72,9 +72,9 @@ cln_status cln_config_check(const cln_config *config);
 /* The most rays a batch ever has: --rays, or 8 times that with --leaf-samples. */
 int cln_config_most_rays(const cln_config *config);
 
-/* Largest number of leaves during training: at the start, by growth, or --max-leaves, beyond which
- * voxels that adapt do not grow. */
-int cln_config_most_leaves(const cln_config *config);
+/* Largest number of leaves during training, in a shell space or another: at the start, by growth,
+ * or --max-leaves, beyond which voxels that adapt do not grow. */
+int cln_config_most_leaves(const cln_config *config, bool shell);
 
 /* Steps of --epochs over a scene with so many training pixels: an epoch draws a tenth of them
  * (method.md 11). */

@@ -213,7 +213,7 @@ static int deepest_level(const cln_config *config, const double fraction[CLN_LEV
     return deepest;
 }
 
-int cln_config_most_leaves(const cln_config *config)
+int cln_config_most_leaves(const cln_config *config, bool shell)
 {
     double fraction[CLN_LEVELS];
     int deepest = config->start_level, all = 0;
@@ -222,10 +222,14 @@ int cln_config_most_leaves(const cln_config *config)
         cln_clear_error(); /* cln_config_check reports it */
     else if (!cln_leaf_kind_of(config->encoding)->levels_first || !config->adaptive)
         deepest = deepest_level(config, fraction);
+    if (shell && deepest < 2)
+        deepest = 2;
     all = 1 << (3 * deepest);
     /* where a tree cannot be full, leaves follow surfaces: count eight for each cell of a face */
     if (deepest >= CLN_FULL_LEVELS)
         all = 8 << (2 * deepest);
+    if (shell) /* its core has as many as a cube, its faces 24 cells of level 2 beside 64 */
+        all += all / 8 * 3;
     return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
 }
 

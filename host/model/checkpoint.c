@@ -677,12 +677,12 @@ static double bytes_there(const char *folder)
     return bytes;
 }
 
-cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes)
+cln_status cln_checkpoint_room(const char *run, const cln_config *config, bool shell, double *bytes)
 {
     cln_status st = CLN_OK;
     char *folder = NULL;
 
-    CLN_TRY(cln_checkpoint_bytes(config, cln_config_most_leaves(config), bytes));
+    CLN_TRY(cln_checkpoint_bytes(config, cln_config_most_leaves(config, shell), bytes));
     CLN_TRY(cln_path_join(&folder, run, FOLDER));
     *bytes = fmax(0, (KEEP + 1) * *bytes - bytes_there(folder));
 done:

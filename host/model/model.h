@@ -115,9 +115,11 @@ cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, c
 /* *bytes: size of one checkpoint of so many leaves, with training state. */
 cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *bytes);
 
-/* *bytes: disk space that checkpoints may still need with the largest tree that the settings allow:
- * for the two that are kept and the one being written, less what RUN already has. */
-cln_status cln_checkpoint_room(const char *run, const cln_config *config, double *bytes);
+/* *bytes: disk space that checkpoints may still need with the largest tree that the settings allow
+ * in a shell space or another: for the two that are kept and the one being written, less what RUN
+ * already has. */
+cln_status cln_checkpoint_room(const char *run, const cln_config *config, bool shell,
+                               double *bytes);
 
 /* The step of RUN's newest checkpoint, whole or not; -1 if there is none, or none can be listed. */
 int64_t cln_checkpoint_newest(const char *run);

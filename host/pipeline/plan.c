@@ -472,6 +472,13 @@ static const double picture_bytes = 64;
  * file. */
 static const double written_bytes = 40;
 
+/* The most groups of leaves that merge at once. Those of a single leaf only do where that costs
+ * less than the leaf (integer_program.c). */
+static double most_merges(const cln_config *config, double leaves)
+{
+    return config->merge_factor < 1 ? leaves : floor(leaves / 2);
+}
+
 /* Adds the host's rows, without the memory of a device that is a CPU. */
 static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
@@ -490,8 +497,13 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         add(out, densities);
         row(out, "changes of the tree", lower(d, CLN_LOWER_LEAVES));
         add(out, fmin(s->leaves, CLN_CARRY_ROWS) * 2 * BYTES(d, params)); /* folded together */
-        if (s->distil) /* up to every eighth leaf comes from a merge */
-            add(out, s->leaves / 8 * CLN_DISTIL_BATCHES * c->distil_samples * 48);
+        if (s->distil) { /* a target of each point; origin and direction of those in use */
+            const double pool = (double)CLN_DISTIL_BATCHES * c->distil_samples;
+            const double all = most_merges(c, s->leaves) * pool;
+
+            add(out, all * BYTES(d, targets));
+            add(out, fmin(all, CLN_TRAINING_BATCHES * s->points) * 2 * BYTES(d, targets));
+        }
         if (c->regrow > 0) /* an error and a depth of each ray, a mark of it in a list that grows */
             add(out, (8 + 3.0 * 8) * fmin(cln_scene_training_pixels(d->scene), CLN_LOOK_RAYS));
         row(out, "coverage of the images", "the number of views");

@@ -206,6 +206,8 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_s
         config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
     desc.config = &config;
     desc.keep_alpha = json_is_true(json_object_get(dataset, "alpha"));
+    if (json_is_false(json_object_get(dataset, "alpha")) && text_of(dataset, "digest"))
+        desc.opaque_digest = strtoull(text_of(dataset, "digest"), NULL, 16);
     if (!desc.path) {
         CLN_TRY(find_scene(run, dataset, &path, &place));
         desc.path = path;

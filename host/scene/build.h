@@ -48,8 +48,11 @@ void cln_scene_tell_turns(const cln_scene *scene, json_t *findings);
 cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc);
 
 /* opaque.c: if no photo of a scene without alpha files has a pixel that is not opaque, those with
- * alpha get 3 channels, and are `opaque`. Every rank looks, and finds the same. */
-cln_status cln_scene_find_opaque(cln_scene *scene, const cln_callbacks *callbacks);
+ * alpha get 3 channels, and are `opaque`. Every rank looks, and finds the same. By
+ * desc.opaque_digest, it is believed; once the images are read, cln_scene_check_opaque sets `hides`
+ * if it was wrong, as it can be of a changed scene. */
+cln_status cln_scene_find_opaque(cln_scene *scene, const cln_scene_desc *desc);
+cln_status cln_scene_check_opaque(cln_scene *scene, const cln_scene_desc *desc);
 /* Are all of `count` pixels of 4 channels opaque? */
 bool cln_image_is_opaque(const uint8_t *pixels, size_t count);
 
@@ -65,7 +68,8 @@ cln_status cln_scene_find_kept(cln_scene *scene);
 cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc);
 
 /* images.c: reads every image file for the digest, and decodes those of the wanted splits; of
- * several ranks, each its own. CLN_USAGE if their files, masks or turns differ. */
+ * several ranks, each its own. Sets `hides` if one that is believed to be opaque is not. CLN_USAGE
+ * if their files, masks or turns differ. */
 cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc);
 
 /* background.c: the background, by config.background and the training photos that are loaded. */

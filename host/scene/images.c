@@ -186,7 +186,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
 
     CLN_TRY(read_heads(scene));
     if (!desc->keep_alpha)
-        CLN_TRY(cln_scene_find_opaque(scene, desc->callbacks));
+        CLN_TRY(cln_scene_find_opaque(scene, desc));
     cln_scene_find_turns(scene);
     CLN_TRY(cln_scene_turn_masks(scene));
     for (int i = 0; i < scene->view_count; i++) {
@@ -349,6 +349,8 @@ typedef struct job {
     pthread_t thread;
     uint64_t *digests; /* [view] */
     size_t *places;    /* [view] in scene->pixels, or in the store */
+    bool believed;     /* that photos are opaque: nobody looked */
+    atomic_bool hides; /* one of these is not */
     atomic_int next;
     atomic_bool stop;
     pthread_mutex_t mutex; /* guards the failure */
@@ -409,12 +411,15 @@ done:
 }
 
 /* Takes the alpha from decoded pixels that are opaque. */
-static cln_status drop_alpha(const cln_view *view, int *channels, uint8_t *pixels)
+static cln_status drop_alpha(job *work, const cln_view *view, int *channels, uint8_t *pixels)
 {
     const size_t count = (size_t)view->file_width * (size_t)view->file_height;
+    const bool opaque = *channels == 4 && cln_image_is_opaque(pixels, count);
 
-    if (*channels != 4 || !cln_image_is_opaque(pixels, count))
+    if (*channels != 4 || (!opaque && !work->believed))
         return changed(view->path);
+    if (!opaque)
+        atomic_store(&work->hides, true); /* all ranks read on, and then all read again */
     for (size_t i = 1; i < count; i++)
         memmove(pixels + 3 * i, pixels + 4 * i, 3);
     *channels = 3;
@@ -542,7 +547,7 @@ static cln_status read_view(job *work, int index)
     if (wanted && (width != view->file_width || height != view->file_height))
         CLN_TRY(changed(view->path));
     if (wanted && view->opaque)
-        CLN_TRY(drop_alpha(view, &channels, pixels));
+        CLN_TRY(drop_alpha(work, view, &channels, pixels));
     if (view->alpha_path)
         CLN_TRY(add_alpha(view, wanted, digest, &channels, &pixels));
     if (view->mask_path)
@@ -688,8 +693,10 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
                 .wanted = desc->pixels,
                 .callbacks = desc->callbacks,
                 .thread = pthread_self(),
+                .believed = desc->opaque_digest != 0,
                 .failed_view = -1};
     pthread_t threads[THREADS - 1];
+    double hides = 0;
     int started = 0;
 
     pthread_mutex_init(&work.mutex, NULL);
@@ -709,6 +716,9 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
         goto done;
     }
     CLN_TRY(share_digests(&work));
+    hides = atomic_load(&work.hides);
+    cln_ranks_largest(&hides, 1);
+    scene->hides = hides > 0;
     if (cln_ranks_count() > 1)
         CLN_TRY(cln_ranks_agree(digest_of_kept(scene), "set of masks, or turns of photos,"));
     for (int i = 0; i < scene->view_count; i++)

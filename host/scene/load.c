@@ -288,13 +288,14 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_deal(scene));
     CLN_TRY(cln_scene_place_images(scene, desc));
     CLN_TRY(cln_scene_read_images(scene, desc));
+    CLN_TRY(cln_scene_check_opaque(scene, desc));
     CLN_TRY(cln_scene_find_background(scene, desc->config));
 done:
     free(others);
     return st;
 }
 
-cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out)
+static cln_status load(const cln_scene_desc *desc, cln_scene **out)
 {
     cln_status st = CLN_OK;
     cln_scene *scene = NULL;
@@ -316,6 +317,18 @@ done:
     json_decref(result.ignored);
     cln_scene_free(scene);
     return st;
+}
+
+cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out)
+{
+    cln_status st = load(desc, out);
+    cln_scene_desc looked = *desc;
+
+    if (st != CLN_OK || !(*out)->hides)
+        return st;
+    cln_scene_free(*out);
+    looked.opaque_digest = 0;
+    return load(&looked, out);
 }
 
 void cln_scene_free(cln_scene *scene)

@@ -1,6 +1,7 @@
 /* Photos with an alpha channel that is opaque everywhere, as many tools write them: they cut out no
  * object, so they count as photos without one. As long as no pixel is found that is not opaque, all
- * of them are decoded for that, before their cube is chosen; mostly, the first has one. */
+ * of them are decoded for that, before their cube is chosen; mostly, the first has one. A run that
+ * was begun with them knows it, so that they are not decoded again unless they have changed. */
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -68,21 +69,16 @@ static void *look_beside(void *argument)
     return NULL;
 }
 
-cln_status cln_scene_find_opaque(cln_scene *scene, const cln_callbacks *callbacks)
+/* Decodes the views with 4 channels from `first` on, the first of them, until one is found that is
+ * not opaque. */
+static cln_status look_for(const cln_scene *scene, int first, const cln_callbacks *callbacks,
+                           bool *found)
 {
     cln_status st = CLN_OK;
     look l = {.scene = scene, .callbacks = callbacks, .thread = pthread_self()};
     pthread_t other;
     bool beside = false;
-    int first = 0;
 
-    while (first < scene->view_count && scene->views[first].channels != 4)
-        first++;
-    for (int i = 0; i < scene->view_count; i++)
-        if (scene->views[i].alpha_path)
-            return CLN_OK;
-    if (first == scene->view_count)
-        return CLN_OK;
     look_at(&l, &scene->views[first]); /* alone: it is enough where it is not opaque */
     atomic_store(&l.next, first + 1);
     beside = !atomic_load(&l.found) && !pthread_create(&other, NULL, look_beside, &l);
@@ -96,7 +92,27 @@ cln_status cln_scene_find_opaque(cln_scene *scene, const cln_callbacks *callback
                      "%s: no memory to decode its photos; make smaller copies of them, or close "
                      "other programs",
                      scene->folder));
-    if (atomic_load(&l.found))
+    *found = atomic_load(&l.found);
+done:
+    return st;
+}
+
+cln_status cln_scene_find_opaque(cln_scene *scene, const cln_scene_desc *desc)
+{
+    cln_status st = CLN_OK;
+    bool found = false;
+    int first = 0;
+
+    while (first < scene->view_count && scene->views[first].channels != 4)
+        first++;
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].alpha_path)
+            return CLN_OK;
+    if (first == scene->view_count)
+        return CLN_OK;
+    if (!desc->opaque_digest)
+        CLN_TRY(look_for(scene, first, desc->callbacks, &found));
+    if (found)
         goto done;
     for (int i = first; i < scene->view_count; i++) {
         scene->views[i].opaque = scene->views[i].channels == 4;
@@ -105,5 +121,26 @@ cln_status cln_scene_find_opaque(cln_scene *scene, const cln_callbacks *callback
     cln_info("%s: the alpha channels of its photos are opaque everywhere and count as none",
              scene->folder);
 done:
+    return st;
+}
+
+cln_status cln_scene_check_opaque(cln_scene *scene, const cln_scene_desc *desc)
+{
+    cln_status st = CLN_OK;
+    int first = -1;
+
+    if (!desc->opaque_digest || scene->digest == desc->opaque_digest || scene->hides)
+        return CLN_OK;
+    for (int i = scene->view_count - 1; i >= 0; i--) {
+        if (!scene->views[i].opaque)
+            continue;
+        scene->views[i].channels = 4;
+        first = i;
+    }
+    if (first >= 0)
+        st = look_for(scene, first, desc->callbacks, &scene->hides);
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].opaque)
+            scene->views[i].channels = 3;
     return st;
 }

@@ -7,7 +7,8 @@
 #include "base/memory.h"
 #include "base/number.h"
 
-cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space, double *width)
+cln_status cln_scene_pixel_width(const cln_scene *scene, const double (*poses)[12],
+                                 const cln_space *space, double *width)
 {
     cln_status st = CLN_OK;
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
@@ -20,10 +21,11 @@ cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space,
     CLN_TRY(cln_alloc(&each, (size_t)views, sizeof *each, "views"));
     for (int i = 0; i < views; i++) {
         const cln_camera *c = &cln_scene_training_view(scene, i)->camera;
+        const double *pose = poses ? poses[i] : c->c2w;
         double square = 0;
 
         for (int a = 0; a < 3; a++)
-            square += pow(c->c2w[4 * a + 3] - space->centre[a], 2);
+            square += pow(pose[4 * a + 3] - space->centre[a], 2);
         if (c->fx > 0)
             each[count++] = sqrt(square) / c->fx / space->half;
     }

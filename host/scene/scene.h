@@ -121,6 +121,7 @@ typedef struct cln_scene {
     double cached;         /* bytes of them that may be in memory; 0: all are */
     uint8_t **maps;        /* [view_count] of the views' kept pixels; as many as there are lenses */
     bool has_alpha;        /* over the views of all splits */
+    bool hides;            /* a photo that was to be opaque is not: it is read again */
     unsigned lenses;       /* cln_camera_lenses of all views */
     cln_space space;       /* its cube */
     char *bounds_rule;     /* where the cube comes from, a phrase */
@@ -146,6 +147,8 @@ typedef struct cln_scene_desc {
                                  cameras, sizes and masks always */
     bool unseen;              /* no error if no camera sees the cube */
     bool keep_alpha;          /* photos that are opaque everywhere keep their alpha, too */
+    uint64_t opaque_digest;   /* of the scene when its photos were found to be opaque: they are not
+                                 looked at again if they still are the same; 0: not known */
     double elsewhere;         /* bytes of host memory that images must leave */
     const cln_callbacks *callbacks; /* told of the images that are read; NULL: none */
 } cln_scene_desc;
@@ -169,8 +172,10 @@ int cln_scene_split_view(const cln_scene *scene, cln_split split, int i);
 cln_view *cln_scene_training_view(const cln_scene *scene, int i);
 
 /* Width of a pixel of the training photos at the cube's centre, in half sides of the scene's cube:
- * the median over them; 0 in a forward space, where there is no such place. CLN_MEMORY. */
-cln_status cln_scene_pixel_width(const cln_scene *scene, const cln_space *space, double *width);
+ * the median over them; 0 in a forward space, where there is no such place. poses [training view]:
+ * instead of the scene's, NULL for these. CLN_MEMORY. */
+cln_status cln_scene_pixel_width(const cln_scene *scene, const double (*poses)[12],
+                                 const cln_space *space, double *width);
 
 /* Width of a cell in pixels of the training photos: the median over those that see its centre;
  * infinite if none does. centre, cell: in half sides of the cube; its widest edge across the line

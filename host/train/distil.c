@@ -1,5 +1,6 @@
 /* Distils merged leaves. See distil.h. Points are stratified in the new leaf's box; directions come
- * from training cameras that see it. Both are functions of seed, step and node. */
+ * from training cameras that see it. Both are functions of seed, step and node, so they are made
+ * twice, for some leaves at a time, and only their targets are kept between. */
 #include "train/distil.h"
 
 #include <math.h>
@@ -14,13 +15,11 @@
 #include "ranks/ranks.h"
 #include "train/plans.h"
 
-enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25 };
+enum { DIRECTIONS = 8, TRIES = 64, CHECK_EVERY = 25, ASKED = 65536 };
 
 void cln_distil_free(cln_distil *d)
 {
     free(d->nodes);
-    free(d->origins);
-    free(d->directions);
     free(d->targets);
     free(d->lengths);
     memset(d, 0, sizeof *d);
@@ -28,10 +27,44 @@ void cln_distil_free(cln_distil *d)
 
 /* ---- points and directions ---- */
 
+/* Points of some merged leaves. */
+typedef struct points {
+    float (*origins)[4], (*directions)[4]; /* [net][point] */
+} points;
+
+static cln_status create_points(const cln_distil *d, int nets, points *out)
+{
+    cln_status st = CLN_OK;
+    const size_t count = (size_t)nets * (size_t)d->pool;
+
+    CLN_TRY(cln_alloc(&out->origins, count, sizeof *out->origins, "points of merges"));
+    CLN_TRY(cln_alloc(&out->directions, count, sizeof *out->directions, "points of merges"));
+done:
+    return st;
+}
+
+static void free_points(points *p)
+{
+    free(p->origins);
+    free(p->directions);
+}
+
+void cln_distil_counter(int32_t node, uint32_t index, uint32_t what, uint32_t counter[2])
+{
+    const uint32_t n = (uint32_t)node;
+
+    CLN_ASSERT(node >= 0 && what < 8 && index < 16u * 65536u);
+    counter[0] = n << 16 | (index & 0xFFFF);
+    counter[1] = n >> 16 << 7 | index >> 16 << 3 | what; /* at most 22 bits */
+}
+
 static void draw(const cln_trainer *t, int32_t node, uint32_t index, uint32_t what, float out[4])
 {
+    uint32_t counter[2];
+
+    cln_distil_counter(node, index, what, counter);
     cln_uniform4((uint64_t)t->model.config.seed, CLN_STREAM_DISTIL, (uint32_t)t->model.step,
-                 (uint32_t)node * 65536u + index, what, out);
+                 counter[0], counter[1], out);
 }
 
 /* Brings a point of the cube to the coordinates of the device's cameras: the cube's, or camera
@@ -147,13 +180,13 @@ static void direct(const cln_trainer *t, int view, const float point[3], const f
     out[3] = 1;
 }
 
-static cln_status make_points(const cln_trainer *t, cln_distil *d, int net)
+/* Makes the points of a leaf: [point]. */
+static cln_status make_points(const cln_trainer *t, const cln_distil *d, int net,
+                              float (*origins)[4], float (*directions)[4])
 {
     cln_status st = CLN_OK;
     const int32_t node = d->nodes[net];
     const int cells = (int)floor(cbrt((double)d->pool) + 1e-9), full = cells * cells * cells;
-    float(*origins)[4] = d->origins + (size_t)net * (size_t)d->pool;
-    float(*directions)[4] = d->directions + (size_t)net * (size_t)d->pool;
     float box[4], u[4];
     int views[DIRECTIONS], view_count = 0, *order = NULL;
 
@@ -188,25 +221,38 @@ done:
     return st;
 }
 
-/* Makes the points of all nets; each rank makes those of some. */
-static cln_status make_all_points(const cln_trainer *t, cln_distil *d)
+/* Makes those of nets [first, end). */
+static cln_status make_run(const cln_trainer *t, const cln_distil *d, int first, int end,
+                           const points *out)
+{
+    cln_status st = CLN_OK;
+
+    for (int n = first; n < end; n++) {
+        const size_t at = (size_t)(n - first) * (size_t)d->pool;
+
+        CLN_TRY(make_points(t, d, n, out->origins + at, out->directions + at));
+    }
+done:
+    return st;
+}
+
+/* The same on all ranks, each of which makes some. */
+static cln_status make_together(const cln_trainer *t, const cln_distil *d, int begin, int end,
+                                const points *out)
 {
     cln_status st = CLN_OK;
     const int ranks = cln_ranks_count();
-    const size_t row = (size_t)d->pool * sizeof *d->origins;
+    const size_t row = (size_t)d->pool * sizeof *out->origins;
     int first[CLN_RANKS_MOST + 1];
-    float box[4];
+    points own = *out;
 
     for (int r = 0; r <= ranks; r++)
-        first[r] = (int)((int64_t)d->nets * r / ranks);
-    for (int n = first[cln_ranks_me()]; n < first[cln_ranks_me() + 1]; n++)
-        CLN_TRY(make_points(t, d, n));
-    cln_ranks_gather(d->origins, row, first, true);
-    cln_ranks_gather(d->directions, row, first, true);
-    for (int n = 0; n < d->nets; n++) {
-        cln_octree_box(&t->model.tree, d->nodes[n], box);
-        d->lengths[n] = sqrtf(3) * box[3] / 32;
-    }
+        first[r] = (int)((int64_t)(end - begin) * r / ranks);
+    own.origins += (size_t)first[cln_ranks_me()] * (size_t)d->pool;
+    own.directions += (size_t)first[cln_ranks_me()] * (size_t)d->pool;
+    CLN_TRY(make_run(t, d, begin + first[cln_ranks_me()], begin + first[cln_ranks_me() + 1], &own));
+    cln_ranks_gather(out->origins, row, first, true);
+    cln_ranks_gather(out->directions, row, first, true);
 done:
     return st;
 }
@@ -214,18 +260,29 @@ done:
 /* ---- targets from the old leaves ---- */
 
 /* Evaluates the targets of all points; 0 in culled octants. */
-static cln_status ask(cln_trainer *t, cln_distil *d, size_t points)
+static cln_status ask(cln_trainer *t, cln_distil *d)
 {
     cln_status st = CLN_OK;
+    const int most = d->pool < ASKED ? ASKED / d->pool : 1;
+    points p = {0};
 
-    CLN_TRY(cln_field_points(&t->pipeline, &t->model.tree, points, (const float(*)[4])d->origins,
-                             (const float(*)[4])d->directions, d->targets));
-    for (size_t i = 0; i < points; i++) {
+    CLN_TRY(create_points(d, d->nets < most ? d->nets : most, &p));
+    for (int first = 0, end = 0; first < d->nets; first = end) {
+        const size_t base = (size_t)first * (size_t)d->pool;
+
+        end = d->nets - first < most ? d->nets : first + most;
+        CLN_TRY(make_together(t, d, first, end, &p));
+        CLN_TRY(cln_field_points(
+            &t->pipeline, &t->model.tree, (size_t)(end - first) * (size_t)d->pool,
+            (const float(*)[4])p.origins, (const float(*)[4])p.directions, d->targets + base));
+    }
+    for (size_t i = 0; i < (size_t)d->nets * (size_t)d->pool; i++) {
         const double length = d->lengths[i / (size_t)d->pool];
 
         d->targets[i][3] = (float)-expm1(-d->targets[i][3] * length);
     }
 done:
+    free_points(&p);
     return st;
 }
 
@@ -234,7 +291,6 @@ cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *
     cln_status st = CLN_OK;
     const cln_octree *tree = &t->model.tree;
     int32_t last = -1;
-    size_t points = 0;
 
     memset(out, 0, sizeof *out);
     out->pool = CLN_DISTIL_BATCHES * t->model.config.distil_samples;
@@ -245,13 +301,16 @@ cln_status cln_distil_prepare(cln_trainer *t, const uint8_t *merge, cln_distil *
         if (parent >= 0 && parent != last)
             out->nodes[out->nets++] = last = parent;
     }
-    points = (size_t)out->nets * (size_t)out->pool;
-    CLN_TRY(cln_alloc(&out->origins, points, sizeof *out->origins, "points of merges"));
-    CLN_TRY(cln_alloc(&out->directions, points, sizeof *out->directions, "points of merges"));
-    CLN_TRY(cln_alloc(&out->targets, points, sizeof *out->targets, "points of merges"));
+    CLN_TRY(cln_alloc(&out->targets, (size_t)out->nets * (size_t)out->pool, sizeof *out->targets,
+                      "points of merges"));
     CLN_TRY(cln_alloc(&out->lengths, (size_t)out->nets, sizeof *out->lengths, "merges"));
-    CLN_TRY(make_all_points(t, out));
-    CLN_TRY(ask(t, out, points));
+    for (int n = 0; n < out->nets; n++) {
+        float box[4];
+
+        cln_octree_box(tree, out->nodes[n], box);
+        out->lengths[n] = sqrtf(3) * box[3] / 32;
+    }
+    CLN_TRY(ask(t, out));
 done:
     if (st != CLN_OK)
         cln_distil_free(out);
@@ -317,18 +376,22 @@ static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, in
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     const int samples = c->distil_samples;
-    const size_t pool = (size_t)d->pool, base = (size_t)first * pool;
     const uint32_t n = (uint32_t)((end - first) * samples);
     cln_sample *batch = NULL;
     float *losses = NULL;
+    points p = {0};
     double worst = 0;
     int done_steps = 0;
 
     CLN_TRY(cln_alloc(&batch, n, sizeof *batch, "samples of merges"));
     CLN_TRY(cln_alloc(&losses, n, sizeof *losses, "samples of merges"));
-    if (n > 0)
-        CLN_TRY(cln_pipeline_points(&t->pipeline, d->origins[base], d->directions[base],
-                                    d->targets[base], (uint32_t)((size_t)(end - first) * pool)));
+    if (n > 0) {
+        CLN_TRY(create_points(d, end - first, &p));
+        CLN_TRY(make_run(t, d, first, end, &p));
+        CLN_TRY(cln_pipeline_points(&t->pipeline, p.origins[0], p.directions[0],
+                                    d->targets[(size_t)first * (size_t)d->pool],
+                                    (uint32_t)(end - first) * (uint32_t)d->pool));
+    }
     while (done_steps < c->distil_steps) {
         const int part = done_steps % CLN_DISTIL_BATCHES;
         const uint32_t key = (uint32_t)done_steps * 0x9E3779B9u + (uint32_t)t->model.step;
@@ -352,6 +415,7 @@ static cln_status train_chunk(cln_trainer *t, const cln_distil *d, int first, in
     }
     *steps = done_steps > *steps ? done_steps : *steps;
 done:
+    free_points(&p);
     free(batch);
     free(losses);
     return st;

@@ -111,7 +111,9 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     }
     if (!*grows || c->cell_pixels <= 0)
         return CLN_OK;
-    CLN_TRY(cln_scene_pixel_width(t->scene, &t->model.space, &pixel));
+    /* by poses that do not change, so that a resumed run finds the same */
+    CLN_TRY(cln_scene_pixel_width(t->scene, (const double(*)[12])t->refine.given, &t->model.space,
+                                  &pixel));
     *grows = cell >= c->cell_pixels * pixel;
     t->finest = !*grows;
     if (t->finest)
@@ -222,7 +224,7 @@ cln_status cln_grow_back(cln_trainer *t, int splits, bool *came_back)
     cln_status st = CLN_OK;
     const int leaves = t->pipeline.leaves;
     const double began = cln_now();
-    const int most = cln_config_most_leaves(&t->model.config);
+    const int most = cln_config_most_leaves(&t->model.config, t->model.space.shell);
     uint8_t *empty = NULL;
     int fresh = 0, own = 0, carved = 0;
     cln_missing missing = {0};
@@ -262,7 +264,9 @@ cln_status cln_grow_back(cln_trainer *t, int splits, bool *came_back)
     tree = old;
     CLN_TRY(cln_model_follow(&t->model, &change));
     CLN_TRY(cln_change_adopt(t, &change, &next, own));
-    if (missing.errors > 0) { /* densities change fast */
+    /* Densities change fast. But culling does not wait for empty leaves that begin anew: they do at
+     * every decision, and it would never come. */
+    if (missing.errors > 0 && t->pipeline.leaves > leaves) {
         t->model.growth_step = t->model.step;
         t->model.last_square = 0;
     }

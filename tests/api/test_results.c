@@ -10,6 +10,7 @@
 #include "render/depth_picture.h"
 #include "render/open_run.h"
 #include "render/orbit.h"
+#include "render/recorded.h"
 #include "render/view.h"
 #include "io/npy.h"
 #include "sanitized.h"
@@ -664,6 +665,38 @@ static void test_depth_scale_of_many_frames(void **state)
     cln_depth_scale_free(&scale);
 }
 
+/* A run.json that says that its photos have no alpha is believed where they are not decoded, and
+ * not where they are, nor for other photos. */
+static void test_recorded_alpha(void **state)
+{
+    const cln_config config = fixture_config();
+    cln_scene_desc desc = {.path = fixture_path("scene"), .config = &config};
+    cln_scene *scene = NULL;
+    char text[1024];
+    bool same = false;
+
+    (void)state;
+    assert_ok(cln_scene_load(&desc, &scene));
+    assert_ok(cln_make_dirs(fixture_path("told")));
+    for (int other = 0; other < 2; other++) {
+        snprintf(text, sizeof text,
+                 "{\"schema\": \"cl-nascent.run/1\", \"dataset\": {\"alpha\": false, "
+                 "\"digest\": \"%016llx\"}}",
+                 (unsigned long long)scene->digest + (unsigned)other);
+        scratch_put(fixture_path("told/run.json"), text, strlen(text));
+        for (int pixels = 0; pixels < 2; pixels++) {
+            cln_scene *told = NULL;
+
+            desc.pixels[CLN_SPLIT_TRAIN] = pixels;
+            assert_ok(cln_recorded_load(fixture_path("told"), &desc, &told, &same));
+            assert_int_equal(same, !other);
+            assert_int_equal(told->has_alpha, other || pixels);
+            cln_scene_free(told);
+        }
+    }
+    cln_scene_free(scene);
+}
+
 static void test_orbit_cameras(void **state)
 {
     const cln_config config = fixture_config();
@@ -972,6 +1005,7 @@ int test_group_results(void)
         cmocka_unit_test(test_render_follows_the_model),
         cmocka_unit_test(test_depth_pictures_share_a_scale),
         cmocka_unit_test(test_depth_scale_of_many_frames),
+        cmocka_unit_test(test_recorded_alpha),
         cmocka_unit_test(test_orbit_cameras),
         cmocka_unit_test(test_orbit_keeps_to_the_arc),
         cmocka_unit_test(test_orbit_renders),

@@ -190,7 +190,7 @@ static void test_voxel_preset(void **state)
     assert_true(fraction[5] < config.structure_from && fraction[6] > 1);
     assert_true(config.adaptive && !cln_config_merges(&config));
     assert_int_equal(cln_config_deepest(&config), 7);
-    assert_int_equal(cln_config_most_leaves(&config), 16384);
+    assert_int_equal(cln_config_most_leaves(&config, false), 16384);
     assert_true(config.beta1 == 0 && config.density_rate > 1 && config.harmonic_rate < 1);
     assert_true(config.smooth_density > 0 && config.smooth_colour > 0);
 }

@@ -483,14 +483,14 @@ static void test_bytes_are_foreseen(void **state)
     config.adaptive = true;
     assert_int_equal(cln_checkpoint_bytes(&config, model.tree.leaf_count, &bytes), CLN_OK);
     assert_int_equal(cln_checkpoint_newest(run), -1);
-    assert_int_equal(cln_checkpoint_room(run, &config, &room), CLN_OK);
+    assert_int_equal(cln_checkpoint_room(run, &config, false, &room), CLN_OK);
     assert_int_equal(cln_checkpoint_write(run, &model), CLN_OK);
     assert_int_equal(cln_checkpoint_newest(run), 3);
     free(scratch_get(scratch_path(run, "checkpoint/00000003.safetensors"), &there));
     assert_true((double)there <= bytes && (double)there > 0.9 * (bytes - 16384) - 8192);
     assert_int_equal(cln_checkpoint_bytes(&config, 100000, &bytes), CLN_OK);
     assert_true(fabs(room - 3 * bytes) < 1); /* two are kept while a third is written */
-    assert_int_equal(cln_checkpoint_room(run, &config, &after), CLN_OK);
+    assert_int_equal(cln_checkpoint_room(run, &config, false, &after), CLN_OK);
     assert_true(after <= room - (double)there && after > room - (double)there - 16384);
     cln_model_free(&model);
 }

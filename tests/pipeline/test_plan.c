@@ -289,13 +289,13 @@ static void test_limits_by_name(void **state)
 
     (void)state;
     config.device_mem = 20 * MIB;
-    config.host_mem = 311 * MIB;
+    config.host_mem = 320 * MIB;
     make_fake(&f, &config, 4096 * MIB, "gpu");
     cln_plan_device(&f.desc, &plan);
     assert_true(plan.limit == 20 * MIB);
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--device-mem");
     cln_plan_host(&f.desc, &plan, &host);
-    assert_true(host.limit == 311 * MIB);
+    assert_true(host.limit == 320 * MIB);
     assert_true(row_bytes(&host, "images", false) == 4 * 100 * 50 * 4);
     assert_ok(cln_plan_check_host(&host));
     f.views[2].camera.width = 300000; /* one is large: 60 MB */
@@ -356,6 +356,28 @@ static void test_counts(void **state)
     f.device.info.global_mem = 1e9;
     cln_plan_device(&f.desc, &plan);
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "--device-mem");
+}
+
+/* Merges have room on the host where every leaf is one of two siblings, as many on a surface are,
+ * and all groups merge: a target for each point. */
+static void test_merges(void **state)
+{
+    cln_config config = preset("fast");
+    const double points = 16.0 * config.distil_samples;
+    fake f;
+    cln_plan plan, with, without;
+
+    (void)state;
+    make_fake(&f, &config, 1024 * MIB, "gpu");
+    f.desc.leaves = 3000;
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &with);
+    f.pipeline.config.merge_factor = 0.5; /* groups of one leaf, too */
+    cln_plan_host(&f.desc, &plan, &without);
+    assert_true(without.total - with.total == 1500 * points * sizeof(float[4]));
+    f.pipeline.config.adaptive = false;
+    cln_plan_host(&f.desc, &plan, &without);
+    assert_true(with.total - without.total >= 1500 * points * sizeof(float[4]));
 }
 
 /* Pictures take the samples of four batches, or of two or one where the device's memory, or of a
@@ -758,6 +780,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_parts),
         cmocka_unit_test(test_split_arrays),
         cmocka_unit_test(test_counts),
+        cmocka_unit_test(test_merges),
     };
 
     return cmocka_run_group_tests_name("plan", tests, fixture_setup, fixture_teardown);

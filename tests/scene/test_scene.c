@@ -664,6 +664,58 @@ static void test_opaque_alpha(void **state)
     }
 }
 
+/* Photos that were opaque when a run began are not looked at, as the digest tells that they are the
+ * same. Where that is wrong, their pixels tell, if they are read, or another digest. */
+static void test_known_opaque(void **state)
+{
+    enum { SIDE = 12, VIEWS = 5 };
+    const char *folder = *state;
+    /* clang-format off */
+    const char *json = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":["
+        FRAME("0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "," FRAME("2.png", POSE_FRONT) ","
+        FRAME("3.png", POSE_FRONT) "," FRAME("4.png", POSE_FRONT) "]}";
+    /* clang-format on */
+    const cln_config config = default_config();
+    cln_scene_desc desc = {.path = folder, .config = &config};
+    uint8_t pixels[SIDE * SIDE * 4];
+    cln_scene *scene = NULL;
+
+    put_text(folder, "transforms.json", json);
+    for (int last = 255; last >= 254; last--) {
+        uint64_t digest = 0;
+
+        memset(pixels, 255, sizeof pixels);
+        for (int v = 0; v < VIEWS; v++) {
+            char name[16];
+
+            if (v == VIEWS - 1)
+                pixels[sizeof pixels - 1] = (uint8_t)last;
+            snprintf(name, sizeof name, "%d.png", v);
+            assert_int_equal(cln_image_write_png(scratch_path(folder, name), SIDE, SIDE, 4, pixels),
+                             CLN_OK);
+        }
+        for (int wanted = 0; wanted < 2; wanted++) { /* the last photo is for training */
+            desc.pixels[CLN_SPLIT_TRAIN] = wanted;
+            desc.opaque_digest = 0;
+            assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+            assert_int_equal(scene->has_alpha, last < 255);
+            digest = scene->digest;
+            cln_scene_free(scene);
+            for (int same = 0; same < 2; same++) {
+                const bool alpha = last < 255 && !(same && !wanted);
+
+                desc.opaque_digest = digest + !same;
+                assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+                assert_true(scene->digest == digest);
+                assert_int_equal(scene->has_alpha, alpha);
+                for (int v = 0; v < VIEWS; v++)
+                    assert_int_equal(scene->views[v].channels, alpha ? 4 : 3);
+                cln_scene_free(scene);
+            }
+        }
+    }
+}
+
 static void test_describe(void **state)
 {
     const char *folder = *state;
@@ -758,6 +810,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_small_cubes_are_seen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_digest, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opaque_alpha, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_known_opaque, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_describe, scratch_make, scratch_remove),
     };
 

@@ -10,6 +10,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
 #include "base/rng.h"
 #include "model/shell_tree.h"
 #include "near.h"
@@ -395,13 +396,40 @@ static void test_coarse_leaves(void **state)
     }
 }
 
+/* The settings' largest tree has room for whole levels of core and faces; a cube's has no faces. */
+static void test_whole_levels(void **state)
+{
+    cln_config config;
+    cln_octree tree;
+
+    (void)state;
+    memset(&config, 0, sizeof config);
+    assert_int_equal(cln_config_preset("fast", &config), CLN_OK);
+    config.adaptive = false;
+    config.level_at[0] = 0;
+    for (int level = 1; level < 5; level++) {
+        config.start_level = level;
+        assert_int_equal(cln_shell_tree_create(level > 2 ? level : 2, &tree), CLN_OK);
+        assert_int_equal(cln_config_most_leaves(&config, true), tree.leaf_count);
+        cln_octree_free(&tree);
+        assert_int_equal(cln_octree_create(level, &tree), CLN_OK);
+        assert_int_equal(cln_config_most_leaves(&config, false), tree.leaf_count);
+        cln_octree_free(&tree);
+    }
+    config.start_level = 5;
+    snprintf(config.level_at, sizeof config.level_at, "6:0.5");
+    assert_int_equal(cln_config_most_leaves(&config, false), 8 * 64 * 64);
+    assert_int_equal(cln_config_most_leaves(&config, true), 11 * 64 * 64);
+}
+
 int test_group_shell(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_by_hand),     cmocka_unit_test(test_lines),
-        cmocka_unit_test(test_joints),      cmocka_unit_test(test_derivative),
-        cmocka_unit_test(test_other),       cmocka_unit_test(test_tree),
-        cmocka_unit_test(test_most_leaves), cmocka_unit_test(test_coarse_leaves),
+        cmocka_unit_test(test_by_hand),      cmocka_unit_test(test_lines),
+        cmocka_unit_test(test_joints),       cmocka_unit_test(test_derivative),
+        cmocka_unit_test(test_other),        cmocka_unit_test(test_tree),
+        cmocka_unit_test(test_most_leaves),  cmocka_unit_test(test_coarse_leaves),
+        cmocka_unit_test(test_whole_levels),
     };
 
     return cmocka_run_group_tests_name("shell", tests, NULL, NULL);

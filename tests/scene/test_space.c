@@ -339,7 +339,7 @@ static void test_pixel_width(void **state)
     const cln_space cube = {.centre = {1, 2, 3}, .half = 2};
     const cln_space ahead = {.half = 1, .forward = true};
     const double distance[4] = {10, 4, 60, 1000}, fx[4] = {100, 200, 300, 1};
-    double width = -1;
+    double width = -1, poses[3][12] = {{0}};
 
     (void)state;
     for (int v = 0; v < 4; v++) {
@@ -348,9 +348,16 @@ static void test_pixel_width(void **state)
         for (int a = 0; a < 3; a++)
             views[v].camera.c2w[4 * a + 3] = cube.centre[a] + (a == v % 3 ? distance[v] : 0);
     }
-    assert_int_equal(cln_scene_pixel_width(&scene, &cube, &width), CLN_OK);
+    assert_int_equal(cln_scene_pixel_width(&scene, NULL, &cube, &width), CLN_OK);
     assert_true(fabs(width - 0.05) < 1e-15); /* of 0.05, 0.01, 0.1 */
-    assert_int_equal(cln_scene_pixel_width(&scene, &ahead, &width), CLN_OK);
+    for (int v = 0; v < 3; v++) {
+        memcpy(poses[v], views[v].camera.c2w, sizeof poses[v]);
+        poses[v][4 * (v % 3) + 3] += distance[v]; /* twice as far */
+    }
+    assert_int_equal(cln_scene_pixel_width(&scene, (const double(*)[12])poses, &cube, &width),
+                     CLN_OK);
+    assert_true(fabs(width - 0.1) < 1e-15);
+    assert_int_equal(cln_scene_pixel_width(&scene, NULL, &ahead, &width), CLN_OK);
     assert_true(width == 0);
 }
 

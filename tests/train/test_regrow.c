@@ -1,7 +1,7 @@
 /* The search for places that lack a leaf. Tested: on the fixture's ball, in a tree of a single
  * place far from it, that the ball's inside is found and what photos show to be empty is not; that
- * what it hands back follows what is found, not the finest leaf. Oracle: the ball. tests/cli/cli.sh
- * trains. */
+ * what it hands back follows what is found, not the finest leaf; when culling waits for what came
+ * back. Oracle: the ball. tests/cli/cli.sh trains. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,6 +9,9 @@
 #include <cmocka.h>
 #include <malloc.h>
 #include "tests.h"
+#include "train/cull.h"
+#include "train/grow.h"
+#include "train/refresh.h"
 #include "train/regrow.h"
 #include "trainer_fixture.h"
 
@@ -29,6 +32,14 @@ static cln_config settings(void)
     config.depth_loss = 0;
     assert_ok(cln_config_check(&config));
     return config;
+}
+
+/* Whether the leaf of level 2 with that slot is at this place along each axis. */
+static bool is_at(const cln_octree *tree, int slot, int place)
+{
+    const uint16_t *pos = tree->pos[tree->leaf[slot]];
+
+    return pos[0] == place && pos[1] == place && pos[2] == place;
 }
 
 /* Keeps the leaf at the cube's lowest corner alone, and splits the one in its corner down to the
@@ -124,9 +135,50 @@ static void test_ball(void **state)
     close_trainer(&t);
 }
 
+/* Empty leaves with errors begin anew at every decision: culling does not wait for them, or it
+ * would never come; it does for leaves in places that had none. */
+static void test_culling_goes_on(void **state)
+{
+    cln_config config = settings();
+    cln_trainer t;
+
+    (void)state;
+    config.initial_depth = 1e-4; /* nothing is in the way of the ball's errors */
+    config.cull = CLN_CULL_MEAN;
+    config.cull_mean = 1e6;
+    config.cull_from = 0;
+    config.cull_after = 50;
+    for (int gone = 0; gone < 2; gone++) {
+        cln_octree_change change;
+        uint8_t marks[64] = {0};
+        bool came_back = false;
+
+        open_trainer(&config, &t);
+        for (int s = 0; s < 64; s++) /* one of the eight around the middle */
+            marks[s] = gone && is_at(&t.model.tree, s, 1);
+        assert_ok(cln_octree_cull(&t.model.tree, marks, &change));
+        assert_ok(cln_model_apply(&t.model, &change));
+        cln_octree_change_free(&change);
+        assert_ok(cln_pipeline_rebuild(&t.pipeline, t.model.tree.leaf_count));
+        assert_ok(cln_pipeline_upload(&t.pipeline, &t.model, true));
+        assert_ok(cln_stage_seen(&t.pipeline));
+        cln_step_cover(&t);
+        assert_ok(cln_refresh_all(&t));
+        assert_int_equal(t.model.tree.leaf_count, 64 - gone);
+        t.model.step = 60;
+        assert_true(cln_cull_due(&t, 0.5));
+        assert_ok(cln_grow_back(&t, 1, &came_back));
+        assert_true(came_back);
+        assert_int_equal(t.model.tree.leaf_count, 64);
+        assert_int_equal(cln_cull_due(&t, 0.5), !gone);
+        close_trainer(&t);
+    }
+}
+
 int test_group_regrow(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ball)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ball),
+                                       cmocka_unit_test(test_culling_goes_on)};
 
     return cmocka_run_group_tests_name("regrow", tests, fixture_setup, fixture_teardown);
 }

@@ -1,0 +1,263 @@
+/* SCENE/images of cln_find_poses. See photo_folder.h. */
+#include "api/photo_folder.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/number.h"
+#include "base/text.h"
+#include "io/command.h"
+#include "scene/dataset.h"
+
+enum { FRAMES = 150 };
+static const size_t FILE_MOST = (size_t)1 << 30;
+static const char frame_name[] = "frame_%05d.jpg"; /* ffmpeg's */
+static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
+
+bool cln_photos_are_video(const char *path)
+{
+    const char *dot = strrchr(path, '.');
+    char word[16];
+
+    if (!dot || strlen(dot) > 6)
+        return false;
+    snprintf(word, sizeof word, " %s ", dot + 1);
+    for (char *c = word; *c; c++)
+        *c = (char)tolower((unsigned char)*c);
+    return strstr(videos, word) != NULL;
+}
+
+/* ---- frames ---- */
+
+typedef struct video {
+    const cln_callbacks *callbacks;
+    double duration; /* seconds */
+} video;
+
+static void read_duration(const char *line, void *user)
+{
+    double seconds = 0;
+    const char *end = NULL;
+
+    if (cln_number_read(line, &seconds, &end) && seconds > 0)
+        ((video *)user)->duration = seconds;
+}
+
+static int is_interrupted(void *user)
+{
+    const cln_callbacks *c = ((video *)user)->callbacks;
+
+    return c->interrupted ? c->interrupted(c->user) : 0;
+}
+
+/* A pattern of names in a folder as ffmpeg takes it: a file whatever its name begins with, and with
+ * numbers in the last name alone. */
+static cln_status frame_names(const char *folder, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t used = 0;
+    char *doubled = NULL;
+
+    CLN_TRY(cln_alloc(&doubled, 2 * strlen(folder) + 1, 1, "name"));
+    for (; *folder; folder++) {
+        doubled[used++] = *folder;
+        if (*folder == '%')
+            doubled[used++] = '%';
+    }
+    CLN_TRY(cln_asprintf(out, "file:%s/%s", doubled, frame_name));
+done:
+    free(doubled);
+    return st;
+}
+
+bool cln_photos_were_framed(const char *log)
+{
+    char *text = NULL;
+    size_t bytes = 0;
+    bool framed = false;
+
+    if (cln_read_file(log, FILE_MOST, &text, &bytes) == CLN_OK)
+        framed = strstr(text, frame_name) != NULL;
+    else
+        cln_clear_error();
+    free(text);
+    return framed;
+}
+
+/* Clears the way for a video's frames: removes those of an earlier attempt. CLN_OUTPUT for anything
+ * else: it may be the only copy, or a link through which ffmpeg would write into a photo. */
+static cln_status clear_frames(const char *images, bool framed)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    cln_names there = {0};
+
+    CLN_TRY(cln_dataset_images(images, &there));
+    for (int i = 0; i < there.count; i++) {
+        struct stat info = {.st_nlink = 0};
+        const char *name = there.name[i];
+        int end = 0;
+
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, images, name));
+        (void)sscanf(name, "frame_%*5[0-9].jpg%n", &end);
+        if (!framed || end == 0 || name[end] || lstat(path, &info) != 0 || info.st_nlink != 1)
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s: is there already, and is no frame of an earlier attempt; give an "
+                             "empty folder with -o",
+                             path));
+        if (unlink(path) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path, strerror(errno)));
+    }
+done:
+    cln_dataset_free_names(&there);
+    free(path);
+    return st;
+}
+
+cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const char *images,
+                                  FILE *log, const char *log_path)
+{
+    cln_status st = CLN_OK;
+    const int frames = desc->frames > 0 ? desc->frames : FRAMES;
+    const cln_callbacks *c = &desc->callbacks;
+    video v = {.callbacks = c};
+    cln_command_watch watch = {read_duration, is_interrupted, &v, log};
+    char *file = NULL, *names = NULL, *why = NULL, rate[64];
+
+    if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
+        CLN_TRY(cln_fail(CLN_FAILED,
+                         "%s: taking frames from a video needs ffmpeg, which is not installed; "
+                         "install it (Debian: apt install ffmpeg), or take the frames with another "
+                         "program and give their folder",
+                         desc->photos));
+    CLN_TRY(cln_asprintf(&file, "file:%s", desc->photos)); /* "12:30.mp4" would be an address */
+    st = cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
+                                               "format=duration", "-of", "csv=p=0", file, NULL},
+                         &watch);
+    if (st == CLN_FAILED) {
+        why = strdup(cln_error_text());
+        cln_clear_error();
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: cannot be read as a video (%s); give another file, or a folder of "
+                         "photos",
+                         desc->photos, why ? why : "out of memory"));
+    }
+    CLN_TRY(st);
+    if (!(v.duration > 0))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?",
+                         desc->photos));
+    cln_format(rate, sizeof rate, "fps=%.6f", frames / v.duration);
+    CLN_TRY(clear_frames(images, framed));
+    CLN_TRY(frame_names(images, &names));
+    if (c->work)
+        c->work("poses: frames", 0, 0, c->user);
+    watch.line = NULL;
+    st = cln_command_run((const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i",
+                                               file, "-vf", rate, "-qscale:v", "2", names, NULL},
+                         &watch);
+    if (st == CLN_FAILED)
+        cln_note("finding poses; %s has all that it said", log_path);
+done:
+    free(file);
+    free(names);
+    free(why);
+    return st;
+}
+
+/* ---- photos ---- */
+
+/* Links or copies a photo; one that is there already must be the same. */
+static cln_status copy_file(const char *from, const char *to)
+{
+    cln_status st = CLN_OK;
+    char *data = NULL, *there = NULL;
+    size_t bytes = 0, there_bytes = 0;
+
+    if (link(from, to) == 0)
+        return CLN_OK;
+    CLN_TRY(cln_read_file(from, FILE_MOST, &data, &bytes));
+    if (cln_is_file(to)) {
+        CLN_TRY(cln_read_file(to, FILE_MOST, &there, &there_bytes));
+        if (bytes != there_bytes || memcmp(data, there, bytes) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s: already there, and is another photo; give an empty folder with "
+                             "-o",
+                             to));
+        goto done;
+    }
+    CLN_TRY(cln_write_file(to, data, bytes));
+done:
+    free(data);
+    free(there);
+    return st;
+}
+
+static bool has_name(const cln_names *names, const char *name)
+{
+    for (int i = 0; i < names->count; i++)
+        if (strcmp(names->name[i], name) == 0)
+            return true;
+    return false;
+}
+
+/* COLMAP would match what an earlier attempt left in the scene, too. */
+static cln_status refuse_others(const char *from, const char *images, const cln_names *photos)
+{
+    cln_status st = CLN_OK;
+    cln_names there = {0};
+
+    CLN_TRY(cln_dataset_images(images, &there));
+    for (int i = 0; there.count > photos->count && i < there.count; i++)
+        if (!has_name(photos, there.name[i]))
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s/%s: is none of the photos in %s, and would be matched with them; "
+                             "remove it, or give an empty folder with -o",
+                             images, there.name[i], from));
+done:
+    cln_dataset_free_names(&there);
+    return st;
+}
+
+cln_status cln_photos_link(const char *folder, const char *images)
+{
+    cln_status st = CLN_OK;
+    char *from = NULL, *to = NULL, *there = NULL, *here = NULL;
+    cln_names photos = {0};
+
+    CLN_TRY(cln_path_absolute(&there, folder));
+    CLN_TRY(cln_path_absolute(&here, images));
+    if (strcmp(there, here) == 0)
+        goto done;
+    CLN_TRY(cln_dataset_images(there, &photos));
+    for (int i = 0; i < photos.count; i++) {
+        char *slash = NULL;
+
+        free(from);
+        free(to);
+        from = to = NULL;
+        CLN_TRY(cln_path_join(&from, there, photos.name[i]));
+        CLN_TRY(cln_path_join(&to, images, photos.name[i]));
+        slash = strrchr(to, '/');
+        *slash = 0;
+        CLN_TRY(cln_make_dirs(to));
+        *slash = '/';
+        CLN_TRY(copy_file(from, to));
+    }
+    CLN_TRY(refuse_others(folder, images, &photos));
+done:
+    cln_dataset_free_names(&photos);
+    free(from);
+    free(to);
+    free(there);
+    free(here);
+    return st;
+}

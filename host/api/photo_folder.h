@@ -1,0 +1,27 @@
+/* The photos whose poses are to be found, in a folder of the scene: links to them, or the frames of
+ * a video, taken by ffmpeg. What is there of an earlier attempt must not mix with them. */
+#ifndef CLN_PHOTO_FOLDER_H
+#define CLN_PHOTO_FOLDER_H
+
+#include <stdbool.h>
+#include <stdio.h>
+#include "cl_nascent.h"
+
+/* Whether a file is a video, by its name. */
+bool cln_photos_are_video(const char *path);
+
+/* Whether the log of an earlier attempt has a command that made frames. */
+bool cln_photos_were_framed(const char *log);
+
+/* Puts frames of the video desc->photos into the folder `images`, and removes those of an earlier
+ * attempt, if that was `framed`; log gets what ffmpeg says, log_path is its name. CLN_FAILED if
+ * ffmpeg is not there or fails, CLN_INPUT if the file is no video, CLN_OUTPUT if there is anything
+ * else in the folder, CLN_SIGINT and CLN_SIGTERM. */
+cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const char *images,
+                                  FILE *log, const char *log_path);
+
+/* Links or copies the photos in a folder to the folder `images`, unless it is the same. CLN_OUTPUT
+ * if that has other photos, or another one of a name. */
+cln_status cln_photos_link(const char *folder, const char *images);
+
+#endif
