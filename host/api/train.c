@@ -405,13 +405,18 @@ static void show_work(const char *what, int done, int total, void *user)
         callbacks->work(what, done, total, callbacks->user);
 }
 
+/* Of work before the first step. Several ranks could stop at different parts of it. */
+static cln_callbacks early_callbacks(cln_trainer *t)
+{
+    return (cln_callbacks){
+        .work = show_work, .interrupted = cln_ranks_count() == 1 ? cln_loop_poll : NULL, .user = t};
+}
+
 /* Most of its time is compiling, if the driver has not cached the kernels. */
 static cln_status check_kernels(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
-    const bool alone = cln_ranks_count() == 1; /* several ranks could stop at different checks */
-    const cln_callbacks callbacks = {
-        .work = show_work, .interrupted = alone ? cln_loop_poll : NULL, .user = t};
+    const cln_callbacks callbacks = early_callbacks(t);
     const double began = cln_now();
     char took[32];
 
@@ -479,10 +484,12 @@ done:
 static cln_status load_scene(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
+    const cln_callbacks callbacks = early_callbacks(t);
     const cln_scene_desc desc = {.path = t->desc->scene,
                                  .config = config,
                                  .elsewhere = CLN_PROGRAM_BYTES,
-                                 .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
+                                 .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true},
+                                 .callbacks = &callbacks};
     bool same = false;
 
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
