@@ -49,6 +49,7 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
     const json_t *result = NULL;
 
     *out = NULL;
+    CLN_TRY(cln_given("cln_settings_of_run", "run", run));
     CLN_TRY(cln_settings_create(NULL, &settings));
     CLN_TRY(cln_run_config(run, &settings->config));
     CLN_TRY(cln_run_read(run, &document));
