@@ -34,8 +34,8 @@ const cln_reading cln_readings[CLN_READINGS] = {
      {1, 0, 0, 0, -1, 0, 0, 0, -1},
      false},
     {"as world-to-camera matrices with OpenCV's axes",
-     "invert each matrix; in a transforms file, whose axes are OpenGL's, then negate its second and "
-     "third column",
+     "invert each matrix; in a transforms file, whose axes are OpenGL's, then negate its second "
+     "and third column",
      {1, 0, 0, 0, 1, 0, 0, 0, 1},
      true},
     {"as world-to-camera matrices with OpenGL's axes",

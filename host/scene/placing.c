@@ -14,7 +14,8 @@
 
 enum { NAMED = 12 }; /* images without a pose that a warning names */
 
-/* Counts the views that the folder has an image of, up to `most`; any_case: also in another case. */
+/* Counts the views that the folder has an image of, up to `most`; any_case: also those in another
+ * case. */
 static cln_status count_views(const char *folder, const cln_reader_result *result, bool any_case,
                               int most, int *count)
 {
