@@ -183,7 +183,7 @@ typedef struct cln_callbacks {
     void (*train)(const cln_train_progress *progress,
                   void *user); /* after every step; may be NULL */
     /* Parts done of any other work: views of eval and render, kernels checked before a training,
-     * an export's depths, photos of a check (`what` names it). May be NULL. */
+     * an export's depths, photos that are read (`what` names it). May be NULL. */
     void (*work)(const char *what, int done, int total, void *user);
     /* Polled every step / ray batch: 0 = go on, SIGINT or SIGTERM = write a checkpoint and return
      * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on. May be NULL. */

@@ -127,7 +127,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (desc->out && writes)
         CLN_TRY(cln_disk_check(desc->out, 0, "")); /* before photos are read */
     CLN_TRY(cln_device_check(&desc->device));
-    CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &opened));
+    CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &opened));
     CLN_TRY(cln_open_run_split(opened.scene, name, &split));
     CLN_TRY(cln_quality_choose(opened.scene, split, desc->max_images, &views, &count));
     CLN_TRY(cln_quality_check(opened.scene, views, count));

@@ -180,7 +180,7 @@ static cln_status open_for(const export_row *row, const cln_export_desc *desc, c
     if (row->needs & CLN_EXPORT_DEVICE)
         CLN_TRY(cln_device_check(&desc->device));
     if (row->needs & CLN_EXPORT_SCENE)
-        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, opened));
+        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, opened));
     CLN_TRY(check_space(row, desc, &opened->model));

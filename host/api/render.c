@@ -480,7 +480,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
     if (cln_frames_need_scene(desc, j.run))
-        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &j.opened));
+        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &j.opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));

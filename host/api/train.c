@@ -50,6 +50,7 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
     const json_t *result = NULL;
 
     *out = NULL;
+    CLN_TRY(cln_given("cln_settings_of_run", "run", run));
     CLN_TRY(cln_settings_create(NULL, &settings));
     CLN_TRY(cln_run_config(run, &settings->config));
     CLN_TRY(cln_run_read(run, &document));
@@ -398,16 +399,24 @@ done:
     return st;
 }
 
+/* Of work before the first step. Several ranks could stop at different parts of it. */
+static cln_callbacks early_callbacks(cln_trainer *t)
+{
+    cln_callbacks callbacks = cln_loop_callbacks(t);
+
+    if (cln_ranks_count() > 1)
+        callbacks.interrupted = NULL;
+    return callbacks;
+}
+
 /* Most of its time is compiling, if the driver has not cached the kernels. */
 static cln_status check_kernels(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
-    cln_callbacks callbacks = cln_loop_callbacks(t);
+    const cln_callbacks callbacks = early_callbacks(t);
     const double began = cln_now();
     char took[32];
 
-    if (cln_ranks_count() > 1) /* they could stop at different checks */
-        callbacks.interrupted = NULL;
     cln_info("checking the kernels on %s", t->device->info.name);
     st = cln_selftest_training(t->device, config, &t->scene->space, &callbacks);
     if (st == CLN_CHECK)
@@ -470,10 +479,12 @@ done:
 static cln_status load_scene(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
+    const cln_callbacks callbacks = early_callbacks(t);
     const cln_scene_desc desc = {.path = t->desc->scene,
                                  .config = config,
                                  .elsewhere = CLN_PROGRAM_BYTES,
-                                 .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true}};
+                                 .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true},
+                                 .callbacks = &callbacks};
     bool same = false;
 
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));

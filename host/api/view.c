@@ -54,7 +54,7 @@ static cln_status open_run(const cln_view_desc *desc, cln_open_run *opened, cln_
     if (!alone)
         st = find_scene(desc, &found);
     if (found && st == CLN_OK)
-        st = cln_open_run_open(desc->run, desc->scene, pixels, opened);
+        st = cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, opened);
     if (st == CLN_OK) {
         st = cln_orbit_frame_of(opened->scene, frame);
     } else if (st == CLN_INPUT && !desc->scene && orbit && (alone || !found)) {

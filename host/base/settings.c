@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/given.h"
 #include "base/memory.h"
 #include "base/number.h"
 
@@ -116,9 +117,10 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
                         "--%s +%s: the run has no such budget to extend, and has not ended; "
                         "give --%s N for the whole",
                         row->option, more, row->option);
-    lift_used_up(settings);
     cln_format(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.17g",
                (whole ? budget : used) + number_of(&added, row));
+    CLN_TRY(cln_config_set(&added, row, sum)); /* if it is too much, nothing changes */
+    lift_used_up(settings);
     CLN_TRY(cln_config_set(&settings->config, row, sum));
 done:
     return st;
@@ -129,6 +131,8 @@ cln_status cln_settings_set(cln_settings *settings, const char *name, const char
     cln_status st = CLN_OK;
     const cln_config_row *row = NULL;
 
+    CLN_TRY(cln_given("cln_settings_set", "name", name));
+    CLN_TRY(cln_given("cln_settings_set", "value", value));
     CLN_TRY(find_row(name, &row));
     if (row->flags & CLN_ROW_BUDGET && value[0] == '+')
         CLN_TRY(extend(settings, row, value + 1));
@@ -146,6 +150,7 @@ cln_status cln_settings_get(const cln_settings *settings, const char *name, char
     const cln_config_row *row = NULL;
     char text[CLN_TEXT_BYTES];
 
+    CLN_TRY(cln_given("cln_settings_get", "name", name));
     CLN_TRY(find_row(name, &row));
     cln_config_text(&settings->config, row, text);
     if (strlen(text) >= bytes)

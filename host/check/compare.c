@@ -59,9 +59,11 @@ bool cln_compare_values(const float *got, const double *want, size_t n, double n
                         char text[256])
 {
     const cln_error e = cln_check_error(got, want, n);
-    const bool within = e.nmse <= nmse && e.worst <= worst;
+    const bool within = n > 0 && e.nmse <= nmse && e.worst <= worst;
 
-    if (within)
+    if (n == 0)
+        snprintf(text, 256, "no element to compare");
+    else if (within)
         snprintf(text, 256, "%.1f %% of the bound, %zu elements",
                  100 * fmax(e.nmse / nmse, e.worst / worst), n);
     else

@@ -31,6 +31,8 @@ void cln_extreme_meet(cln_extreme *e, double got, double want, double scale, dou
         e->not_finite++;
         share = INFINITY;
     }
+    if (isnan(share)) /* of a wanted value, scale or bound */
+        share = INFINITY;
     if (!(share > e->share) && e->compared)
         return;
     e->compared = true;

@@ -50,12 +50,17 @@ done:
 }
 
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
-                             cln_open_run *out)
+                             const cln_callbacks *callbacks, cln_open_run *out)
 {
     cln_status st = CLN_OK;
-    cln_scene_desc desc = {
-        .path = scene, .config = &out->model.config, .elsewhere = CLN_PROGRAM_BYTES};
+    cln_callbacks told = callbacks ? *callbacks : (cln_callbacks){0};
+    cln_scene_desc desc = {.path = scene,
+                           .config = &out->model.config,
+                           .elsewhere = CLN_PROGRAM_BYTES,
+                           .callbacks = &told};
 
+    if (cln_ranks_count() > 1) /* they could stop at different photos */
+        told.interrupted = NULL;
     memset(out, 0, sizeof *out);
     out->run = run;
     memcpy(desc.pixels, pixels, sizeof desc.pixels);

@@ -21,9 +21,10 @@ typedef struct cln_open_run {
 } cln_open_run;
 
 /* Opens the checkpoint and the scene (NULL = the run's own, where cln_recorded_load finds it) with
- * the images of these splits. No device yet. */
+ * the images of these splits. No device yet. callbacks: told of the images; NULL: none. CLN_SIGINT,
+ * CLN_SIGTERM: they stopped it. */
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
-                             cln_open_run *out);
+                             const cln_callbacks *callbacks, cln_open_run *out);
 
 /* Opens the checkpoint alone, for what needs no scene. */
 cln_status cln_open_run_model(const char *run, cln_open_run *out);

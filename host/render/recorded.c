@@ -213,7 +213,7 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_s
         desc.path = path;
     }
     st = cln_scene_load(&desc, scene);
-    if (st != CLN_OK && !given->path)
+    if (st != CLN_OK && st != CLN_SIGINT && st != CLN_SIGTERM && !given->path)
         cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
     CLN_TRY(st);
     keep_background(document, &config, *scene);

@@ -34,9 +34,14 @@ const cln_reading cln_readings[CLN_READINGS] = {
      "down, z forward), negate the second and third column of each matrix",
      {1, 0, 0, 0, -1, 0, 0, 0, -1},
      false},
-    {"as world-to-camera matrices", "invert each matrix", {1, 0, 0, 0, 1, 0, 0, 0, 1}, true},
-    {"as world-to-camera matrices in the other convention's axes",
-     "invert each matrix",
+    {"as world-to-camera matrices with OpenCV's axes",
+     "invert each matrix; in a transforms file, whose axes are OpenGL's, then negate its second "
+     "and third column",
+     {1, 0, 0, 0, 1, 0, 0, 0, 1},
+     true},
+    {"as world-to-camera matrices with OpenGL's axes",
+     "invert each matrix; in a file of another format than transforms, then negate its second and "
+     "third column",
      {1, 0, 0, 0, -1, 0, 0, 0, -1},
      true},
     {"of photos upside down", "turn the photos", {-1, 0, 0, 0, -1, 0, 0, 0, 1}, false},

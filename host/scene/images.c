@@ -135,13 +135,15 @@ static void name_other_failures(const cln_scene *scene)
     free(first);
 }
 
-static cln_status read_heads(cln_scene *scene)
+static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
 {
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
         cln_image_head head;
-        const cln_status st = cln_image_read_head(view->path, &head);
+        cln_status st = cln_tell_work(callbacks, NULL, 0, 0);
 
+        if (st == CLN_OK)
+            st = cln_image_read_head(view->path, &head);
         if (st == CLN_INPUT)
             name_other_failures(scene);
         if (st != CLN_OK)
@@ -184,7 +186,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     int longest = 0, shortest = INT_MAX;
     bool warned = false;
 
-    CLN_TRY(read_heads(scene));
+    CLN_TRY(read_heads(scene, desc->callbacks));
     if (!desc->keep_alpha)
         CLN_TRY(cln_scene_find_opaque(scene, desc));
     cln_scene_find_turns(scene);

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -13,9 +14,10 @@
 
 enum { NAMED = 12 }; /* images without a pose that a warning names */
 
-/* Whether the folder has an image of a view; any_case: also in another case. */
-static cln_status has_a_view(const char *folder, const cln_reader_result *result, bool any_case,
-                             bool *has)
+/* Counts the views that the folder has an image of, up to `most`; any_case: also those in another
+ * case. */
+static cln_status count_views(const char *folder, const cln_reader_result *result, bool any_case,
+                              int most, int *count)
 {
     cln_status st = CLN_OK;
     cln_moved moved = {.folder = folder, .shallow = true};
@@ -23,11 +25,13 @@ static cln_status has_a_view(const char *folder, const cln_reader_result *result
 
     for (int i = 0; i < result->view_count; i++)
         moved.shallow &= !strchr(result->views[i].name, '/');
-    *has = false;
-    for (int i = 0; i < result->view_count && !*has; i++) {
+    *count = 0;
+    for (int i = 0; i < result->view_count && *count < most; i++) {
         if (any_case)
             CLN_TRY(cln_moved_find(&moved, result->views[i].name, false, &found));
-        *has = found || (!any_case && cln_dataset_has(folder, result->views[i].name));
+        *count += found || (!any_case && cln_dataset_has(folder, result->views[i].name));
+        free(found);
+        found = NULL;
     }
 done:
     cln_moved_free(&moved);
@@ -35,36 +39,84 @@ done:
     return st;
 }
 
-/* The first folder of `base` that has an image of a view; NULL if none has. */
+/* Whether a folder of this name has other pictures of the views than photos. */
+static bool is_no_photos(const char *name)
+{
+    static const char *const words[] = {"mask", "depth", "normal", "alpha", "matte", "segment"};
+
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (strncasecmp(name, words[i], strlen(words[i])) == 0)
+            return true;
+    return false;
+}
+
+/* Of the folders in `base`, the one with images of the most views: one of masks or the like only
+ * where no other has any. NULL if none has. */
+static cln_status fullest_folder(const char *base, const cln_reader_result *result, bool any_case,
+                                 char **out)
+{
+    cln_status st = CLN_OK;
+    cln_names names = {0};
+    char *path = NULL, alike[512] = "";
+    int best = 0, others = 0;
+
+    CLN_TRY(cln_dataset_folders(base, &names));
+    for (int i = 0; i < names.count; i++) {
+        const size_t used = strlen(alike);
+        int worth = 0;
+
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, base, names.name[i]));
+        CLN_TRY(count_views(path, result, any_case, result->view_count, &worth));
+        if (worth > 0 && !is_no_photos(names.name[i]))
+            worth += result->view_count;
+        if (worth > best) {
+            free(*out);
+            *out = path;
+            path = NULL;
+            best = worth;
+            others = 0;
+            alike[0] = 0;
+        } else if (worth > 0 && worth == best) {
+            others++;
+            snprintf(alike + used, sizeof alike - used, "%s'%s'", used ? ", " : "", names.name[i]);
+        }
+    }
+    if (others > 0)
+        cln_warn("%s: the images are taken from '%s', but %s %s as many of their names; if another "
+                 "folder has the photos, rename it to images",
+                 base, cln_dataset_within(base, *out), alike, cln_plural(others, "has", "have"));
+    else if (best > 0 && best <= result->view_count)
+        cln_warn("%s: the images are taken from '%s', which is the name of a folder of masks or "
+                 "the like; if it has no photos, put them into a folder images",
+                 base, cln_dataset_within(base, *out));
+done:
+    cln_dataset_free_names(&names);
+    free(path);
+    return st;
+}
+
+/* The folder of `base`, or `base`, that has images of views; NULL if none has. */
 static cln_status folder_of_views(const char *base, const cln_reader_result *result, bool any_case,
                                   char **out)
 {
-    bool has = false;
     cln_status st = CLN_OK;
-    cln_names others = {0};
+    int count = 0;
 
     for (int i = 0; i <= CLN_IMAGE_FOLDERS; i++) {
         free(*out);
         *out = NULL;
         CLN_TRY(i < CLN_IMAGE_FOLDERS ? cln_path_join(out, base, cln_image_folders[i])
                                       : cln_strdup(out, base));
-        CLN_TRY(has_a_view(*out, result, any_case, &has));
-        if (has)
-            goto done;
-    }
-    CLN_TRY(cln_dataset_folders(base, &others));
-    for (int i = 0; i < others.count; i++) {
-        free(*out);
-        *out = NULL;
-        CLN_TRY(cln_path_join(out, base, others.name[i]));
-        CLN_TRY(has_a_view(*out, result, any_case, &has));
-        if (has)
+        CLN_TRY(count_views(*out, result, any_case, 1, &count));
+        if (count > 0)
             goto done;
     }
     free(*out);
     *out = NULL;
+    CLN_TRY(fullest_folder(base, result, any_case, out));
 done:
-    cln_dataset_free_names(&others);
     return st;
 }
 

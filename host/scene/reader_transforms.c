@@ -162,6 +162,11 @@ static cln_status index_frames(frames *f)
     for (; f->names.count < f->count; f->names.count++) {
         const char *name = f->views[f->names.count].name;
 
+        if (json_object_get(f->index, name))
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: two frames have the file_path '%s', so lists of splits do not "
+                             "tell which is meant; remove one of them",
+                             f->file, name));
         CLN_TRY(cln_strdup(&f->names.name[f->names.count], name));
         json_object_set_new(f->index, name, json_integer(f->names.count));
     }

@@ -80,7 +80,7 @@ static cln_picture picture_of(const char *run, int number)
     cln_picture picture;
     int view = 0;
 
-    assert_ok(cln_open_run_open(fixture_path(run), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path(run), NULL, pixels, NULL, &v));
     while (v.scene->views[view].split != CLN_SPLIT_TEST)
         view++;
     assert_ok(cln_open_run_start(&v, &device, false));
@@ -201,6 +201,19 @@ static void test_eval_of_other_splits(void **state)
     assert_fails(evaluate("scene", "test", NULL, &result), CLN_INPUT, "run.json");
     assert_fails(evaluate("whole", "test", &stop, &result), CLN_SIGINT, "");
     assert_null(result.images);
+}
+
+/* Photos of large scenes take minutes to read. */
+static void test_eval_stops_while_photos_are_read(void **state)
+{
+    cln_eval_result result;
+    fixture_stop stop = {.signal = SIGTERM, .photos = 1};
+
+    NEED_DEVICE();
+    assert_fails(evaluate("whole", "test", &stop, &result), CLN_SIGTERM, "signal");
+    assert_null(strstr(cln_error_text(), "--scene"));
+    assert_int_equal(stop.photos_seen, 1);
+    assert_int_equal(stop.pictures_seen, 0);
 }
 
 /* ---- render ---- */
@@ -993,6 +1006,7 @@ int test_group_results(void)
         cmocka_unit_test(test_eval_measures_opacity),
         cmocka_unit_test(test_eval_without_alpha),
         cmocka_unit_test(test_eval_of_other_splits),
+        cmocka_unit_test(test_eval_stops_while_photos_are_read),
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_drops_what_is_stale),
         cmocka_unit_test(test_render_refuses_sizes),

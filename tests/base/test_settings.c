@@ -115,6 +115,13 @@ static void test_refused(void **state)
     assert_int_equal(cln_settings_of_run("/nonexistent", &none), CLN_INPUT);
     assert_null(none);
     cln_clear_error();
+    assert_int_equal(cln_settings_of_run(NULL, &none), CLN_USAGE);
+    assert_null(none);
+    cln_clear_error();
+    assert_set_refused(settings, NULL, "64", "name is missing");
+    assert_set_refused(settings, "rays", NULL, "value is missing");
+    assert_int_equal(cln_settings_get(settings, NULL, small, sizeof small), CLN_USAGE);
+    cln_clear_error();
     cln_settings_free(settings);
 }
 
@@ -133,6 +140,29 @@ static void test_extend_in_other_locale(void **state)
     comma_locale_end();
     assert_int_equal(st, CLN_OK);
     assert_true(settings->config.time_limit == 60.75);
+    cln_settings_free(settings);
+}
+
+/* A sum that no budget can be leaves the settings as they are. */
+static void test_extend_too_much(void **state)
+{
+    cln_settings *settings = create("fast");
+
+    (void)state;
+    set(settings, "time-limit", "60");
+    set(settings, "steps", "100");
+    memset(settings->given, 0, sizeof settings->given);
+    settings->base = settings->config;
+    settings->used.time_limit = 60;
+    settings->used.steps = 100;
+    settings->preset[0] = 0;
+    assert_int_equal(cln_settings_set(settings, "steps", "+2000000000"), CLN_USAGE);
+    cln_clear_error();
+    assert_true(settings->config.time_limit == 60);
+    assert_int_equal(settings->config.steps, 100);
+    set(settings, "steps", "+10");
+    assert_int_equal(settings->config.steps, 110);
+    assert_true(settings->config.time_limit == 0);
     cln_settings_free(settings);
 }
 
@@ -425,6 +455,7 @@ int test_group_settings(void)
         cmocka_unit_test(test_every_setting),
         cmocka_unit_test(test_refused),
         cmocka_unit_test(test_extend),
+        cmocka_unit_test(test_extend_too_much),
         cmocka_unit_test(test_extend_in_other_locale),
         cmocka_unit_test(test_extend_beside_given),
         cmocka_unit_test(test_extend_after_other),

@@ -50,6 +50,7 @@ static void test_verdict(void **state)
     assert_false(cln_compare_values(off, want, N, 0.07, 0.49, text));
     assert_non_null(strstr(text, "element 2 of 4 is 1, should be 2"));
     assert_false(cln_compare_values(off, want, N, 0.06, 0.51, text));
+    assert_false(cln_compare_values(off, want, 0, 0.07, 0.51, text)); /* nothing was compared */
     assert_false(cln_compare_values(unknown, want, N, 1e9, 1e9, text));
 }
 

@@ -6,6 +6,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -51,6 +52,24 @@ static cln_status run(const char *kernel_dir, const char *tune, const char *only
 done:
     cln_device_close(device);
     return st;
+}
+
+/* A twin, its scale or its bound that is no number fails a row, wherever it comes. */
+static void test_twin_is_no_number(void **state)
+{
+    (void)state;
+    for (int k = 0; k < 4; k++)
+        for (int place = 0; place < 2; place++) {
+            cln_checks checks = {.shape = "by hand"};
+            cln_extreme e = cln_extreme_row(&checks, "row", "");
+
+            if (place > 0)
+                cln_extreme_meet(&e, 1, 1, 1, 1e-3, "first");
+            cln_extreme_meet(&e, 5, k == 1 ? NAN : 5.001, k == 2 ? NAN : 5, k == 3 ? NAN : 1e-3,
+                             "second");
+            cln_extreme_report(&e);
+            assert_int_equal(checks.failed, k > 0);
+        }
 }
 
 static void test_passes(void **state)
@@ -226,6 +245,7 @@ static void test_notices(void **state)
 int test_group_extremes(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_twin_is_no_number),
         cmocka_unit_test(test_passes),
         cmocka_unit_test(test_passes_with_others),
         cmocka_unit_test(test_notices),

@@ -291,16 +291,17 @@ section_disk() {
         --progress none --steps 24
 }
 
-# turn SCENE FACTORS: every pose's four columns times these, in its transforms files
+# turn SCENE FACTORS [rows]: every pose's four columns (or rows) times these, in its transforms
 turn() {
     local file
     for file in "$1"/transforms*.json; do
-        awk -v factors="$2" 'BEGIN { split(factors, by, " ") }
+        awk -v factors="$2" -v rows="${3:-}" 'BEGIN { split(factors, by, " ") }
             /"transform_matrix"/ { k = 0; inside = 1 }
             inside && /^ *-?[0-9][0-9.e+-]*,?$/ {
                 comma = /,$/ ? "," : ""
                 sub(/,$/, "")
-                $0 = sprintf("%.17g%s", $0 * (k < 12 ? by[k % 4 + 1] : 1), comma)
+                factor = by[(rows ? int(k / 4) : k % 4) + 1]
+                $0 = sprintf("%.17g%s", $0 * (k < 12 ? factor : 1), comma)
                 inside = ++k < 16
             }
             { print }' "$file" >"$work/turned" && mv "$work/turned" "$file"
@@ -452,6 +453,11 @@ section_check() {
     {
         planted axes axes true $front
         planted inverse axes true $front
+        check "inverted OpenGL matrices are to be inverted" grep -q "with OpenGL's axes" "$work/out"
+        turn "$work/planted" "1 -1 -1 1" rows # as COLMAP has them
+        expect "COLMAP's own matrices are to be turned, too" 0 "" \
+            "$cln" check "$work/planted" --probe 0 --json
+        check "it is said" grep -q "with OpenCV's axes .*then negate" "$work/out"
         planted far far_camera true $front
         planted pose pose true $front
         planted swap swapped true $front

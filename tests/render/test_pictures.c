@@ -31,7 +31,7 @@ static size_t render_fine(const cln_config *sampling, int antialias, int larger,
     int *views = NULL, count = 0;
     size_t samples = 0;
 
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     if (sampling)
         v.model.config = *sampling;
     assert_ok(cln_open_run_start(&v, &device, false));
@@ -75,7 +75,7 @@ static void render_crop(const double box[6], cln_picture *out, cln_space *space,
     int *views = NULL, count = 0;
 
     memcpy(crop.box, box, sizeof crop.box);
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
@@ -179,7 +179,7 @@ static void test_squares(void **state)
 
     (void)state;
     NEED_DEVICE();
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     for (int i = 0; i < v.scene->view_count; i++) {
         cln_camera *c = &v.scene->views[i].camera;
@@ -232,7 +232,7 @@ static void test_keeps_to_the_plan(void **state)
 
     (void)state;
     NEED_DEVICE();
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     v.model.config.sparsity = v.model.config.edge = 0.01;
     assert_ok(cln_open_run_start(&v, &device, false));
     v.pipeline.max_samples = 2048;
@@ -259,7 +259,7 @@ static void test_wide(void **state)
 
     (void)state;
     NEED_DEVICE();
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     v.model.config.stage1 = CLN_STAGE1_SPLAT;
     assert_ok(cln_open_run_start(&v, &device, false));
     for (int i = 0; i < v.scene->view_count; i++) {
@@ -434,7 +434,7 @@ static void test_follow(void **state)
     int total = 0, batches = 0;
 
     (void)state;
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_render_prepare(&v.pipeline));
@@ -483,7 +483,7 @@ static void test_no_window(void **state)
     NEED_DEVICE();
     memset(whole, 0xff, sizeof whole);
     memset(spots, 0x7f, sizeof spots); /* every eighth column is left out */
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));

@@ -173,6 +173,63 @@ static void test_colmap_images(void **state)
     }
 }
 
+/* Keeps what is said of the choice of a folder. */
+static void keep_warning(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN && strstr(line, "images are taken from"))
+        snprintf(user, 512, "%s", line);
+}
+
+/* Without a folder images: pictures of views that are no photos come last, then the number counts,
+ * and what cannot be told is said. */
+static void test_folders_beside_photos(void **state)
+{
+    static const struct {
+        const char *folders[3]; /* with images, the first of which is chosen */
+        int views[3];           /* 0: all */
+        const char *warning;
+    } cases[] = {
+        {{"rgb", "masks", "Depth_maps"}, {0, 0, 0}, ""},
+        {{"photos", "masks"}, {1, 0}, ""},
+        {{"photos", "colour"}, {0, 1}, ""},
+        {{"photos", "rgb", "masks"}, {0, 0, 0}, "'rgb' has as many"},
+        {{"masks"}, {0}, "'masks', which is the name of a folder of masks"},
+    };
+    cln_config config = *plain();
+    cln_camera cameras[FORMAT_VIEWS];
+
+    config.missing = CLN_MISSING_SKIP;
+    format_cameras(cameras);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        for (int sfm = 0; sfm < 2; sfm++) {
+            const char *folder = scratch_path(scratch_path(*state, sfm ? "s" : "c"),
+                                              (const char[]){(char)('a' + i), 0});
+            char warning[512] = "";
+            cln_scene *scene = NULL;
+
+            for (int k = 0; k < 3 && cases[i].folders[k]; k++)
+                for (int v = 0; v < (cases[i].views[k] ? cases[i].views[k] : FORMAT_VIEWS); v++) {
+                    char name[64];
+
+                    put_folder(folder, cases[i].folders[k]);
+                    snprintf(name, sizeof name, "%s/view_%02d.png", cases[i].folders[k], v);
+                    put_image(folder, name, FORMAT_WIDTH, FORMAT_HEIGHT, 3, v);
+                }
+            if (sfm)
+                format_opensfm(folder, cameras, "perspective", NULL, 0);
+            else
+                format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
+            cln_log_set_sink(keep_warning, warning);
+            scene = load(folder, &config);
+            assert_string_equal(strstr(scene->because, "images are from ") + 16,
+                                cases[i].folders[0]);
+            assert_true(warning[0] ? strstr(warning, cases[i].warning) && cases[i].warning[0]
+                                   : !cases[i].warning[0]);
+            cln_scene_free(scene);
+            cln_log_set_sink(NULL, NULL);
+        }
+}
+
 /* The log has the number of images without a pose. */
 static void test_colmap_without_pose(void **state)
 {
@@ -811,6 +868,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_colmap_rigs, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_images, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_folders_beside_photos, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_without_pose, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_colmap_models, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_cube_of_points, scratch_make, scratch_remove),

@@ -143,6 +143,10 @@ static const broken documents[] = {
      {"'a.png'", "distortion_params must be a list of numbers"}},
     {"model a number", KEYS("\"fl_x\":20,\"camera_model\":5"), {"'a.png'", "camera_model"}},
     /* Splits and bounds */
+    {"a frame twice beside lists",
+     "{\"fl_x\":20,\"train_filenames\":[\"a.png\"],\"frames\":[" FRAME(
+         "a.png", POSE_FRONT) "," FRAME("a.png", POSE_FRONT) "]}",
+     {"'a.png'", "two frames"}},
     {"list of numbers", KEYS("\"fl_x\":20,\"train_filenames\":[1]"), {"train_filenames[0]"}},
     {"list an object",
      KEYS("\"fl_x\":20,\"test_filenames\":{\"a\":1}"),

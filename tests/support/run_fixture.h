@@ -136,14 +136,15 @@ static inline cln_config fixture_config(void)
     return config;
 }
 
-/* A test's callbacks: one signal after `step` steps or `pictures` calls of work(), then none. */
+/* A test's callbacks: one signal after `step` steps, `photos` calls of work() for photos that are
+ * read, or `pictures` other calls, then none. */
 typedef struct fixture_stop {
     int signal;
     int64_t step;
-    int pictures;
+    int pictures, photos;
     int64_t steps_seen;
     double psnr_seen;
-    int pictures_seen;
+    int pictures_seen, photos_seen;
 } fixture_stop;
 
 static inline void fixture_on_train(const cln_train_progress *progress, void *user)
@@ -156,18 +157,20 @@ static inline void fixture_on_train(const cln_train_progress *progress, void *us
 
 static inline void fixture_on_work(const char *what, int done, int total, void *user)
 {
-    (void)what;
+    fixture_stop *s = user;
+
     (void)done;
     (void)total;
-    ((fixture_stop *)user)->pictures_seen++;
+    ++*(strcmp(what, "images") == 0 ? &s->photos_seen : &s->pictures_seen);
 }
 
 static inline int fixture_interrupted(void *user)
 {
     fixture_stop *s = user;
 
-    if ((s->step && s->steps_seen == s->step) || (s->pictures && s->pictures_seen == s->pictures)) {
-        s->step = s->pictures = 0;
+    if ((s->step && s->steps_seen == s->step) || (s->photos && s->photos_seen == s->photos) ||
+        (s->pictures && s->pictures_seen == s->pictures)) {
+        s->step = s->photos = s->pictures = 0;
         return s->signal;
     }
     return 0;

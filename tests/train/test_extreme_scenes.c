@@ -143,7 +143,7 @@ static void check_pictures(const extreme *e, const char *run, const char *what)
     cln_open_run v;
     cln_picture picture;
 
-    assert_ok(cln_open_run_open(run, NULL, pixels, &v));
+    assert_ok(cln_open_run_open(run, NULL, pixels, NULL, &v));
     assert_int_equal(v.scene->view_count, e->photos);
     for (int i = 0; i < e->photos; i++) { /* the ends of rows are what is extreme */
         cln_camera *c = &v.scene->views[i].camera;

@@ -42,7 +42,7 @@ static void open_bed(const cln_config *config, bed *b)
     cln_pipeline *p = &b->run.pipeline;
 
     memset(b, 0, sizeof *b);
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &b->run));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &b->run));
     b->run.model.config = *config;
     b->run.wanted = CLN_PROGRAMS_ALL;
     assert_ok(cln_open_run_start(&b->run, &device, false));

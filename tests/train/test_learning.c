@@ -57,7 +57,7 @@ static void test_depth_is_the_balls(void **state)
     int middle = 0, rim = 0, beside = 0;
 
     NEED_DEVICE();
-    assert_ok(cln_open_run_open(fixture_path("long"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("long"), NULL, pixels, NULL, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_render_prepare(&v.pipeline));

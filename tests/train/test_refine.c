@@ -301,7 +301,7 @@ static double off(const char *run)
     cln_open_run v;
     double sum = 0;
 
-    assert_ok(cln_open_run_open(fixture_path(run), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path(run), NULL, pixels, NULL, &v));
     for (int i = 0; i < VIEWS; i++) {
         const cln_camera *c =
             &v.scene->views[cln_scene_split_view(v.scene, CLN_SPLIT_TRAIN, i)].camera;

@@ -192,6 +192,21 @@ static void test_interrupted_in_evaluation(void **state)
     assert_every_step_once("looking", STEPS);
 }
 
+/* A signal while photos are read, long before the first step. */
+static void test_interrupted_at_photos(void **state)
+{
+    const cln_config config = fixture_config();
+    fixture_stop stop = {.signal = SIGINT, .photos = 1};
+    cln_train_result result;
+
+    NEED_DEVICE();
+    assert_fails(fixture_train("reading", false, &config, &stop, &result), CLN_SIGINT,
+                 "before the first step");
+    assert_int_equal(stop.photos_seen, 1);
+    assert_int_equal(stop.pictures_seen, 0); /* no kernel was checked */
+    assert_false(cln_is_file(fixture_path("reading/run.json")));
+}
+
 /* SIGUSR1 writes an extra checkpoint and changes nothing else. */
 static void test_checkpoint_on_the_way(void **state)
 {
@@ -248,7 +263,7 @@ static void test_split_keeps_pictures(void **state)
     int *views = NULL, count = 0;
 
     NEED_DEVICE();
-    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 0, &views, &count));
@@ -620,7 +635,7 @@ static void test_splat_in_bands(void **state)
 
     NEED_DEVICE();
     train_splat("tall", CLN_LISTS_CSR, &result);
-    assert_ok(cln_open_run_open(fixture_path("tall"), NULL, pixels, &v));
+    assert_ok(cln_open_run_open(fixture_path("tall"), NULL, pixels, NULL, &v));
     tall = v.scene->views[0].camera;
     tall.width = 64;
     tall.height = 192; /* three bands of 64 rows, the coarsest pixel */
@@ -716,6 +731,7 @@ int test_group_training(void)
         cmocka_unit_test(test_interrupted),
         cmocka_unit_test(test_rolling_refresh),
         cmocka_unit_test(test_interrupted_in_evaluation),
+        cmocka_unit_test(test_interrupted_at_photos),
         cmocka_unit_test(test_checkpoint_on_the_way),
         cmocka_unit_test(test_resumed_with_other_settings),
         cmocka_unit_test(test_split_keeps_pictures),
