@@ -47,8 +47,8 @@ typedef struct cln_ask {
     double budget;     /* picture: seconds that it may take, for which its size is reduced; 0 = full
                           size, however long it takes */
     cln_show show;
-    bool png; /* else JPEG */
-    float background[3]; /* picture, photo */
+    bool png;                  /* else JPEG */
+    float background[3];       /* picture, photo */
     cln_crop crop;             /* picture, point */
     int width, height, frames; /* film to begin */
     double fps;
