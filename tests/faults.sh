@@ -146,6 +146,10 @@ section_kill() {
                 faulty any "$at" kill "${fresh[@]}"
             fi
         done
+        if [ $rc != 0 ]; then # the last command, in which nothing was killed
+            bad "killed (checkpoints then:$place), then not: it ends well" "exit code $rc"
+            continue
+        fi
         goes_on "killed (checkpoints then:$place)"
     done
 }
@@ -270,10 +274,14 @@ section_clock() {
         cmp -s <(step_rows | "$query" -l step) <(seq $steps)
 }
 
-# How many pictures a folder has, and a digest of them.
+# How many pictures and depths a folder has, and a digest of them and of its figures, but for the
+# seconds.
 pictures() {
-    (cd "$1" && find . -name '*.png' | wc -l &&
-        find . -name '*.png' -exec md5sum {} + | sort | md5sum | cut -c -32) | tr '\n' ' '
+    (cd "$1" && find . -name '*.png' -o -name '*.npy' | wc -l &&
+        { find . -name '*.png' -exec md5sum {} + -o -name '*.npy' -exec md5sum {} + | sort
+            find . -name '*.json' | sort | xargs cat |
+                sed -E 's/"[a-z_]*seconds": *[-+.0-9e]+//g'; } |
+        md5sum | cut -c -32) | tr '\n' ' '
 }
 
 # A command on the finished run, killed or with a fault, and then repeated without one: the same

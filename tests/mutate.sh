@@ -21,7 +21,8 @@
 # Results are rows in build/mutants/results, which a further call keeps; remove it to start again.
 # tests/support/mutants.txt explains survivors that no test can tell: file, changed line (of a
 # statement less: "without" and the statement), reason.
-# The last line counts; the exit code is 1 if a mutant survived that is not explained there.
+# The last line counts; the exit code is 1 if a mutant survived that is not explained there, if a
+# copy could not be made, and if there are no results.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
@@ -150,6 +151,16 @@ noticed_by() {
     done < <(order "$file" | head -n 12)
 }
 
+# Adds the row of $row's mutant; its earlier row, of a survivor, goes now that this one is there.
+record() {
+    (
+        flock 9
+        grep -vF $'\t'"$row"$'\t' "$results" >"$results.new"
+        printf '%s\t%s\t%s\t%s\n' "$@" >>"$results.new"
+        mv "$results.new" "$results"
+    ) 9>"$out/lock"
+}
+
 # Takes mutants from the list, each worker every JOBS-th.
 work() {
     local number=$1 copy=$out/copy$1 n=0 kind file line column old new by row changed before
@@ -160,9 +171,12 @@ work() {
         [ "$(wc -l <"$results")" -lt "$count" ] || break
         [ $SECONDS -lt $((limit * 60)) ] || break
         row=$(printf '%s\t%s\t%s\t%s\t%s' "$file" "$line" "$column" "$old" "$new")
-        grep -qF "$row" "$results" && continue
+        [ -n "${AGAIN:-}" ] || ! grep -qF $'\t'"$row"$'\t' "$results" || continue
         cp "$file" kept
-        perl $perl apply "$file" "$line" "$column" "$old" "$new" || continue
+        if ! perl $perl apply "$file" "$line" "$column" "$old" "$new"; then
+            echo "$file:$line: not applied, the text has changed" >&2
+            continue
+        fi
         count_spent
         before=$spent
         if make --no-print-directory build/tests >log 2>&1; then
@@ -170,7 +184,7 @@ work() {
             noticed_by "$file"
             changed=$(perl $perl line "$file" "$line")
             [ "$kind" != statement ] || changed="without ${old#"${old%%[! ]*}"}"
-            printf '%s\t%s\t%s\t%s\n' "${by:-survived}" "$kind" "$row" "$changed" >>"$results"
+            record "${by:-survived}" "$kind" "$row" "$changed"
             count_spent
             printf '%s:%s: %s, %d s: %s\n' "$file" "$line" "${by:-SURVIVED}" \
                 $((spent - before)) "$changed"
@@ -183,9 +197,7 @@ work() {
 
 if [ -n "${AGAIN:-}" ]; then
     grep "^survived" "$results" | cut -f 2-7 >"$out/list"
-    count=$(wc -l <"$results")
-    grep -v "^survived" "$results" >"$results.new"
-    mv "$results.new" "$results"
+    count=$(($(wc -l <"$results") + 1)) # all of the list
 else
     files=("$@")
     [ $# -gt 0 ] || for file in kernels/* host/*/*.c; do
@@ -198,13 +210,17 @@ else
     perl $perl list "$seed" "${files[@]}" >"$out/list"
 fi
 trap 'kill $(jobs -p) 2>/dev/null' EXIT
+workers=() failed=0
 for ((i = 0; i < jobs; i++)); do
     work "$i" &
+    workers+=($!)
 done
-wait
+for i in "${workers[@]}"; do
+    wait "$i" || failed=1
+done
 
 # Those that survived and are not explained.
-awk -F '\t' '
+awk -F '\t' -v failed=$failed '
     FILENAME ~ /mutants.txt$/ { if (!/^#/) why[$1 FS $2] = 1; next }
     $1 != "survived" { killed++; next }
     ($3 FS $8) in why { explained++; next }
@@ -212,7 +228,7 @@ awk -F '\t' '
     END {
         printf "%d mutants: %d noticed, %d survived, %d of them explained; " \
             "%.1f %% noticed of the others\n",
-            NR ? killed + explained + left : 0, killed, explained + left, explained,
+            killed + explained + left, killed, explained + left, explained,
             killed + left ? 100 * killed / (killed + left) : 0
-        exit left > 0
+        exit left > 0 || failed || !(killed + explained + left)
     }' tests/support/mutants.txt "$results"

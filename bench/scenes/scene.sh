@@ -1,8 +1,8 @@
 #!/bin/sh
 # Error against run time on one scene: trains with test PSNR at the given points, then evaluates
 # every test view. Two tables in Markdown: the points and the end, and the time of a step by stage,
-# by OpenCL events, after the last change of the tree (--structure-until). Nothing else should run
-# on the machine. Trains the default preset unless TRAIN OPTIONS name another.
+# by OpenCL events, after the last change of the tree (--structure-until); what is no training
+# stands below. Nothing else should run on the machine. Trains the default preset unless TRAIN OPTIONS name another.
 #
 #   bench/scenes/scene.sh SCENE RUN LIMIT POINTS [TRAIN OPTIONS]
 #   bench/scenes/scene.sh ../lego build/lego-10m 10m 1m,2m,5m
@@ -67,6 +67,10 @@ grep '"stages"' "$metrics" | awk -v after="$(echo "$from $end" | awk '{ print $1
         for (i = 1; i <= n; i++) {
             split(parts[i], pair, ":")
             gsub(/"/, "", pair[1])
+            if (pair[1] ~ /^(evaluation|probes|viewing)$/) { # not in training seconds
+                apart[pair[1]] += pair[2]
+                continue
+            }
             if (!(pair[1] in sum)) order[++kinds] = pair[1]
             sum[pair[1]] += pair[2]; device += pair[2]
         }
@@ -81,6 +85,8 @@ grep '"stages"' "$metrics" | awk -v after="$(echo "$from $end" | awk '{ print $1
         printf "| host, and the device waiting for it | %.2f | %.1f %% |\n",
             1e3 * (all - device) / steps, 100 * (all - device) / all
         printf "| all | %.2f | |\n", 1e3 * all / steps
+        for (name in apart)
+            printf "\nBeside it: %s, %.1f s.\n", name, apart[name]
         if (rows)
             printf "\n%.0f samples a leaf; %.1f %% of the rows of the forward tiles are empty.\n",
                 filled / rows, 100 * padding / rows

@@ -115,8 +115,9 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
     const cln_model *model = &j->opened.model;
     const cln_camera *c = &f->camera;
     const double lengths[4] = {c->fx, c->fy, c->cx, c->cy};
-    /* 0 and 1 are the mean, as in files from before there was a median */
-    const int32_t kind = j->desc->z_depth | (j->desc->mean_depth ? 0 : 4);
+    /* 0 is the mean, as in files from before there was a median; 1 was along the axis, with other
+     * normals and edges */
+    const int32_t kind = (j->desc->z_depth ? 2 : 0) | (j->desc->mean_depth ? 0 : 4);
     const int32_t numbers[4] = {c->width, c->height, (int32_t)c->lens, kind};
     uint64_t d = CLN_DIGEST_START;
 
@@ -223,18 +224,20 @@ static void put_beside(const float *part, int width, int height, int channels, i
 static cln_status render_eye(cln_render_job *j, int eye, float *normals, cln_picture *out)
 {
     cln_status st = CLN_OK;
-    const unsigned depth =
-        (j->desc->z_depth ? CLN_DEPTH_AXIS : 0) | (j->desc->mean_depth ? CLN_DEPTH_MEAN : 0);
-    const size_t n = (size_t)j->eyes[eye].width * (size_t)j->eyes[eye].height;
+    const cln_camera *camera = &j->eyes[eye];
+    const int n = camera->width * camera->height;
 
-    CLN_TRY(cln_render_view(&j->opened.pipeline, eye, j->opened.model.background, depth,
-                            &j->desc->callbacks, out));
-    for (size_t i = 0; i < n; i++)
+    CLN_TRY(cln_render_view(&j->opened.pipeline, eye, j->opened.model.background,
+                            j->desc->mean_depth ? CLN_DEPTH_MEAN : 0, &j->desc->callbacks, out));
+    for (int i = 0; i < n; i++)
         out->depth[i] = out->opacity[i] > 0
                             ? cln_space_depth_to_scene(&j->opened.model.space, out->depth[i])
                             : 0;
     if (normals)
-        cln_normals_of_depth(&j->eyes[eye], out->depth, j->desc->z_depth, out->opacity, normals);
+        cln_normals_of_depth(camera, out->depth, out->opacity, normals);
+    for (int i = 0; i < n && j->desc->z_depth; i++) /* after all that depths along the ray decide */
+        out->depth[i] = cln_depth_along_axis(camera, i % camera->width, i / camera->width, false,
+                                             out->depth[i]);
 done:
     return st;
 }

@@ -277,7 +277,8 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
     const int shape[2] = {p->height, p->width};
     char *path[FILES] = {NULL};
     uint8_t *bytes = NULL;
-    int beyond = 0;
+    int beyond = 0, behind = 0;
+    char far[96] = "";
 
     *warning = NULL;
     for (int file = 0; file < FILES; file++)
@@ -288,11 +289,19 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
         CLN_TRY(cln_depth_write_pfm(path[DEPTH_PFM], p->width, p->height, p->depth));
     if (is_wanted(j, DEPTH_PNG16))
         CLN_TRY(cln_depth_write_png16(path[DEPTH_PNG16], p->width, p->height, p->depth,
-                                      j->desc->depth_unit, &beyond));
+                                      j->desc->depth_unit, &beyond, &behind));
     if (beyond > 0)
-        CLN_TRY(cln_asprintf(
-            warning, "%s: %d pixel%s farther than 65535 x %g; give a larger --depth-unit",
-            path[DEPTH_PNG16], beyond, cln_plural(beyond, " is", "s are"), j->desc->depth_unit));
+        snprintf(far, sizeof far, "%d pixel%s farther than 65535 x %g; give a larger --depth-unit",
+                 beyond, cln_plural(beyond, " is", "s are"), j->desc->depth_unit);
+    if (behind > 0)
+        CLN_TRY(cln_asprintf(warning,
+                             "%s: %d pixel%s behind the camera, where depths along its axis are "
+                             "negative: the file has 0 there; leave out --z-depth or "
+                             "--depth-unit%s%s",
+                             path[DEPTH_PNG16], behind, cln_plural(behind, " is", "s are"),
+                             beyond > 0 ? "; " : "", far));
+    else if (beyond > 0)
+        CLN_TRY(cln_asprintf(warning, "%s: %s", path[DEPTH_PNG16], far));
     if (normals)
         CLN_TRY(write_normals(j, f, normals));
     for (size_t i = 0; i < n; i++)
@@ -308,7 +317,7 @@ done:
     return st;
 }
 
-/* Reads a frame's depth and opacity from its files. */
+/* Reads a frame's depth, along the ray, and opacity from its files. */
 static cln_status read_frame(const cln_render_job *j, const cln_render_frame *f, float **depth,
                              uint8_t **opacity)
 {
@@ -328,6 +337,9 @@ static cln_status read_frame(const cln_render_job *j, const cln_render_frame *f,
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: its size is not the frame's; --overwrite renders the frame again",
                          path));
+    for (int i = 0; i < width * height && j->desc->z_depth; i++)
+        (*depth)[i] = cln_depth_along_axis(&f->camera, i % width % f->camera.width, i / width, true,
+                                           (*depth)[i]);
     for (int i = 0; i < width * height; i++) /* in place: grey has several equal channels */
         grey[i] = grey[i * channels];
     *opacity = grey;

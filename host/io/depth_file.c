@@ -42,11 +42,13 @@ done:
 }
 
 /* Fills PNG rows: a byte for the filter (0, none), then big-endian numbers. Returns how many pixels
- * are beyond 65535 units. */
-static int fill_rows(int width, int height, const float *depth, double unit, uint8_t *rows)
+ * are beyond 65535 units; *behind: how many are negative. */
+static int fill_rows(int width, int height, const float *depth, double unit, uint8_t *rows,
+                     int *behind)
 {
     int beyond = 0;
 
+    *behind = 0;
     for (int y = 0; y < height; y++) {
         *rows++ = 0;
         for (int x = 0; x < width; x++) {
@@ -54,6 +56,7 @@ static int fill_rows(int width, int height, const float *depth, double unit, uin
             const unsigned value = steps > 0 ? (unsigned)fmin(steps, 65535) : 0;
 
             beyond += steps > 65535;
+            *behind += steps < 0;
             *rows++ = (uint8_t)(value >> 8);
             *rows++ = (uint8_t)value;
         }
@@ -62,7 +65,7 @@ static int fill_rows(int width, int height, const float *depth, double unit, uin
 }
 
 cln_status cln_depth_write_png16(const char *path, int width, int height, const float *depth,
-                                 double unit, int *beyond)
+                                 double unit, int *beyond, int *behind)
 {
     static const uint8_t signature[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
     cln_status st = CLN_OK;
@@ -70,11 +73,11 @@ cln_status cln_depth_write_png16(const char *path, int width, int height, const 
     uint8_t *rows = NULL, *packed = NULL, about[13] = {0};
     uLongf size = compressBound((uLong)bytes);
     cln_atomic_file *file = NULL;
-    int over = 0;
+    int over = 0, under = 0;
 
     CLN_TRY(cln_alloc(&rows, bytes, 1, "depth"));
     CLN_TRY(cln_alloc(&packed, size, 1, "depth"));
-    over = fill_rows(width, height, depth, unit, rows);
+    over = fill_rows(width, height, depth, unit, rows, &under);
     if (compress2(packed, &size, rows, (uLong)bytes, 6) != Z_OK)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot be compressed", path));
     put_u32(about, (uint32_t)width);
@@ -88,6 +91,8 @@ cln_status cln_depth_write_png16(const char *path, int width, int height, const 
     CLN_TRY(cln_atomic_commit(&file));
     if (beyond)
         *beyond = over;
+    if (behind)
+        *behind = under;
 done:
     cln_atomic_abandon(file);
     free(rows);

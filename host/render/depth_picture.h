@@ -1,5 +1,6 @@
-/* Depth as a grey picture to look at: near is bright, linear in inverse depth, on one scale for all
- * frames of a film. First every frame is added, then the scale is made, then frames are drawn. */
+/* Depth as a grey picture to look at: near is bright, linear in inverse depth along the ray, on one
+ * scale for all frames of a film. First every frame is added, then the scale is made, then frames
+ * are drawn. */
 #ifndef CLN_DEPTH_PICTURE_H
 #define CLN_DEPTH_PICTURE_H
 

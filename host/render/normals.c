@@ -11,7 +11,6 @@ static const double EDGE = 0.05; /* a larger step of depth, as a share of it, is
 typedef struct surface {
     const cln_camera *camera;
     const float *depth, *opacity;
-    bool axis;
 } surface;
 
 /* The point that pixel (x, y) shows; false if it shows none. *range: its distance. */
@@ -19,16 +18,14 @@ static bool find_point(const surface *s, int x, int y, double point[3], double *
 {
     const cln_camera *c = s->camera;
     const size_t i = (size_t)y * (size_t)c->width + (size_t)x;
-    double direction[3], cosine = 0;
+    double direction[3];
 
     if (x < 0 || y < 0 || x >= c->width || y >= c->height)
         return false;
     if (!(s->opacity[i] >= SEEN) || !(s->depth[i] > 0) ||
         !cln_camera_ray(c, x + 0.5, y + 0.5, point, direction))
         return false;
-    for (int a = 0; a < 3; a++)
-        cosine += direction[a] * c->c2w[4 * a + 2];
-    *range = s->axis ? (double)s->depth[i] / cosine : (double)s->depth[i];
+    *range = (double)s->depth[i];
     for (int a = 0; a < 3; a++)
         point[a] += *range * direction[a];
     return true;
@@ -54,10 +51,10 @@ static bool find_slope(const surface *s, int x, int y, int dx, int dy, const dou
     return found;
 }
 
-void cln_normals_of_depth(const cln_camera *camera, const float *depth, bool axis,
-                          const float *opacity, float *normals)
+void cln_normals_of_depth(const cln_camera *camera, const float *depth, const float *opacity,
+                          float *normals)
 {
-    const surface s = {camera, depth, opacity, axis};
+    const surface s = {camera, depth, opacity};
 
     for (int y = 0; y < camera->height; y++)
         for (int x = 0; x < camera->width; x++) {

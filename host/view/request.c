@@ -209,25 +209,33 @@ done:
     return st;
 }
 
-static cln_status read_looks(const float background[3], cln_ask_get *get, void *query, cln_ask *out)
+static cln_status read_background(const float standard[3], cln_ask_get *get, void *query,
+                                  cln_ask *out)
+{
+    const char *colour = get(query, "background");
+    double rgb[3] = {standard[0], standard[1], standard[2]};
+
+    if (colour && !cln_reals_read(colour, 3, rgb))
+        return cln_fail(CLN_USAGE, "background: give three numbers with commas");
+    for (int c = 0; c < 3; c++) {
+        if (!(rgb[c] >= 0 && rgb[c] <= 1))
+            return cln_fail(CLN_USAGE, "background: give numbers from 0 to 1");
+        out->background[c] = (float)rgb[c];
+    }
+    return CLN_OK;
+}
+
+static cln_status read_looks(cln_ask_get *get, void *query, cln_ask *out)
 {
     static const char *const shows[CLN_SHOWS] = {"colour", "depth", "opacity", "level", "error"};
     static const char *const formats[] = {"jpeg", "png"};
     cln_status st = CLN_OK;
-    const char *colour = get(query, "background");
-    double ms = 0, rgb[3] = {background[0], background[1], background[2]};
+    double ms = 0;
     int show = 0, format = 0;
 
     CLN_TRY(read_real(get, query, "ms", 0, 60000, 0, &ms));
     CLN_TRY(read_word(get, query, "show", shows, CLN_SHOWS, &show));
     CLN_TRY(read_word(get, query, "format", formats, 2, &format));
-    if (colour && !cln_reals_read(colour, 3, rgb))
-        CLN_TRY(cln_fail(CLN_USAGE, "background: give three numbers with commas"));
-    for (int c = 0; c < 3; c++) {
-        if (!(rgb[c] >= 0 && rgb[c] <= 1))
-            CLN_TRY(cln_fail(CLN_USAGE, "background: give numbers from 0 to 1"));
-        out->background[c] = (float)rgb[c];
-    }
     out->budget = out->kind == CLN_ASK_PICTURE ? ms / 1000 : 0;
     out->show = (cln_show)show;
     out->png = format == 1;
@@ -256,7 +264,9 @@ cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float b
     if (kind == CLN_ASK_POINT)
         CLN_TRY(read_point(get, query, out));
     if (kind == CLN_ASK_PICTURE || kind == CLN_ASK_FILM_FRAME)
-        CLN_TRY(read_looks(background, get, query, out));
+        CLN_TRY(read_looks(get, query, out));
+    if (kind == CLN_ASK_PICTURE || kind == CLN_ASK_FILM_FRAME || kind == CLN_ASK_PHOTO)
+        CLN_TRY(read_background(background, get, query, out));
 done:
     return st;
 }

@@ -47,8 +47,8 @@ typedef struct cln_ask {
     double budget;     /* picture: seconds that it may take, for which its size is reduced; 0 = full
                           size, however long it takes */
     cln_show show;
-    bool png; /* else JPEG */
-    float background[3];
+    bool png;                  /* else JPEG */
+    float background[3];       /* picture, photo */
     cln_crop crop;             /* picture, point */
     int width, height, frames; /* film to begin */
     double fps;
@@ -66,7 +66,7 @@ typedef const char *cln_ask_get(void *query, const char *name);
  *   crop=X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ] only what is in this box; scene units, degrees
  *   ms= show=colour|depth|opacity|level|error format=jpeg|png background=R,G,B (0..1)    picture
  *   x= y=                  point
- *   view=I side=PIXELS     photo
+ *   view=I side=PIXELS background=   photo
  *   width= height= frames= fps=      film to begin
  *   film=NAME              further requests of a film; a frame: also a picture's but ms, format
  * scene may be NULL: no view then. CLN_USAGE names what is wrong. */

@@ -13,6 +13,7 @@
 #include "render/recorded.h"
 #include "render/view.h"
 #include "io/npy.h"
+#include "near.h"
 #include "sanitized.h"
 #include "tests.h"
 
@@ -395,6 +396,76 @@ static void test_render_files(void **state)
     free(opacity);
     free(picture);
     free(evaluated);
+}
+
+static void count_behind(cln_log_level level, const char *line, void *user)
+{
+    *(int *)user += level == CLN_LOG_WARN && strstr(line, "are behind the camera");
+}
+
+/* A panorama from within sees behind its camera's plane. There depths along the axis are negative,
+ * ray times cosine; all that is made from depths is as along the ray; 16-bit files cannot tell. */
+static void test_render_behind(void **state)
+{
+    enum { WIDTH = 48, HEIGHT = 24 };
+    static const char poses[] =
+        "{\"camera_model\":\"EQUIRECTANGULAR\",\"w\":48,\"h\":24,\"frames\":[{\"file_path\":"
+        "\"round.png\",\"transform_matrix\":[[1,0,0,0.1],[0,1,0,-1.1],[0,0,1,0.2],[0,0,0,1]]}]}";
+    static const char *const out[2] = {"round, ray", "round, axis"};
+    fixture_stop none = {0};
+    uint8_t *colour[2], *grey[2];
+    float *depth[2], *normal[2];
+    int dims = 0, shape[4], width = 0, height = 0, channels = 0, behind = 0, with_normal = 0,
+        warnings = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_write_file(fixture_path("round.json"), poses, sizeof poses - 1));
+    for (int axis = 0; axis < 2; axis++) {
+        cln_render_desc desc = render_desc(out[axis], &none);
+        char name[64];
+
+        desc.split = NULL;
+        desc.poses = fixture_path("round.json");
+        desc.antialias = 2;
+        desc.normals = true;
+        desc.z_depth = axis == 1;
+        desc.depth_unit = 0.001;
+        cln_log_to(CLN_LOG_WARN, count_behind, &warnings);
+        assert_rendered(&desc, 1, 0);
+        cln_log_to(CLN_LOG_INFO, fixture_no_log, NULL);
+        assert_int_equal(warnings, axis);
+        snprintf(name, sizeof name, "%s/round.depth.npy", out[axis]);
+        assert_ok(cln_npy_read_f32(fixture_path(name), &dims, shape, &depth[axis]));
+        snprintf(name, sizeof name, "%s/round.normal.npy", out[axis]);
+        assert_ok(cln_npy_read_f32(fixture_path(name), &dims, shape, &normal[axis]));
+        assert_true(shape[0] == HEIGHT && shape[1] == WIDTH);
+        snprintf(name, sizeof name, "%s/round.depth.png", out[axis]);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &grey[axis]));
+        snprintf(name, sizeof name, "%s/round.png", out[axis]);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &(int){0}, &colour[axis]));
+    }
+    for (int i = 0; i < WIDTH * HEIGHT; i++) {
+        const double turn = (i % WIDTH + 0.5) / WIDTH * 2 - 1;
+        const double cosine = cos(M_PI * turn) * cos(M_PI * ((i / WIDTH + 0.5) / HEIGHT - 0.5));
+
+        assert_near(depth[1][i], (double)depth[0][i] * cosine, 1e-5);
+        assert_near(grey[1][channels * i], grey[0][channels * i], 1);
+        for (int c = 0; c < 3; c++) {
+            assert_int_equal(colour[1][3 * i + c], colour[0][3 * i + c]);
+            assert_true(normal[1][3 * i + c] == normal[0][3 * i + c]);
+            with_normal += depth[1][i] < 0 && normal[1][3 * i + c] != 0;
+        }
+        behind += depth[1][i] < 0;
+    }
+    print_message("a panorama: %d of %d pixels behind the camera, %d with a normal\n", behind,
+                  WIDTH * HEIGHT, with_normal / 3);
+    assert_true(behind > WIDTH * HEIGHT / 4 && with_normal > 60);
+    for (int axis = 0; axis < 2; axis++) {
+        free(colour[axis]);
+        free(grey[axis]);
+        free(depth[axis]);
+        free(normal[axis]);
+    }
 }
 
 typedef struct heard {
@@ -1012,6 +1083,7 @@ int test_group_results(void)
         cmocka_unit_test(test_render_refuses_sizes),
         cmocka_unit_test(test_render_is_planned),
         cmocka_unit_test(test_render_files),
+        cmocka_unit_test(test_render_behind),
         cmocka_unit_test(test_render_warns_here),
         cmocka_unit_test(test_render_pairs),
         cmocka_unit_test(test_render_stops_and_goes_on),

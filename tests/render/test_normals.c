@@ -66,7 +66,7 @@ static cln_camera make_camera(void)
     return c;
 }
 
-static void check(bool axis, double k1)
+static void check(double k1)
 {
     static float depth[WIDTH * HEIGHT], opacity[WIDTH * HEIGHT], got[3 * WIDTH * HEIGHT];
     static double want[3 * WIDTH * HEIGHT];
@@ -75,16 +75,14 @@ static void check(bool axis, double k1)
 
     camera.k1 = k1;
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
-        double o[3], d[3], cosine = 0, t = 0;
+        double o[3], d[3], t = 0;
 
         cln_camera_ray(&camera, i % WIDTH + 0.5, i / WIDTH + 0.5, o, d);
-        for (int a = 0; a < 3; a++)
-            cosine += d[a] * camera.c2w[4 * a + 2];
         t = hit(o, d, want + 3 * (size_t)i);
-        depth[i] = (float)(axis ? t * cosine : t);
+        depth[i] = (float)t;
         opacity[i] = t > 0 && i % 97 != 5 ? 0.9f : 0.2f; /* some pixels show nothing */
     }
-    cln_normals_of_depth(&camera, depth, axis, opacity, got);
+    cln_normals_of_depth(&camera, depth, opacity, got);
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
         const float *n = got + 3 * (size_t)i;
         double dot = 0, square = 0;
@@ -111,9 +109,8 @@ static void check(bool axis, double k1)
 static void test_known_surfaces(void **state)
 {
     (void)state;
-    check(false, 0);
-    check(true, 0);
-    check(false, 0.08);
+    check(0);
+    check(0.08);
 }
 
 /* A pixel alone in its picture has no normal. */
@@ -125,7 +122,7 @@ static void test_without_neighbours(void **state)
 
     (void)state;
     camera.width = camera.height = 1;
-    cln_normals_of_depth(&camera, &depth, false, &opacity, normal);
+    cln_normals_of_depth(&camera, &depth, &opacity, normal);
     assert_true(normal[0] == 0 && normal[1] == 0 && normal[2] == 0);
 }
 

@@ -298,7 +298,6 @@ static void test_wide(void **state)
 
 /* A pixel is the mean of a picture of three times the size where edges are, and the ray through its
  * centre elsewhere. Returns how many pixels have the depth of another ray than the centre's. */
-/* Returns how many pixels have the depth of another ray than the centre's. */
 static int check_antialias(void)
 {
     enum { N = 3 };
@@ -434,6 +433,7 @@ static void test_follow(void **state)
     int total = 0, batches = 0;
 
     (void)state;
+    NEED_DEVICE();
     assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
     assert_ok(cln_open_run_start(&v, &device, false));
     assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));

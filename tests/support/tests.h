@@ -59,6 +59,7 @@ int test_group_orientation(void);
 int test_group_gradient(void);
 int test_group_normals(void);
 int test_group_pictures(void);
+int test_group_painter(void);
 int test_group_plan(void);
 int test_group_plan_ranks(void);
 int test_group_progress(void);

@@ -55,6 +55,7 @@ static void read_what_is_asked(void **state)
     static const char *const of_view[] = {"view", "1", "width", "40", "format", "png", NULL};
     static const char *const point[] = {"view", "0", "x", "79.5", "y", "0", NULL};
     static const char *const photo[] = {"view", "1", "side", "64", NULL};
+    static const char *const over_blue[] = {"view", "1", "background", "0,0,1", NULL};
 #define NAME "0123456789abcdef0123456789abcdef"
     static const char *const film[] = {"width", "854", "height", "480", "frames",
                                        "96",    "fps", "12.5",   NULL};
@@ -82,7 +83,9 @@ static void read_what_is_asked(void **state)
     assert_int_equal(ask(CLN_ASK_POINT, &scene, point, &a), CLN_OK);
     assert_true(a.x == 79.5 && a.y == 0);
     assert_int_equal(ask(CLN_ASK_PHOTO, &scene, photo, &a), CLN_OK);
-    assert_true(a.view == 1 && a.side == 64);
+    assert_true(a.view == 1 && a.side == 64 && a.background[2] == 0.5f);
+    assert_int_equal(ask(CLN_ASK_PHOTO, &scene, over_blue, &a), CLN_OK);
+    assert_true(a.background[1] == 0 && a.background[2] == 1);
     assert_int_equal(ask(CLN_ASK_FILM_BEGIN, NULL, film, &a), CLN_OK);
     assert_true(a.width == 854 && a.height == 480 && a.frames == 96 && a.fps == 12.5);
     assert_int_equal(ask(CLN_ASK_FILM_FRAME, &scene, frame, &a), CLN_OK);
