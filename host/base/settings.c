@@ -7,7 +7,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "base/given.h"
 #include "base/memory.h"
 #include "base/number.h"
 
@@ -37,6 +36,8 @@ void cln_settings_free(cln_settings *settings)
 
 static cln_status find_row(const char *name, const cln_config_row **row)
 {
+    if (!name)
+        return cln_fail(CLN_USAGE, "a setting's name is missing (NULL); give it");
     *row = cln_config_find(name);
     if (*row)
         return CLN_OK;
@@ -131,9 +132,9 @@ cln_status cln_settings_set(cln_settings *settings, const char *name, const char
     cln_status st = CLN_OK;
     const cln_config_row *row = NULL;
 
-    CLN_TRY(cln_given("cln_settings_set", "name", name));
-    CLN_TRY(cln_given("cln_settings_set", "value", value));
     CLN_TRY(find_row(name, &row));
+    if (!value)
+        CLN_TRY(cln_fail(CLN_USAGE, "cln_settings_set: value is missing (NULL); give it"));
     if (row->flags & CLN_ROW_BUDGET && value[0] == '+')
         CLN_TRY(extend(settings, row, value + 1));
     else
@@ -150,7 +151,6 @@ cln_status cln_settings_get(const cln_settings *settings, const char *name, char
     const cln_config_row *row = NULL;
     char text[CLN_TEXT_BYTES];
 
-    CLN_TRY(cln_given("cln_settings_get", "name", name));
     CLN_TRY(find_row(name, &row));
     cln_config_text(&settings->config, row, text);
     if (strlen(text) >= bytes)
