@@ -2,7 +2,8 @@
 # Error against run time on one scene: trains with test PSNR at the given points, then evaluates
 # every test view. Two tables in Markdown: the points and the end, and the time of a step by stage,
 # by OpenCL events, after the last change of the tree (--structure-until); what is no training
-# stands below. Nothing else should run on the machine. Trains the default preset unless TRAIN OPTIONS name another.
+# stands below. Nothing else should run on the machine. Trains the default preset unless TRAIN
+# OPTIONS name another.
 #
 #   bench/scenes/scene.sh SCENE RUN LIMIT POINTS [TRAIN OPTIONS]
 #   bench/scenes/scene.sh ../lego build/lego-10m 10m 1m,2m,5m

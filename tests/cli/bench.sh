@@ -98,7 +98,9 @@ section_stages() {
     cat >"$work/program" <<'EOF'
 #!/bin/sh
 case $1 in
-eval) echo '{"mean": {"psnr": 20, "ssim": 0.5, "seconds": 0.1}, "train_seconds": 10, "step": 100}' ;;
+eval)
+    echo '{"mean": {"psnr": 20, "ssim": 0.5, "seconds": 0.1}, "train_seconds": 10, "step": 100}'
+    ;;
 train)
     mkdir "$4"
     echo '{"config": {"structure_until": 0.5}, "result": {"leaves": 8, "psnr_train": 21,
