@@ -55,10 +55,7 @@ section_ceiling() {
 
 # mutate NAME CODE WORDS VARIABLE=...: tests/mutate.sh of a tree with one source
 mutate() {
-    local name=$1 code=$2 words=$3
-    shift 3
-    expect "$name" "$code" "$words" env PATH="$work/bin:$PATH" JOBS=1 \
-        POCL_CACHE_DIR="$work/none" "$@" \
+    expect "$1" "$2" "$3" env PATH="$work/bin:$PATH" JOBS=1 POCL_CACHE_DIR="$work/none" "${@:4}" \
         "$work/tree/tests/mutate.sh" host/base/x.c
 }
 
