@@ -481,6 +481,44 @@ static void test_adaptive_voxels(void **state)
     assert_int_equal(whole.leaves, 64);
 }
 
+/* A larger budget on resume brings decisions again, at their fractions of it; the same bits when
+ * interrupted then. Whole levels of voxels stay over, and so does the first decision. */
+static void test_adaptive_extended(void **state)
+{
+    cln_config config = adaptive_config();
+    fixture_stop stop = {.signal = SIGINT, .step = 40};
+    cln_train_result whole, part;
+    double sum = 0, step[STEPS];
+
+    NEED_DEVICE();
+    assert_ok(fixture_train("extended", false, &config, NULL, &whole));
+    assert_ok(fixture_train("prolonged", false, &config, NULL, &part));
+    config.steps = 3 * STEPS; /* now at 1/3 of it */
+    assert_ok(fixture_train("extended", true, &config, NULL, &whole));
+    assert_int_equal(column("extended", "structure", "step", step, STEPS), 7);
+    for (int i = 0; i < 4; i++) /* a step late where the fraction is rounded down */
+        assert_in_range((int)step[i], 6 * (i + 1), 6 * (i + 1) + 1);
+    for (int i = 0; i < 3; i++)
+        assert_in_range((int)step[4 + i], 36 + 18 * i, 36 + 18 * i + 1);
+    assert_fails(fixture_train("prolonged", true, &config, &stop, &part), CLN_SIGINT, "");
+    assert_ok(fixture_train("prolonged", true, &config, NULL, &part));
+    assert_int_equal(part.digest, whole.digest);
+    config = adaptive_config();
+    config.encoding = CLN_ENCODING_VOXEL;
+    config.grid_cells = 4;
+    config.beta1 = 0;
+    config.max_leaves = 300;
+    strcpy(config.level_at, "3:0.5"); /* which decisions come before */
+    assert_ok(fixture_train("voxels-on", false, &config, NULL, &whole));
+    assert_int_equal(decisions("voxels-on", "merged", &sum), 4);
+    config.steps = 6 * STEPS; /* now at 1/6, before --structure-from */
+    assert_ok(fixture_train("voxels-on", true, &config, NULL, &whole));
+    assert_int_equal(column("voxels-on", "structure", "step", step, STEPS), 7);
+    for (int i = 0; i < 3; i++)
+        assert_in_range((int)step[4 + i], 72 + 36 * i, 72 + 36 * i + 1);
+    assert_true(whole.leaves <= 300);
+}
+
 /* No decision comes after structure_until; the weight of density is part of the decisions. */
 static void test_adaptive_settings(void **state)
 {
@@ -725,6 +763,7 @@ int test_group_training(void)
         cmocka_unit_test(test_psnr_of_all_pixels),
         cmocka_unit_test(test_adaptive),
         cmocka_unit_test(test_adaptive_voxels),
+        cmocka_unit_test(test_adaptive_extended),
         cmocka_unit_test(test_adaptive_settings),
         cmocka_unit_test(test_adaptive_waits),
         cmocka_unit_test(test_adaptive_infeasible),
