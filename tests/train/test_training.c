@@ -219,8 +219,39 @@ static void test_resumed_with_other_settings(void **state)
     config.rays = 32;
     assert_ok(fixture_train("more", true, &config, NULL, &result));
     assert_int_equal(result.step, STEPS);
+    config.start_level = 2; /* of which a warning says that it has no effect */
+    config.steps += 2;
+    assert_ok(fixture_train("more", true, &config, NULL, &result));
+    assert_int_equal(result.leaves, 8);
     config.width = 32;
     assert_fails(fixture_train("more", true, &config, NULL, &result), CLN_CHECKPOINT, "width");
+}
+
+/* Voxels keep Adam's first moments with --beta1 above 0 alone; a resumed run may begin or end to. */
+static void test_resumed_with_moments(void **state)
+{
+    cln_config config = fixture_config();
+    cln_train_result first, more;
+
+    NEED_DEVICE();
+    config.encoding = CLN_ENCODING_VOXEL;
+    config.start_level = 2;
+    config.grid_cells = 8; /* moments of many bytes */
+    config.beta1 = 0;
+    config.steps = 10;
+    assert_ok(fixture_train("moments", false, &config, NULL, &first));
+    config.beta1 = 0.9;
+    config.steps = 20;
+    assert_ok(fixture_train("moments", true, &config, NULL, &more));
+    assert_true(more.psnr_test > first.psnr_test - 1);
+    config.steps = 25; /* from a checkpoint that has them */
+    assert_ok(fixture_train("moments", true, &config, NULL, &more));
+    assert_true(more.psnr_test > first.psnr_test - 1);
+    config.beta1 = 0;
+    config.steps = 30;
+    assert_ok(fixture_train("moments", true, &config, NULL, &more));
+    assert_int_equal(more.step, 30);
+    assert_true(more.psnr_test > first.psnr_test - 1);
 }
 
 /* ---- structure ---- */
@@ -756,6 +787,7 @@ int test_group_training(void)
         cmocka_unit_test(test_interrupted_in_evaluation),
         cmocka_unit_test(test_checkpoint_on_the_way),
         cmocka_unit_test(test_resumed_with_other_settings),
+        cmocka_unit_test(test_resumed_with_moments),
         cmocka_unit_test(test_split_keeps_pictures),
         cmocka_unit_test(test_growth),
         cmocka_unit_test(test_waits),
