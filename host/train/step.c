@@ -129,7 +129,7 @@ static void draw(cln_trainer *t)
 
     cln_batch_begin(&t->batch, t->scene, &t->model.config, &d);
     t->drawn = true;
-    t->drawn_sights = d.depth > 0;
+    t->drawn_sights = cln_batch_has_sights(&t->batch, &t->model.config, &d);
 }
 
 /* The host waits once, for the number of samples. It reads a step's results in the next step, and
