@@ -227,7 +227,8 @@ static void test_resumed_with_other_settings(void **state)
     assert_fails(fixture_train("more", true, &config, NULL, &result), CLN_CHECKPOINT, "width");
 }
 
-/* Voxels keep Adam's first moments with --beta1 above 0 alone; a resumed run may begin or end to. */
+/* Voxels keep Adam's first moments with --beta1 above 0 alone; a resumed run may begin or end
+ * that. */
 static void test_resumed_with_moments(void **state)
 {
     cln_config config = fixture_config();
