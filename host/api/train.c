@@ -143,6 +143,7 @@ static cln_status create_on_tree_of(const cln_config *config, const cln_scene *s
         CLN_TRY(cln_fail(CLN_USAGE, "--tree-from '%s': its tree has no leaf left; give another run",
                          run));
     CLN_TRY(cln_model_create_on(config, &other.tree, out));
+    out->level -= scene->space.shell; /* its depth is that of the core's leaves */
     cln_info("tree of %s, kept as it is: %d %s down to level %d", run, out->tree.leaf_count,
              cln_plural(out->tree.leaf_count, "leaf", "leaves"), out->level);
 done:
@@ -208,6 +209,34 @@ static cln_status check_depth(const char *run, const cln_config *saved, const cl
                     wanted->adaptive ? "give at least the tree's level" : "give --stage1 gather");
 }
 
+/* A shell came by --space auto, which the check of the settings cannot know. */
+static cln_status check_straight(const char *run, const cln_config *wanted, bool shell)
+{
+    if (!shell || wanted->stage1 != CLN_STAGE1_SPLAT)
+        return CLN_OK;
+    return cln_fail(CLN_USAGE,
+                    "--stage1 splat: the run %s is in a shell (--space), where a ray bends, and "
+                    "splatting needs straight rays; give --stage1 gather, or start a new run with "
+                    "--space cube",
+                    run);
+}
+
+/* Gives the model the settings of this call. Adam's first moments begin at 0 where only these keep
+ * them (--beta1 of voxels), and go where these do not. */
+static cln_status take_settings(const cln_config *wanted, cln_model *model)
+{
+    cln_status st = CLN_OK;
+
+    if (cln_first_moment_bytes(wanted) != cln_first_moment_bytes(&model->config)) {
+        free(model->adam_m);
+        model->adam_m = NULL;
+    }
+    model->config = *wanted;
+    CLN_TRY(cln_model_make_room(model, true));
+done:
+    return st;
+}
+
 static cln_status load_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -218,7 +247,8 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_shape(&t->model.config, config));
         CLN_TRY(check_same_tree(&t->model.config, config));
         CLN_TRY(check_depth(t->desc->run, &t->model.config, config, &t->model));
-        t->model.config = *config;
+        CLN_TRY(check_straight(t->desc->run, config, t->model.space.shell));
+        CLN_TRY(take_settings(config, &t->model));
         t->scene->space = t->model.space; /* a run from before forward spaces has a cube */
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         if (config->time_limit > 0)
@@ -458,14 +488,18 @@ done:
     return st;
 }
 
-/* Do the settings go together, and with those of the run that is resumed? These go to *saved. */
-static cln_status check_settings(cln_trainer *t, const cln_config *config, cln_config *saved)
+/* Do the settings go together, and with those of the run that is resumed? These go to *saved. A
+ * resumed run keeps the level that its tree began with: another would make it grow to that. */
+static cln_status check_settings(cln_trainer *t, cln_config *config, cln_config *saved)
 {
     cln_status st = CLN_OK;
 
+    if (t->desc->resume) {
+        CLN_TRY(cln_run_config(t->desc->run, saved));
+        config->start_level = saved->start_level;
+    }
     CLN_TRY(cln_config_check(config));
     if (t->desc->resume) { /* load_model asks the checkpoint, but this is before the photos */
-        CLN_TRY(cln_run_config(t->desc->run, saved));
         CLN_TRY(check_shape(saved, config));
         CLN_TRY(check_same_tree(saved, config));
     }

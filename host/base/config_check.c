@@ -246,11 +246,11 @@ static cln_status check_adaptive(const cln_config *config, const double fraction
 
     if (!config->adaptive || config->tree_from[0])
         return CLN_OK;
-    if (config->structure_from > config->structure_until)
+    if (config->structure_from >= config->structure_until)
         return cln_fail(
             CLN_USAGE,
-            "--structure-from: %g is above --structure-until %g, so that the tree would "
-            "never adapt; swap them, or give --no-adaptive",
+            "--structure-from: %g is not below --structure-until %g, so that the tree would "
+            "never adapt; give others, or --no-adaptive",
             config->structure_from, config->structure_until);
     if (config->max_level < config->start_level)
         return cln_fail(CLN_USAGE,

@@ -37,7 +37,7 @@ typedef struct cln_model {
     /* Measures of the structure optimisation (method.md 12.3); kept with the training state. */
     float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
     int32_t *met;       /* [slot] samples since the last decision */
-    float *error;       /* [slot] e_b of the last decision; NaN before the first */
+    float *error;       /* [slot] e_b, of a checkpoint that since the last decision; NaN = none */
     float *saved;       /* [slot] cost of the children merged into it; NaN = none */
     int64_t sum_rays;   /* rays that `sums` cover */
     double sum_square;  /* sum of their squared errors */

@@ -94,6 +94,8 @@ cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_resu
 
 /* sights.c: fills sights from the reader's observations. Views have their sizes and kept pixels. */
 cln_status cln_scene_find_sights(cln_scene *scene, const cln_reader_result *result);
+/* Finds their pixels anew, after the cameras have moved. */
+void cln_scene_place_sights(cln_scene *scene);
 
 /* bounds.c: CLN_INPUT if no training camera has a ray through the cube. */
 cln_status cln_scene_check_seen(const cln_scene *scene);

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "scene/build.h"
+
 /* exp(w): Rodrigues' formula, r row-major 3x3. */
 static void rotation_of(const double w[3], double r[9])
 {
@@ -157,4 +159,5 @@ void cln_motion_views(cln_scene *scene, const float (*motions)[CLN_MOTION])
             motion[k] = (double)motions[i][k];
         cln_motion_apply(c->c2w, motion, c->c2w);
     }
+    cln_scene_place_sights(scene);
 }

@@ -19,7 +19,8 @@ void cln_motion_between(const double from[12], const double to[12], double out[C
  * length in scene units that weighs an angle against a distance. */
 void cln_motion_hold(int count, const double (*from)[12], double reach, double (*to)[12]);
 
-/* Moves the training views of a scene, by motions in the split's order. */
+/* Moves the training views of a scene, by motions in the split's order, and finds the pixels of its
+ * sights anew. */
 void cln_motion_views(cln_scene *scene, const float (*motions)[CLN_MOTION]);
 
 #endif

@@ -97,7 +97,7 @@ typedef struct cln_view {
 
 /* A pixel of a training view that shows a point whose place is known. */
 typedef struct cln_sight {
-    int view, x, y; /* index in cln_scene.views */
+    int view, x, y; /* index in cln_scene.views; x, y: -1 if a moved camera no longer shows it */
     float trust;    /* 0..1, less the worse the point fits its images */
     double point[3];
 } cln_sight;

@@ -29,18 +29,25 @@ done:
     return st;
 }
 
-/* The pixel that shows the sight's point; false if there is none. */
+/* Finds the pixel that shows the sight's point; false, and -1, if there is none. */
 static bool place(const cln_scene *scene, cln_sight *sight)
 {
     const cln_view *view = &scene->views[sight->view];
     double u, v, z;
 
+    sight->x = sight->y = -1;
     if (!cln_camera_project(&view->camera, sight->point, &u, &v, &z) || z <= 0 ||
         !(u >= 0 && v >= 0 && u < view->camera.width && v < view->camera.height))
         return false;
     sight->x = (int)u;
     sight->y = (int)v;
     return true;
+}
+
+void cln_scene_place_sights(cln_scene *scene)
+{
+    for (int64_t i = 0; i < scene->sight_count; i++)
+        (void)place(scene, &scene->sights[i]);
 }
 
 static double mean_error(const cln_reader_result *result)

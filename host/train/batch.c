@@ -190,12 +190,19 @@ bool cln_batch_knows(const cln_scene *scene, const cln_config *config)
     return config->depth_loss > 0 && scene->sight_count > 0 && !cln_stage1_of(config)->by_view;
 }
 
+bool cln_batch_has_sights(const cln_batch *b, const cln_config *config, const cln_draw *d)
+{
+    return b->shown && d->depth > 0 && d->step >= (uint32_t)config->precrop_steps;
+}
+
 /* Makes every CLN_SIGHT_EVERY-th ray go through a pixel that shows a sparse point. */
 static void draw_sights(cln_batch *b, const cln_scene *scene, const cln_config *config,
                         const cln_draw *d)
 {
+    const bool any = cln_batch_has_sights(b, config, d);
+
     memset(b->shown, 0, (size_t)d->n * sizeof *b->shown);
-    for (int i = 0; i < d->n && d->depth > 0; i++) {
+    for (int i = 0; i < d->n && any; i++) {
         uint32_t bits[4];
         const cln_sight *sight = NULL;
         double cube[3];
@@ -205,7 +212,7 @@ static void draw_sights(cln_batch *b, const cln_scene *scene, const cln_config *
         draw_bits((uint64_t)config->seed, CLN_STREAM_SIGHTS, d->step, (uint32_t)i, 0, bits);
         sight = &scene->sights[bounded64((uint64_t)bits[0] << 32 | bits[1],
                                          (uint64_t)scene->sight_count)];
-        if (!cln_view_keeps(&scene->views[sight->view], sight->x, sight->y))
+        if (sight->x < 0 || !cln_view_keeps(&scene->views[sight->view], sight->x, sight->y))
             continue; /* what it shows does not count: the ray stays what it was */
         b->pixels[i] = (cln_pixel){(cln_u32)sight->view, (cln_u32)sight->x, (cln_u32)sight->y, 0};
         cln_space_point_to_cube(d->space, sight->point, cube);

@@ -43,6 +43,9 @@ static inline bool cln_batch_is_sight(int ray)
     return ray % CLN_SIGHT_EVERY == CLN_SIGHT_EVERY - 1;
 }
 
+/* Whether some rays of this draw do: not while --precrop-steps keep them in the images' middle. */
+bool cln_batch_has_sights(const cln_batch *batch, const cln_config *config, const cln_draw *draw);
+
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out);
 void cln_batch_free(cln_batch *batch);
 

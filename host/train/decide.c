@@ -17,6 +17,25 @@
 
 /* ---- when ---- */
 
+/* Decisions due by this fraction of the budget; 0 before the first. */
+static int due_by(const cln_config *c, double fraction)
+{
+    return fraction < c->structure_from
+               ? 0
+               : 1 + (int)floor((fraction - c->structure_from) / c->structure_every);
+}
+
+void cln_decide_recount(cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+    const int due = due_by(c, cln_step_fraction(t));
+    /* whole levels of voxels stay over (grow.c) */
+    const int least = cln_leaf_kind_of(c->encoding)->levels_first && due < 1 ? 1 : due;
+
+    if (t->model.decisions > least)
+        t->model.decisions = least;
+}
+
 /* Returns whether a decision is due, and counts it even if the tree is then left alone. */
 static bool decision_comes(cln_trainer *t, double fraction)
 {
@@ -26,7 +45,7 @@ static bool decision_comes(cln_trainer *t, double fraction)
     if (!c->adaptive || c->tree_from[0] || fraction < c->structure_from ||
         fraction >= c->structure_until)
         return false;
-    due = 1 + (int)floor((fraction - c->structure_from) / c->structure_every);
+    due = due_by(c, fraction);
     if (due <= t->model.decisions)
         return false;
     t->model.decisions = due;

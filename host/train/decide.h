@@ -6,6 +6,10 @@
 
 #include "train/trainer.h"
 
+/* Of a resumed run: counts no more decisions than are due by now, as its budget may have grown and
+ * its fraction is then smaller again. Without another budget or schedule it changes nothing. */
+void cln_decide_recount(cln_trainer *t);
+
 /* Whether a decision is due before the next step, counting it even if the tree is then left alone.
  * grown: a whole level has just come; then none is. Says once that none ever came. fraction: 0..1
  * of the budget. */

@@ -90,6 +90,17 @@ void cln_exposure_update(const cln_exposure *e, cln_model *model)
     }
 }
 
+void cln_exposure_divide(const cln_exposure *e, const cln_model *model, cln_batch *batch, int n)
+{
+    for (int i = 0; i < n && e->views > 0; i++) {
+        const int32_t view = e->number_of[batch->pixels[i].view];
+        float *target = batch->targets[i];
+
+        for (int c = 0; c < 3 && target[3] > 0; c++)
+            target[c] /= model->exposure[view][c];
+    }
+}
+
 void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batch, int64_t step,
                         int n)
 {
@@ -101,13 +112,12 @@ void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batc
     rays->n = n;
     for (int i = 0; i < n; i++) {
         const int32_t view = e->number_of[batch->pixels[i].view];
-        float *target = batch->targets[i];
+        const float *target = batch->targets[i];
 
         rays->view[i] = target[3] > 0 ? view : -1; /* 0: the pixel does not count */
         memcpy(rays->photo[i], target, sizeof rays->photo[i]);
-        for (int c = 0; c < 3 && target[3] > 0; c++)
-            target[c] /= model->exposure[view][c];
     }
+    cln_exposure_divide(e, model, batch, n);
 }
 
 void cln_exposure_add(const cln_exposure *e, const cln_ray_result *results, int64_t step, int n,

@@ -37,7 +37,11 @@ void cln_exposure_free(cln_exposure *exposure); /* accepts a zeroed one */
 bool cln_exposure_due(const cln_exposure *exposure, int64_t step);
 void cln_exposure_update(const cln_exposure *exposure, cln_model *model);
 
-/* Divides the targets of a step's n rays by their photos' gains. */
+/* Divides the targets of a batch's n rays by their photos' gains. */
+void cln_exposure_divide(const cln_exposure *exposure, const cln_model *model, cln_batch *batch,
+                         int n);
+
+/* Does that for a step, and keeps their photos' colours for cln_exposure_add. */
 void cln_exposure_apply(cln_exposure *exposure, const cln_model *model, cln_batch *batch,
                         int64_t step, int n);
 

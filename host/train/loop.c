@@ -22,6 +22,7 @@
 #include "ranks/ranks.h"
 #include "render/metrics_image.h"
 #include "render/quality.h"
+#include "train/decide.h"
 #include "train/maintain.h"
 #include "train/probe.h"
 #include "train/record.h"
@@ -479,6 +480,7 @@ cln_status cln_loop_run(cln_trainer *t)
 
     if (c->steps <= 0 && c->time_limit <= 0)
         t->steps = cln_config_epoch_steps(c, (double)t->batch.first[t->batch.train_views]);
+    cln_decide_recount(t);
     (void)cln_loop_used_up(t);
     CLN_TRY(warm_up(t));
     t->start_seconds = cln_now() - t->began;

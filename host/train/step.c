@@ -129,7 +129,7 @@ static void draw(cln_trainer *t)
 
     cln_batch_begin(&t->batch, t->scene, &t->model.config, &d);
     t->drawn = true;
-    t->drawn_sights = d.depth > 0;
+    t->drawn_sights = cln_batch_has_sights(&t->batch, &t->model.config, &d);
 }
 
 /* The host waits once, for the number of samples. It reads a step's results in the next step, and
@@ -153,7 +153,8 @@ cln_status cln_step(cln_trainer *t, double fraction)
         .max_samples = t->plan.max_samples - extra,
         .extra = extra,
         .stretches = cln_stretch_wanted(p)};
-    uint32_t samples = 0, measured = 0, here = 0, slices = 0; /* here: made by this rank */
+    /* measured: of the samples of rays those of this rank; here: with the regularisers' points */
+    uint32_t samples = 0, measured = 0, here = 0, slices = 0;
     int rays = 0;
     bool sights = false;
 
@@ -180,7 +181,6 @@ cln_status cln_step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_group(p, here, &slices));
     if (sampling.stretches)
         CLN_TRY(cln_share_count(p, here, samples));
-    samples += here - measured;
     CLN_TRY(cln_stage_forward(p, here, slices, true, key));
     CLN_TRY(cln_stage_composite_train(p, rays, here));
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, here));

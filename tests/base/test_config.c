@@ -858,6 +858,7 @@ static void test_check(void **state)
         {"bbox", "0,0,1,1,1,1", "--bbox|along z"},
         {"structure-from", "0.9", "--structure-from|0.9|--structure-until|--no-adaptive"},
         {"structure-until", "0.01", "--structure-from|--structure-until 0.01"},
+        {"structure-from", "0.7", "--structure-from|0.7|not below|--structure-until 0.7"},
         {"max-level", "1", "--max-level|1|--start-level 2|--no-adaptive"},
     };
 

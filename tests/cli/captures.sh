@@ -690,6 +690,9 @@ section_sparse() {
 
     expect "a shell in little memory" 0 "" "$cln" train "$air" -o "$air tight" "${net[@]}" \
         --steps 1 --host-mem 450M
+    expect "splats in a shell that came by itself: refused" 2 \
+        "~stage1.splat:.*in.a.shell ~stage1.gather ~space.cube" "$cln" train --resume "$air tight" \
+        --skip-selftest --steps +1 --stage1 splat
     expect "splatting: a cube by itself" 0 "" "$cln" train "$air" -o "$air splat" "${net[@]}" \
         --stage1 splat --steps 2
     expect "which gathers now" 0 "" "$cln" train --resume "$air splat" --skip-selftest \

@@ -134,7 +134,7 @@ static const char *companion(const char *option)
 {
     static const char *const with[][2] = {
         {"start-level", "--level-at="},      {"rrelu-lower", "--rrelu-upper=1"},
-        {"rrelu-upper", "--rrelu-lower=-1"}, {"structure-from", "--structure-until=1"},
+        {"rrelu-upper", "--rrelu-lower=-1"}, {"structure-from", "--no-adaptive"},
         {"max-level", "--no-adaptive"},      {"lr-final", "--lr=1"},
         {"encoding", "--no-adaptive"}};
 

@@ -101,6 +101,12 @@ static void test_gains(void **state)
         for (int c = 0; c < 3 && i % 7; c++)
             assert_true(fabs(batch.targets[i][c] / (colour(639, i, c) * mean[c]) - 1) < 0.05);
     assert_true(batch.targets[0][0] == 0);
+    make_targets(scene, 640, &batch); /* a batch of no step: the probe's */
+    cln_exposure_divide(&e, &model, &batch, RAYS);
+    for (int i = 1; i < RAYS; i++)
+        for (int c = 0; c < 3 && i % 7; c++)
+            assert_true(fabs(batch.targets[i][c] / (colour(640, i, c) * mean[c]) - 1) < 0.05);
+    assert_true(batch.targets[0][0] == 0);
     cln_batch_free(&batch);
     cln_exposure_free(&e);
     cln_model_free(&model);
@@ -117,6 +123,7 @@ static void test_no_gains(void **state)
     assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
     assert_true(!model.exposure && !cln_exposure_due(&e, 64));
     cln_exposure_apply(&e, &model, NULL, 0, RAYS);
+    cln_exposure_divide(&e, &model, NULL, RAYS);
     cln_exposure_add(&e, NULL, 0, RAYS, &model);
     model.config.exposure = model.has_alpha = true;
     assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);

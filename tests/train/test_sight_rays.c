@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "format_fixture.h"
+#include "scene/motion.h"
 #include "tests.h"
 #include "train/batch.h"
 
@@ -101,6 +102,84 @@ static void test_draw(void **state)
     cln_scene_free(scene);
 }
 
+/* None while --precrop-steps keep rays in the images' middle. */
+static void test_cropped(void **state)
+{
+    cln_config config;
+    cln_scene *scene = make_scene(*state, &config);
+    cln_draw draw = {.n = config.rays, .depth = 0.5, .space = &scene->space};
+    cln_batch b;
+
+    config.precrop_steps = 2;
+    assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
+    for (draw.step = 0; draw.step < 4; draw.step++) {
+        int sights = 0;
+
+        assert_true(cln_batch_has_sights(&b, &config, &draw) == (draw.step >= 2));
+        cln_batch_draw(&b, scene, &config, &draw);
+        for (int i = 0; i < config.rays; i++)
+            sights += b.shown[i][3] > 0;
+        assert_true(draw.step < 2 ? sights == 0 : sights > 0);
+        for (int i = 0; i < config.rays && draw.step < 2; i++) {
+            assert_in_range(b.pixels[i].x, FORMAT_WIDTH / 4 - 1, FORMAT_WIDTH * 3 / 4);
+            assert_in_range(b.pixels[i].y, FORMAT_HEIGHT / 4 - 1, FORMAT_HEIGHT * 3 / 4);
+        }
+    }
+    cln_batch_free(&b);
+    cln_scene_free(scene);
+}
+
+/* Cameras that --refine-poses moved: a ray goes through the pixel that shows the point now, and
+ * none goes to a point that left its image. */
+static void test_moved(void **state)
+{
+    cln_config config;
+    cln_scene *scene = make_scene(*state, &config);
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    float(*motions)[CLN_MOTION] = calloc((size_t)views, sizeof *motions);
+    int moved = 0, left = 0, sights = 0;
+    cln_batch b;
+
+    for (int i = 0; i < views; i++) {
+        motions[i][1] = 0.08F * (float)(i + 1); /* a turn */
+        motions[i][3] = 0.02F;
+    }
+    for (int s = 0; s < scene->sight_count; s++)
+        assert_true(scene->sights[s].x >= 0);
+    cln_motion_views(scene, (const float(*)[CLN_MOTION])motions);
+    for (int s = 0; s < scene->sight_count; s++) {
+        const cln_sight *sight = &scene->sights[s];
+        const cln_camera *c = &scene->views[sight->view].camera;
+        double u = 0, v = 0, z = 0;
+        const bool there = cln_camera_project(c, sight->point, &u, &v, &z) && z > 0 && u >= 0 &&
+                           v >= 0 && u < c->width && v < c->height;
+
+        assert_int_equal(sight->x, there ? (int)u : -1);
+        assert_int_equal(sight->y, there ? (int)v : -1);
+        moved += there;
+        left += !there;
+    }
+    assert_true(moved > 0 && left > 0);
+    assert_int_equal(cln_batch_create(scene, &config, &b), CLN_OK);
+    for (uint32_t step = 0; step < STEPS; step++) {
+        cln_batch_draw(
+            &b, scene, &config,
+            &(cln_draw){.step = step, .n = config.rays, .depth = 0.5, .space = &scene->space});
+        for (int i = 0; i < config.rays; i++) {
+            const cln_camera *c = &scene->views[b.pixels[i].view].camera;
+
+            assert_true((int)b.pixels[i].x < c->width && (int)b.pixels[i].y < c->height);
+            if (b.shown[i][3] > 0)
+                assert_true(find(scene, &b.pixels[i], b.shown[i]) >= 0);
+            sights += b.shown[i][3] > 0;
+        }
+    }
+    assert_true(sights > 0 && sights < STEPS * config.rays / CLN_SIGHT_EVERY);
+    free(motions);
+    cln_batch_free(&b);
+    cln_scene_free(scene);
+}
+
 /* A sight whose pixel its mask leaves out: the ray stays what it is without. */
 static void test_masked(void **state)
 {
@@ -162,6 +241,8 @@ int test_group_sight_rays(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_draw, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masked, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_cropped, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_moved, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_never, scratch_make, scratch_remove),
     };
 

@@ -234,8 +234,60 @@ static void test_resumed_with_other_settings(void **state)
     config.rays = 32;
     assert_ok(fixture_train("more", true, &config, NULL, &result));
     assert_int_equal(result.step, STEPS);
+    config.start_level = 2; /* of which a warning says that it has no effect */
+    config.steps += 2;
+    assert_ok(fixture_train("more", true, &config, NULL, &result));
+    assert_int_equal(result.leaves, 8);
     config.width = 32;
     assert_fails(fixture_train("more", true, &config, NULL, &result), CLN_CHECKPOINT, "width");
+}
+
+/* Voxels keep Adam's first moments with --beta1 above 0 alone; a resumed run may begin or end
+ * that. */
+static void test_resumed_with_moments(void **state)
+{
+    cln_config config = fixture_config();
+    cln_train_result first, more;
+
+    NEED_DEVICE();
+    config.encoding = CLN_ENCODING_VOXEL;
+    config.start_level = 2;
+    config.grid_cells = 8; /* moments of many bytes */
+    config.beta1 = 0;
+    config.steps = 10;
+    assert_ok(fixture_train("moments", false, &config, NULL, &first));
+    config.beta1 = 0.9;
+    config.steps = 20;
+    assert_ok(fixture_train("moments", true, &config, NULL, &more));
+    assert_true(more.psnr_test > first.psnr_test - 1);
+    config.steps = 25; /* from a checkpoint that has them */
+    assert_ok(fixture_train("moments", true, &config, NULL, &more));
+    assert_true(more.psnr_test > first.psnr_test - 1);
+    config.beta1 = 0;
+    config.steps = 30;
+    assert_ok(fixture_train("moments", true, &config, NULL, &more));
+    assert_int_equal(more.step, 30);
+    assert_true(more.psnr_test > first.psnr_test - 1);
+}
+
+/* Points of regularisers are no samples of rays: the first step, with equal weights, has as many
+ * with them as without, and the batch is as large after it. */
+static void test_regularised_batch(void **state)
+{
+    cln_config config = fixture_config();
+    double with[STEPS], without[STEPS];
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.steps = 3;
+    config.batch_samples = 8192;
+    config.leaf_samples = 0;
+    assert_ok(fixture_train("unregular", false, &config, NULL, &result));
+    config.sparsity = 1e-9;
+    assert_ok(fixture_train("regular", false, &config, NULL, &result));
+    assert_int_equal(metrics("unregular", "samples_per_ray", without, STEPS), 3);
+    assert_int_equal(metrics("regular", "samples_per_ray", with, STEPS), 3);
+    assert_float_equal(with[0], without[0], 1e-6);
 }
 
 /* ---- structure ---- */
@@ -496,6 +548,44 @@ static void test_adaptive_voxels(void **state)
     assert_int_equal(whole.leaves, 64);
 }
 
+/* A larger budget on resume brings decisions again, at their fractions of it; the same bits when
+ * interrupted then. Whole levels of voxels stay over, and so does the first decision. */
+static void test_adaptive_extended(void **state)
+{
+    cln_config config = adaptive_config();
+    fixture_stop stop = {.signal = SIGINT, .step = 40};
+    cln_train_result whole, part;
+    double sum = 0, step[STEPS];
+
+    NEED_DEVICE();
+    assert_ok(fixture_train("extended", false, &config, NULL, &whole));
+    assert_ok(fixture_train("prolonged", false, &config, NULL, &part));
+    config.steps = 3 * STEPS; /* now at 1/3 of it */
+    assert_ok(fixture_train("extended", true, &config, NULL, &whole));
+    assert_int_equal(column("extended", "structure", "step", step, STEPS), 7);
+    for (int i = 0; i < 4; i++) /* a step late where the fraction is rounded down */
+        assert_in_range((int)step[i], 6 * (i + 1), 6 * (i + 1) + 1);
+    for (int i = 0; i < 3; i++)
+        assert_in_range((int)step[4 + i], 36 + 18 * i, 36 + 18 * i + 1);
+    assert_fails(fixture_train("prolonged", true, &config, &stop, &part), CLN_SIGINT, "");
+    assert_ok(fixture_train("prolonged", true, &config, NULL, &part));
+    assert_int_equal(part.digest, whole.digest);
+    config = adaptive_config();
+    config.encoding = CLN_ENCODING_VOXEL;
+    config.grid_cells = 4;
+    config.beta1 = 0;
+    config.max_leaves = 300;
+    strcpy(config.level_at, "3:0.5"); /* which decisions come before */
+    assert_ok(fixture_train("voxels-on", false, &config, NULL, &whole));
+    assert_int_equal(decisions("voxels-on", "merged", &sum), 4);
+    config.steps = 6 * STEPS; /* now at 1/6, before --structure-from */
+    assert_ok(fixture_train("voxels-on", true, &config, NULL, &whole));
+    assert_int_equal(column("voxels-on", "structure", "step", step, STEPS), 7);
+    for (int i = 0; i < 3; i++)
+        assert_in_range((int)step[4 + i], 72 + 36 * i, 72 + 36 * i + 1);
+    assert_true(whole.leaves <= 300);
+}
+
 /* No decision comes after structure_until; the weight of density is part of the decisions. */
 static void test_adaptive_settings(void **state)
 {
@@ -734,6 +824,8 @@ int test_group_training(void)
         cmocka_unit_test(test_interrupted_at_photos),
         cmocka_unit_test(test_checkpoint_on_the_way),
         cmocka_unit_test(test_resumed_with_other_settings),
+        cmocka_unit_test(test_resumed_with_moments),
+        cmocka_unit_test(test_regularised_batch),
         cmocka_unit_test(test_split_keeps_pictures),
         cmocka_unit_test(test_growth),
         cmocka_unit_test(test_waits),
@@ -741,6 +833,7 @@ int test_group_training(void)
         cmocka_unit_test(test_psnr_of_all_pixels),
         cmocka_unit_test(test_adaptive),
         cmocka_unit_test(test_adaptive_voxels),
+        cmocka_unit_test(test_adaptive_extended),
         cmocka_unit_test(test_adaptive_settings),
         cmocka_unit_test(test_adaptive_waits),
         cmocka_unit_test(test_adaptive_infeasible),
