@@ -1,10 +1,11 @@
 #!/bin/bash
 # `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
-# points, films, refused clients and requests, slow and vanishing clients, several viewers, and how
-# it ends; and `train --view`: the same bits as without, orders, who may give them. On a tiny
-# generated scene, on any OpenCL device. tests/browser/browser.sh tests the page in a browser.
+# points, films, refused clients and requests, slow, silent and vanishing clients, several viewers,
+# and how it ends; and `train --view`: the same bits as without,
+# orders, who may give them. On a tiny generated scene, on any OpenCL device.
+# tests/browser/browser.sh tests the page in a browser.
 #   tests/cli/view.sh [SECTION...]
-#           sections: page pictures refused clients film token end training
+#           sections: page pictures refused clients film token end silence training
 #   BUILD=build/sanitize                the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -396,8 +397,8 @@ train() {
     local end=$((SECONDS + 60)) run=$1
     shift
     : >"$work/log"
-    env --default-signal=INT,TERM "$cln" train "$work/photos" -o "$run" "${long[@]}" --view \
-        --json "$@" >"$work/result" 2>"$work/log" &
+    env --default-signal=INT,TERM "${with[@]}" "$cln" train "$work/photos" -o "$run" \
+        "${long[@]}" --view --json "$@" >"$work/result" 2>"$work/log" &
     server=$!
     until grep -q "in a browser: " "$work/log"; do
         if [ $SECONDS -ge $end ] || ! kill -0 $server 2>/dev/null; then
@@ -444,6 +445,43 @@ ended() {
     rc=$?
     server=0
     cp "$work/result" "$work/out"
+}
+
+# A film is dropped after two minutes of its client's silence; the painter's own time is none.
+section_silence() {
+    local long=("${tiny[@]}" --steps 1000000 --eval-every 0) film i=0 large
+    if [ "$BUILD" != build ] || [ ! -e build/faults.so ]; then
+        skip "a client's silence" "needs build/faults.so, and no sanitizer"
+        return
+    fi
+    [ $server = 0 ] || stop TERM
+    baseline
+    with=(LD_PRELOAD="$PWD/build/faults.so" FAULT_SPEED=20) # two minutes are six seconds
+    train "$work/silent"
+    with=()
+    begin_film "a film of a training"
+    posts "its first frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
+    kill -STOP $server # as an evaluation
+    sleep 7
+    kill -CONT $server
+    posts "the film outlives minutes in which nothing is painted" 200 \
+        "/film/frame?film=$film&view=7" "${me[@]}"
+    posts "it is completed" 200 "/film/end?film=$film" "${me[@]}"
+    begin_film "another film"
+    curl -s -m 300 -o /dev/null -H "X-Viewer: large" "$address/picture?view=6&width=2000" &
+    large=$!
+    sleep 0.3
+    posts "a frame that waits for minutes behind a large picture" 200 \
+        "/film/frame?film=$film&view=6" "${me[@]}" -m 300
+    wait $large
+    posts "the film stays for a while" 409 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
+    until get "/film/begin?width=48&height=48&frames=2" -X POST "${me[@]}"
+        [ "$code" = 200 ] || [ $((i += 1)) -gt 300 ]; do
+        sleep 0.2
+    done
+    check "a film that nobody asks for is dropped" [ "$code" = 200 ]
+    orders "stop" 202 /stop "${me[@]}"
+    ended
 }
 
 section_training() {
@@ -526,4 +564,4 @@ if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     count
     exit
 fi
-run_sections "page pictures refused clients film token end training" "$@"
+run_sections "page pictures refused clients film token end silence training" "$@"
