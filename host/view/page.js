@@ -87,10 +87,20 @@ const gone = () => facts.training ? 'The training has ended, or the way to it is
   `What it has made is shown by: cl-nascent view ${facts.run}` :
   'The viewer does not answer: it has ended, or the way to it is cut.';
 
-function say(text) {
-  $('message').textContent = text;
-  $('message').hidden = !text;
+let quiet = 0;
+
+/* Shows a message for as long as it takes to read, or, lasting, until the next one. */
+function say(text, lasting = false) {
+  clearTimeout(quiet);
+  if ($('message').textContent !== text) $('message').textContent = text;
+  if (text && !lasting) quiet = setTimeout(() => say(''), 3000 + 60 * text.length);
 }
+
+/* Resolves while the page is seen: at once, or when its tab is shown again. */
+const seen = () => new Promise((done) => {
+  if (!document.hidden) done();
+  else document.addEventListener('visibilitychange', done, {once: true});
+});
 
 function background() {
   const hex = $('background').value;
@@ -115,12 +125,16 @@ function inset(f) {
   return {x: (f.width - width) / 2, y: (f.height - height) / 2, width, height};
 }
 
-/* The camera has changed. keep: it still is the scene's camera. */
-function touch(keep = false) {
+/* The camera has changed. keep: it still is the scene's camera, or only looks have changed; moving:
+ * by a flight or the path that plays, which any other change of the camera ends. */
+function touch(keep = false, moving = false) {
+  if (!keep && !moving) stopMotion();
   if (!keep && at >= 0) leaveCamera();
   version++;
   moved = performance.now();
   if (abort && abort.refining) abort.abort();
+  $('fov').value = camera.fov;
+  $('fov-text').textContent = `${camera.fov.toFixed(0)}°`;
   drawLines();
   pump();
 }
@@ -165,6 +179,7 @@ async function pump() {
   if (busy || !facts) return;
   busy = true;
   for (;;) {
+    await seen();
     const now = version, refining = last !== null && last.version === now;
     if (refining && isNew()) break;
     const rest = STILL_MS - (performance.now() - moved);
@@ -197,7 +212,6 @@ async function fetchPicture(now, ms, refining) {
   if (last) last.bitmap.close();
   last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box, step, show,
     full: width >= box.width, whole: performance.now() - began};
-  say('');
   draw();
 }
 
@@ -259,7 +273,7 @@ function drawDifference(b) {
 }
 
 async function savePicture() {
-  say('Rendering…');
+  say('Rendering…', true);
   try {
     const answer = await ask('/picture', {...cameraQuery(frame()), ...looks(), format: 'png'},
       viewer + '-s');
@@ -327,8 +341,8 @@ function fly(to, keepAt = -1) {
   const took = matchMedia('(prefers-reduced-motion: reduce)').matches ? 0 : 350;
   const a = toQuaternion(from.r), b = toQuaternion(to.r);
   const sign = a.reduce((sum, v, i) => sum + v * b[i], 0) < 0 ? -1 : 1;
+  stopMotion();
   if (at >= 0) leaveCamera();
-  cancelAnimationFrame(flight);
   const step = () => {
     const t = took > 0 ? clamp((performance.now() - began) / took, 0, 1) : 1;
     const s = t * t * (3 - 2 * t);
@@ -338,15 +352,20 @@ function fly(to, keepAt = -1) {
       camera.fov = (1 - s) * from.fov + s * to.fov;
       camera.distance = (1 - s) * from.distance + s * to.distance;
       flight = requestAnimationFrame(step);
-      touch();
+      touch(false, true);
       return;
     }
     camera = copy(to);
-    showFov();
     if (keepAt >= 0) enterCamera(keepAt);
-    touch(keepAt >= 0);
+    touch(keepAt >= 0, true);
   };
   step();
+}
+
+/* The user takes the camera. */
+function stopMotion() {
+  stopPlaying();
+  cancelAnimationFrame(flight);
 }
 
 /* Turns about what is seen at a position of the window. */
@@ -366,7 +385,6 @@ async function focus(x, y) {
     const found = await answer.json();
     if (found.opacity < 0.3) {
       say('Nothing is there.');
-      setTimeout(() => say(''), 1200);
       return;
     }
     const to = copy(camera), forward = add(found.point, camera.p, -1);
@@ -388,8 +406,7 @@ picture.addEventListener('pointerdown', (event) => {
   picture.setPointerCapture(event.pointerId);
   fingers.set(event.pointerId, {x: event.offsetX, y: event.offsetY});
   if (fingers.size === 1) travelled = 0;
-  stopPlaying();
-  cancelAnimationFrame(flight);
+  stopMotion();
 });
 
 picture.addEventListener('pointermove', (event) => {
@@ -430,7 +447,6 @@ picture.addEventListener('pointercancel', released);
 picture.addEventListener('contextmenu', (event) => event.preventDefault());
 picture.addEventListener('wheel', (event) => {
   event.preventDefault();
-  stopPlaying();
   if (camera) zoom(Math.exp(clamp(event.deltaY * (event.deltaMode ? 20 : 1), -300, 300) / 600));
 }, {passive: false});
 
@@ -478,12 +494,10 @@ addEventListener('keydown', (event) => {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   if (key in arrows) {
     const [x, y] = arrows[key];
-    stopPlaying();
     if (event.shiftKey) shift(-0.03 * x, -0.03 * y);
     else orbit(0.06 * x, 0.06 * -y);
   } else if (HELD.includes(key)) {
     held.add(key);
-    stopPlaying();
     if (!flying) {
       flying = performance.now();
       requestAnimationFrame(flyStep);
@@ -545,7 +559,6 @@ function listCameras() {
 function jump(i) {
   const c = facts.cameras[i], to = {...fromPose(c.pose), fov: 50, distance: 1};
   const forward = dot(add(facts.target, to.p, -1), to.r[2]);
-  stopPlaying();
   to.fov = 360 / Math.PI * Math.atan(Math.min(c.width, c.height) / 2 / c.focal);
   to.distance = forward > 0.05 * facts.distance ? forward : facts.distance;
   straighten(to);
@@ -740,6 +753,7 @@ function showTraining() {
 }
 
 async function watch() {
+  await seen();
   try {
     const answer = await fetch('/training');
     if (!answer.ok) throw new Error();
@@ -781,11 +795,6 @@ function openPanel(open = document.body.classList.contains('closed')) {
   $('menu').setAttribute('aria-expanded', String(open));
 }
 
-function showFov() {
-  $('fov').value = camera.fov;
-  $('fov-text').textContent = `${camera.fov.toFixed(0)}°`;
-}
-
 async function begin() {
   const answer = await fetch('/facts');
   if (!answer.ok) throw new Error((await answer.text()).trim());
@@ -798,7 +807,6 @@ async function begin() {
     Math.atan(Math.min(facts.width, facts.height) / 2 / facts.focal)};
   home.distance = size(add(facts.target, home.p, -1));
   camera = copy(home);
-  showFov();
   makeCrop();
   listCameras();
   $('training').hidden = !facts.training;
@@ -814,7 +822,7 @@ on('menu', 'click', () => openPanel());
 on('show', 'change', () => touch(true));
 on('background', 'input', () => touch(true));
 on('size', 'change', () => touch(true));
-on('fov', 'input', () => { camera.fov = Number($('fov').value); showFov(); touch(); });
+on('fov', 'input', () => { camera.fov = Number($('fov').value); touch(); });
 on('home', 'click', () => fly(home));
 on('level', 'click', level);
 on('save-picture', 'click', savePicture);
@@ -839,4 +847,4 @@ on('open-path', 'change', () => {
 });
 new ResizeObserver(() => { if (camera) touch(true); }).observe($('stage'));
 openPanel(innerWidth > 760);
-begin().catch((error) => say(error.message));
+begin().catch((error) => say(error.message, true));

@@ -30,7 +30,9 @@ function addKey() {
   listKeys();
 }
 
+/* The path has changed: it plays no more. */
 function listKeys() {
+  stopPlaying();
   $('keys-list').replaceChildren(...keyframes.map((key, i) => {
     const item = document.createElement('li');
     const button = (text, label, does) => {
@@ -66,20 +68,19 @@ function play() {
   }
   if (keyframes.length < 2) {
     say('Add two views or more to the path (K).');
-    setTimeout(() => say(''), 2000);
     return;
   }
+  stopMotion();
   const began = performance.now();
   const step = (now) => {
     const share = (now - began) / 1000 / seconds();
     if (share >= 1 && !$('cycle').checked) {
       camera = along(1);
-      stopPlaying();
       touch();
       return;
     }
     camera = along(share % 1);
-    touch();
+    touch(false, true);
     playing = requestAnimationFrame(step);
   };
   playing = requestAnimationFrame(step);
@@ -91,7 +92,6 @@ function stopPlaying() {
   cancelAnimationFrame(playing);
   playing = 0;
   $('play').textContent = 'Play';
-  showFov();
   drawLines();
 }
 
@@ -208,7 +208,6 @@ async function openPath(file) {
     fly(keyframes[0]);
   } catch (error) {
     say(`${file.name} is not a camera path: ${error.message}`);
-    setTimeout(() => say(''), 5000);
   }
 }
 

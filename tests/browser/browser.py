@@ -421,6 +421,54 @@ def make_path(page):
     page.check('it plays to the end', moved(page.pose(), page.js('return toPose(along(1))')) < 1e-9)
 
 
+def stop_path(page):
+    """Whatever else moves the camera, or changes the path, ends a path that plays."""
+    page.js('$("seconds").value = 20; document.activeElement.blur()')
+    for what, act in (
+            ('H', 'keys.h()'), ('a jump to a camera', 'jump(0)'), ('plus', 'keys["+"]()'),
+            ('another field of view',
+             '$("fov").value = 40; $("fov").dispatchEvent(new Event("input"))'),
+            ('removal of a view', '$("keys-list").lastChild.lastChild.click()'),
+            ('another path', 'openPath({name: "path", text: async () => JSON.stringify({keyframes: '
+             'keyframes.map((c) => ({matrix: toNerfstudio(c), fov: 50}))})})')):
+        page.js('play()')
+        page.check(f'before {what}, the path plays', wait_for(page, 'playing > 0'))
+        page.js(act)
+        time.sleep(0.6)
+        page.check(f'{what} ends the path', page.js('return playing') == 0)
+        if 'jump' in what:
+            page.check('it is at that camera', page.js('return at') == 0)
+    page.js('keys.h(); play()')
+    time.sleep(0.6)
+    page.check('a path ends a flight', moved(page.pose(), page.js('return toPose(home)')) > 1e-3)
+    page.js('keys.h()')
+    time.sleep(0.6)
+    page.check('the view is home again', moved(page.pose(), page.js('return toPose(home)')) < 1e-9)
+    page.settle()
+
+
+HIDE = 'Object.defineProperty(document, "hidden", {value: true, configurable: true});'
+SHOW = 'delete document.hidden; document.dispatchEvent(new Event("visibilitychange"));'
+
+
+def be_quiet(page):
+    """In a hidden tab there are no requests, and messages stay until they are read."""
+    page.js(HIDE + 'touch(true)')
+    time.sleep(1)
+    page.check('hidden, it asks for no picture', page.js('return last.version < version'))
+    page.js(SHOW)
+    page.check('shown again, it asks for one', wait_for(page, 'last.version === version'))
+    said = page.later("""
+        say('No screenshot: a disk is full.');
+        touch(true);
+        const look = () => last.version < version ? setTimeout(look, 20) :
+          done($('message').textContent);
+        look();""")
+    page.check('a message outlives the next picture', said.startswith('No screenshot'), said)
+    page.check('it goes when it has been read', wait_for(page, '!$("message").textContent', 15))
+    page.settle()
+
+
 def listen(page):
     asked = set()
     for entry in page.call('/se/log', {'type': 'performance'}):
@@ -544,6 +592,13 @@ def steer(page, last):
     step = page.js('return last.step')
     page.check('the picture follows the training', wait_for(page, f'last.step > {step}'))
     page.shot('training')
+    page.js(HIDE)
+    time.sleep(2)  # requests under way are answered
+    steps = page.js('return [training.step, last.step]')
+    time.sleep(2)
+    page.check('hidden, it asks for nothing', page.js('return [training.step, last.step]') == steps)
+    page.js(SHOW)
+    page.check('shown again, it follows', wait_for(page, f'last.step > {steps[1]}'))
     page.js('$("pause").click()')
     page.check('a button pauses', wait_for(page, 'training.state === "paused"'))
     page.settle()
@@ -621,6 +676,8 @@ def main():
             see_cameras(page)
             make_path(page)
             make_film(page)
+            stop_path(page)
+            be_quiet(page)
             crop(page)
             listen(page)
             page.close()
