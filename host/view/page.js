@@ -12,6 +12,7 @@ const BETTER_MS = 300;  /* and the one after that, before the sharp one */
 const WHOLE_MS = 450;   /* of a training under way: one moment of it, instead of the sharp one */
 const STILL_MS = 160;   /* of no motion before a sharper one is asked for */
 const MOST_PIXELS = 1 << 22;
+const NO_CAMERA = $('camera-name').textContent;
 const bytes = crypto.getRandomValues(new Uint8Array(8));
 const viewer = 'v' + Array.from(bytes, (b) => b.toString(16).padStart(2, '0')).join('');
 
@@ -490,6 +491,7 @@ function forControl(event) {
 }
 
 addEventListener('keydown', (event) => {
+  if (event.key === 'Escape') picture.focus();
   if (!camera || event.ctrlKey || event.metaKey || event.altKey || forControl(event)) return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   if (key in arrows) {
@@ -581,7 +583,7 @@ function enterCamera(i) {
   };
   image.onerror = () => { if (at === i) $('camera-name').textContent += ' (no photo here)'; };
   image.src = `/photo?view=${i}&side=1600`;
-  $('beside').hidden = false;
+  $('beside').disabled = false;
   $('camera-name').textContent = facts.cameras[i].name;
   mark(i);
 }
@@ -590,7 +592,8 @@ function leaveCamera() {
   mark(-1);
   at = -1;
   photo = null;
-  $('beside').hidden = true;
+  $('beside').disabled = true;
+  $('camera-name').textContent = NO_CAMERA;
 }
 
 function mark(i) {
@@ -791,6 +794,7 @@ function stopTraining() {
 /* ---- the panel, the start ---- */
 
 function openPanel(open = document.body.classList.contains('closed')) {
+  if (!open && $('panel').contains(document.activeElement)) $('menu').focus();
   document.body.classList.toggle('closed', !open);
   $('menu').setAttribute('aria-expanded', String(open));
 }

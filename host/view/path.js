@@ -30,8 +30,10 @@ function addKey() {
   listKeys();
 }
 
-/* The path has changed: it plays no more. */
-function listKeys() {
+/* The path has changed: it plays no more, and its buttons are made anew. row, column: the one that
+ * has the focus then, if one of them has it for the keyboard. */
+function listKeys(row, column) {
+  const focused = $('keys-list').querySelector(':focus-visible') !== null;
   stopPlaying();
   $('keys-list').replaceChildren(...keyframes.map((key, i) => {
     const item = document.createElement('li');
@@ -45,15 +47,19 @@ function listKeys() {
     button(`View ${i + 1}`, `Go to view ${i + 1}`, () => fly(key));
     button('↑', `View ${i + 1} earlier`, () => {
       if (i > 0) [keyframes[i - 1], keyframes[i]] = [keyframes[i], keyframes[i - 1]];
-      listKeys();
+      listKeys(Math.max(0, i - 1), 1);
     });
     button('Set', `Make this view number ${i + 1}`, () => {
       keyframes[i] = copy(camera);
-      listKeys();
+      listKeys(i, 2);
     });
-    button('×', `Remove view ${i + 1}`, () => { keyframes.splice(i, 1); listKeys(); });
+    button('×', `Remove view ${i + 1}`, () => {
+      keyframes.splice(i, 1);
+      listKeys(Math.min(i, keyframes.length - 1), 3);
+    });
     return item;
   }));
+  if (focused) ($('keys-list').children[row]?.children[column] ?? $('add-key')).focus();
   $('key-count').textContent = keyframes.length ? `(${keyframes.length})` : '';
   drawLines();
 }

@@ -35,7 +35,8 @@ DIFFERENCE = """
     const other = paint(photo, 0, 0, photo.width, photo.height);
     return one.reduce((s, v, i) => s + (i % 4 < 3 ? Math.min(255, 4 * Math.abs(v - other[i])) : 0),
       0) / one.length * 4 / 3;"""
-KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008', 'tab': '\ue004', 'enter': '\ue007'}
+KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008', 'tab': '\ue004', 'enter': '\ue007',
+        'escape': '\ue00c'}
 
 
 def free_port():
@@ -521,6 +522,26 @@ def by_keys(page):
     page.check('Enter closes the panel',
                page.js('return document.body.classList.contains("closed")'))
     page.key(KEYS['enter'])
+    page.js('$("show").focus()')
+    page.key(KEYS['escape'])
+    page.check('Escape returns to the picture',
+               page.js('return document.activeElement === picture'))
+    page.js('$("frusta").focus()')
+    page.key('m')
+    page.check('a panel that is closed gives the focus to its button',
+               page.js('return document.activeElement.id') == 'menu')
+    page.key('m')
+    page.js('$("path-part").open = true')
+    page.key('k', 'k', 'k')
+    for row, column, what, wanted in ((1, 1, 'View 2 earlier', 'View 1 earlier'),
+                                      (2, 3, 'Remove view 3', 'Remove view 2'),
+                                      (0, 3, 'Remove view 1', 'Remove view 1'),
+                                      (0, 3, 'Remove view 1', 'Add this view')):
+        page.js('$("keys-list").children[arguments[0]].children[arguments[1]].focus()', row, column)
+        page.key(KEYS['enter'])
+        got = page.js('const e = document.activeElement;'
+                      'return e.getAttribute("aria-label") || e.textContent')
+        page.check(f'after {what} the focus is there', got == wanted, got)
     page.js('document.activeElement.blur()')
     page.key('h')
     time.sleep(0.6)
@@ -546,6 +567,8 @@ def look_of(page, dark, phone):
         low, high = sorted((light(a), light(b)))
         return (high + 0.05) / (low + 0.05)
     page.check('it is dark if the system is', (light(back) < 0.1) == dark, back)
+    edge = page.js('return getComputedStyle($("show")).borderTopColor.match(/[0-9]+/g).map(Number)')
+    page.check('edges of controls have contrast', contrast(back, edge) > 3, contrast(back, edge))
     page.check('its text has contrast', contrast(back, text) > 7 and contrast(back, soft) > 4.5,
                [contrast(back, text), contrast(back, soft)])
     if phone:
