@@ -783,6 +783,21 @@ async function order(what) {
   }
 }
 
+/* Of a run that is trained elsewhere: this viewer goes on showing the model that it opened. */
+async function lookForNewer() {
+  await seen();
+  try {
+    const {newer} = await (await fetch('/newest')).json();
+    const text = newer === null ? '' : `The run has another model by now, of step ` +
+      `${newer.toLocaleString('en')}; to see it, start view again.`;
+    if ($('newer').textContent !== text) say(text);
+    $('newer').textContent = text;
+  } catch (error) {
+    /* the next picture tells */
+  }
+  setTimeout(lookForNewer, 5000);
+}
+
 /* The second click within a few seconds stops the training. */
 function stopTraining() {
   const button = $('stop'), sure = button.textContent !== 'Stop';
@@ -817,6 +832,8 @@ async function begin() {
   if (facts.training) {
     $('cameras-part').open = false;
     watch();
+  } else {
+    lookForNewer();
   }
   touch();
 }

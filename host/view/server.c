@@ -78,7 +78,7 @@ struct cln_server {
     client clients[CONNECTIONS];
     request *waiting; /* in order of arrival */
     request *at_work; /* the painting that waits for small ones between its batches, or NULL */
-    char *told;       /* what /training answers; NULL = nothing yet */
+    char *told;       /* what /training or /newest answers; NULL = nothing yet */
     unsigned orders;  /* CLN_ORDER_*, not yet taken */
 };
 
@@ -296,7 +296,7 @@ static enum MHD_Result send_told(cln_server *s, struct MHD_Connection *connectio
         response = MHD_create_response_from_buffer(strlen(s->told), s->told, MHD_RESPMEM_MUST_COPY);
     pthread_mutex_unlock(&s->lock);
     if (!response)
-        return answer(s, connection, 503, "the training has not begun");
+        return answer(s, connection, 503, "nothing is known yet");
     return send_response(s, connection, 200, "application/json", response);
 }
 
@@ -400,7 +400,7 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
             return send_text(s, connection, 200, pages[i].type, s->pages[i]);
     if (strcmp(path, "/facts") == 0)
         return send_text(s, connection, 200, "application/json", s->facts);
-    if (s->training && strcmp(path, "/training") == 0)
+    if (strcmp(path, s->training ? "/training" : "/newest") == 0)
         return send_told(s, connection);
     for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)
         if (strcmp(path, asks[i].path) == 0)

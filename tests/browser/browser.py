@@ -467,6 +467,14 @@ def be_quiet(page):
         look();""")
     page.check('a message outlives the next picture', said.startswith('No screenshot'), said)
     page.check('it goes when it has been read', wait_for(page, '!$("message").textContent', 15))
+    page.check('nothing is newer', page.js('return $("newer").textContent') == '')
+    page.js("""
+        window.realFetch = fetch;
+        fetch = (path, ...more) => path === '/newest' ? Promise.resolve(new Response(
+          '{"newer": 700}')) : realFetch(path, ...more)""")
+    page.check('it tells of a newer model', wait_for(
+        page, '$("newer").textContent.includes("step 700")', 15))
+    page.js('fetch = realFetch')
     page.settle()
 
 

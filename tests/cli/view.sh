@@ -1,11 +1,11 @@
 #!/bin/bash
 # `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
 # points, films, refused clients and requests, slow, silent and vanishing clients, several viewers,
-# and how it ends; and `train --view`: the same bits as without,
+# a run that is trained meanwhile, and how it ends; and `train --view`: the same bits as without,
 # orders, who may give them. On a tiny generated scene, on any OpenCL device.
 # tests/browser/browser.sh tests the page in a browser.
 #   tests/cli/view.sh [SECTION...]
-#           sections: page pictures refused clients film token end silence training
+#           sections: page pictures refused clients film token end newer silence training
 #   BUILD=build/sanitize                the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -16,6 +16,7 @@ make_scene=$PWD/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln view XXXXXX")
 server=0 address="" slow=""
 with=() # variables of the viewer's environment
+run=$work/run
 trap '[ $server = 0 ] || kill -9 $server; rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
@@ -29,11 +30,11 @@ baseline() {
         --progress none
 }
 
-# serve OPTIONS...: starts a viewer with the signals of a fresh shell; $address is its address
+# serve OPTIONS...: starts a viewer of $run with the signals of a fresh shell; $address: its own
 serve() {
     local end=$((SECONDS + 60))
     : >"$work/address"
-    env --default-signal=INT,TERM "${with[@]}" "$cln" view "$work/run" "$@" >"$work/address" \
+    env --default-signal=INT,TERM "${with[@]}" "$cln" view "$run" "$@" >"$work/address" \
         2>"$work/err" &
     server=$!
     until [ -s "$work/address" ]; do
@@ -392,6 +393,39 @@ section_end() {
     check "the viewer ends again" [ $rc = 0 ]
 }
 
+# until_newer TEXT: waits until /newest says so
+until_newer() {
+    local i
+    for i in $(seq 100); do
+        get /newest
+        grep -qF "$1" "$work/out" && return
+        sleep 0.1
+    done
+    return 1
+}
+
+section_newer() {
+    local run=$work/grown digest
+    [ $server = 0 ] || stop TERM
+    baseline
+    cp -r "$work/run" "$run"
+    serve
+    gets "the run's newest model" 200 /newest
+    check "the newest model is the one that is shown" grep -qF '"newer": null' "$work/out"
+    get "/picture?view=6&format=png" "${me[@]}"
+    digest=$(cksum <"$work/out")
+    expect "the run is trained on meanwhile" 0 "" "$cln" train --resume "$run" --steps 70 \
+        --skip-selftest --progress none
+    check "the viewer tells of the newer model" until_newer '"newer": 70'
+    get "/picture?view=6&format=png" "${me[@]}"
+    check "it goes on showing its own" [ "$(cksum <"$work/out")" = "$digest" ]
+    rm -r "$run"
+    expect "the run is trained anew meanwhile" 0 "" "$cln" train "$work/photos" -o "$run" \
+        "${small[@]}"
+    check "the viewer tells of a model of the same step" until_newer '"newer": 60'
+    stop INT
+}
+
 # train RUN OPTIONS...: starts a training that is watched; $address as of a viewer
 train() {
     local end=$((SECONDS + 60)) run=$1
@@ -564,4 +598,4 @@ if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     count
     exit
 fi
-run_sections "page pictures refused clients film token end silence training" "$@"
+run_sections "page pictures refused clients film token end newer silence training" "$@"
