@@ -502,11 +502,11 @@ section_silence() {
         "/film/frame?film=$film&view=7" "${me[@]}"
     posts "it is completed" 200 "/film/end?film=$film" "${me[@]}"
     begin_film "another film"
-    curl -s -m 300 -o /dev/null -H "X-Viewer: large" "$address/picture?view=6&width=2000" &
+    curl -s -m 600 -o /dev/null -H "X-Viewer: large" "$address/picture?view=6&width=2500" &
     large=$!
     sleep 0.3
     posts "a frame that waits for minutes behind a large picture" 200 \
-        "/film/frame?film=$film&view=6" "${me[@]}" -m 300
+        "/film/frame?film=$film&view=6" "${me[@]}" -m 600
     wait $large
     posts "the film stays for a while" 409 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
     until get "/film/begin?width=48&height=48&frames=2" -X POST "${me[@]}"
