@@ -77,6 +77,7 @@ function fromQuaternion(q) {
 
 let facts = null, camera = null, home = null;
 let at = -1;            /* the scene's camera that the view is, or -1 */
+let goal = -1;          /* the one that it flies to, or -1 */
 let photo = null;       /* its photo, when it is here */
 let last = null;        /* the newest picture: bitmap and numbers */
 let version = 0, moved = 0, busy = false, abort = null, flight = null;
@@ -106,6 +107,11 @@ const seen = () => new Promise((done) => {
 function background() {
   const hex = $('background').value;
   return [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+}
+
+function setBackground(colour) {
+  $('background').value = '#' + colour.map((v) => Math.round(255 * clamp(v, 0, 1)).toString(16)
+    .padStart(2, '0')).join('');
 }
 
 /* The picture's size in pixels, and its focal length. */
@@ -343,6 +349,7 @@ function fly(to, keepAt = -1) {
   const a = toQuaternion(from.r), b = toQuaternion(to.r);
   const sign = a.reduce((sum, v, i) => sum + v * b[i], 0) < 0 ? -1 : 1;
   stopMotion();
+  goal = keepAt;
   if (at >= 0) leaveCamera();
   const step = () => {
     const t = took > 0 ? clamp((performance.now() - began) / took, 0, 1) : 1;
@@ -367,6 +374,7 @@ function fly(to, keepAt = -1) {
 function stopMotion() {
   stopPlaying();
   cancelAnimationFrame(flight);
+  goal = -1;
 }
 
 /* Turns about what is seen at a position of the window. */
@@ -402,11 +410,13 @@ async function focus(x, y) {
 
 const fingers = new Map();
 let travelled = 0, tapped = 0;
+let together = 0; /* the most fingers at once since the first came down */
 
 picture.addEventListener('pointerdown', (event) => {
   picture.setPointerCapture(event.pointerId);
   fingers.set(event.pointerId, {x: event.offsetX, y: event.offsetY});
-  if (fingers.size === 1) travelled = 0;
+  if (fingers.size === 1) travelled = together = 0;
+  together = Math.max(together, fingers.size);
   stopMotion();
 });
 
@@ -423,6 +433,8 @@ picture.addEventListener('pointermove', (event) => {
     const after = Math.hypot(event.offsetX - other.x, event.offsetY - other.y);
     if (before > 0 && after > 0) zoom(before / after);
     shift(dx / 2 / shorter, dy / 2 / shorter);
+  } else if (fingers.size > 2) {
+    shift(dx / fingers.size / shorter, dy / fingers.size / shorter);
   } else if (event.buttons & 6 || event.shiftKey) {
     shift(dx / shorter, dy / shorter);
   } else {
@@ -433,7 +445,9 @@ picture.addEventListener('pointermove', (event) => {
 
 function released(event) {
   fingers.delete(event.pointerId);
-  if (event.type !== 'pointerup' || travelled >= 4 || !camera || event.button !== 0) return;
+  if (event.type !== 'pointerup' || travelled >= 4 || together > 1 || !camera ||
+      event.button !== 0)
+    return;
   if (event.timeStamp - tapped < 350) { /* touch has no reliable dblclick */
     tapped = 0;
     focus(event.offsetX, event.offsetY);
@@ -568,8 +582,8 @@ function jump(i) {
 }
 
 function jumpBy(by) {
-  const n = facts.cameras.length;
-  if (n > 0) jump(at < 0 ? (by > 0 ? 0 : n - 1) : (at + by + n) % n);
+  const n = facts.cameras.length, from = at < 0 ? goal : at;
+  if (n > 0) jump(from < 0 ? (by > 0 ? 0 : n - 1) : (from + by + n) % n);
 }
 
 function enterCamera(i) {
@@ -820,8 +834,7 @@ async function begin() {
   facts = await answer.json();
   document.title = `${facts.run} – cl-nascent`;
   $('title').textContent = `${facts.run}, step ${facts.step.toLocaleString('en')}`;
-  $('background').value = '#' + facts.background.map((v) => Math.round(255 * v).toString(16)
-    .padStart(2, '0')).join('');
+  setBackground(facts.background);
   home = {...fromPose(facts.start), distance: 1, fov: 360 / Math.PI *
     Math.atan(Math.min(facts.width, facts.height) / 2 / facts.focal)};
   home.distance = size(add(facts.target, home.p, -1));

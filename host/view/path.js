@@ -120,13 +120,19 @@ function fromNerfstudio(given) {
 
 const rows4 = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
 
-/* The path's cameras frame by frame; null, and says it, if there is none. */
-function framesOfPath() {
+/* The path's cameras frame by frame; null, and says it, if there is none or there are more than
+ * `most`: without a number, those that `render --poses` takes. */
+function framesOfPath(most = 100000) {
   if (keyframes.length < 2) {
     play(); /* says it */
     return null;
   }
   const count = Math.max(2, Math.round(seconds() * perSecond()));
+  if (count > most) {
+    say(`The path has ${count.toLocaleString('en')} frames, more than ` +
+      `${most.toLocaleString('en')}: choose fewer seconds or frames a second.`);
+    return null;
+  }
   const parts = $('cycle').checked ? count : count - 1;
   return Array.from({length: count}, (_, i) => along(i / parts));
 }
@@ -145,10 +151,17 @@ function cropOfPath() {
     crop_bg_color: {r, g, b}};
 }
 
-/* Takes over the box of a file. */
+/* Takes over the box of a file and what is around it, as `render --poses` does; without a box, the
+ * page's is off. */
 function openCrop(read) {
-  const {crop_center: middle, crop_scale: sides, crop_rot: angles} = read.crop || {};
-  if (!middle || !sides) return;
+  const {crop_center: middle, crop_scale: sides, crop_rot: angles, crop_bg_color: around} =
+    read.crop || {};
+  if (!middle || !sides) {
+    $('crop').checked = false;
+    changeCrop();
+    return;
+  }
+  setBackground(['r', 'g', 'b'].map((c) => (Number(around?.[c]) || 0) / 255));
   setCrop([0, 1, 2, 3, 4, 5].map((i) => middle[i % 3] + (i < 3 ? -0.5 : 0.5) * sides[i % 3]),
     (angles || [0, 0, 0]).map((v) => v * 180 / Math.PI));
 }
@@ -192,7 +205,8 @@ function fovOf(read, k) {
 async function openPath(file) {
   try {
     const read = JSON.parse(await file.text());
-    const few = (list) => list.filter((_, i) => i % Math.ceil(list.length / 50) === 0);
+    const few = (list) => list.length <= 50 ? list : Array.from({length: 50}, (_, i) =>
+      list[Math.round(i * (list.length - 1) / 49)]);
     const from = (read.keyframes || []).length > 1 ? read.keyframes :
       few(read.camera_path || read.frames || []);
     const found = from.map((k) => {
@@ -219,6 +233,7 @@ async function openPath(file) {
 
 /* ---- a film of the path ---- */
 
+const FILM_FRAMES = 7200; /* the server takes no more */
 let film = null; /* {name, cancelled} while it is made */
 
 async function posted(path, query) {
@@ -241,7 +256,7 @@ async function makeFilm() {
     film.cancelled = true;
     return;
   }
-  const path = framesOfPath(), [width, height] = filmSize();
+  const path = framesOfPath(FILM_FRAMES), [width, height] = filmSize();
   if (!path) return;
   const state = film = {name: null, cancelled: false}, shared = {...looks(), ...cropQuery()};
   const began = performance.now(), tell = (text) => { $('film-state').textContent = text; };

@@ -448,6 +448,104 @@ def stop_path(page):
     page.settle()
 
 
+def fly_on(page):
+    """N and P during a flight count from its goal; the user's hand ends it."""
+    page.js('jump(2)')
+    page.check('it is at a camera', wait_for(page, 'at === 2'))
+    page.js('jumpBy(1); jumpBy(1)')
+    page.check('N twice during a flight is the second next', wait_for(page, 'at >= 0') and
+               page.js('return at') == 4, page.js('return at'))
+    page.js('jumpBy(-1); jumpBy(-1); jumpBy(-1)')
+    page.check('P thrice is the third one before', wait_for(page, 'at >= 0') and
+               page.js('return at') == 1, page.js('return at'))
+    page.js('jumpBy(1); orbit(0.06, 0)')
+    at = page.pose()
+    time.sleep(0.6)
+    page.check('an orbit during a flight ends it', moved(at, page.pose()) < 1e-12)
+    page.js('jumpBy(-1)')
+    page.check('after it, P is the last camera', wait_for(page, 'at >= 0') and
+               page.js('return at === facts.cameras.length - 1'), page.js('return at'))
+    page.js('keys.h()')
+    time.sleep(0.6)
+    page.settle()
+
+
+def tap(page):
+    """One finger's double tap is one, that of two fingers is none; three fingers shift."""
+    asked = page.js("""
+        const realFocus = focus, was = tapped, seen = [];
+        const at = (type, id, x) => picture.dispatchEvent(new PointerEvent(type,
+          {pointerId: id, pointerType: 'touch', clientX: x, clientY: 300, button: 0, buttons: 1}));
+        picture.setPointerCapture = () => {};
+        focus = () => { seen[seen.length - 1]++; };
+        tapped = -1000;
+        seen.push(0);
+        for (const id of [1, 2]) at('pointerdown', id, 100 * id);
+        for (const id of [1, 2]) at('pointerup', id, 100 * id);
+        tapped = -1000;
+        seen.push(0);
+        for (let i = 0; i < 2; i++)
+          for (const type of ['pointerdown', 'pointerup']) at(type, 1, 100);
+        focus = realFocus;
+        const axis = camera.r[2];
+        for (const id of [1, 2, 3]) at('pointerdown', id, 50 * id);
+        for (const id of [1, 2, 3]) at('pointermove', id, 50 * id + 20);
+        for (const id of [1, 2, 3]) at('pointerup', id, 50 * id + 20);
+        delete picture.setPointerCapture;
+        tapped = was;
+        return [...seen, Math.max(...add(axis, camera.r[2], -1).map(Math.abs))];""")
+    page.check('a tap of two fingers is no double tap', asked[0] == 0, asked)
+    page.check('two taps are one', asked[1] == 1, asked)
+    page.check('three fingers do not turn the camera', asked[2] < 1e-12, asked)
+    page.js('keys.h()')
+    time.sleep(0.6)
+    page.settle()
+
+
+def open_paths(page):
+    """A file's box, background and ends are the page's; too many frames are refused."""
+    got = page.later("""
+        const open = (read) => openPath({name: 'path', text: async () => JSON.stringify(read)});
+        const shown = () => [$('background').value, isCropped()], all = [];
+        const before = keyframes, looked = $('background').value, long = $('seconds').value;
+        (async () => {
+          const views = keyframes.map((c) => ({matrix: toNerfstudio(c), fov: 50}));
+          await open({keyframes: views, crop: {crop_center: cropMiddle(), crop_scale: [1, 1, 1],
+            crop_bg_color: {r: 16, g: 32, b: 255}}});
+          all.push(shown());
+          await open({keyframes: views, crop: null});
+          all.push(shown());
+          const poses = Array.from({length: 120}, (_, i) => ({...copy(home), p: [i, 0, 0]}));
+          await open({camera_path: poses.map((c) => ({camera_to_world: toNerfstudio(c),
+            fov: 50}))});
+          all.push(keyframes.length, keyframes[0].p[0], keyframes[keyframes.length - 1].p[0]);
+          $('seconds').value = 3600;
+          $('fps').value = 120;
+          all.push(framesOfPath(), $('message').textContent);
+          $('seconds').value = 301;
+          $('fps').value = 24;
+          await makeFilm();
+          all.push($('message').textContent);
+          keyframes = before;
+          $('seconds').value = long;
+          $('background').value = looked;
+          resetCrop();
+          listKeys();
+          keys.h();
+          done(all);
+        })().catch((error) => done([[], [], 0, 0, 0, 0, String(error), '']));""")
+    page.check("a file's box comes with its background", got[0] == ['#1020ff', True], got[0])
+    page.check('without a box in the file there is none', got[1:2] == [['#1020ff', False]], got[1])
+    page.check('of 120 poses 50 are taken, from the first to the last', got[2:5] == [50, 0, 119],
+               got[2:5])
+    page.check('more frames than can be rendered are refused, with the number',
+               got[5] is None and '432,000' in got[6] and '100,000' in got[6], got[6])
+    page.check('a film of too many is refused, with the number',
+               '7,224' in got[7] and '7,200' in got[7], got[7])
+    time.sleep(0.6)
+    page.settle()
+
+
 HIDE = 'Object.defineProperty(document, "hidden", {value: true, configurable: true});'
 SHOW = 'delete document.hidden; document.dispatchEvent(new Event("visibilitychange"));'
 
@@ -708,6 +806,9 @@ def main():
             make_path(page)
             make_film(page)
             stop_path(page)
+            fly_on(page)
+            tap(page)
+            open_paths(page)
             be_quiet(page)
             crop(page)
             listen(page)
