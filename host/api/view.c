@@ -1,10 +1,14 @@
 /* cln_view_run: opens a run for a browser. host/view answers the requests and paints. */
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "base/callbacks.h"
+#include "base/clock.h"
+#include "base/files.h"
 #include "base/given.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "io/json.h"
 #include "io/run_folder.h"
 #include "render/open_run.h"
@@ -13,6 +17,8 @@
 #include "render/recorded.h"
 #include "view/facts.h"
 #include "view/server.h"
+
+static const double LOOK_SECONDS = 2; /* how often a newer model is looked for */
 
 /* Of several ranks: whether all find the run's scene, as loading one takes all of them. */
 static cln_status find_scene(const cln_view_desc *desc, bool *found)
@@ -69,14 +75,51 @@ done:
     return st;
 }
 
+/* The run's newest checkpoint when its model was read, or pages were told of it. */
+typedef struct newest {
+    char *path; /* of `latest`, which each checkpoint writes as a new file */
+    struct stat file;
+    double looked;
+} newest;
+
+static bool is_replaced(newest *n)
+{
+    const struct stat before = n->file;
+
+    return stat(n->path, &n->file) == 0 &&
+           (n->file.st_ino != before.st_ino || n->file.st_mtim.tv_sec != before.st_mtim.tv_sec ||
+            n->file.st_mtim.tv_nsec != before.st_mtim.tv_nsec);
+}
+
+/* Pages are told of a newer model; the one that is shown stays. newer: its step; negative: none. */
+static cln_status tell(cln_server *server, int64_t newer)
+{
+    cln_status st = CLN_OK;
+    char *text = NULL;
+
+    if (newer < 0)
+        CLN_TRY(cln_strdup(&text, "{\"newer\": null}"));
+    else
+        CLN_TRY(cln_asprintf(&text, "{\"newer\": %lld}", (long long)newer));
+    cln_server_tell(server, text);
+done:
+    return st;
+}
+
 /* Until a signal ends it. */
-static cln_status serve(cln_server *server, cln_painter *painter, const cln_callbacks *callbacks)
+static cln_status serve(const cln_view_desc *desc, newest *n, cln_server *server,
+                        cln_painter *painter)
 {
     cln_status st = CLN_OK;
     bool painted = false;
 
     for (;;) {
-        CLN_TRY(cln_stopped_by(cln_painter_signal(painter, callbacks), NULL));
+        CLN_TRY(cln_stopped_by(cln_painter_signal(painter, &desc->callbacks), NULL));
+        if (cln_now() - n->looked > LOOK_SECONDS) {
+            n->looked = cln_now();
+            if (is_replaced(n))
+                CLN_TRY(tell(server, cln_checkpoint_newest(desc->run)));
+        }
         CLN_TRY(cln_server_turn(server, 0.1, &painted));
     }
 done:
@@ -100,6 +143,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     cln_orbit_frame frame;
     cln_camera first;
     char *text = NULL;
+    newest last = {0};
     cln_facts facts = {.run = desc->run, .model = &opened.model, .frame = &frame, .start = &first};
 
     CLN_TRY(cln_given("cln_view_run", "run", desc->run));
@@ -108,6 +152,8 @@ cln_status cln_view_run(const cln_view_desc *desc)
     if (serves)
         CLN_TRY(cln_listen_open(desc->listen, desc->port, &listener));
     CLN_TRY(open_run(desc, &opened, &frame));
+    CLN_TRY(cln_path_join(&last.path, desc->run, "checkpoint/latest"));
+    (void)is_replaced(&last);
     CLN_TRY(check_ranks(&opened.model));
     facts.scene = painter.scene = opened.scene;
     CLN_TRY(cln_facts_camera(&frame, &first));
@@ -120,15 +166,17 @@ cln_status cln_view_run(const cln_view_desc *desc)
     CLN_TRY(cln_facts_text(&facts, &text));
     CLN_TRY(cln_server_open(
         &(cln_server_desc){.listener = &listener, .painter = &painter, .facts = text}, &server));
+    CLN_TRY(tell(server, -1));
     if (desc->ready)
         desc->ready(listener.address, desc->callbacks.user);
-    st = serve(server, &painter, &desc->callbacks);
+    st = serve(desc, &last, server, &painter);
 done:
     if (st == CLN_OK || st == CLN_SIGINT || st == CLN_SIGTERM) /* else it ends all */
         cln_painter_end(&painter);
     cln_server_close(server);
     cln_listen_close(&listener);
     cln_open_run_close(&opened);
+    free(last.path);
     free(text);
     return st;
 }

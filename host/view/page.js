@@ -12,6 +12,7 @@ const BETTER_MS = 300;  /* and the one after that, before the sharp one */
 const WHOLE_MS = 450;   /* of a training under way: one moment of it, instead of the sharp one */
 const STILL_MS = 160;   /* of no motion before a sharper one is asked for */
 const MOST_PIXELS = 1 << 22;
+const NO_CAMERA = $('camera-name').textContent;
 const bytes = crypto.getRandomValues(new Uint8Array(8));
 const viewer = 'v' + Array.from(bytes, (b) => b.toString(16).padStart(2, '0')).join('');
 
@@ -76,6 +77,7 @@ function fromQuaternion(q) {
 
 let facts = null, camera = null, home = null;
 let at = -1;            /* the scene's camera that the view is, or -1 */
+let goal = -1;          /* the one that it flies to, or -1 */
 let photo = null;       /* its photo, when it is here */
 let last = null;        /* the newest picture: bitmap and numbers */
 let version = 0, moved = 0, busy = false, abort = null, flight = null;
@@ -87,14 +89,29 @@ const gone = () => facts.training ? 'The training has ended, or the way to it is
   `What it has made is shown by: cl-nascent view ${facts.run}` :
   'The viewer does not answer: it has ended, or the way to it is cut.';
 
-function say(text) {
-  $('message').textContent = text;
-  $('message').hidden = !text;
+let quiet = 0;
+
+/* Shows a message for as long as it takes to read, or, lasting, until the next one. */
+function say(text, lasting = false) {
+  clearTimeout(quiet);
+  if ($('message').textContent !== text) $('message').textContent = text;
+  if (text && !lasting) quiet = setTimeout(() => say(''), 3000 + 60 * text.length);
 }
+
+/* Resolves while the page is seen: at once, or when its tab is shown again. */
+const seen = () => new Promise((done) => {
+  if (!document.hidden) done();
+  else document.addEventListener('visibilitychange', done, {once: true});
+});
 
 function background() {
   const hex = $('background').value;
   return [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+}
+
+function setBackground(colour) {
+  $('background').value = '#' + colour.map((v) => Math.round(255 * clamp(v, 0, 1)).toString(16)
+    .padStart(2, '0')).join('');
 }
 
 /* The picture's size in pixels, and its focal length. */
@@ -115,12 +132,16 @@ function inset(f) {
   return {x: (f.width - width) / 2, y: (f.height - height) / 2, width, height};
 }
 
-/* The camera has changed. keep: it still is the scene's camera. */
-function touch(keep = false) {
+/* The camera has changed. keep: it still is the scene's camera, or only looks have changed; moving:
+ * by a flight or the path that plays, which any other change of the camera ends. */
+function touch(keep = false, moving = false) {
+  if (!keep && !moving) stopMotion();
   if (!keep && at >= 0) leaveCamera();
   version++;
   moved = performance.now();
   if (abort && abort.refining) abort.abort();
+  $('fov').value = camera.fov;
+  $('fov-text').textContent = `${camera.fov.toFixed(0)}°`;
   drawLines();
   pump();
 }
@@ -165,6 +186,7 @@ async function pump() {
   if (busy || !facts) return;
   busy = true;
   for (;;) {
+    await seen();
     const now = version, refining = last !== null && last.version === now;
     if (refining && isNew()) break;
     const rest = STILL_MS - (performance.now() - moved);
@@ -197,7 +219,6 @@ async function fetchPicture(now, ms, refining) {
   if (last) last.bitmap.close();
   last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box, step, show,
     full: width >= box.width, whole: performance.now() - began};
-  say('');
   draw();
 }
 
@@ -259,7 +280,7 @@ function drawDifference(b) {
 }
 
 async function savePicture() {
-  say('Rendering…');
+  say('Rendering…', true);
   try {
     const answer = await ask('/picture', {...cameraQuery(frame()), ...looks(), format: 'png'},
       viewer + '-s');
@@ -327,8 +348,9 @@ function fly(to, keepAt = -1) {
   const took = matchMedia('(prefers-reduced-motion: reduce)').matches ? 0 : 350;
   const a = toQuaternion(from.r), b = toQuaternion(to.r);
   const sign = a.reduce((sum, v, i) => sum + v * b[i], 0) < 0 ? -1 : 1;
+  stopMotion();
+  goal = keepAt;
   if (at >= 0) leaveCamera();
-  cancelAnimationFrame(flight);
   const step = () => {
     const t = took > 0 ? clamp((performance.now() - began) / took, 0, 1) : 1;
     const s = t * t * (3 - 2 * t);
@@ -338,15 +360,21 @@ function fly(to, keepAt = -1) {
       camera.fov = (1 - s) * from.fov + s * to.fov;
       camera.distance = (1 - s) * from.distance + s * to.distance;
       flight = requestAnimationFrame(step);
-      touch();
+      touch(false, true);
       return;
     }
     camera = copy(to);
-    showFov();
     if (keepAt >= 0) enterCamera(keepAt);
-    touch(keepAt >= 0);
+    touch(keepAt >= 0, true);
   };
   step();
+}
+
+/* The user takes the camera. */
+function stopMotion() {
+  stopPlaying();
+  cancelAnimationFrame(flight);
+  goal = -1;
 }
 
 /* Turns about what is seen at a position of the window. */
@@ -366,7 +394,6 @@ async function focus(x, y) {
     const found = await answer.json();
     if (found.opacity < 0.3) {
       say('Nothing is there.');
-      setTimeout(() => say(''), 1200);
       return;
     }
     const to = copy(camera), forward = add(found.point, camera.p, -1);
@@ -383,13 +410,14 @@ async function focus(x, y) {
 
 const fingers = new Map();
 let travelled = 0, tapped = 0;
+let together = 0; /* the most fingers at once since the first came down */
 
 picture.addEventListener('pointerdown', (event) => {
   picture.setPointerCapture(event.pointerId);
   fingers.set(event.pointerId, {x: event.offsetX, y: event.offsetY});
-  if (fingers.size === 1) travelled = 0;
-  stopPlaying();
-  cancelAnimationFrame(flight);
+  if (fingers.size === 1) travelled = together = 0;
+  together = Math.max(together, fingers.size);
+  stopMotion();
 });
 
 picture.addEventListener('pointermove', (event) => {
@@ -405,6 +433,8 @@ picture.addEventListener('pointermove', (event) => {
     const after = Math.hypot(event.offsetX - other.x, event.offsetY - other.y);
     if (before > 0 && after > 0) zoom(before / after);
     shift(dx / 2 / shorter, dy / 2 / shorter);
+  } else if (fingers.size > 2) {
+    shift(dx / fingers.size / shorter, dy / fingers.size / shorter);
   } else if (event.buttons & 6 || event.shiftKey) {
     shift(dx / shorter, dy / shorter);
   } else {
@@ -415,7 +445,9 @@ picture.addEventListener('pointermove', (event) => {
 
 function released(event) {
   fingers.delete(event.pointerId);
-  if (event.type !== 'pointerup' || travelled >= 4 || !camera || event.button !== 0) return;
+  if (event.type !== 'pointerup' || travelled >= 4 || together > 1 || !camera ||
+      event.button !== 0)
+    return;
   if (event.timeStamp - tapped < 350) { /* touch has no reliable dblclick */
     tapped = 0;
     focus(event.offsetX, event.offsetY);
@@ -430,7 +462,6 @@ picture.addEventListener('pointercancel', released);
 picture.addEventListener('contextmenu', (event) => event.preventDefault());
 picture.addEventListener('wheel', (event) => {
   event.preventDefault();
-  stopPlaying();
   if (camera) zoom(Math.exp(clamp(event.deltaY * (event.deltaMode ? 20 : 1), -300, 300) / 600));
 }, {passive: false});
 
@@ -474,16 +505,15 @@ function forControl(event) {
 }
 
 addEventListener('keydown', (event) => {
+  if (event.key === 'Escape') picture.focus();
   if (!camera || event.ctrlKey || event.metaKey || event.altKey || forControl(event)) return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   if (key in arrows) {
     const [x, y] = arrows[key];
-    stopPlaying();
     if (event.shiftKey) shift(-0.03 * x, -0.03 * y);
     else orbit(0.06 * x, 0.06 * -y);
   } else if (HELD.includes(key)) {
     held.add(key);
-    stopPlaying();
     if (!flying) {
       flying = performance.now();
       requestAnimationFrame(flyStep);
@@ -545,7 +575,6 @@ function listCameras() {
 function jump(i) {
   const c = facts.cameras[i], to = {...fromPose(c.pose), fov: 50, distance: 1};
   const forward = dot(add(facts.target, to.p, -1), to.r[2]);
-  stopPlaying();
   to.fov = 360 / Math.PI * Math.atan(Math.min(c.width, c.height) / 2 / c.focal);
   to.distance = forward > 0.05 * facts.distance ? forward : facts.distance;
   straighten(to);
@@ -553,8 +582,8 @@ function jump(i) {
 }
 
 function jumpBy(by) {
-  const n = facts.cameras.length;
-  if (n > 0) jump(at < 0 ? (by > 0 ? 0 : n - 1) : (at + by + n) % n);
+  const n = facts.cameras.length, from = at < 0 ? goal : at;
+  if (n > 0) jump(from < 0 ? (by > 0 ? 0 : n - 1) : (from + by + n) % n);
 }
 
 function enterCamera(i) {
@@ -568,7 +597,7 @@ function enterCamera(i) {
   };
   image.onerror = () => { if (at === i) $('camera-name').textContent += ' (no photo here)'; };
   image.src = `/photo?view=${i}&side=1600`;
-  $('beside').hidden = false;
+  $('beside').disabled = false;
   $('camera-name').textContent = facts.cameras[i].name;
   mark(i);
 }
@@ -577,7 +606,8 @@ function leaveCamera() {
   mark(-1);
   at = -1;
   photo = null;
-  $('beside').hidden = true;
+  $('beside').disabled = true;
+  $('camera-name').textContent = NO_CAMERA;
 }
 
 function mark(i) {
@@ -740,6 +770,7 @@ function showTraining() {
 }
 
 async function watch() {
+  await seen();
   try {
     const answer = await fetch('/training');
     if (!answer.ok) throw new Error();
@@ -766,6 +797,21 @@ async function order(what) {
   }
 }
 
+/* Of a run that is trained elsewhere: this viewer goes on showing the model that it opened. */
+async function lookForNewer() {
+  await seen();
+  try {
+    const {newer} = await (await fetch('/newest')).json();
+    const text = newer === null ? '' : `The run has another model by now, of step ` +
+      `${newer.toLocaleString('en')}; to see it, start view again.`;
+    if ($('newer').textContent !== text) say(text);
+    $('newer').textContent = text;
+  } catch (error) {
+    /* the next picture tells */
+  }
+  setTimeout(lookForNewer, 5000);
+}
+
 /* The second click within a few seconds stops the training. */
 function stopTraining() {
   const button = $('stop'), sure = button.textContent !== 'Stop';
@@ -777,13 +823,9 @@ function stopTraining() {
 /* ---- the panel, the start ---- */
 
 function openPanel(open = document.body.classList.contains('closed')) {
+  if (!open && $('panel').contains(document.activeElement)) $('menu').focus();
   document.body.classList.toggle('closed', !open);
   $('menu').setAttribute('aria-expanded', String(open));
-}
-
-function showFov() {
-  $('fov').value = camera.fov;
-  $('fov-text').textContent = `${camera.fov.toFixed(0)}°`;
 }
 
 async function begin() {
@@ -792,19 +834,19 @@ async function begin() {
   facts = await answer.json();
   document.title = `${facts.run} – cl-nascent`;
   $('title').textContent = `${facts.run}, step ${facts.step.toLocaleString('en')}`;
-  $('background').value = '#' + facts.background.map((v) => Math.round(255 * v).toString(16)
-    .padStart(2, '0')).join('');
+  setBackground(facts.background);
   home = {...fromPose(facts.start), distance: 1, fov: 360 / Math.PI *
     Math.atan(Math.min(facts.width, facts.height) / 2 / facts.focal)};
   home.distance = size(add(facts.target, home.p, -1));
   camera = copy(home);
-  showFov();
   makeCrop();
   listCameras();
   $('training').hidden = !facts.training;
   if (facts.training) {
     $('cameras-part').open = false;
     watch();
+  } else {
+    lookForNewer();
   }
   touch();
 }
@@ -814,7 +856,7 @@ on('menu', 'click', () => openPanel());
 on('show', 'change', () => touch(true));
 on('background', 'input', () => touch(true));
 on('size', 'change', () => touch(true));
-on('fov', 'input', () => { camera.fov = Number($('fov').value); showFov(); touch(); });
+on('fov', 'input', () => { camera.fov = Number($('fov').value); touch(); });
 on('home', 'click', () => fly(home));
 on('level', 'click', level);
 on('save-picture', 'click', savePicture);
@@ -839,4 +881,4 @@ on('open-path', 'change', () => {
 });
 new ResizeObserver(() => { if (camera) touch(true); }).observe($('stage'));
 openPanel(innerWidth > 760);
-begin().catch((error) => say(error.message));
+begin().catch((error) => say(error.message, true));

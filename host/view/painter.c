@@ -461,7 +461,7 @@ static cln_status step_film(cln_painter *painter, cln_painting *g)
         cln_painting_say(g, 404, "this film does not exist any more");
         return CLN_OK;
     }
-    reel->touched = cln_now();
+    reel->silent = 0;
     if (g->ask.kind == CLN_ASK_FILM_DROP) {
         cln_reel_drop(reel);
         cln_painting_say(g, 200, "the film is dropped");

@@ -30,7 +30,11 @@ function addKey() {
   listKeys();
 }
 
-function listKeys() {
+/* The path has changed: it plays no more, and its buttons are made anew. row, column: the one that
+ * has the focus then, if one of them has it for the keyboard. */
+function listKeys(row, column) {
+  const focused = $('keys-list').querySelector(':focus-visible') !== null;
+  stopPlaying();
   $('keys-list').replaceChildren(...keyframes.map((key, i) => {
     const item = document.createElement('li');
     const button = (text, label, does) => {
@@ -43,15 +47,19 @@ function listKeys() {
     button(`View ${i + 1}`, `Go to view ${i + 1}`, () => fly(key));
     button('↑', `View ${i + 1} earlier`, () => {
       if (i > 0) [keyframes[i - 1], keyframes[i]] = [keyframes[i], keyframes[i - 1]];
-      listKeys();
+      listKeys(Math.max(0, i - 1), 1);
     });
     button('Set', `Make this view number ${i + 1}`, () => {
       keyframes[i] = copy(camera);
-      listKeys();
+      listKeys(i, 2);
     });
-    button('×', `Remove view ${i + 1}`, () => { keyframes.splice(i, 1); listKeys(); });
+    button('×', `Remove view ${i + 1}`, () => {
+      keyframes.splice(i, 1);
+      listKeys(Math.min(i, keyframes.length - 1), 3);
+    });
     return item;
   }));
+  if (focused) ($('keys-list').children[row]?.children[column] ?? $('add-key')).focus();
   $('key-count').textContent = keyframes.length ? `(${keyframes.length})` : '';
   drawLines();
 }
@@ -66,20 +74,19 @@ function play() {
   }
   if (keyframes.length < 2) {
     say('Add two views or more to the path (K).');
-    setTimeout(() => say(''), 2000);
     return;
   }
+  stopMotion();
   const began = performance.now();
   const step = (now) => {
     const share = (now - began) / 1000 / seconds();
     if (share >= 1 && !$('cycle').checked) {
       camera = along(1);
-      stopPlaying();
       touch();
       return;
     }
     camera = along(share % 1);
-    touch();
+    touch(false, true);
     playing = requestAnimationFrame(step);
   };
   playing = requestAnimationFrame(step);
@@ -91,7 +98,6 @@ function stopPlaying() {
   cancelAnimationFrame(playing);
   playing = 0;
   $('play').textContent = 'Play';
-  showFov();
   drawLines();
 }
 
@@ -114,13 +120,19 @@ function fromNerfstudio(given) {
 
 const rows4 = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
 
-/* The path's cameras frame by frame; null, and says it, if there is none. */
-function framesOfPath() {
+/* The path's cameras frame by frame; null, and says it, if there is none or there are more than
+ * `most`: without a number, those that `render --poses` takes. */
+function framesOfPath(most = 100000) {
   if (keyframes.length < 2) {
     play(); /* says it */
     return null;
   }
   const count = Math.max(2, Math.round(seconds() * perSecond()));
+  if (count > most) {
+    say(`The path has ${count.toLocaleString('en')} frames, more than ` +
+      `${most.toLocaleString('en')}: choose fewer seconds or frames a second.`);
+    return null;
+  }
   const parts = $('cycle').checked ? count : count - 1;
   return Array.from({length: count}, (_, i) => along(i / parts));
 }
@@ -139,10 +151,17 @@ function cropOfPath() {
     crop_bg_color: {r, g, b}};
 }
 
-/* Takes over the box of a file. */
+/* Takes over the box of a file and what is around it, as `render --poses` does; without a box, the
+ * page's is off. */
 function openCrop(read) {
-  const {crop_center: middle, crop_scale: sides, crop_rot: angles} = read.crop || {};
-  if (!middle || !sides) return;
+  const {crop_center: middle, crop_scale: sides, crop_rot: angles, crop_bg_color: around} =
+    read.crop || {};
+  if (!middle || !sides) {
+    $('crop').checked = false;
+    changeCrop();
+    return;
+  }
+  setBackground(['r', 'g', 'b'].map((c) => (Number(around?.[c]) || 0) / 255));
   setCrop([0, 1, 2, 3, 4, 5].map((i) => middle[i % 3] + (i < 3 ? -0.5 : 0.5) * sides[i % 3]),
     (angles || [0, 0, 0]).map((v) => v * 180 / Math.PI));
 }
@@ -186,7 +205,8 @@ function fovOf(read, k) {
 async function openPath(file) {
   try {
     const read = JSON.parse(await file.text());
-    const few = (list) => list.filter((_, i) => i % Math.ceil(list.length / 50) === 0);
+    const few = (list) => list.length <= 50 ? list : Array.from({length: 50}, (_, i) =>
+      list[Math.round(i * (list.length - 1) / 49)]);
     const from = (read.keyframes || []).length > 1 ? read.keyframes :
       few(read.camera_path || read.frames || []);
     const found = from.map((k) => {
@@ -208,12 +228,12 @@ async function openPath(file) {
     fly(keyframes[0]);
   } catch (error) {
     say(`${file.name} is not a camera path: ${error.message}`);
-    setTimeout(() => say(''), 5000);
   }
 }
 
 /* ---- a film of the path ---- */
 
+const FILM_FRAMES = 7200; /* the server takes no more */
 let film = null; /* {name, cancelled} while it is made */
 
 async function posted(path, query) {
@@ -236,7 +256,7 @@ async function makeFilm() {
     film.cancelled = true;
     return;
   }
-  const path = framesOfPath(), [width, height] = filmSize();
+  const path = framesOfPath(FILM_FRAMES), [width, height] = filmSize();
   if (!path) return;
   const state = film = {name: null, cancelled: false}, shared = {...looks(), ...cropQuery()};
   const began = performance.now(), tell = (text) => { $('film-state').textContent = text; };

@@ -10,7 +10,6 @@
 #include <unistd.h>
 
 #include "base/files.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "io/command.h"
 #include "io/disk.h"
@@ -47,11 +46,10 @@ void cln_reel_drop(cln_reel *reel)
     memset(reel, 0, sizeof *reel);
 }
 
-void cln_reel_tend(cln_reel *reel)
+void cln_reel_tend(cln_reel *reel, double seconds)
 {
-    const double idle = cln_now() - reel->touched;
-
-    if (reel->name[0] && idle > (reel->whole ? WHOLE_SECONDS : MAKING_SECONDS))
+    reel->silent += seconds;
+    if (reel->name[0] && reel->silent > (reel->whole ? WHOLE_SECONDS : MAKING_SECONDS))
         cln_reel_drop(reel);
 }
 
@@ -92,7 +90,7 @@ cln_status cln_reel_begin(cln_reel *reel, const cln_ask *ask)
     reel->width = ask->width;
     reel->height = ask->height;
     reel->frames = ask->frames;
-    reel->touched = cln_now();
+    reel->silent = 0;
 done:
     if (st != CLN_OK)
         cln_reel_drop(reel);
@@ -105,7 +103,7 @@ cln_status cln_reel_add(cln_reel *reel, const uint8_t *rgb)
 
     CLN_TRY(cln_film_add(reel->film, rgb));
     reel->done++;
-    reel->touched = cln_now();
+    reel->silent = 0;
 done:
     if (st != CLN_OK)
         cln_reel_drop(reel);
@@ -133,7 +131,7 @@ cln_status cln_reel_end(cln_reel *reel)
     free(reel->path);
     free(reel->folder);
     reel->path = reel->folder = NULL;
-    reel->touched = cln_now();
+    reel->silent = 0;
 done:
     if (st != CLN_OK)
         cln_reel_drop(reel);

@@ -18,7 +18,7 @@ typedef struct cln_reel {
     bool whole;
     int file;        /* if whole: descriptor */
     int64_t bytes;   /* of the file */
-    double touched;  /* monotonic seconds */
+    double silent;   /* seconds without a request, as cln_reel_tend was told */
     bool scaled;     /* low and high are known: all frames have the depth scale of the first one */
     float low, high; /* inverse depths */
 } cln_reel;
@@ -40,9 +40,9 @@ bool cln_reel_is(const cln_reel *reel, const char *name);
 const char *cln_reel_file(const cln_reel *reel);
 const char *cln_reel_type(const cln_reel *reel);
 
-/* Drops a film without requests: an unfinished one after two minutes, a finished one after an
- * hour. */
-void cln_reel_tend(cln_reel *reel);
+/* So many more seconds have passed in which a request would have been answered, but none came:
+ * drops an unfinished film after two minutes of them, a finished one after an hour. */
+void cln_reel_tend(cln_reel *reel, double seconds);
 void cln_reel_drop(cln_reel *reel); /* accepts a zeroed one */
 
 #endif

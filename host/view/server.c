@@ -5,6 +5,7 @@
 #ifdef CLN_WITH_MICROHTTPD
 
 #include <errno.h>
+#include <math.h>
 #include <microhttpd.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -29,6 +30,7 @@ enum {
 static const double SMALL_SECONDS =
     0.5; /* a picture that may take at most this long is painted whole */
 static const double TEND_SECONDS = 0.1; /* how often late and vanished connections are looked for */
+static const double GAP_SECONDS = 1; /* most between turns; in the rest nothing could be painted */
 
 /* A connection, for its limit in time. MHD's own counts from the last byte, which a slow client can
  * send for ever. */
@@ -76,7 +78,7 @@ struct cln_server {
     client clients[CONNECTIONS];
     request *waiting; /* in order of arrival */
     request *at_work; /* the painting that waits for small ones between its batches, or NULL */
-    char *told;       /* what /training answers; NULL = nothing yet */
+    char *told;       /* what /training or /newest answers; NULL = nothing yet */
     unsigned orders;  /* CLN_ORDER_*, not yet taken */
 };
 
@@ -294,7 +296,7 @@ static enum MHD_Result send_told(cln_server *s, struct MHD_Connection *connectio
         response = MHD_create_response_from_buffer(strlen(s->told), s->told, MHD_RESPMEM_MUST_COPY);
     pthread_mutex_unlock(&s->lock);
     if (!response)
-        return answer(s, connection, 503, "the training has not begun");
+        return answer(s, connection, 503, "nothing is known yet");
     return send_response(s, connection, 200, "application/json", response);
 }
 
@@ -398,7 +400,7 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
             return send_text(s, connection, 200, pages[i].type, s->pages[i]);
     if (strcmp(path, "/facts") == 0)
         return send_text(s, connection, 200, "application/json", s->facts);
-    if (s->training && strcmp(path, "/training") == 0)
+    if (strcmp(path, s->training ? "/training" : "/newest") == 0)
         return send_told(s, connection);
     for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)
         if (strcmp(path, asks[i].path) == 0)
@@ -491,16 +493,30 @@ static void drop_gone(cln_server *s)
     }
 }
 
+/* Whether a request for the film waits: then its client is not silent, the painter is late. */
+static bool film_waits(cln_server *s)
+{
+    const cln_reel *reel = &s->painter->reel;
+    bool waits = false;
+
+    pthread_mutex_lock(&s->lock);
+    waits = s->at_work && cln_reel_is(reel, s->at_work->painting.ask.film);
+    for (const request *r = s->waiting; r && !waits; r = r->next)
+        waits = cln_reel_is(reel, r->painting.ask.film);
+    pthread_mutex_unlock(&s->lock);
+    return waits;
+}
+
 static void tend(cln_server *s)
 {
-    const double now = cln_now();
+    const double now = cln_now(), gap = now - s->tended_at;
 
-    if (now - s->tended_at < TEND_SECONDS)
+    if (gap < TEND_SECONDS)
         return;
     s->tended_at = now;
     end_late(s);
     drop_gone(s);
-    cln_reel_tend(&s->painter->reel);
+    cln_reel_tend(&s->painter->reel, film_waits(s) ? 0 : fmin(gap, GAP_SECONDS));
 }
 
 /* Takes the next one to paint: small ones in order, each whole; in between a batch of the large one

@@ -11,7 +11,9 @@
  *                                        a film (reel.h), frame by frame as the page asks for them;
  *                                        with X-Viewer. If a frame's client vanishes, the film ends
  *   GET /film?film=NAME                  the whole film
- * and for a training:
+ *   GET /newest                          {"newer": null}, or the step of the model that the run has
+ *                                        by now
+ * and for a training, instead of that:
  *   GET /training                        its progress (train/watch.h)
  *   POST /pause /continue /save /stop    orders; with X-Viewer, too */
 #ifndef CLN_SERVER_H
@@ -45,8 +47,8 @@ cln_status cln_server_turn(cln_server *s, double wait, bool *painted);
 /* Whether a turn would find something. The same thread. */
 bool cln_server_asked(cln_server *s);
 
-/* For a training. tell: sets the JSON text that GET /training answers from now on, and takes it
- * over. orders: those since the last call, never both pause and continue. Any thread. */
+/* tell: sets the JSON text that GET /newest or /training answers from now on, and takes it over.
+ * orders: a training's since the last call, never both pause and continue. Any thread. */
 enum {
     CLN_ORDER_PAUSE = 1,
     CLN_ORDER_CONTINUE = 2,

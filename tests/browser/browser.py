@@ -35,7 +35,8 @@ DIFFERENCE = """
     const other = paint(photo, 0, 0, photo.width, photo.height);
     return one.reduce((s, v, i) => s + (i % 4 < 3 ? Math.min(255, 4 * Math.abs(v - other[i])) : 0),
       0) / one.length * 4 / 3;"""
-KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008', 'tab': '\ue004', 'enter': '\ue007'}
+KEYS = {'left': '\ue012', 'up': '\ue013', 'shift': '\ue008', 'tab': '\ue004', 'enter': '\ue007',
+        'escape': '\ue00c'}
 
 
 def free_port():
@@ -421,6 +422,160 @@ def make_path(page):
     page.check('it plays to the end', moved(page.pose(), page.js('return toPose(along(1))')) < 1e-9)
 
 
+def stop_path(page):
+    """Whatever else moves the camera, or changes the path, ends a path that plays."""
+    page.js('$("seconds").value = 20; document.activeElement.blur()')
+    for what, act in (
+            ('H', 'keys.h()'), ('a jump to a camera', 'jump(0)'), ('plus', 'keys["+"]()'),
+            ('another field of view',
+             '$("fov").value = 40; $("fov").dispatchEvent(new Event("input"))'),
+            ('removal of a view', '$("keys-list").lastChild.lastChild.click()'),
+            ('another path', 'openPath({name: "path", text: async () => JSON.stringify({keyframes: '
+             'keyframes.map((c) => ({matrix: toNerfstudio(c), fov: 50}))})})')):
+        page.js('play()')
+        page.check(f'before {what}, the path plays', wait_for(page, 'playing > 0'))
+        page.js(act)
+        time.sleep(0.6)
+        page.check(f'{what} ends the path', page.js('return playing') == 0)
+        if 'jump' in what:
+            page.check('it is at that camera', page.js('return at') == 0)
+    page.js('keys.h(); play()')
+    time.sleep(0.6)
+    page.check('a path ends a flight', moved(page.pose(), page.js('return toPose(home)')) > 1e-3)
+    page.js('keys.h()')
+    time.sleep(0.6)
+    page.check('the view is home again', moved(page.pose(), page.js('return toPose(home)')) < 1e-9)
+    page.settle()
+
+
+def fly_on(page):
+    """N and P during a flight count from its goal; the user's hand ends it."""
+    page.js('jump(2)')
+    page.check('it is at a camera', wait_for(page, 'at === 2'))
+    page.js('jumpBy(1); jumpBy(1)')
+    page.check('N twice during a flight is the second next', wait_for(page, 'at >= 0') and
+               page.js('return at') == 4, page.js('return at'))
+    page.js('jumpBy(-1); jumpBy(-1); jumpBy(-1)')
+    page.check('P thrice is the third one before', wait_for(page, 'at >= 0') and
+               page.js('return at') == 1, page.js('return at'))
+    page.js('jumpBy(1); orbit(0.06, 0)')
+    at = page.pose()
+    time.sleep(0.6)
+    page.check('an orbit during a flight ends it', moved(at, page.pose()) < 1e-12)
+    page.js('jumpBy(-1)')
+    page.check('after it, P is the last camera', wait_for(page, 'at >= 0') and
+               page.js('return at === facts.cameras.length - 1'), page.js('return at'))
+    page.js('keys.h()')
+    time.sleep(0.6)
+    page.settle()
+
+
+def tap(page):
+    """One finger's double tap is one, that of two fingers is none; three fingers shift."""
+    asked = page.js("""
+        const realFocus = focus, was = tapped, seen = [];
+        const at = (type, id, x) => picture.dispatchEvent(new PointerEvent(type,
+          {pointerId: id, pointerType: 'touch', clientX: x, clientY: 300, button: 0, buttons: 1}));
+        picture.setPointerCapture = () => {};
+        focus = () => { seen[seen.length - 1]++; };
+        tapped = -1000;
+        seen.push(0);
+        for (const id of [1, 2]) at('pointerdown', id, 100 * id);
+        for (const id of [1, 2]) at('pointerup', id, 100 * id);
+        tapped = -1000;
+        seen.push(0);
+        for (let i = 0; i < 2; i++)
+          for (const type of ['pointerdown', 'pointerup']) at(type, 1, 100);
+        focus = realFocus;
+        const axis = camera.r[2];
+        for (const id of [1, 2, 3]) at('pointerdown', id, 50 * id);
+        for (const id of [1, 2, 3]) at('pointermove', id, 50 * id + 20);
+        for (const id of [1, 2, 3]) at('pointerup', id, 50 * id + 20);
+        delete picture.setPointerCapture;
+        tapped = was;
+        return [...seen, Math.max(...add(axis, camera.r[2], -1).map(Math.abs))];""")
+    page.check('a tap of two fingers is no double tap', asked[0] == 0, asked)
+    page.check('two taps are one', asked[1] == 1, asked)
+    page.check('three fingers do not turn the camera', asked[2] < 1e-12, asked)
+    page.js('keys.h()')
+    time.sleep(0.6)
+    page.settle()
+
+
+def open_paths(page):
+    """A file's box, background and ends are the page's; too many frames are refused."""
+    got = page.later("""
+        const open = (read) => openPath({name: 'path', text: async () => JSON.stringify(read)});
+        const shown = () => [$('background').value, isCropped()], all = [];
+        const before = keyframes, looked = $('background').value, long = $('seconds').value;
+        (async () => {
+          const views = keyframes.map((c) => ({matrix: toNerfstudio(c), fov: 50}));
+          await open({keyframes: views, crop: {crop_center: cropMiddle(), crop_scale: [1, 1, 1],
+            crop_bg_color: {r: 16, g: 32, b: 255}}});
+          all.push(shown());
+          await open({keyframes: views, crop: null});
+          all.push(shown());
+          const poses = Array.from({length: 120}, (_, i) => ({...copy(home), p: [i, 0, 0]}));
+          await open({camera_path: poses.map((c) => ({camera_to_world: toNerfstudio(c),
+            fov: 50}))});
+          all.push(keyframes.length, keyframes[0].p[0], keyframes[keyframes.length - 1].p[0]);
+          $('seconds').value = 3600;
+          $('fps').value = 120;
+          all.push(framesOfPath(), $('message').textContent);
+          $('seconds').value = 301;
+          $('fps').value = 24;
+          await makeFilm();
+          all.push($('message').textContent);
+          keyframes = before;
+          $('seconds').value = long;
+          $('background').value = looked;
+          resetCrop();
+          listKeys();
+          keys.h();
+          done(all);
+        })().catch((error) => done([[], [], 0, 0, 0, 0, String(error), '']));""")
+    page.check("a file's box comes with its background", got[0] == ['#1020ff', True], got[0])
+    page.check('without a box in the file there is none', got[1:2] == [['#1020ff', False]], got[1])
+    page.check('of 120 poses 50 are taken, from the first to the last', got[2:5] == [50, 0, 119],
+               got[2:5])
+    page.check('more frames than can be rendered are refused, with the number',
+               got[5] is None and '432,000' in got[6] and '100,000' in got[6], got[6])
+    page.check('a film of too many is refused, with the number',
+               '7,224' in got[7] and '7,200' in got[7], got[7])
+    time.sleep(0.6)
+    page.settle()
+
+
+HIDE = 'Object.defineProperty(document, "hidden", {value: true, configurable: true});'
+SHOW = 'delete document.hidden; document.dispatchEvent(new Event("visibilitychange"));'
+
+
+def be_quiet(page):
+    """In a hidden tab there are no requests, and messages stay until they are read."""
+    page.js(HIDE + 'touch(true)')
+    time.sleep(1)
+    page.check('hidden, it asks for no picture', page.js('return last.version < version'))
+    page.js(SHOW)
+    page.check('shown again, it asks for one', wait_for(page, 'last.version === version'))
+    said = page.later("""
+        say('No screenshot: a disk is full.');
+        touch(true);
+        const look = () => last.version < version ? setTimeout(look, 20) :
+          done($('message').textContent);
+        look();""")
+    page.check('a message outlives the next picture', said.startswith('No screenshot'), said)
+    page.check('it goes when it has been read', wait_for(page, '!$("message").textContent', 15))
+    page.check('nothing is newer', page.js('return $("newer").textContent') == '')
+    page.js("""
+        window.realFetch = fetch;
+        fetch = (path, ...more) => path === '/newest' ? Promise.resolve(new Response(
+          '{"newer": 700}')) : realFetch(path, ...more)""")
+    page.check('it tells of a newer model', wait_for(
+        page, '$("newer").textContent.includes("step 700")', 15))
+    page.js('fetch = realFetch')
+    page.settle()
+
+
 def listen(page):
     asked = set()
     for entry in page.call('/se/log', {'type': 'performance'}):
@@ -473,6 +628,26 @@ def by_keys(page):
     page.check('Enter closes the panel',
                page.js('return document.body.classList.contains("closed")'))
     page.key(KEYS['enter'])
+    page.js('$("show").focus()')
+    page.key(KEYS['escape'])
+    page.check('Escape returns to the picture',
+               page.js('return document.activeElement === picture'))
+    page.js('$("frusta").focus()')
+    page.key('m')
+    page.check('a panel that is closed gives the focus to its button',
+               page.js('return document.activeElement.id') == 'menu')
+    page.key('m')
+    page.js('$("path-part").open = true')
+    page.key('k', 'k', 'k')
+    for row, column, what, wanted in ((1, 1, 'View 2 earlier', 'View 1 earlier'),
+                                      (2, 3, 'Remove view 3', 'Remove view 2'),
+                                      (0, 3, 'Remove view 1', 'Remove view 1'),
+                                      (0, 3, 'Remove view 1', 'Add this view')):
+        page.js('$("keys-list").children[arguments[0]].children[arguments[1]].focus()', row, column)
+        page.key(KEYS['enter'])
+        got = page.js('const e = document.activeElement;'
+                      'return e.getAttribute("aria-label") || e.textContent')
+        page.check(f'after {what} the focus is there', got == wanted, got)
     page.js('document.activeElement.blur()')
     page.key('h')
     time.sleep(0.6)
@@ -498,6 +673,8 @@ def look_of(page, dark, phone):
         low, high = sorted((light(a), light(b)))
         return (high + 0.05) / (low + 0.05)
     page.check('it is dark if the system is', (light(back) < 0.1) == dark, back)
+    edge = page.js('return getComputedStyle($("show")).borderTopColor.match(/[0-9]+/g).map(Number)')
+    page.check('edges of controls have contrast', contrast(back, edge) > 3, contrast(back, edge))
     page.check('its text has contrast', contrast(back, text) > 7 and contrast(back, soft) > 4.5,
                [contrast(back, text), contrast(back, soft)])
     if phone:
@@ -544,6 +721,13 @@ def steer(page, last):
     step = page.js('return last.step')
     page.check('the picture follows the training', wait_for(page, f'last.step > {step}'))
     page.shot('training')
+    page.js(HIDE)
+    time.sleep(2)  # requests under way are answered
+    steps = page.js('return [training.step, last.step]')
+    time.sleep(2)
+    page.check('hidden, it asks for nothing', page.js('return [training.step, last.step]') == steps)
+    page.js(SHOW)
+    page.check('shown again, it follows', wait_for(page, f'last.step > {steps[1]}'))
     page.js('$("pause").click()')
     page.check('a button pauses', wait_for(page, 'training.state === "paused"'))
     page.settle()
@@ -621,6 +805,11 @@ def main():
             see_cameras(page)
             make_path(page)
             make_film(page)
+            stop_path(page)
+            fly_on(page)
+            tap(page)
+            open_paths(page)
+            be_quiet(page)
             crop(page)
             listen(page)
             page.close()

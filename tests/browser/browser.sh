@@ -1,8 +1,9 @@
 #!/bin/bash
 # The viewer's page in headless Chromium, through chromedriver: it loads, follows mouse, touch and
-# keys, shows what `render` makes, saves paths, asks nobody else, and says nothing on the console;
-# two viewers at once; by keys alone; on a phone, dark and light; of a training, it follows and
-# steers it. The report and check's page fit a phone.
+# keys, shows what `render` makes, saves paths, asks nobody else, and nothing in a hidden tab, keeps
+# messages until they are read, and says nothing on the console; two viewers at once; by keys alone;
+# on a phone, dark and light; of a training, it follows and steers it. The report and check's page
+# fit a phone.
 # On a small generated scene; screenshots to look at are left in build/browser/. Not part of `make
 # test`: Chromium is a large download.
 #   tests/browser/browser.sh [PAGE...]

@@ -1,10 +1,11 @@
 #!/bin/bash
 # `cl-nascent view` from end to end, by requests: the page, pictures that equal render's, photos and
-# points, films, refused clients and requests, slow and vanishing clients, several viewers, and how
-# it ends; and `train --view`: the same bits as without, orders, who may give them. On a tiny
-# generated scene, on any OpenCL device. tests/browser/browser.sh tests the page in a browser.
+# points, films, refused clients and requests, slow, silent and vanishing clients, several viewers,
+# a run that is trained meanwhile, and how it ends; and `train --view`: the same bits as without,
+# orders, who may give them. On a tiny generated scene, on any OpenCL device.
+# tests/browser/browser.sh tests the page in a browser.
 #   tests/cli/view.sh [SECTION...]
-#           sections: page pictures refused clients film token end training
+#           sections: page pictures refused clients film token end newer silence training
 #   BUILD=build/sanitize                the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -15,6 +16,7 @@ make_scene=$PWD/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln view XXXXXX")
 server=0 address="" slow=""
 with=() # variables of the viewer's environment
+run=$work/run
 trap '[ $server = 0 ] || kill -9 $server; rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
@@ -28,11 +30,11 @@ baseline() {
         --progress none
 }
 
-# serve OPTIONS...: starts a viewer with the signals of a fresh shell; $address is its address
+# serve OPTIONS...: starts a viewer of $run with the signals of a fresh shell; $address: its own
 serve() {
     local end=$((SECONDS + 60))
     : >"$work/address"
-    env --default-signal=INT,TERM "${with[@]}" "$cln" view "$work/run" "$@" >"$work/address" \
+    env --default-signal=INT,TERM "${with[@]}" "$cln" view "$run" "$@" >"$work/address" \
         2>"$work/err" &
     server=$!
     until [ -s "$work/address" ]; do
@@ -391,13 +393,46 @@ section_end() {
     check "the viewer ends again" [ $rc = 0 ]
 }
 
+# until_newer TEXT: waits until /newest says so
+until_newer() {
+    local i
+    for i in $(seq 100); do
+        get /newest
+        grep -qF "$1" "$work/out" && return
+        sleep 0.1
+    done
+    return 1
+}
+
+section_newer() {
+    local run=$work/grown digest
+    [ $server = 0 ] || stop TERM
+    baseline
+    cp -r "$work/run" "$run"
+    serve
+    gets "the run's newest model" 200 /newest
+    check "the newest model is the one that is shown" grep -qF '"newer": null' "$work/out"
+    get "/picture?view=6&format=png" "${me[@]}"
+    digest=$(cksum <"$work/out")
+    expect "the run is trained on meanwhile" 0 "" "$cln" train --resume "$run" --steps 70 \
+        --skip-selftest --progress none
+    check "the viewer tells of the newer model" until_newer '"newer": 70'
+    get "/picture?view=6&format=png" "${me[@]}"
+    check "it goes on showing its own" [ "$(cksum <"$work/out")" = "$digest" ]
+    rm -r "$run"
+    expect "the run is trained anew meanwhile" 0 "" "$cln" train "$work/photos" -o "$run" \
+        "${small[@]}"
+    check "the viewer tells of a model of the same step" until_newer '"newer": 60'
+    stop INT
+}
+
 # train RUN OPTIONS...: starts a training that is watched; $address as of a viewer
 train() {
     local end=$((SECONDS + 60)) run=$1
     shift
     : >"$work/log"
-    env --default-signal=INT,TERM "$cln" train "$work/photos" -o "$run" "${long[@]}" --view \
-        --json "$@" >"$work/result" 2>"$work/log" &
+    env --default-signal=INT,TERM "${with[@]}" "$cln" train "$work/photos" -o "$run" \
+        "${long[@]}" --view --json "$@" >"$work/result" 2>"$work/log" &
     server=$!
     until grep -q "in a browser: " "$work/log"; do
         if [ $SECONDS -ge $end ] || ! kill -0 $server 2>/dev/null; then
@@ -444,6 +479,43 @@ ended() {
     rc=$?
     server=0
     cp "$work/result" "$work/out"
+}
+
+# A film is dropped after two minutes of its client's silence; the painter's own time is none.
+section_silence() {
+    local long=("${tiny[@]}" --steps 1000000 --eval-every 0) film i=0 large
+    if [ "$BUILD" != build ] || [ ! -e build/faults.so ]; then
+        skip "a client's silence" "needs build/faults.so, and no sanitizer"
+        return
+    fi
+    [ $server = 0 ] || stop TERM
+    baseline
+    with=(LD_PRELOAD="$PWD/build/faults.so" FAULT_SPEED=20) # two minutes are six seconds
+    train "$work/silent"
+    with=()
+    begin_film "a film of a training"
+    posts "its first frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
+    kill -STOP $server # as an evaluation
+    sleep 7
+    kill -CONT $server
+    posts "the film outlives minutes in which nothing is painted" 200 \
+        "/film/frame?film=$film&view=7" "${me[@]}"
+    posts "it is completed" 200 "/film/end?film=$film" "${me[@]}"
+    begin_film "another film"
+    curl -s -m 600 -o /dev/null -H "X-Viewer: large" "$address/picture?view=6&width=2500" &
+    large=$!
+    sleep 0.3
+    posts "a frame that waits for minutes behind a large picture" 200 \
+        "/film/frame?film=$film&view=6" "${me[@]}" -m 600
+    wait $large
+    posts "the film stays for a while" 409 "/film/begin?width=48&height=48&frames=2" "${me[@]}"
+    until get "/film/begin?width=48&height=48&frames=2" -X POST "${me[@]}"
+        [ "$code" = 200 ] || [ $((i += 1)) -gt 300 ]; do
+        sleep 0.2
+    done
+    check "a film that nobody asks for is dropped" [ "$code" = 200 ]
+    orders "stop" 202 /stop "${me[@]}"
+    ended
 }
 
 section_training() {
@@ -526,4 +598,4 @@ if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     count
     exit
 fi
-run_sections "page pictures refused clients film token end training" "$@"
+run_sections "page pictures refused clients film token end newer silence training" "$@"
