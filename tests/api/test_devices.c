@@ -1,0 +1,78 @@
+/* The library's calls that ask of devices: the self-test, which names a wrong kernel, and the list. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "run_fixture.h"
+#include "sanitized.h"
+#include "tests.h"
+
+typedef struct tally {
+    int passed, failed;
+    char first[128];
+} tally;
+
+static void on_check(const char *name, bool passed, bool skipped, const char *detail, void *user)
+{
+    tally *t = user;
+
+    assert_non_null(detail);
+    if (!passed && !skipped && t->failed == 0)
+        snprintf(t->first, sizeof t->first, "%s", name);
+    t->passed += passed;
+    t->failed += !passed && !skipped;
+}
+
+static void test_selftest_passes(void **state)
+{
+    const cln_device_desc device = fixture_device();
+    cln_device_info *devices = NULL;
+    tally t = {0};
+    int count = 0;
+
+    NEED_DEVICE();
+    assert_ok(cln_selftest(&device, true, on_check, &t));
+    assert_true(t.passed > 30);
+    assert_int_equal(t.failed, 0);
+    assert_ok(cln_devices_list(&device, true, &devices, &count));
+    assert_true(count > 0);
+    for (int i = 0; i < count; i++)
+        assert_true(devices[i].verdict[0] != 0 && devices[i].name[0] != 0);
+    free(devices);
+}
+
+/* The self-test detects and names a kernel that builds but computes something else. */
+static void check_wrong_kernel(const char *file, const char *from, const char *to, const char *name)
+{
+    cln_device_desc device = fixture_device();
+    char folder[32];
+    tally t = {0};
+
+    snprintf(folder, sizeof folder, "wrong %s", name);
+    device.kernel_dir = fixture_kernels_changed(folder, file, from, to);
+    assert_fails(cln_selftest(&device, true, on_check, &t), CLN_CHECK, name);
+    assert_true(t.failed > 0);
+    assert_non_null(strstr(t.first, name));
+}
+
+static void test_selftest_notices(void **state)
+{
+    NEED_DEVICE();
+    check_wrong_kernel("composite.cl", "behind[l] = EXP(-behind[l]);",
+                       "behind[l] = EXP(-0.99f * behind[l]);", "composite");
+    if (SANITIZED) /* the others run the same host code */
+        return;
+    check_wrong_kernel("scan.cl", "at += value;", "at += value + 1u;", "scan");
+    check_wrong_kernel("adam.h", "(1.0f - BETA1) * g", "(1.0f - BETA1 * 0.9f) * g", "adam");
+}
+
+int test_group_devices(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_selftest_passes),
+        cmocka_unit_test(test_selftest_notices),
+    };
+
+    return cmocka_run_group_tests_name("devices", tests, fixture_setup, fixture_teardown);
+}
