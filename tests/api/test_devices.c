@@ -1,4 +1,5 @@
-/* The library's calls that ask of devices: the self-test, which names a wrong kernel, and the list. */
+/* The library's calls that ask of devices: the self-test, which names a wrong kernel, and the
+ * list. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>

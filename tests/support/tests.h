@@ -21,6 +21,7 @@ int test_group_coverage(void);
 int test_group_exposure(void);
 int test_group_float64(void);
 int test_group_crop(void);
+int test_group_depth_picture(void);
 int test_group_devices(void);
 int test_group_distil(void);
 int test_group_doubts(void);
