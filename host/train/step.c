@@ -153,8 +153,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
         .max_samples = t->plan.max_samples - extra,
         .extra = extra,
         .stretches = cln_stretch_wanted(p)};
-    /* measured: of the samples of rays those of this rank; here: with the regularisers' points */
-    uint32_t samples = 0, measured = 0, here = 0, slices = 0;
+    uint32_t samples = 0, measured = 0, here = 0, slices = 0; /* here: made by this rank */
     int rays = 0;
     bool sights = false;
 
@@ -181,6 +180,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_group(p, here, &slices));
     if (sampling.stretches)
         CLN_TRY(cln_share_count(p, here, samples));
+    samples += here - measured;
     CLN_TRY(cln_stage_forward(p, here, slices, true, key));
     CLN_TRY(cln_stage_composite_train(p, rays, here));
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, here));

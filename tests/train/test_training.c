@@ -270,26 +270,6 @@ static void test_resumed_with_moments(void **state)
     assert_true(more.psnr_test > first.psnr_test - 1);
 }
 
-/* Points of regularisers are no samples of rays: the first step, with equal weights, has as many
- * with them as without, and the batch is as large after it. */
-static void test_regularised_batch(void **state)
-{
-    cln_config config = fixture_config();
-    double with[STEPS], without[STEPS];
-    cln_train_result result;
-
-    NEED_DEVICE();
-    config.steps = 3;
-    config.batch_samples = 8192;
-    config.leaf_samples = 0;
-    assert_ok(fixture_train("unregular", false, &config, NULL, &result));
-    config.sparsity = 1e-9;
-    assert_ok(fixture_train("regular", false, &config, NULL, &result));
-    assert_int_equal(metrics("unregular", "samples_per_ray", without, STEPS), 3);
-    assert_int_equal(metrics("regular", "samples_per_ray", with, STEPS), 3);
-    assert_float_equal(with[0], without[0], 1e-6);
-}
-
 /* ---- structure ---- */
 
 static double psnr_of(cln_open_run *v, const int *views, int count)
@@ -825,7 +805,6 @@ int test_group_training(void)
         cmocka_unit_test(test_checkpoint_on_the_way),
         cmocka_unit_test(test_resumed_with_other_settings),
         cmocka_unit_test(test_resumed_with_moments),
-        cmocka_unit_test(test_regularised_batch),
         cmocka_unit_test(test_split_keeps_pictures),
         cmocka_unit_test(test_growth),
         cmocka_unit_test(test_waits),
