@@ -246,8 +246,8 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(cln_checkpoint_read(t->desc->run, true, &t->model));
         CLN_TRY(check_shape(&t->model.config, config));
         CLN_TRY(check_same_tree(&t->model.config, config));
-        CLN_TRY(check_depth(t->desc->run, &t->model.config, config, &t->model));
         CLN_TRY(check_straight(t->desc->run, config, t->model.space.shell));
+        CLN_TRY(check_depth(t->desc->run, &t->model.config, config, &t->model));
         CLN_TRY(take_settings(config, &t->model));
         t->scene->space = t->model.space; /* a run from before forward spaces has a cube */
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
