@@ -121,6 +121,9 @@ static void show_train(const cln_train_progress *progress, void *user)
     cln_progress_show(console->progress, progress->fraction, line);
 }
 
+/* Most scenes are read at once, and a line about it would only be noise before the work itself. */
+#define QUIET_SECONDS 2.0
+
 static void show_work(const char *what, int done, int total, void *user)
 {
     cln_console *console = user;
@@ -134,6 +137,8 @@ static void show_work(const char *what, int done, int total, void *user)
         console->work_first = done;
     }
     console->work_done = done;
+    if (strcmp(what, "images") == 0 && now - console->work_began < QUIET_SECONDS)
+        return;
     if (done > console->work_first && done < total) {
         const int counted = done - console->work_first;
 
