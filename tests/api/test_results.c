@@ -933,6 +933,9 @@ static void test_nothing_given(void **state)
     assert_fails(cln_render(&(cln_render_desc){.out = "o"}, &rendered), CLN_USAGE, "run");
     assert_fails(cln_render(&(cln_render_desc){.run = "r"}, &rendered), CLN_USAGE, "out");
     assert_fails(cln_view_run(&(cln_view_desc){0}), CLN_USAGE, "run");
+    assert_fails(cln_view_run(&(cln_view_desc){.run = "r", .port = 70000}), CLN_USAGE,
+                 "port 70000");
+    assert_fails(cln_view_run(&(cln_view_desc){.run = "r", .port = -5}), CLN_USAGE, "port -5");
     assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .antialias = 99}, &measured), CLN_USAGE,
                  "antialias is 99; give 0 to 8");
     assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .max_images = -1}, &measured), CLN_USAGE,
