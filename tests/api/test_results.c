@@ -950,6 +950,11 @@ static void test_nothing_given(void **state)
     assert_fails(cln_check(&(cln_check_desc){0}, &text), CLN_USAGE, "scene");
     assert_fails(cln_info_run(none, &text), CLN_USAGE, "run");
     assert_fails(cln_find_poses(&(cln_poses_desc){.out = "o"}, &posed), CLN_USAGE, "photos");
+    assert_fails(
+        cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .match = "nxt"}, &posed),
+        CLN_USAGE, "'nxt'; give auto, all or next");
+    assert_fails(cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .frames = -5}, &posed),
+                 CLN_USAGE, "frames is -5");
     assert_ok(cln_settings_create(NULL, &settings));
     assert_ok(cln_info_scene(scene, settings, &text));
     assert_ok(cln_info_scene(scene, NULL, &same));
