@@ -223,6 +223,12 @@ section_scenes() {
     check "check that is interrupted: exit code 130" [ $? = 130 ]
     check "it prints no figures" [ ! -s "$work/out" ]
 
+    cp -r "$s" "$work/round"
+    sed -i 's/"frames"/"camera_model": "EQUIRECTANGULAR", &/' "$work/round"/transforms_*.json
+    expect "check of panoramas" 0 "" "$cln" check "$work/round" --probe 0
+    check "their field of view is not spoken of" eval \
+        'printed "inside the cube" && ! printed "nan" && ! printed "field of view"'
+
     # what other programs write otherwise: the model in lower case, null for what they do not know
     "$make_scene" "$work/others" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
     sed -i -e '1,/"fl_x"/ s/"fl_x"/"camera_model": "opencv", "aabb_scale": null, &/' \
