@@ -373,6 +373,7 @@ section_scenes() {
         "$work/out"
     expect "info --json" 0 "" "$cln" info "$s" --json
     check "info --json names its schema" [ "$(json schema)" = cl-nascent.scene/1 ]
+    check "its reals have all digits" [ "$(grep -cE '[0-9]\.[0-9]{16}' "$work/out")" -gt 0 ]
     expect "info" 0 "" "$cln" info "$s"
     check "info has intrinsics" grep -qE 'views 9, width 32, .* fx [0-9.]+' "$work/out"
     check "info has a training's memory" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"
