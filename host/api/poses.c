@@ -12,6 +12,7 @@
 #include <ctype.h>
 #include <errno.h>
 #include <ftw.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -491,6 +492,14 @@ done:
     return st;
 }
 
+/* An unknown word would match all pairs, which can take hours. */
+static cln_status check_match(const char *match)
+{
+    if (!match || !strcmp(match, "auto") || !strcmp(match, "all") || !strcmp(match, "next"))
+        return CLN_OK;
+    return cln_fail(CLN_USAGE, "cln_find_poses: match is '%s'; give auto, all or next", match);
+}
+
 cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
 {
     cln_status st = CLN_OK;
@@ -499,6 +508,8 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_find_poses", "photos", desc->photos));
     CLN_TRY(cln_given("cln_find_poses", "out", desc->out));
+    CLN_TRY(check_match(desc->match));
+    CLN_TRY(cln_given_number("cln_find_poses", "frames", desc->frames, 0, INT_MAX));
     CLN_TRY(check_folder(&w));
     ask_names(&w);
     CLN_TRY(set_up(&w));

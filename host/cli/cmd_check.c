@@ -74,6 +74,8 @@ static void print_measures(const json_t *document)
     const json_t *measures = json_object_get(document, "measures");
     const json_t *scene = json_object_get(document, "scene");
     const json_t *splits = json_object_get(scene, "splits");
+    const double fov[2] = {cln_json_number(measures, "fov_least"),
+                           cln_json_number(measures, "fov_most")};
     char line[512], least[32], most[32];
     bool one = false;
 
@@ -82,13 +84,15 @@ static void print_measures(const json_t *document)
              cln_json_number(splits, "test"), text_of(scene, "dialect"),
              text_of(scene, "split_rule"));
     print_wrapped(printf("photos   "), 9, line);
-    snprintf(least, sizeof least, "%.3g", cln_json_number(measures, "fov_least"));
-    snprintf(most, sizeof most, "%.3g", cln_json_number(measures, "fov_most"));
+    snprintf(least, sizeof least, "%.3g", fov[0]);
+    snprintf(most, sizeof most, "%.3g", fov[1]);
     one = strcmp(least, most) == 0;
-    snprintf(line, sizeof line, "%.0f inside the cube, %.0f outside; field of view %s%s%s degrees",
+    snprintf(line, sizeof line, "%.0f inside the cube, %.0f outside",
              cln_json_number(measures, "cameras_inside"),
-             cln_json_number(measures, "cameras_outside"), one ? "" : least, one ? "" : " to ",
-             most);
+             cln_json_number(measures, "cameras_outside"));
+    if (!isnan(fov[0]) && !isnan(fov[1])) /* panoramas have none */
+        snprintf(line + strlen(line), sizeof line - strlen(line), "; field of view %s%s%s degrees",
+                 one ? "" : least, one ? "" : " to ", most);
     print_wrapped(printf("cameras  "), 9, line);
     snprintf(line, sizeof line, "half side %.6g, %s; %.1f%% of the training rays meet it",
              cln_json_number(scene, "half"), text_of(scene, "bounds_rule"),

@@ -260,7 +260,7 @@ void cln_print_name(const char *name, int width)
 
 cln_status cln_print_json(json_t *document)
 {
-    char *text = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(15)) : NULL;
+    char *text = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
 
     json_decref(document);
     if (!text)

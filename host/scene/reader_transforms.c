@@ -89,12 +89,12 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
         memcpy(views, result->views, (size_t)result->view_count * sizeof *views);
     free(result->views);
     result->views = views;
-    CLN_TRY(cln_transforms_ignored(root, &result->ignored));
+    CLN_TRY(cln_transforms_ignored(root, false, &result->ignored));
     for (size_t i = 0; i < count; i++) {
         cln_view *view = &views[result->view_count++];
 
         view->split = split;
-        CLN_TRY(cln_transforms_ignored(json_array_get(frames, i), &result->ignored));
+        CLN_TRY(cln_transforms_ignored(json_array_get(frames, i), true, &result->ignored));
         CLN_TRY(cln_transforms_frame(folder, file, root, (int)i, view));
     }
 done:

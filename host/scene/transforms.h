@@ -11,9 +11,9 @@
 cln_status cln_transforms_number(const char *where, const json_t *object, const char *key,
                                  double *out, bool *found);
 
-/* Adds the names of the object's members that are not read to *list (an array of strings, made if
- * it is NULL), each once. */
-cln_status cln_transforms_ignored(const json_t *object, json_t **list);
+/* Adds the names of the members of a frame, or of the document, that are not read there to *list
+ * (an array of strings, made if it is NULL), each once. */
+cln_status cln_transforms_ignored(const json_t *object, bool frame, json_t **list);
 
 /* Fills name, path and pose of a zeroed view from frames[index] of the document. Image files are
  * looked for from `folder`. On failure the view may be partly filled. */

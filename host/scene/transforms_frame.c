@@ -157,12 +157,34 @@ static bool has_parameter(const cln_lens_model *model, const char *key)
     return false;
 }
 
+/* A parameter of other models by its name: of the frame, or of the document unless the frame names
+ * a model of its own, whose parameters the document's need not be. What is no number is another
+ * program's. */
+static double stray_parameter(const source *src, const listed *list, const char *key)
+{
+    const json_t *own = json_object_get(src->frame, key);
+    const json_t *model = json_object_get(src->frame, "camera_model");
+
+    for (int i = 0; i < list->count && list->names; i++)
+        if (!strcmp(list->names[i], key))
+            return 0; /* the list has precedence, and its numbers are looked at */
+    if (!own && (!model || json_is_null(model)))
+        own = json_object_get(src->root, key);
+    return json_number_value(own);
+}
+
 /* Reads the lens model, OPENCV if none is named, and its parameters; refuses parameters that the
- * model lacks. */
+ * model lacks. k, alpha and beta are not looked for: other programs' keys may have these names. */
 static cln_status read_lens(const source *src, cln_camera *camera)
 {
     static const char *const others[] = {"k3", "k4", "k5", "k6"};
-    enum { OTHERS = sizeof others / sizeof *others };
+    static const char *const strays[] = {"k0", "k1", "k2", "p0",  "p1",  "p2",   "s0",
+                                         "s1", "s2", "s3", "sx1", "sy1", "omega"};
+    enum {
+        OTHERS = sizeof others / sizeof *others,
+        STRAYS = sizeof strays / sizeof *strays,
+        NAMED = OTHERS + STRAYS
+    };
     cln_status st = CLN_OK;
     const json_t *named = value_of(src, "camera_model");
     const cln_lens_model *model = NULL;
@@ -193,16 +215,20 @@ static cln_status read_lens(const source *src, cln_camera *camera)
     if (camera->lens == CLN_LENS_OPENCV && k3 != 0 && k4 == 0)
         camera->lens = CLN_LENS_FULL_OPENCV; /* OPENCV with more terms */
     model = &cln_lens_models[camera->lens];
-    for (int k = 0; k < OTHERS + (list.names ? list.count : 0); k++) {
-        const char *key = k < OTHERS ? others[k] : list.names[k - OTHERS];
+    for (int k = 0; k < NAMED + (list.names ? list.count : 0); k++) {
+        const char *key = k < OTHERS  ? others[k]
+                          : k < NAMED ? strays[k - OTHERS]
+                                      : list.names[k - NAMED];
         double value = 0;
 
-        if (!has_parameter(model, key))
+        if (k >= OTHERS && k < NAMED && !has_parameter(model, key))
+            value = stray_parameter(src, &list, key);
+        else if (!has_parameter(model, key))
             CLN_TRY(parameter_of(src, &list, key, &value));
         if (value != 0)
             CLN_TRY(cln_fail(CLN_INPUT,
-                             "%s: %s = %g is not a parameter of the lens model %s; name another as "
-                             "camera_model: %s",
+                             "%s: %s = %g is not a parameter of the lens model %s; remove it, or "
+                             "name another as camera_model: %s",
                              src->where, key, value, model->name, known));
     }
     for (int i = 0; i < model->count; i++)

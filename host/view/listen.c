@@ -70,6 +70,11 @@ cln_status cln_listen_open(const char *address, int port, cln_listener *out)
 
     memset(out, 0, sizeof *out);
     out->socket = -1;
+    if (port < 0 || port > 65535)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "port %d does not exist; give 1 to 65535, or 0 for %d or "
+                         "a free one",
+                         port, CLN_VIEW_PORT));
     CLN_TRY(read_address(text, &at, &bytes));
     out->socket = try_bind(&at, bytes, port ? port : CLN_VIEW_PORT);
     if (out->socket < 0 && port == 0 && errno == EADDRINUSE)

@@ -933,6 +933,9 @@ static void test_nothing_given(void **state)
     assert_fails(cln_render(&(cln_render_desc){.out = "o"}, &rendered), CLN_USAGE, "run");
     assert_fails(cln_render(&(cln_render_desc){.run = "r"}, &rendered), CLN_USAGE, "out");
     assert_fails(cln_view_run(&(cln_view_desc){0}), CLN_USAGE, "run");
+    assert_fails(cln_view_run(&(cln_view_desc){.run = "r", .port = 70000}), CLN_USAGE,
+                 "port 70000");
+    assert_fails(cln_view_run(&(cln_view_desc){.run = "r", .port = -5}), CLN_USAGE, "port -5");
     assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .antialias = 99}, &measured), CLN_USAGE,
                  "antialias is 99; give 0 to 8");
     assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .max_images = -1}, &measured), CLN_USAGE,
@@ -947,6 +950,11 @@ static void test_nothing_given(void **state)
     assert_fails(cln_check(&(cln_check_desc){0}, &text), CLN_USAGE, "scene");
     assert_fails(cln_info_run(none, &text), CLN_USAGE, "run");
     assert_fails(cln_find_poses(&(cln_poses_desc){.out = "o"}, &posed), CLN_USAGE, "photos");
+    assert_fails(
+        cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .match = "nxt"}, &posed),
+        CLN_USAGE, "'nxt'; give auto, all or next");
+    assert_fails(cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .frames = -5}, &posed),
+                 CLN_USAGE, "frames is -5");
     assert_ok(cln_settings_create(NULL, &settings));
     assert_ok(cln_info_scene(scene, settings, &text));
     assert_ok(cln_info_scene(scene, NULL, &same));

@@ -223,6 +223,12 @@ section_scenes() {
     check "check that is interrupted: exit code 130" [ $? = 130 ]
     check "it prints no figures" [ ! -s "$work/out" ]
 
+    cp -r "$s" "$work/round"
+    sed -i 's/"frames"/"camera_model": "EQUIRECTANGULAR", &/' "$work/round"/transforms_*.json
+    expect "check of panoramas" 0 "" "$cln" check "$work/round" --probe 0
+    check "their field of view is not spoken of" eval \
+        'printed "inside the cube" && ! printed "nan" && ! printed "field of view"'
+
     # what other programs write otherwise: the model in lower case, null for what they do not know
     "$make_scene" "$work/others" --format nerfstudio --size 32 --train 6 --test 3 >/dev/null
     sed -i -e '1,/"fl_x"/ s/"fl_x"/"camera_model": "opencv", "aabb_scale": null, &/' \
@@ -367,6 +373,7 @@ section_scenes() {
         "$work/out"
     expect "info --json" 0 "" "$cln" info "$s" --json
     check "info --json names its schema" [ "$(json schema)" = cl-nascent.scene/1 ]
+    check "its reals have all digits" [ "$(grep -cE '[0-9]\.[0-9]{16}' "$work/out")" -gt 0 ]
     expect "info" 0 "" "$cln" info "$s"
     check "info has intrinsics" grep -qE 'views 9, width 32, .* fx [0-9.]+' "$work/out"
     check "info has a training's memory" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"

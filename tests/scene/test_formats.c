@@ -659,6 +659,28 @@ static void put_mask(const char *folder, const char *name, int from, int channel
     "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "m.png") "," FRAME( \
         "view_01.png", POSE_FRONT) "," FRAME("view_02.png", POSE_FRONT) "]}"
 
+/* A key that is read of frames alone, or of the document alone, is named if it is in the other. */
+static void test_keys_elsewhere(void **state)
+{
+    static const char *const elsewhere[] = {"mask_path", "transform_matrix", "near", "aabb_scale",
+                                            "ply_file_path"};
+    enum { ELSEWHERE = sizeof elsewhere / sizeof *elsewhere };
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    format_images(folder, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"mask_path\":\"m.png\",\"transform_matrix\":[],"
+             "\"near\":1,\"frames\":[{\"aabb_scale\":4,\"ply_file_path\":\"p.ply\",\"near\":1,"
+             "\"fl_x\":21,\"k1\":0,\"file_path\":\"view_00.png\",\"transform_matrix\":" POSE_FRONT
+             "}," FRAME("view_01.png", POSE_FRONT) "]}");
+    scene = load(folder, plain());
+    assert_int_equal(json_array_size(scene->ignored), ELSEWHERE);
+    for (size_t i = 0; i < ELSEWHERE; i++)
+        assert_string_equal(json_string_value(json_array_get(scene->ignored, i)), elsewhere[i]);
+    cln_scene_free(scene);
+}
+
 /* nerfstudio: black does not count; instant-ngp: what is not black does not. */
 static void test_masks(void **state)
 {
@@ -878,6 +900,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_keys_elsewhere, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
