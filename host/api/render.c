@@ -76,6 +76,8 @@ done:
 /* Files that cannot be written, or read for the depth pictures, are refused before the work. */
 static cln_status check_sizes(const cln_render_job *j)
 {
+    const bool normals = j->desc->normals && !cln_film_named(j->desc->out);
+
     for (int i = 0; i < j->count; i++) {
         const cln_render_frame *f = &j->frames[i];
         const int64_t width = cln_render_width(j, f), pixels = width * f->camera.height;
@@ -86,7 +88,7 @@ static cln_status check_sizes(const cln_render_job *j)
                             "the %d a side or %d in all that are possible; give less --width",
                             f->name, (long long)width, f->camera.height, CLN_IMAGE_MAX_SIDE,
                             CLN_IMAGE_MAX_PIXELS);
-        if (j->desc->normals && (size_t)pixels > CLN_NPY_MAX_BYTES / (3 * sizeof(float)))
+        if (normals && (size_t)pixels > CLN_NPY_MAX_BYTES / (3 * sizeof(float)))
             return cln_fail(CLN_USAGE,
                             "--normals: frame %s has %lld x %d pixels, whose normals are more "
                             "than the 2^31 bytes of a file; give less --width, or leave it out",
@@ -363,6 +365,7 @@ static cln_status render_film(cln_render_job *j, cln_render_result *result)
                              j->desc->out, j->frames[i].name, c->width, c->height, first->width,
                              first->height));
     }
+    CLN_TRY(check_sizes(j));
     if (j->writes)
         CLN_TRY(cln_film_begin(j->desc->out, cln_render_width(j, &j->frames[0]), first->height,
                                told > 0 ? told : 24, j->desc->overwrite, &film));
@@ -410,6 +413,9 @@ static cln_status check_given(const cln_render_desc *d)
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         CLN_TRY(cln_given_number("cln_render", rows[i].what, rows[i].value, rows[i].least,
                                  rows[i].most));
+    if (d->fps > 0 && d->fps < CLN_FILM_LEAST_FPS)
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "fps is %g; give %g or more, or 0", d->fps, CLN_FILM_LEAST_FPS));
 done:
     return st;
 }

@@ -9,6 +9,9 @@
 /* Returns whether the name has a film's ending: .mp4 .mov .mkv .webm .gif .y4m. */
 bool cln_film_named(const char *path);
 
+/* Fewer frames a second would be 0 in the head of a .y4m file. */
+#define CLN_FILM_LEAST_FPS 0.001
+
 /* Begins a film; pictures are width x height. If ffmpeg is not installed, the film becomes a .y4m
  * file, with a warning. It has a temporary name until cln_film_end. CLN_OUTPUT if there is a file
  * already, unless `overwrite` is set. */

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "io/film.h"
 #include "io/json.h"
 #include "io/names.h"
 #include "render/frames.h"
@@ -38,8 +39,9 @@ static cln_status read_film(const json_t *root, int width, int height, film *f, 
         if (!(sides[i] >= 1 && sides[i] <= 1e6))
             CLN_TRY(cln_fail(CLN_INPUT, "%s: %s is %g; it must be a size in pixels", f->path,
                              i ? "render_height" : "render_width", sides[i]));
-    if (!(*fps >= 0 && *fps <= 1000))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: fps is %g; it must be at most 1000", f->path, *fps));
+    if (*fps != 0 && !(*fps >= CLN_FILM_LEAST_FPS && *fps <= 1000))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: fps is %g; it must be %g to 1000", f->path, *fps,
+                         CLN_FILM_LEAST_FPS));
     f->lens.width = (int)lround(sides[0]);
     f->lens.height = (int)lround(sides[1]);
     f->lens.cx = 0.5 * f->lens.width;

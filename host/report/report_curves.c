@@ -197,6 +197,8 @@ static void put_points(FILE *to, const cln_report_data *data)
                 fputs("<td>some images, while training\n", to);
         }
         fputs("</table>\n", to);
+        if (shown < count)
+            fprintf(to, "<p class=soft>%d of %d, in even steps.</p>\n", shown, count);
     }
     free(points);
 }

@@ -79,6 +79,7 @@ let facts = null, camera = null, home = null;
 let at = -1;            /* the scene's camera that the view is, or -1 */
 let goal = -1;          /* the one that it flies to, or -1 */
 let photo = null;       /* its photo, when it is here */
+let coming = null;      /* the photo that is being fetched */
 let last = null;        /* the newest picture: bitmap and numbers */
 let version = 0, moved = 0, busy = false, abort = null, flight = null;
 let keyframes = [], playing = 0;
@@ -112,6 +113,7 @@ function background() {
 function setBackground(colour) {
   $('background').value = '#' + colour.map((v) => Math.round(255 * clamp(v, 0, 1)).toString(16)
     .padStart(2, '0')).join('');
+  refreshPhoto();
 }
 
 /* The picture's size in pixels, and its focal length. */
@@ -587,25 +589,41 @@ function jumpBy(by) {
 }
 
 function enterCamera(i) {
-  const image = new Image();
   at = i;
   photo = null;
-  image.onload = () => {
-    if (at !== i) return;
-    photo = image;
-    draw();
-  };
-  image.onerror = () => { if (at === i) $('camera-name').textContent += ' (no photo here)'; };
-  image.src = `/photo?view=${i}&side=1600`;
   $('beside').disabled = false;
   $('camera-name').textContent = facts.cameras[i].name;
+  fetchPhoto();
   mark(i);
+}
+
+/* Where the photo is transparent, it has the page's background, as the picture. */
+function fetchPhoto() {
+  const image = new Image(), colour = background().join(',');
+  coming = image;
+  image.onload = () => {
+    if (coming !== image) return;
+    coming = null;
+    photo = image;
+    draw();
+    if (background().join(',') !== colour) fetchPhoto();
+  };
+  image.onerror = () => {
+    if (coming !== image) return;
+    coming = null;
+    $('camera-name').textContent = `${facts.cameras[at].name} (no photo here)`;
+  };
+  image.src = `/photo?view=${at}&side=1600&background=${colour}`;
+}
+
+function refreshPhoto() {
+  if (at >= 0 && !coming) fetchPhoto();
 }
 
 function leaveCamera() {
   mark(-1);
   at = -1;
-  photo = null;
+  photo = coming = null;
   $('beside').disabled = true;
   $('camera-name').textContent = NO_CAMERA;
 }
@@ -854,7 +872,10 @@ async function begin() {
 const on = (id, type, does) => $(id).addEventListener(type, does);
 on('menu', 'click', () => openPanel());
 on('show', 'change', () => touch(true));
-on('background', 'input', () => touch(true));
+on('background', 'input', () => {
+  refreshPhoto();
+  touch(true);
+});
 on('size', 'change', () => touch(true));
 on('fov', 'input', () => { camera.fov = Number($('fov').value); touch(); });
 on('home', 'click', () => fly(home));

@@ -25,6 +25,7 @@ enum {
     HEADER_BYTES = 32 * 1024, /* of a connection, for a request's line and headers */
     HEAD_SECONDS = 10,        /* from connecting to the end of the first request's headers */
     SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
+    SEND_RATE = 50 * 1000,    /* bytes a second of a slow line: what a long answer has beside it */
     FILM_SECONDS = 3600       /* for a film */
 };
 static const double SMALL_SECONDS =
@@ -155,9 +156,9 @@ static bool is_gone(const request *r)
 
 /* ---- answers ---- */
 
-/* Takes the response. */
+/* Takes the response, whose body has this many bytes. */
 static enum MHD_Result send_response(cln_server *s, struct MHD_Connection *connection, int status,
-                                     const char *type, struct MHD_Response *response)
+                                     const char *type, size_t bytes, struct MHD_Response *response)
 {
     enum MHD_Result sent;
 
@@ -169,7 +170,7 @@ static enum MHD_Result send_response(cln_server *s, struct MHD_Connection *conne
     MHD_add_response_header(response, "Referrer-Policy", "no-referrer");
     MHD_add_response_header(response, "Cross-Origin-Resource-Policy", "same-origin");
     MHD_add_response_header(response, "Cache-Control", "no-store");
-    set_deadline(s, connection, SEND_SECONDS);
+    set_deadline(s, connection, SEND_SECONDS + (double)bytes / SEND_RATE);
     sent = MHD_queue_response(connection, (unsigned)status, response);
     MHD_destroy_response(response);
     return sent;
@@ -180,7 +181,7 @@ static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connectio
                                  const char *type, const char *text)
 {
     return send_response(
-        s, connection, status, type,
+        s, connection, status, type, strlen(text),
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
 }
 
@@ -191,7 +192,7 @@ static enum MHD_Result answer(cln_server *s, struct MHD_Connection *connection, 
 
     snprintf(text, sizeof text, "%s\n", sentence);
     return send_response(
-        s, connection, status, "text/plain; charset=utf-8",
+        s, connection, status, "text/plain; charset=utf-8", strlen(text),
         MHD_create_response_from_buffer(strlen(text), text, MHD_RESPMEM_MUST_COPY));
 }
 
@@ -211,7 +212,7 @@ static enum MHD_Result send_painting(cln_server *s, struct MHD_Connection *conne
         g->is_file = false;
         snprintf(about, sizeof about, "attachment; filename=\"%s\"", g->file_name);
         MHD_add_response_header(response, "Content-Disposition", about);
-        sent = send_response(s, connection, g->status, g->type, response);
+        sent = send_response(s, connection, g->status, g->type, g->bytes, response);
         set_deadline(s, connection, FILM_SECONDS);
         return sent;
     }
@@ -219,7 +220,7 @@ static enum MHD_Result send_painting(cln_server *s, struct MHD_Connection *conne
                g->near, g->far);
     if (g->width > 0)
         MHD_add_response_header(response, "X-Picture", about);
-    return send_response(s, connection, g->status, g->type, response);
+    return send_response(s, connection, g->status, g->type, g->bytes, response);
 }
 
 /* ---- requests ---- */
@@ -290,14 +291,17 @@ static enum MHD_Result ask(cln_server *s, struct MHD_Connection *connection, cln
 static enum MHD_Result send_told(cln_server *s, struct MHD_Connection *connection)
 {
     struct MHD_Response *response = NULL;
+    size_t bytes = 0;
 
     pthread_mutex_lock(&s->lock);
-    if (s->told)
-        response = MHD_create_response_from_buffer(strlen(s->told), s->told, MHD_RESPMEM_MUST_COPY);
+    if (s->told) {
+        bytes = strlen(s->told);
+        response = MHD_create_response_from_buffer(bytes, s->told, MHD_RESPMEM_MUST_COPY);
+    }
     pthread_mutex_unlock(&s->lock);
     if (!response)
         return answer(s, connection, 503, "nothing is known yet");
-    return send_response(s, connection, 200, "application/json", response);
+    return send_response(s, connection, 200, "application/json", bytes, response);
 }
 
 static unsigned order_of(const cln_server *s, const char *path)
@@ -343,7 +347,7 @@ static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
              s->listener->token);
     MHD_add_response_header(response, "Set-Cookie", text);
     MHD_add_response_header(response, "Location", "/");
-    return send_response(s, connection, 303, "text/plain", response);
+    return send_response(s, connection, 303, "text/plain", 0, response);
 }
 
 static const struct {

@@ -140,10 +140,53 @@ static void formats_of_a_mesh_agree(void **state)
     free(obj);
 }
 
-static void a_coarser_and_a_closed_mesh(void **state)
+static int by_sides(const void *a, const void *b)
+{
+    return memcmp(a, b, sizeof(uint32_t[2]));
+}
+
+/* Sides of triangles of a PLY file that are not in exactly two. */
+static int64_t open_sides(const char *path)
+{
+    uint32_t(*sides)[2] = NULL;
+    const char *at = NULL;
+    char *text = NULL;
+    const vertex *v = NULL;
+    int64_t single = 0;
+    int vertices = 0, faces = 0, count = 0;
+
+    v = read_ply(path, &text, &vertices);
+    assert_int_equal(sscanf(strstr(text, "element face "), "element face %d", &faces), 1);
+    sides = calloc(3 * (size_t)faces, sizeof *sides);
+    assert_non_null(sides);
+    at = (const char *)(v + vertices);
+    for (int i = 0; i < faces; i++, at += 1 + sizeof(uint32_t[3])) {
+        uint32_t corner[3];
+
+        assert_int_equal(*at, 3);
+        memcpy(corner, at + 1, sizeof corner);
+        for (int k = 0; k < 3; k++, count++) {
+            const uint32_t a = corner[k], b = corner[(k + 1) % 3];
+
+            sides[count][0] = a < b ? a : b;
+            sides[count][1] = a < b ? b : a;
+        }
+    }
+    qsort(sides, (size_t)count, sizeof *sides, by_sides);
+    for (int i = 0, n; i < count; i += n) {
+        for (n = 1; i + n < count && by_sides(sides[i], sides[i + n]) == 0;)
+            n++;
+        single += n != 2;
+    }
+    free(sides);
+    free(text);
+    return single;
+}
+
+static void a_coarser_mesh(void **state)
 {
     cln_export_desc desc = export_desc("mesh", "coarse.ply");
-    cln_export_result fine, coarse, closed;
+    cln_export_result fine, coarse;
 
     NEED_DEVICE();
     desc.spacing = 0.1;
@@ -154,9 +197,52 @@ static void a_coarser_and_a_closed_mesh(void **state)
     assert_ok(cln_export(&desc, &coarse));
     print_message("    %lld and %lld triangles\n", (long long)fine.faces, (long long)coarse.faces);
     assert_true(coarse.faces < fine.faces / 2 && coarse.faces > fine.faces / 8);
+}
+
+/* The first three training views are in half of the circle about the ball. */
+static void closed_keeps_what_no_view_sees(void **state)
+{
+    const cln_config config = fixture_config();
+    const cln_settings settings = {.config = config, .preset = "fast"};
+    const cln_train_desc train = {.scene = fixture_path("side"),
+                                  .run = fixture_path("half"),
+                                  .skip_selftest = true,
+                                  .settings = &settings,
+                                  .device = fixture_device(),
+                                  .command = "test"};
+    cln_export_desc desc = export_desc("mesh", "half.ply");
+    cln_export_result seen, closed;
+    cln_train_result trained;
+    json_t *views = NULL, *frames = NULL;
+    const char *list = NULL;
+    char *text = NULL;
+    int64_t open = 0;
+
+    NEED_DEVICE();
+    fixture_split(train.scene, "train", TRAIN_VIEWS, 0);
+    fixture_split(train.scene, "test", TEST_VIEWS, 0.3);
+    list = scratch_path(train.scene, "transforms_train.json");
+    views = json_load_file(list, 0, NULL);
+    frames = json_object_get(views, "frames");
+    while (json_array_size(frames) > TRAIN_VIEWS / 2)
+        json_array_remove(frames, json_array_size(frames) - 1);
+    text = json_dumps(views, 0);
+    scratch_put(list, text, strlen(text));
+    free(text);
+    json_decref(views);
+    assert_ok(cln_train(&train, &trained));
+    desc.run = train.run;
+    assert_ok(cln_export(&desc, &seen));
+    open = open_sides(desc.file);
     desc.closed = true;
+    desc.file = fixture_path("closed.ply");
     assert_ok(cln_export(&desc, &closed));
-    assert_true(closed.faces >= coarse.faces);
+    print_message("    %lld triangles and %lld open sides, %lld and %lld closed\n",
+                  (long long)seen.faces, (long long)open, (long long)closed.faces,
+                  (long long)open_sides(desc.file));
+    assert_true(closed.faces > seen.faces);
+    assert_true(open > 0);
+    assert_int_equal(open_sides(desc.file), 0);
 }
 
 /* meshopt_simplify of this program ends at this number of indices, as the library's does where
@@ -420,7 +506,8 @@ int test_group_exports(void)
         cmocka_unit_test(points_are_on_the_ball),
         cmocka_unit_test(normals_of_points_are_between),
         cmocka_unit_test(formats_of_a_mesh_agree),
-        cmocka_unit_test(a_coarser_and_a_closed_mesh),
+        cmocka_unit_test(a_coarser_mesh),
+        cmocka_unit_test(closed_keeps_what_no_view_sees),
         cmocka_unit_test(a_mesh_of_fewer_triangles),
         cmocka_unit_test(volumes_are_the_field),
         cmocka_unit_test(cameras_come_back),

@@ -944,6 +944,8 @@ static void test_nothing_given(void **state)
                  CLN_USAGE, "width is -8");
     assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o", .fps = NAN}, &rendered),
                  CLN_USAGE, "fps is nan");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o.y4m", .fps = 3e-4}, &rendered),
+                 CLN_USAGE, "fps is 0.0003; give 0.001 or more");
     assert_fails(cln_field_open(none, NULL, &field), CLN_USAGE, "run");
     assert_fails(cln_export(&(cln_export_desc){.file = "f"}, &exported), CLN_USAGE, "run");
     assert_fails(cln_export(&(cln_export_desc){.run = "r"}, &exported), CLN_USAGE, "file");

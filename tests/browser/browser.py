@@ -228,6 +228,16 @@ def see_cameras(page):
     page.shot('error')
     page.key('v')
     page.check('V again shows the render', abs(page.js(MEAN) - before) < 1, page.js(MEAN))
+    colour = page.js('return $("background").value')
+    change = ('$("background").value = arguments[0];'
+              '$("background").dispatchEvent(new Event("input"))')
+    page.js(change, '#0000ff')
+    page.check('the photo has the background that was chosen',
+               wait_for(page, 'photo !== null && photo.src.endsWith("background=0,0,1")'))
+    page.js(change, colour)
+    page.check('and its own again', wait_for(
+        page, 'coming === null && photo.src.endsWith("background=" + background().join(","))'))
+    page.settle()
     for key, what in (('2', 'depth'), ('3', 'opacity'), ('4', 'level'), ('5', 'error')):
         page.key(key)
         time.sleep(0.6)

@@ -710,6 +710,11 @@ section_results() {
     check "the film has that size and frame rate" \
         [ "$(head -1 "$work/film.y4m")" = "YUV4MPEG2 W40 H30 F12000:1000 Ip A1:1 C444" ]
     check "the film has two frames" [ "$(json rendered)$(grep -ac FRAME "$work/film.y4m")" = 22 ]
+    expect "a film too slow for its format" 2 "fps 0.001" "$cln" render "$work/whole" --spiral 2 \
+        -o "$work/slow.y4m" --fps 0.0003
+    expect "both eyes larger than a picture may be" 2 "~stereo ~both.eyes width" "$cln" render \
+        "$work/whole" --orbit 1 --width 16384 --height 8193 --stereo 0.1 -o "$work/wide.y4m"
+    check "neither film is begun" [ ! -e "$work/slow.y4m" -a ! -e "$work/wide.y4m" ]
     expect "an existing film stays" 7 "film.y4m --overwrite" "$cln" render "$work/whole" \
         --spiral 2 -o "$work/film.y4m"
     expect "render --interpolate" 0 "" "$cln" render "$work/whole" --split train --max-images 2 \

@@ -165,6 +165,7 @@ static void test_broken_paths(void **state)
     refuses(state, "{\"camera_type\": \"vr180\", \"camera_path\": [1]}", "vr180");
     refuses(state, "{\"render_width\": -1, \"camera_path\": [1]}", "render_width");
     refuses(state, "{\"fps\": \"x\", \"camera_path\": [1]}", "fps");
+    refuses(state, "{\"fps\": 0.0003, \"camera_path\": [1]}", "fps is 0.0003; it must be 0.001");
     refuses(state, "{\"frames\": [{\"file_path\": \"a\"}]}", "transform_matrix");
     refuses(state, "{\"frames\": [3]}", "not an object");
 }

@@ -585,6 +585,23 @@ static void processes_of_a_long_resumed_run(void **state)
     free(page);
 }
 
+static void points_that_are_left_out_are_told(void **state)
+{
+    const char *run = scratch_path(*state, "many");
+    char *page = NULL;
+
+    put_run(run, "done", "");
+    put_metrics(run, 160);
+    page = page_of(run);
+    assert_has_not(page, "in even steps");
+    free(page);
+    put_metrics(run, 200);
+    page = page_of(run);
+    assert_int_equal(count_of(page, "<td>some images, while training"), 16);
+    assert_has(page, "16 of 20, in even steps.");
+    free(page);
+}
+
 static json_t *tree_of(json_t *error)
 {
     return json_pack("{s:s s:i s:i s:[i,i,i,i,i,i] s:o s:[s]}", "schema", "cl-nascent.tree/1",
@@ -961,6 +978,7 @@ int test_group_report(void)
         ON_DISK(missing_and_damaged_files_give_a_page),
         ON_DISK(null_figures_are_dashes),
         ON_DISK(decisions_are_marks_and_a_table),
+        ON_DISK(points_that_are_left_out_are_told),
         ON_DISK(the_tree_is_shown_with_its_legend),
         ON_DISK(shown_views_are_the_most_held_out),
         ON_DISK(figures_say_how_they_were_rendered),
