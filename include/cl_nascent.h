@@ -331,7 +331,8 @@ typedef struct cln_render_desc {
     double stereo;          /* for each pose a pair side by side, left and right, of eyes this many
                                scene units apart; 0 = single pictures */
     bool normals;           /* also NAME.normal.npy and NAME.normal.png */
-    double fps;             /* film: frames a second; 0 = the file of poses', or 24 */
+    double fps;             /* film: frames a second, 0.001 or more; 0 = the file of poses', or
+                               24 */
     bool overwrite;         /* else frames with existing files are skipped */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     bool pfm;               /* also NAME.depth.pfm */

@@ -122,7 +122,8 @@ const cln_arg cln_args[] = {
          "folder for the pictures, or a film of the colours: FILE.mp4, .mov, .mkv, .webm, .gif (by "
          "ffmpeg), or .y4m", .letter = 'o', .shown = "RUN/render/ and SPLIT, orbit, spiral, ..."),
     REAL(CLN_RENDER, "fps", fps, "N", 0, 1000,
-         "film: frames a second; 0 = as camera_path.json says, or 24", .standard = "0"),
+         "film: frames a second, 0.001 or more; 0 = as camera_path.json says, or 24",
+         .standard = "0"),
     TEXT(CLN_TUNE, "output", output, "FILE",
          "file to put the row in", .letter = 'o', .shown = "that of --tune-file"),
     TEXT(CLN_CHECK_SCENE, "output", output, "FILE.html",
