@@ -10,7 +10,8 @@
 # A run is OUT/seed-N. The same command continues a stopped bench: it keeps finished runs and
 # resumes interrupted ones. Each run adds its row to OUT/seeds.md. Trains networks (--preset fast)
 # unless TRAIN OPTIONS, which go to every run, name another preset; a run made with others ends the
-# bench. The self-test is skipped. Seconds are processor seconds of training and evaluation.
+# bench. The self-test is skipped. Seconds are processor seconds of training and evaluation, of all
+# calls that trained the seed.
 # CLN, QUERY: the programs (build/cl-nascent, build/json-query).
 set -eu
 [ $# -ge 4 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
@@ -37,17 +38,22 @@ one() {
         bench_fail "$run was not made by this bench; choose another OUT"
     printf '%s\n' "$given" >"$run.options"
     [ ! -s "$row" ] || return 0
+    [ "$(bench_state "$run")" != none ] || rm -f "$run.times"
+    # a call that is interrupted adds its seconds, too
+    trap 'times >>"$run.times"' EXIT
+    trap 'exit 130' INT TERM
     bench_run "$run" fast --steps "$steps" --seed "$seed" --skip-selftest "$@" ||
         bench_fail "$run does not fit the device; see $run.log"
     "$cln" eval "$run" --max-images 0 --no-save-images --progress none --json >"$run.eval.json" \
         2>>"$run.log" || bench_fail "$run: see $run.log"
-    times >"$run.times" # not in a pipe: its process would have no children to count
+    times >>"$run.times" # not in a pipe: its process would have no children to count
+    trap - EXIT
     printf '%s %s %s %s %s %s\n' "$seed" "$(bench_value "seed-$seed" result.leaves)" \
         "$(bench_value "seed-$seed" result.psnr_train)" \
         "$("$query" mean.psnr <"$run.eval.json")" "$("$query" mean.ssim <"$run.eval.json")" \
-        "$(awk 'NR == 2 {
+        "$(awk 'NR % 2 == 0 {
             for (i = 1; i <= 2; i++) { split($i, t, "m"); sum += 60 * t[1] + t[2] }
-            print sum }' "$run.times")" >"$row.new"
+        } END { print sum }' "$run.times")" >"$row.new"
     mv "$row.new" "$row"
 }
 
