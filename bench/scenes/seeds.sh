@@ -53,7 +53,7 @@ one() {
         "$("$query" mean.psnr <"$run.eval.json")" "$("$query" mean.ssim <"$run.eval.json")" \
         "$(awk 'NR % 2 == 0 {
             for (i = 1; i <= 2; i++) { split($i, t, "m"); sum += 60 * t[1] + t[2] }
-            print sum }' "$run.times")" >"$row.new"
+        } END { print sum }' "$run.times")" >"$row.new"
     mv "$row.new" "$row"
 }
 
