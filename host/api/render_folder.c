@@ -381,10 +381,11 @@ cln_status cln_render_draw_depths(const cln_render_job *j)
             opacity = NULL;
             path = NULL;
         }
-        if (pass == 0)
+        if (pass == 0) { /* while a picture is missing, the next rendering draws them again */
             cln_depth_scale_make(&scale);
+            CLN_TRY(cln_render_write_about(j, &scale));
+        }
     }
-    CLN_TRY(cln_render_write_about(j, &scale));
 done:
     cln_depth_scale_free(&scale);
     free(depth);
