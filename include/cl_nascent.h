@@ -226,6 +226,7 @@ typedef struct cln_train_result {
     double seconds;               /* training seconds, without evaluation */
     double wall_seconds;          /* of the call */
     double psnr_train, psnr_test; /* dB, the newest; NaN if there is none */
+    double psnr_exposed;          /* of the same test views; see cln_eval_image */
     int eval_views, test_views;   /* number of views of psnr_test, and of all test views */
     int leaves;
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
@@ -247,6 +248,9 @@ typedef struct cln_eval_image {
      * seconds: to render it. */
     double psnr, psnr_u8, ssim, mse, seconds;
     double psnr_fitted;
+    /* PSNR of the render times the photo's exposure as photos before and after it tell it; a
+     * training photo's own. NAN without --exposure */
+    double psnr_exposed;
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
                              NAN where there are none */
@@ -269,7 +273,7 @@ typedef struct cln_eval_result {
     int count;
     cln_eval_image *images;
     double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images with a value */
-    double psnr_fitted;                                         /* mean over images */
+    double psnr_fitted, psnr_exposed;                           /* means over images */
     double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;
     int antialias; /* n x n rays for pixels at edges; 1 = one ray a pixel */

@@ -142,6 +142,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         opened.view_pixels = fmax(opened.view_pixels,
                                   (double)c->width * c->height * desc->antialias * desc->antialias);
     }
+    if (!opened.same_scene)
+        opened.model.exposure_views = 0; /* they are of other photos */
     opened.fast = desc->fast;
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     opened.pipeline.antialias = desc->antialias;

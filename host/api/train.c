@@ -663,6 +663,7 @@ static cln_status train(const cln_train_desc *desc, cln_train_result *result)
                      .began = cln_now(),
                      .psnr_train = NAN,
                      .psnr_test = NAN,
+                     .psnr_exposed = NAN,
                      .start_seconds = NAN,
                      .eval_seconds = NAN,
                      .saved_step = -1};
@@ -684,6 +685,7 @@ done:
     result->wall_seconds = cln_now() - t.began;
     result->psnr_train = t.psnr_train;
     result->psnr_test = t.psnr_test;
+    result->psnr_exposed = t.psnr_exposed;
     result->eval_views = t.eval_count;
     result->test_views = t.scene ? cln_scene_split_count(t.scene, CLN_SPLIT_TEST) : 0;
     result->leaves = t.model.tree.leaf_count;

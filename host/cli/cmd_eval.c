@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include "cli/console.h"
 #include "ranks/ranks.h"
 
@@ -62,6 +63,12 @@ static void print_table(const cln_eval_result *r)
     putchar('\n');
     if (r->seams.measured)
         print_seams(&r->seams);
+    if (isfinite(r->psnr_exposed))
+        printf("PSNR at %s: %.2f\n",
+               strcmp(r->split, "train") == 0
+                   ? "the gains that --exposure fitted"
+                   : "the exposure that photos before and after each one tell",
+               r->psnr_exposed);
     if (isfinite(r->psnr_fitted))
         printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
                r->psnr_fitted);

@@ -298,6 +298,14 @@ uint64_t cln_safetensors_digest(const cln_safetensors *file)
     return file->digest;
 }
 
+bool cln_safetensors_has(const cln_safetensors *file, const char *name)
+{
+    for (int i = 0; i < file->count; i++)
+        if (strcmp(file->tensors[i].name, name) == 0)
+            return true;
+    return false;
+}
+
 cln_status cln_safetensors_get(const cln_safetensors *file, const char *name, cln_dtype dtype,
                                cln_tensor *out)
 {

@@ -56,5 +56,6 @@ uint64_t cln_safetensors_digest(const cln_safetensors *file);
  * copy them. CLN_CHECKPOINT if absent or of another dtype. */
 cln_status cln_safetensors_get(const cln_safetensors *file, const char *name, cln_dtype dtype,
                                cln_tensor *out);
+bool cln_safetensors_has(const cln_safetensors *file, const char *name);
 
 #endif

@@ -275,7 +275,7 @@ cln_status cln_checkpoint_tensors(const cln_model *model, cln_tensor *out, int *
     tensors[0].data = *rows;
     if (model->adam_m)
         count = TRAINING_TENSORS;
-    if (model->adam_m && model->exposure)
+    if (model->exposure)
         tensors[count++] = (cln_tensor){
             "exposure", CLN_DTYPE_F32, 2, {model->exposure_views, CLN_EXPOSURE}, model->exposure};
     if (model->motions)
@@ -397,10 +397,12 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
         CLN_TRY(take_tensor(file, path, "leaf_sums", CLN_DTYPE_F32, 3, sums, &out->sums));
         CLN_TRY(take_tensor(file, path, "leaf_met", CLN_DTYPE_I32, 1, shape, &out->met));
         CLN_TRY(take_tensor(file, path, "leaf_saved", CLN_DTYPE_F32, 1, shape, &out->saved));
-        if (out->config.exposure && !out->has_alpha)
-            CLN_TRY(take_views(file, path, "exposure", CLN_EXPOSURE, &out->exposure,
-                               &out->exposure_views));
     }
+    /* pictures do without */
+    if (out->config.exposure && !out->has_alpha &&
+        (training || cln_safetensors_has(file, "exposure")))
+        CLN_TRY(
+            take_views(file, path, "exposure", CLN_EXPOSURE, &out->exposure, &out->exposure_views));
     if (out->config.refine_poses)
         CLN_TRY(read_motions(file, path, out));
     if (decoder > 0)

@@ -13,6 +13,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "render/exposure_guess.h"
 #include "render/tree_picture.h"
 #include "io/image.h"
 #include "render/metrics_image.h"
@@ -176,8 +177,20 @@ static void measure_opacity(const cln_view *view, const uint8_t *kept, const cln
         image->opaque_air = (double)opaque / (double)air;
 }
 
+/* The PSNR of the picture times a gain for each channel. lit: a picture for its own use. */
+static double psnr_at(const float gain[3], const cln_picture *picture, const float *truth,
+                      const uint8_t *kept, float *lit)
+{
+    const size_t values = 3 * (size_t)picture->width * (size_t)picture->height;
+
+    for (size_t i = 0; i < values; i++)
+        lit[i] = picture->rgb[i] * gain[i % 3];
+    return cln_psnr(cln_image_mse(picture->width, picture->height, kept, lit, truth));
+}
+
+/* gain: the photo's, as far as it is known; NULL = not. */
 static cln_status measure(const cln_scene *scene, int view, const cln_picture *picture,
-                          const char *folder, cln_eval_image *image)
+                          const float *gain, const char *folder, cln_eval_image *image)
 {
     cln_status st = CLN_OK;
     cln_view photo, *v = &photo;
@@ -193,6 +206,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
         cln_view_pixel(v, (int)(i % (size_t)width), (int)(i / (size_t)width), scene->background,
                        truth + 3 * i, &alpha);
     CLN_TRY(list_kept(v, &kept));
+    image->psnr_exposed = gain ? psnr_at(gain, picture, truth, kept, rounded) : NAN;
     for (size_t i = 0; i < pixels * 3; i++)
         rounded[i] = (float)cln_to_u8(picture->rgb[i]) / 255.0f;
     image->width = width;
@@ -257,7 +271,10 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
     cln_status st = CLN_OK;
     const bool tree = model && folder;
     json_t *drawn = json_array();
+    float(*gains)[3] = NULL;
 
+    if (model)
+        CLN_TRY(cln_exposure_guess(model, scene, &gains));
     CLN_TRY(cln_alloc(&result->images, (size_t)count, sizeof *result->images, "evaluation"));
     result->count = count;
     memcpy(result->background, scene->background, sizeof result->background);
@@ -277,7 +294,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         CLN_TRY(cln_strdup(&image->file, scene->views[views[i]].file));
         CLN_TRY(cln_render_view(p, views[i], scene->background, 0, callbacks, &picture));
         image->seconds = cln_now() - start;
-        st = measure(scene, views[i], &picture, folder, image);
+        st = measure(scene, views[i], &picture, gains ? gains[views[i]] : NULL, folder, image);
         if (st == CLN_OK && tree)
             st = draw_tree(model, &scene->views[views[i]], i, count, &picture, folder, drawn);
         cln_picture_free(&picture);
@@ -290,6 +307,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         cln_show_work(callbacks, "eval", i + 1, count);
     }
     result->psnr_of_mean_mse = cln_psnr(result->mse);
+    result->psnr_exposed = mean_of(result, offsetof(cln_eval_image, psnr_exposed));
     result->ssim = mean_of(result, offsetof(cln_eval_image, ssim));
     result->opacity_error = mean_of(result, offsetof(cln_eval_image, opacity_error));
     result->opaque_air = mean_of(result, offsetof(cln_eval_image, opaque_air));
@@ -298,6 +316,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
 done:
     cln_render_release(p);
     json_decref(drawn);
+    free(gains);
     return st;
 }
 
@@ -354,27 +373,29 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
 
         json_array_append_new(
             images,
-            json_pack("{s:s, s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name",
+            json_pack("{s:s, s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name",
                       e->name, "file", e->file, "width", e->width, "height", e->height, "psnr",
                       cln_json_real(e->psnr), "psnr_u8", cln_json_real(e->psnr_u8), "psnr_fitted",
-                      cln_json_real(e->psnr_fitted), "ssim", cln_json_real(e->ssim), "mse",
-                      cln_json_real(e->mse), "opacity_error", cln_json_real(e->opacity_error),
-                      "opaque_air", cln_json_real(e->opaque_air), "seconds", e->seconds));
+                      cln_json_real(e->psnr_fitted), "psnr_exposed", cln_json_real(e->psnr_exposed),
+                      "ssim", cln_json_real(e->ssim), "mse", cln_json_real(e->mse), "opacity_error",
+                      cln_json_real(e->opacity_error), "opaque_air", cln_json_real(e->opaque_air),
+                      "seconds", e->seconds));
     }
     *out = json_pack(
         "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, s:o, "
-        "s:f}, "
+        "s:o, s:f}, "
         "s:{s:o, s:o}, s:o, s:o}",
         "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "model_digest", digest,
         "step", (json_int_t)r->step, "train_seconds", r->train_seconds, "split", r->split,
         "color_space", "srgb", "background", cln_json_digits(r->background[0]),
         cln_json_digits(r->background[1]), cln_json_digits(r->background[2]), "pixel_centre", 0.5,
         "mean", "psnr", cln_json_real(r->psnr), "psnr_u8", cln_json_real(r->psnr_u8), "psnr_fitted",
-        cln_json_real(r->psnr_fitted), "ssim", cln_json_real(r->ssim), "mse", cln_json_real(r->mse),
-        "opacity_error", cln_json_real(r->opacity_error), "opaque_air",
-        cln_json_real(r->opaque_air), "seconds", r->seconds, "std", "psnr",
-        cln_json_real(deviation(r, false)), "ssim", cln_json_real(deviation(r, true)),
-        "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse), "images", images);
+        cln_json_real(r->psnr_fitted), "psnr_exposed", cln_json_real(r->psnr_exposed), "ssim",
+        cln_json_real(r->ssim), "mse", cln_json_real(r->mse), "opacity_error",
+        cln_json_real(r->opacity_error), "opaque_air", cln_json_real(r->opaque_air), "seconds",
+        r->seconds, "std", "psnr", cln_json_real(deviation(r, false)), "ssim",
+        cln_json_real(deviation(r, true)), "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse),
+        "images", images);
     if (*out && r->antialias > 1)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
     if (*out && r->fast)

@@ -140,6 +140,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         goto done;
     *done = true;
     t->psnr_test = result.psnr;
+    t->psnr_exposed = result.psnr_exposed;
     t->eval_seconds = cln_now() - began;
     if (folder) {
         CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, false));

@@ -53,6 +53,7 @@ typedef struct cln_trainer {
     double began, saved_at;       /* monotonic seconds */
     double clock;                 /* training seconds by this rank's clock */
     double psnr_train, psnr_test; /* newest, NaN before */
+    double psnr_exposed;          /* of the same views as psnr_test (cln_eval_image) */
     double start_seconds;         /* from `began` to the first step; NaN before it */
     double eval_seconds;          /* time of the newest evaluation; NaN before the first */
     cln_train_progress shown;     /* rates and means of the newest results */

@@ -542,6 +542,13 @@ section_resume() {
     scene photos --format nerfstudio --size 48 --train 12 --test 3
     expect "--exposure" 0 "" "$cln" train "$work/photos" -o "$work/exposed" "${small[@]}" \
         --steps $steps --exposure
+    run "$cln" eval "$work/exposed" --no-save-images --json
+    check "eval: PSNR at guessed exposures" \
+        number_above "$("$query" mean.psnr_exposed <"$work/out")" 5
+    run "$cln" eval "$work/exposed" --no-save-images --split train --json
+    check "eval: training photos at their own gains" awk -v a="$("$query" mean.psnr_exposed \
+        <"$work/out")" -v b="$("$query" mean.psnr <"$work/out")" \
+        'BEGIN { exit !(a > b) }'
     r=$work/exposed-stopped
     start "$cln" train "$work/photos" -o "$r" "${small[@]}" --steps $steps --exposure
     wait_for 60 rows_of "$r" 100 # after gains have changed

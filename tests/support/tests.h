@@ -19,6 +19,7 @@ int test_group_config(void);
 int test_group_counts(void);
 int test_group_coverage(void);
 int test_group_exposure(void);
+int test_group_exposure_guess(void);
 int test_group_float64(void);
 int test_group_crop(void);
 int test_group_depth_picture(void);
