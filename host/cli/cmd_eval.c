@@ -10,6 +10,9 @@
 #include "cli/console.h"
 #include "ranks/ranks.h"
 
+/* dB by which a fit of colours raises PSNR where exposures differ; by less, other errors do */
+static const double EXPOSURE_HINT = 1;
+
 static void print_row(int width, const char *name, double psnr, double ssim, double seconds)
 {
     char p[32], s[32];
@@ -42,6 +45,24 @@ static void print_seams(const cln_eval_seams *seams)
     putchar('\n');
 }
 
+static void print_fitted(const cln_eval_result *r)
+{
+    const bool alpha = isfinite(r->opacity_error), gains = isfinite(r->psnr_exposed);
+
+    if (gains)
+        printf("PSNR at %s: %.2f\n",
+               strcmp(r->split, "train") == 0
+                   ? "the gains that --exposure fitted"
+                   : "the exposure that photos before and after each one tell",
+               r->psnr_exposed);
+    if (isfinite(r->psnr_fitted))
+        printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
+               r->psnr_fitted);
+    if (!gains && !alpha && r->psnr_fitted > r->psnr + EXPOSURE_HINT)
+        puts("Exposure or white balance differs between photos: train with --exposure, or see what "
+             "`cl-nascent check` says of them");
+}
+
 static void print_table(const cln_eval_result *r)
 {
     char digest[32], step[32], duration[32];
@@ -63,15 +84,7 @@ static void print_table(const cln_eval_result *r)
     putchar('\n');
     if (r->seams.measured)
         print_seams(&r->seams);
-    if (isfinite(r->psnr_exposed))
-        printf("PSNR at %s: %.2f\n",
-               strcmp(r->split, "train") == 0
-                   ? "the gains that --exposure fitted"
-                   : "the exposure that photos before and after each one tell",
-               r->psnr_exposed);
-    if (isfinite(r->psnr_fitted))
-        printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
-               r->psnr_fitted);
+    print_fitted(r);
     if (isfinite(r->opacity_error)) {
         printf("opacity: RMS error %.4f", r->opacity_error);
         if (isfinite(r->opaque_air))
