@@ -34,6 +34,24 @@ bool cln_is_dir(const char *path)
     return path && stat(path, &info) == 0 && S_ISDIR(info.st_mode);
 }
 
+bool cln_has_file(const char *folder, const char *name)
+{
+    char *path = NULL;
+    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_file(path);
+
+    free(path);
+    return has;
+}
+
+bool cln_has_dir(const char *folder, const char *name)
+{
+    char *path = NULL;
+    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_dir(path);
+
+    free(path);
+    return has;
+}
+
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes)
 {
     cln_status st = CLN_OK;

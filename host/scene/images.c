@@ -361,7 +361,7 @@ typedef struct job {
     char *sentence;
 } job;
 
-/* Reads and decodes one file; its bytes go into *digest. */
+/* Reads and decodes one file; its bytes go into *digest, unless that is NULL. */
 static cln_status decode(const char *path, bool wanted, uint64_t *digest, int *width, int *height,
                          int *channels, uint8_t **pixels)
 {
@@ -370,7 +370,8 @@ static cln_status decode(const char *path, bool wanted, uint64_t *digest, int *w
     size_t bytes = 0;
 
     CLN_TRY(cln_read_file(path, FILE_MAX_BYTES, &data, &bytes));
-    *digest = cln_digest(*digest, data, bytes);
+    if (digest)
+        *digest = cln_digest(*digest, data, bytes);
     if (wanted)
         CLN_TRY(cln_image_decode(path, data, bytes, width, height, channels, pixels));
 done:
@@ -383,22 +384,19 @@ static cln_status changed(const char *path)
     return cln_fail(CLN_INPUT, "%s: the file changed while it was read; try again", path);
 }
 
-/* Gives decoded pixels the alpha of the view's other file, which is its first channel: *pixels then
- * has 4 channels. */
-static cln_status add_alpha(const cln_view *view, bool wanted, uint64_t *digest, int *channels,
-                            uint8_t **pixels)
+cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint64_t *digest,
+                              int *channels, uint8_t **pixels)
 {
     cln_status st = CLN_OK;
-    const size_t count = (size_t)view->file_width * (size_t)view->file_height;
+    const size_t count = (size_t)width * (size_t)height;
     uint8_t *alpha = NULL, *both = NULL;
-    int width = 0, height = 0, alpha_channels = 0;
+    int across = 0, down = 0, alpha_channels = 0;
 
-    CLN_TRY(decode(view->alpha_path, wanted, digest, &width, &height, &alpha_channels, &alpha));
-    if (!wanted)
-        goto done;
-    CLN_TRY(cln_image_turn(view->alpha_turn, &width, &height, alpha_channels, &alpha));
-    if (width != view->file_width || height != view->file_height)
-        CLN_TRY(changed(view->alpha_path));
+    CLN_TRY(decode(view->alpha_path, true, digest, &across, &down, &alpha_channels, &alpha));
+    CLN_TRY(cln_image_turn(view->alpha_turn, &across, &down, alpha_channels, &alpha));
+    if (across != width || down != height)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: its size is not the photo's any more; put the file back",
+                         view->alpha_path));
     CLN_TRY(cln_alloc(&both, count, 4, view->path));
     for (size_t i = 0; i < count; i++) {
         memcpy(both + 4 * i, *pixels + (size_t)*channels * i, 3);
@@ -550,8 +548,10 @@ static cln_status read_view(job *work, int index)
         CLN_TRY(changed(view->path));
     if (wanted && view->opaque)
         CLN_TRY(drop_alpha(work, view, &channels, pixels));
-    if (view->alpha_path)
-        CLN_TRY(add_alpha(view, wanted, digest, &channels, &pixels));
+    if (view->alpha_path && wanted)
+        CLN_TRY(cln_view_add_alpha(view, width, height, digest, &channels, &pixels));
+    else if (view->alpha_path)
+        CLN_TRY(decode(view->alpha_path, false, digest, NULL, NULL, NULL, NULL));
     if (view->mask_path)
         CLN_TRY(add_mask(work->scene, view, wanted, digest));
     if (!wanted)

@@ -195,6 +195,12 @@ double cln_scene_training_pixels(const cln_scene *scene);
  * parallel. */
 bool cln_scene_focus(const cln_scene *scene, double point[3]);
 
+/* Gives a decoded photo, turned as it is in the scene, the alpha of the view's other file, which is
+ * that one's first channel: *pixels is another array then, *channels 4. That file's bytes go into
+ * *digest, unless it is NULL. CLN_INPUT if its size is another; the photo then stays as it is. */
+cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint64_t *digest,
+                              int *channels, uint8_t **pixels);
+
 /* Are its pixels there, in memory or in the store? */
 bool cln_view_is_loaded(const cln_view *view);
 

@@ -88,10 +88,10 @@ static int leaf_budget(cln_trainer *t)
         cln_clear_error();
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }
-    if (n < wanted && n <= leaves && !t->full) {
+    if (n < wanted && n <= leaves && !t->no_room_for_leaves) {
         cln_warn("memory has no room for more than the present %d leaves (--max-leaves %d)", leaves,
                  wanted);
-        t->full = true;
+        t->no_room_for_leaves = true;
     }
     return n;
 }

@@ -61,10 +61,10 @@ static cln_status room_to_grow(cln_trainer *t, bool *room)
     if (!*room) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
-        if (!t->full)
+        if (!t->no_room_for_level)
             cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * leaves,
                      text);
-        t->full = true;
+        t->no_room_for_level = true;
     }
 done:
     free(marks);
@@ -147,7 +147,7 @@ bool cln_grow_awaited(const cln_trainer *t, double fraction)
     if (t->model.decisions == 0 &&
         t->model.step < t->model.growth_step + c->cull_after + c->refresh_every)
         return true;
-    return !t->finest && !t->full && has_whole_levels(t) &&
+    return !t->finest && !t->no_room_for_level && has_whole_levels(t) &&
            t->model.level < cln_structure_level(c, fraction);
 }
 

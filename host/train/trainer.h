@@ -7,7 +7,6 @@
 #include "train/batch.h"
 #include "train/exposure.h"
 #include "pipeline/plan.h"
-#include "pipeline/stages.h"
 #include "io/run_folder.h"
 
 enum { CLN_EVAL_POINTS = 32 };
@@ -45,7 +44,8 @@ typedef struct cln_trainer {
     } owed;
     int64_t steps;                /* budget in steps; 0 = only in time */
     bool said_used_up;            /* the budget of a resumed run */
-    bool full;                    /* no memory for a finer tree: warned once, tried again */
+    bool no_room_for_level;       /* no memory for a whole level: warned once, tried again */
+    bool no_room_for_leaves;      /* none for a single leaf, likewise */
     bool finest;                  /* voxels are as fine as the photos: said once */
     bool whole;                   /* no whole level of voxels comes any more: said once */
     bool none_came;               /* no decision until --structure-until: warned once */

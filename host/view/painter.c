@@ -9,6 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "io/image.h"
@@ -348,34 +349,6 @@ static void over_background(const float background[3], size_t pixels, uint8_t *d
     }
 }
 
-/* Gives a photo, as it is in the scene, the alpha of the view's other file, which is its first
- * channel: *pixels then has 4 channels. */
-static cln_status add_alpha(const cln_view *view, int width, int height, int *channels,
-                            uint8_t **pixels)
-{
-    cln_status st = CLN_OK;
-    const size_t count = (size_t)width * (size_t)height;
-    uint8_t *alpha = NULL, *both = NULL;
-    int across = 0, down = 0, alpha_channels = 0;
-
-    CLN_TRY(cln_image_load(view->alpha_path, &across, &down, &alpha_channels, &alpha));
-    CLN_TRY(cln_image_turn(view->alpha_turn, &across, &down, alpha_channels, &alpha));
-    if (across != width || down != height)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: its size is not the photo's any more; put the file back",
-                         view->alpha_path));
-    CLN_TRY(cln_alloc(&both, count, 4, "photo"));
-    for (size_t i = 0; i < count; i++) {
-        memcpy(both + 4 * i, *pixels + (size_t)*channels * i, 3);
-        both[4 * i + 3] = alpha[(size_t)alpha_channels * i];
-    }
-    free(*pixels);
-    *pixels = both;
-    *channels = 4;
-done:
-    free(alpha);
-    return st;
-}
-
 static cln_status paint_photo(const cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
@@ -387,7 +360,7 @@ static cln_status paint_photo(const cln_painter *painter, cln_painting *g)
     if (view->turned)
         CLN_TRY(cln_image_turn(view->orientation, &width, &height, channels, &pixels));
     if (view->alpha_path)
-        CLN_TRY(add_alpha(view, width, height, &channels, &pixels));
+        CLN_TRY(cln_view_add_alpha(view, width, height, NULL, &channels, &pixels));
     longer = width > height ? width : height;
     if (longer > g->ask.side) {
         const int n = (longer + g->ask.side - 1) / g->ask.side;

@@ -574,6 +574,29 @@ static void test_growth_stops_at_the_limit(void **state)
     assert_non_null(strstr(warnings, "--host-mem"));
 }
 
+/* No room for a level, and none for a single leaf: each is said, whichever comes first. */
+static void test_both_growths_are_said(void **state)
+{
+    static const char *const level_at[] = {"2:0.2", "2:0.9"}; /* before the decision, after it */
+    cln_config config = fixture_config();
+    cln_train_result result;
+
+    NEED_DEVICE();
+    config.max_leaves = 64;
+    config.adaptive = true;
+    config.structure_from = config.structure_every = 0.5;
+    config.steps = 1;
+    assert_ok(train_on("level-1", &config, NULL, &result));
+    config.device_mem = planned("level-1", "plan.total");
+    config.steps = STEPS;
+    for (int i = 0; i < 2; i++) {
+        snprintf(config.level_at, sizeof config.level_at, "%s", level_at[i]);
+        assert_ok(train_on(i ? "leaves-first" : "level-first", &config, NULL, &result));
+        assert_non_null(strstr(warnings, "the tree stays at level 1"));
+        assert_non_null(strstr(warnings, "no room for more than the present 8 leaves"));
+    }
+}
+
 /* A largest allocation of 256 KiB cuts the batch; a run with this batch as its setting gives the
  * same bits, in training and pictures. */
 static void test_cut_batches(void **state)
@@ -775,6 +798,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_images_stay),
         cmocka_unit_test(test_peak_is_planned),
         cmocka_unit_test(test_growth_stops_at_the_limit),
+        cmocka_unit_test(test_both_growths_are_said),
         cmocka_unit_test(test_cut_batches),
         cmocka_unit_test(test_images_that_do_not_fit),
         cmocka_unit_test(test_parts),
