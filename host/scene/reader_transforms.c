@@ -17,7 +17,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "io/json.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
 #include "scene/moved.h"
@@ -28,35 +27,6 @@ static bool ends_with(const char *text, const char *tail)
     const size_t length = strlen(text), wanted = strlen(tail);
 
     return length >= wanted && !strcmp(text + length - wanted, tail);
-}
-
-/* Members that are null count as absent: other programs write them for what they do not know. */
-static void drop_nulls(json_t *object)
-{
-    const char *key = NULL;
-    json_t *value = NULL;
-    void *next = NULL;
-
-    json_object_foreach_safe(object, next, key, value)
-    {
-        if (json_is_null(value))
-            json_object_del(object, key);
-    }
-}
-
-/* Reads a document of frames. */
-static cln_status read_document(const char *file, json_t **root)
-{
-    cln_status st = CLN_OK;
-    const json_t *frames = NULL;
-
-    CLN_TRY(cln_json_read(file, true, root));
-    drop_nulls(*root);
-    frames = json_object_get(*root, "frames");
-    for (size_t i = 0; i < json_array_size(frames); i++)
-        drop_nulls(json_array_get(frames, i));
-done:
-    return st;
 }
 
 /* Appends the frames of one document to the result, as `split`; finish_frames follows. */
@@ -359,7 +329,7 @@ static cln_status read_blender(const char *folder, cln_reader_result *result)
                              files[s]));
         if (!cln_is_file(files[s]))
             continue;
-        CLN_TRY(read_document(files[s], &roots[s]));
+        CLN_TRY(cln_transforms_read(files[s], &roots[s]));
         CLN_TRY(read_frames(folder, files[s], roots[s], (cln_split)s, result));
         if (s == CLN_SPLIT_TRAIN)
             CLN_TRY(read_bounds(files[s], roots[s], result));
@@ -422,7 +392,7 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
     cln_status st = CLN_OK;
     json_t *root = NULL;
 
-    CLN_TRY(read_document(file, &root));
+    CLN_TRY(cln_transforms_read(file, &root));
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
     CLN_TRY(finish_frames(folder, (char *const[1]){(char *)file}, &root, 1, result));
     CLN_TRY(apply_lists(file, root, result));
