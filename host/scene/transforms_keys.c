@@ -49,7 +49,7 @@ static const struct {
             {"ply_file_path", true, false},
             {"file_path", false, true},
             {"transform_matrix", false, true},
-            {"mask_path", false, true},
+            {"mask_path", true, true},
             {"alpha_path", false, true},
             {"camera_angle_x", true, true},
             {"camera_angle_y", true, true},

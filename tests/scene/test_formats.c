@@ -662,7 +662,7 @@ static void put_mask(const char *folder, const char *name, int from, int channel
 /* A key that is read of frames alone, or of the document alone, is named if it is in the other. */
 static void test_keys_elsewhere(void **state)
 {
-    static const char *const elsewhere[] = {"mask_path", "transform_matrix", "near", "aabb_scale",
+    static const char *const elsewhere[] = {"alpha_path", "transform_matrix", "near", "aabb_scale",
                                             "ply_file_path"};
     enum { ELSEWHERE = sizeof elsewhere / sizeof *elsewhere };
     const char *folder = *state;
@@ -670,7 +670,7 @@ static void test_keys_elsewhere(void **state)
 
     format_images(folder, 1);
     put_text(folder, "transforms.json",
-             "{\"fl_x\":20,\"aabb_scale\":1,\"mask_path\":\"m.png\",\"transform_matrix\":[],"
+             "{\"fl_x\":20,\"aabb_scale\":1,\"alpha_path\":\"m.png\",\"transform_matrix\":[],"
              "\"near\":1,\"frames\":[{\"aabb_scale\":4,\"ply_file_path\":\"p.ply\",\"near\":1,"
              "\"fl_x\":21,\"k1\":0,\"file_path\":\"view_00.png\",\"transform_matrix\":" POSE_FRONT
              "}," FRAME("view_01.png", POSE_FRONT) "]}");
@@ -718,6 +718,27 @@ static void test_masks(void **state)
              3); /* and in the other: the wrong way round? */
     cln_scene_free(load(folder, &config));
     assert_int_equal(warnings, 1);
+}
+
+/* The document's mask is that of all frames without one of their own. */
+static void test_one_mask_for_all(void **state)
+{
+    static const int first[2] = {9, 5}; /* column that counts */
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    format_images(folder, 1);
+    put_mask(folder, "m.png", 9, 1);
+    put_mask(folder, "all.png", 5, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"mask_path\":\"all.png\",\"frames\":[" MASKED(
+                 "view_00.png", "m.png") "," FRAME("view_01.png", POSE_FRONT) "]}");
+    scene = load(folder, plain());
+    assert_int_equal(json_array_size(scene->ignored), 0);
+    for (int v = 0; v < 2; v++)
+        for (int x = 0; x < FORMAT_WIDTH; x++)
+            assert_int_equal(cln_view_keeps(&scene->views[v], x, 5), x >= first[v]);
+    cln_scene_free(scene);
 }
 
 /* Files that instant-ngp would take alpha from, by either form of file_path; not those that a frame
@@ -813,6 +834,11 @@ static void test_broken_masks(void **state)
          0,
          "{\"fl_x\":20,\"frames\":[" MASKED("view_00.png", "") "]}",
          {"'view_00.png'", "mask_path must be a string"}},
+        {"transforms.json",
+         0,
+         "{\"fl_x\":20,\"mask_path\":\"gone.png\",\"frames\":[" FRAME("view_01.png",
+                                                                       POSE_FRONT) "]}",
+         {"'view_01.png'", "gone.png; restore it, or remove mask_path"}},
     };
     const char *folder = *state;
     cln_scene *scene = NULL;
@@ -902,6 +928,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_keys_elsewhere, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
