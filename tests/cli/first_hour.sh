@@ -195,7 +195,12 @@ section_scenes() {
     expect "a wrong text: its file is named" 2 "--background $conf" "$cln" info "$s"
     echo 'output x' >"$conf"
     expect "an option that is not a setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
-    printf '\357\273\277background: black\n' >"$conf"
+    echo 'no-bbox' >"$conf"
+    expect "no- before a setting that is no switch" 3 "~line.1 no-bbox ~bbox.is.not.a.switch" \
+        "$cln" info "$s"
+    printf '# caf\351\ntree-from caf\351\n' >"$conf"
+    expect "a text that is not UTF-8" 3 "~line.2 ~not.UTF-8 ~save.the.file" "$cln" info "$s"
+    printf '\357\273\277background: black # caf\351\n' >"$conf"
     expect "a byte order mark, and a colon" 0 "$conf ~background.black" "$cln" info "$s"
     rm "$conf"
     mkdir "$conf"
