@@ -740,6 +740,10 @@ section_results() {
         --poses "$work/boxed.json" -o "$work/boxed"
     expect "the same box by --crop" 0 "" "$cln" render "$r" --poses "$work/free.json" \
         -o "$work/freed" --crop=-0.5,-0.5,0,0.5,0.5,0.5
+    cp "$work/free.json" "$work/test.json"
+    expect "poses of a file with a split's name" 0 "" "$cln" render "$r" --poses "$work/test.json"
+    check "they have a folder of their own" [ -s "$r/render/poses-test/path_0000.png" -a \
+        ! -e "$r/render/test/path_0000.png" ]
     check "both boxes give the same picture" \
         cmp "$work/boxed/path_0000.png" "$work/freed/path_0000.png"
     sed 's/0,0,-1,-4, 0,1,0,0/0,0,1,-4, 0,-1,0,0/' "$work/free.json" >"$work/away.json"
