@@ -383,14 +383,13 @@ static cln_status changed(const char *path)
     return cln_fail(CLN_INPUT, "%s: the file changed while it was read; try again", path);
 }
 
-/* Gives decoded pixels the alpha of the view's other file, which is its first channel: *pixels then
- * has 4 channels. */
+/* Gives decoded pixels the alpha of the view's other file: *pixels then has 4 channels. */
 static cln_status add_alpha(const cln_view *view, bool wanted, uint64_t *digest, int *channels,
                             uint8_t **pixels)
 {
     cln_status st = CLN_OK;
     const size_t count = (size_t)view->file_width * (size_t)view->file_height;
-    uint8_t *alpha = NULL, *both = NULL;
+    uint8_t *alpha = NULL;
     int width = 0, height = 0, alpha_channels = 0;
 
     CLN_TRY(decode(view->alpha_path, wanted, digest, &width, &height, &alpha_channels, &alpha));
@@ -399,14 +398,7 @@ static cln_status add_alpha(const cln_view *view, bool wanted, uint64_t *digest,
     CLN_TRY(cln_image_turn(view->alpha_turn, &width, &height, alpha_channels, &alpha));
     if (width != view->file_width || height != view->file_height)
         CLN_TRY(changed(view->alpha_path));
-    CLN_TRY(cln_alloc(&both, count, 4, view->path));
-    for (size_t i = 0; i < count; i++) {
-        memcpy(both + 4 * i, *pixels + (size_t)*channels * i, 3);
-        both[4 * i + 3] = alpha[(size_t)alpha_channels * i];
-    }
-    free(*pixels);
-    *pixels = both;
-    *channels = 4;
+    CLN_TRY(cln_image_put_alpha(count, alpha, alpha_channels, channels, pixels));
 done:
     free(alpha);
     return st;

@@ -348,14 +348,14 @@ static void over_background(const float background[3], size_t pixels, uint8_t *d
     }
 }
 
-/* Gives a photo, as it is in the scene, the alpha of the view's other file, which is its first
- * channel: *pixels then has 4 channels. */
+/* Gives a photo, as it is in the scene, the alpha of the view's other file: *pixels then has 4
+ * channels. */
 static cln_status add_alpha(const cln_view *view, int width, int height, int *channels,
                             uint8_t **pixels)
 {
     cln_status st = CLN_OK;
     const size_t count = (size_t)width * (size_t)height;
-    uint8_t *alpha = NULL, *both = NULL;
+    uint8_t *alpha = NULL;
     int across = 0, down = 0, alpha_channels = 0;
 
     CLN_TRY(cln_image_load(view->alpha_path, &across, &down, &alpha_channels, &alpha));
@@ -363,14 +363,7 @@ static cln_status add_alpha(const cln_view *view, int width, int height, int *ch
     if (across != width || down != height)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: its size is not the photo's any more; put the file back",
                          view->alpha_path));
-    CLN_TRY(cln_alloc(&both, count, 4, "photo"));
-    for (size_t i = 0; i < count; i++) {
-        memcpy(both + 4 * i, *pixels + (size_t)*channels * i, 3);
-        both[4 * i + 3] = alpha[(size_t)alpha_channels * i];
-    }
-    free(*pixels);
-    *pixels = both;
-    *channels = 4;
+    CLN_TRY(cln_image_put_alpha(count, alpha, alpha_channels, channels, pixels));
 done:
     free(alpha);
     return st;

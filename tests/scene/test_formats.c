@@ -504,6 +504,19 @@ static void test_neus(void **state)
     }
 }
 
+/* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
+static void put_mask(const char *folder, const char *name, int from, int channels)
+{
+    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3] = {0};
+
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        if (i % FORMAT_WIDTH >= from)
+            pixels[i * channels + channels - 1] = 255; /* of three, blue alone */
+    assert_int_equal(cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT,
+                                         channels, pixels),
+                     CLN_OK);
+}
+
 /* Masks: brightness becomes alpha, also with downscale; the digest includes them. */
 static void test_neus_masks(void **state)
 {
@@ -539,6 +552,11 @@ static void test_neus_masks(void **state)
             assert_int_equal(p[0], 20 * v);
             assert_int_equal(p[3], x < 8 ? 0 : 250 + v);
         }
+    cln_scene_free(scene);
+    put_mask(scratch_path(folder, "mask"), "005.png", 8, 3); /* blue alone is as bright */
+    scene = load(folder, &config);
+    for (int x = 0; x < FORMAT_WIDTH; x++)
+        assert_int_equal(scene->views[5].pixels[4 * (5 * FORMAT_WIDTH + x) + 3], x < 8 ? 0 : 255);
     cln_scene_free(scene);
     config.downscale = 4;
     scene = load(folder, &config);
@@ -638,20 +656,22 @@ static void test_opensfm(void **state)
     }
 }
 
-/* ---- masks of transforms JSON ---- */
-
-/* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
-static void put_mask(const char *folder, const char *name, int from, int channels)
+/* Files of thousands of photos are larger than other JSON may be: this one is refused for its
+ * contents, which are a hole of zeros. */
+static void test_large_opensfm(void **state)
 {
-    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3] = {0};
+    const char *path = scratch_path(*state, "reconstruction.json");
+    cln_scene *scene = NULL;
 
-    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
-        if (i % FORMAT_WIDTH >= from)
-            pixels[i * channels + channels - 1] = 255; /* of three, blue alone */
-    assert_int_equal(cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT,
-                                         channels, pixels),
-                     CLN_OK);
+    scratch_put(path, "[", 1);
+    assert_int_equal(truncate(path, 513 << 20), 0);
+    assert_int_equal(try_load(*state, plain(), &scene), CLN_INPUT);
+    if (!strstr(cln_error_text(), "reconstruction.json: line 1 column"))
+        fail_msg("%s", cln_error_text());
+    cln_clear_error();
 }
+
+/* ---- masks of transforms JSON ---- */
 
 #define MASKED(file, mask) \
     "{\"file_path\":\"" file "\",\"mask_path\":\"" mask "\",\"transform_matrix\":" POSE_FRONT "}"
