@@ -628,10 +628,11 @@ static void test_opensfm(void **state)
     };
     cln_camera cameras[FORMAT_VIEWS];
     cln_point points[1100];
-    const int count = make_points(points, 8, 0);
 
     for (int i = 0; i < 3; i++) {
         const char *folder = scratch_path(*state, cases[i].scene);
+        /* in the last one, those that two images show would be in the box if all were */
+        const int count = i < 2 ? make_points(points, 8, 0) : make_points(points, 100, 2);
         cln_scene *scene = NULL;
 
         format_cameras(cameras);
@@ -643,12 +644,15 @@ static void test_opensfm(void **state)
         format_images(scratch_path(folder, "images"), 1);
         format_opensfm(scratch_path(*state, cases[i].place), cameras, cases[i].type, points,
                        i ? count : 0);
+        if (i == 2)
+            format_opensfm_tracks(scratch_path(*state, cases[i].place), true, points, count);
         scene = load(folder, plain());
         assert_string_equal(scene->dialect, "OpenSfM");
         assert_non_null(strstr(scene->because, cases[i].dialect));
         assert_same_rays(scene, cameras, 1, 1e-7);
         if (i) {
-            assert_non_null(strstr(scene->bounds_rule, "1008 sparse points"));
+            assert_non_null(
+                strstr(scene->bounds_rule, i < 2 ? "1008 sparse points" : "1100 sparse points"));
             assert_in_range((long)(1000 * scene->space.half), 2400, 3200);
         }
         assert_true(scene->space.shell);
@@ -945,6 +949,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_large_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_keys_elsewhere, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
