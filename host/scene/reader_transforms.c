@@ -267,6 +267,30 @@ static cln_status read_vector3(const char *file, const char *key, const json_t *
     return CLN_OK;
 }
 
+/* The box of `aabb`, its sides times aabb_scale, and the cube around it. A flat one is no box. */
+static cln_status read_aabb(const char *file, const json_t *aabb, double aabb_scale,
+                            cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    double low[3], high[3], longest = 1e-6; /* instant-ngp's floor */
+
+    CLN_TRY(read_vector3(file, "aabb[0]", json_array_get(aabb, 0), low));
+    CLN_TRY(read_vector3(file, "aabb[1]", json_array_get(aabb, 1), high));
+    result->has_box = true;
+    for (int i = 0; i < 3; i++) {
+        const double side = fabs(high[i] - low[i]), middle = 0.5 * (low[i] + high[i]);
+
+        longest = fmax(longest, side);
+        result->space.centre[i] = middle;
+        result->box[i] = middle - 0.5 * aabb_scale * side;
+        result->box[i + 3] = middle + 0.5 * aabb_scale * side;
+        result->has_box &= side > 0;
+    }
+    result->space.half = 0.5 * aabb_scale * longest;
+done:
+    return st;
+}
+
 /* instant-ngp maps a point p of the file to p * scale + offset, in a box of side aabb_scale around
  * 0.5; its change of axes after that leaves a cube where it is. In the file's own coordinates:
  *   centre = (0.5 - offset) / scale, half = aabb_scale / (2 scale)
@@ -275,7 +299,7 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
 {
     cln_status st = CLN_OK;
     const json_t *offset = json_object_get(root, "offset"), *aabb = json_object_get(root, "aabb");
-    double aabb_scale = 1, scale = 0.33, shift[3] = {0.5, 0.5, 0.5}, low[3], high[3];
+    double aabb_scale = 1, scale = 0.33, shift[3] = {0.5, 0.5, 0.5};
     bool has_size = false, has_scale = false;
 
     CLN_TRY(cln_transforms_number(file, root, "aabb_scale", &aabb_scale, &has_size));
@@ -290,17 +314,8 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
     for (int i = 0; i < 3; i++)
         result->space.centre[i] = (0.5 - shift[i]) / scale;
     result->space.half = 0.5 * aabb_scale / scale;
-    if (aabb) {
-        double longest = 1e-6; /* instant-ngp's floor */
-
-        CLN_TRY(read_vector3(file, "aabb[0]", json_array_get(aabb, 0), low));
-        CLN_TRY(read_vector3(file, "aabb[1]", json_array_get(aabb, 1), high));
-        for (int i = 0; i < 3; i++) {
-            longest = fmax(longest, fabs(high[i] - low[i]));
-            result->space.centre[i] = 0.5 * (low[i] + high[i]);
-        }
-        result->space.half = 0.5 * aabb_scale * longest;
-    }
+    if (aabb)
+        CLN_TRY(read_aabb(file, aabb, aabb_scale, result));
     result->has_bounds = true;
     CLN_TRY(cln_asprintf(&result->bounds_rule, "the file's %s, times aabb_scale %g",
                          aabb                  ? "aabb"

@@ -586,6 +586,7 @@ static void test_nsvf(void **state)
         {"c", "010010", {4, 0, 2}}, /* no 2_: 1_ is test */
         {"d", "000000", {6, 0, 0}},
     };
+    static const double box[6] = {-1, 0, 1, 3, 4.5, 5};
     cln_camera cameras[FORMAT_VIEWS];
 
     for (int i = 0; i < 4; i++) {
@@ -607,6 +608,9 @@ static void test_nsvf(void **state)
             assert_int_equal(cln_scene_split_count(scene, (cln_split)s), cases[i].splits[s]);
         assert_float_equal(scene->space.centre[1], 2.25, 0);
         assert_float_equal(scene->space.half, 2.25, 0);
+        assert_true(scene->has_box); /* what --slab keeps */
+        for (int k = 0; k < 6; k++)
+            assert_float_equal(scene->box[k], box[k], 0);
         cln_scene_free(scene);
         assert_int_equal(warnings, 0);
         put_image(folder, "rgb/0_more.png", 16, 12, 3, 0); /* has no pose */
@@ -861,7 +865,7 @@ static void test_broken_masks(void **state)
         {"transforms.json",
          0,
          "{\"fl_x\":20,\"mask_path\":\"gone.png\",\"frames\":[" FRAME("view_01.png",
-                                                                       POSE_FRONT) "]}",
+                                                                      POSE_FRONT) "]}",
          {"'view_01.png'", "gone.png; restore it, or remove mask_path"}},
     };
     const char *folder = *state;
