@@ -207,6 +207,12 @@ section_scenes() {
     expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
     expect "that folder with --no-conf" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
+    echo '{"epochs": 1}' >"$s/run.json"
+    expect "a scene with another program's run.json" 0 "" "$cln" info "$s" --json
+    check "it is described as a scene" [ "$(json splits.train)" = 6 ]
+    echo '{"schema": "cl-nascent.run/9"}' >"$s/run.json"
+    expect "a run of another version stays one" 3 "cl-nascent.run/9" "$cln" info "$s"
+    rm "$s/run.json"
 
     expect "check says how far it is" 0 "~timing.2/2" \
         "$cln" check "$s" --probe 0.1 --progress line "${tree[@]}"
