@@ -676,6 +676,17 @@ static void check_files(inspection *in)
 
 /* ---- together ---- */
 
+/* Measures that not every scene has are null where nothing tells them. */
+static void fill_measures(inspection *in)
+{
+    static const char *const names[] = {"points",    "points_inside", "points_span", "points_box",
+                                        "fov_least", "fov_most",      "kept",        "agreeing_kept"};
+
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (!json_object_get(in->measures, names[i]))
+            measure(in, names[i], NAN);
+}
+
 static json_t *describe_views(const inspection *in)
 {
     const cln_space core = cln_space_core(&in->scene->space);
@@ -757,6 +768,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     CLN_TRY(check_blur(&in));
     CLN_TRY(check_duplicates(&in));
     check_files(&in);
+    fill_measures(&in);
     *out = json_pack("{s:o, s:O, s:o, s:o}", "findings", by_weight(in.findings), "measures",
                      in.measures, "views", describe_views(&in), "points",
                      describe_points(&in.agreement));

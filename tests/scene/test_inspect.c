@@ -240,6 +240,8 @@ static void test_inside(void **state)
 
 static void test_nothing_to_compare(void **state)
 {
+    static const char *const unknown[] = {"points",     "points_inside", "points_span",
+                                          "points_box", "kept",          "agreeing_kept"};
     wall *w = make_wall(1);
     const char *text = NULL;
 
@@ -257,6 +259,9 @@ static void test_nothing_to_compare(void **state)
     w->views[1].camera.c2w[3] = 0.5;
     memset(w->pixels[1], 128, sizeof w->pixels[1]);
     assert_non_null(strstr(text_of(inspect(w, "overlap")), "texture"));
+    for (size_t i = 0; i < sizeof unknown / sizeof *unknown; i++)
+        if (!json_is_null(json_object_get(json_object_get(w->all, "measures"), unknown[i])))
+            fail_msg("%s is not null", unknown[i]);
     free_wall(w);
 }
 
