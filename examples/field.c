@@ -29,7 +29,7 @@ static cln_status show(cln_field *field)
         at[i][1] = max[1] - v * (max[1] - min[1]);
         at[i][2] = 0.5 * (min[2] + max[2]);
     }
-    /* Density does not depend on the direction, so it needs none. */
+    /* Density in the box does not depend on the direction, so it needs none. */
     st = cln_field_at(field, POINTS, (const double(*)[3])at, NULL, NULL, sigma);
     if (st != CLN_OK)
         return st;

@@ -396,7 +396,9 @@ CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3])
  *   directions  [n][3] from the eye to the point, of any length but 0; NULL without rgb
  *   rgb         [n][3] 0..1, sRGB as in the photos; NULL = not wanted
  *   sigma       [n]    per scene unit: over a short distance d, light keeps the share
- *                      exp(-sigma d); NULL = not wanted
+ *                      exp(-sigma d); NULL = not wanted. Beyond the core of a shell, and in
+ *                      normalised device coordinates, it is that along the direction; without
+ *                      directions along z, or there along the mean camera's axis
  * Outside leaves (outside the cube, or culled as empty) sigma and rgb are 0. CLN_USAGE for a
  * direction of length 0 or a number that is not finite. */
 CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3],

@@ -354,6 +354,11 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
     case CLN_ROW_TEXT:
         if (strlen(text) >= CLN_TEXT_BYTES)
             return fail_value(CLN_USAGE, row, text);
+        if (!cln_utf8_valid(text))
+            return cln_fail(CLN_USAGE,
+                            "--%s: its text is not UTF-8, and run.json could not hold it; give it "
+                            "as UTF-8",
+                            row->option);
         memset(field, 0, CLN_TEXT_BYTES);
         memcpy(field, text, strlen(text));
         break;

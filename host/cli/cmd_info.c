@@ -13,6 +13,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "cli/console.h"
+#include "io/run_folder.h"
 
 enum { LISTED = 8, NAMED = 16 };
 
@@ -327,12 +328,14 @@ cln_status cln_cmd_info(const cln_options *options)
     cln_status st = CLN_OK;
     char *manifest = NULL, *text = NULL;
     json_t *document = NULL;
+    bool is_run = false;
 
     CLN_TRY(cln_path_join(&manifest, options->operand, "run.json"));
-    if (cln_is_file(manifest) && options->like)
+    is_run = cln_is_file(manifest) && !cln_run_is_of_others(options->operand);
+    if (is_run && options->like)
         CLN_TRY(
             cln_fail(CLN_USAGE, "--like requires a SCENE, but '%s' is a run", options->operand));
-    if (cln_is_file(manifest))
+    if (is_run)
         CLN_TRY(cln_info_run(options->operand, &text));
     else if (options->conf_said)
         cln_info("settings %s", options->conf_said);

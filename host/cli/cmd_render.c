@@ -11,8 +11,8 @@
 #include "ranks/ranks.h"
 #include "render/crop.h"
 
-/* RUN/render/ with the split, "orbit", "spiral", or the name of the file of poses; "-path" is added
- * for a path through poses. */
+/* RUN/render/ with the split, "orbit", "spiral", or "poses-" and the name of the file of poses, which
+ * may be that of a split; "-path" is added for a path through poses. */
 static cln_status standard_folder(const cln_options *options, char **out)
 {
     const char *slash = options->poses ? strrchr(options->poses, '/') : NULL;
@@ -23,7 +23,7 @@ static cln_status standard_folder(const cln_options *options, char **out)
     if (options->orbit_frames > 0 || options->spiral_frames > 0)
         return cln_asprintf(out, "%s/render/%s", options->operand,
                             options->orbit_frames > 0 ? "orbit" : "spiral");
-    return cln_asprintf(out, "%s/render/%.*s%s", options->operand,
+    return cln_asprintf(out, "%s/render/%s%.*s%s", options->operand, name ? "poses-" : "",
                         name ? length : (int)strlen(options->split), name ? name : options->split,
                         options->interpolate ? "-path" : "");
 }

@@ -9,6 +9,8 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/settings.h"
+#include "base/text.h"
+#include "cli/option_table.h"
 #include "render/recorded.h"
 
 #define NAME "cl-nascent.conf"
@@ -109,16 +111,24 @@ static cln_status take_preset(const reading *r, const char *value)
 static cln_status take_line(const reading *r, char *line, bool presets)
 {
     char *value = NULL;
+    const bool is_text = cln_utf8_valid(line);
     const char *name = split(line, &value);
     const cln_config_row *row = cln_config_find(name);
     const bool bare = !*value && value[-1] != '"' && value[-1] != '\'';
 
+    if (!is_text)
+        return cln_fail(CLN_INPUT, "this is not UTF-8, and run.json could not hold it; save the "
+                                   "file as UTF-8");
     if (strcmp(name, "preset") == 0)
         return presets && !r->keep_preset ? take_preset(r, value) : CLN_OK;
     if (presets)
         return CLN_OK;
     if (!row && strncmp(name, "no-", 3) == 0 && bare) {
         row = cln_config_find(name + 3);
+        if (row && row->type != CLN_ROW_BOOL)
+            return cln_fail(CLN_INPUT,
+                            "'%s': %s is not a switch; leave the line out, or give it a value",
+                            name, row->option);
         value = "no";
     } else if (row && row->type == CLN_ROW_BOOL && bare) {
         value = "yes";

@@ -494,6 +494,28 @@ done:
     return st;
 }
 
+cln_status cln_image_put_alpha(size_t count, const uint8_t *alpha, int alpha_channels,
+                               int *channels, uint8_t **pixels)
+{
+    cln_status st = CLN_OK;
+    uint8_t *both = NULL;
+
+    CLN_TRY(cln_alloc(&both, count, 4, "an image with alpha"));
+    for (size_t i = 0; i < count; i++) {
+        const uint8_t *mask = alpha + (size_t)alpha_channels * i;
+
+        memcpy(both + 4 * i, *pixels + (size_t)*channels * i, 3);
+        for (int c = 0; c < 3; c++)
+            if (both[4 * i + 3] < mask[c])
+                both[4 * i + 3] = mask[c];
+    }
+    free(*pixels);
+    *pixels = both;
+    *channels = 4;
+done:
+    return st;
+}
+
 cln_status cln_image_encode_png(int width, int height, int channels, const uint8_t *pixels,
                                 uint8_t **out, size_t *bytes)
 {

@@ -42,6 +42,11 @@ cln_status cln_image_downscale(int n, int *width, int *height, int channels, uin
  * replaced. CLN_MEMORY. */
 cln_status cln_image_turn(int orientation, int *width, int *height, int channels, uint8_t **pixels);
 
+/* Gives an image of `count` pixels the alpha of another: the largest of its three colours, as it may
+ * be a coloured mask. *pixels is replaced and has 4 channels. CLN_MEMORY. */
+cln_status cln_image_put_alpha(size_t count, const uint8_t *alpha, int alpha_channels,
+                               int *channels, uint8_t **pixels);
+
 /* Writes a PNG of [height][width][channels] u8, channels 1, 3 or 4. */
 cln_status cln_image_write_png(const char *path, int width, int height, int channels,
                                const uint8_t *pixels);

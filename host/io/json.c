@@ -140,7 +140,7 @@ static void quote_no_numbers(char *text, size_t bytes)
     }
 }
 
-cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
+static cln_status read_json(const char *path, size_t most, bool relaxed, json_t **out)
 {
     cln_status st = CLN_OK;
     char *text = NULL;
@@ -148,7 +148,7 @@ cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
     json_error_t error;
 
     *out = NULL;
-    CLN_TRY(cln_read_file(path, MAX_BYTES, &text, &bytes));
+    CLN_TRY(cln_read_file(path, most, &text, &bytes));
     if (relaxed) {
         if (bytes >= 3 && !memcmp(text, "\xEF\xBB\xBF", 3)) /* byte order mark of Windows editors */
             memset(text, ' ', 3);
@@ -170,4 +170,14 @@ cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
 done:
     free(text);
     return st;
+}
+
+cln_status cln_json_read(const char *path, bool relaxed, json_t **out)
+{
+    return read_json(path, MAX_BYTES, relaxed, out);
+}
+
+cln_status cln_json_read_large(const char *path, size_t most, json_t **out)
+{
+    return read_json(path, most, false, out);
 }

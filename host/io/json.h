@@ -21,4 +21,7 @@ const char *cln_json_text(const json_t *object, const char *key);
  * reason". The caller owns *out. */
 cln_status cln_json_read(const char *path, bool relaxed, json_t **out);
 
+/* The same, not relaxed, of files larger than the 512 MiB that it takes: `most` bytes. */
+cln_status cln_json_read_large(const char *path, size_t most, json_t **out);
+
 #endif

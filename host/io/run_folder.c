@@ -278,6 +278,22 @@ done:
     return st;
 }
 
+bool cln_run_is_of_others(const char *run)
+{
+    static const char ours[] = "cl-nascent.run/"; /* of any version */
+    char *path = NULL;
+    json_t *read = NULL;
+    bool others = false;
+
+    if (cln_path_join(&path, run, "run.json") == CLN_OK && cln_is_file(path) &&
+        cln_json_read(path, false, &read) == CLN_OK)
+        others = strncmp(cln_json_text(read, "schema"), ours, sizeof ours - 1) != 0;
+    cln_clear_error();
+    json_decref(read);
+    free(path);
+    return others;
+}
+
 /* Returns whether a line is a row up to `step`. An event belongs to the beginning of the next step:
  * a run resumed at the event's step repeats it. */
 static bool keep_row(const char *line, size_t length, int64_t step)

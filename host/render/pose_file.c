@@ -8,7 +8,6 @@
 
 #include "base/memory.h"
 #include "io/film.h"
-#include "io/json.h"
 #include "io/names.h"
 #include "render/frames.h"
 #include "scene/build.h"
@@ -227,7 +226,7 @@ cln_status cln_frames_read(const char *path, int width, int height, cln_frames *
     const json_t *stations = NULL, *frames = NULL;
     size_t count = 0;
 
-    CLN_TRY(cln_json_read(path, true, &root));
+    CLN_TRY(cln_transforms_read(path, &root));
     stations = json_object_get(root, "camera_path");
     frames = stations ? stations : json_object_get(root, "frames");
     count = json_array_size(frames);

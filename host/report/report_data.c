@@ -74,7 +74,6 @@ static void add_row(cln_report_rows *rows, const json_t *row)
 
     rows->step[i] = cln_json_number(row, "step");
     rows->seconds[i] = cln_json_number(row, "seconds");
-    rows->wall[i] = cln_json_number(row, "wall_seconds");
     rows->psnr_train[i] = cln_json_number(row, "psnr_train");
     rows->psnr_test[i] = cln_json_number(row, "psnr_test");
     rows->rays_per_s[i] = cln_json_number(row, "rays_per_s");
@@ -122,8 +121,25 @@ static void add_ranks_stages(cln_report_ranks_sum *sum, const json_t *stages)
     }
 }
 
-/* Adds the bytes that ranks had sent by this row; call it after add_row of the row. */
-static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
+/* Takes over a row's time. Returns whether another process wrote it than the row before: it began
+ * after another step or, as far as older runs tell, its clock is behind. */
+static bool add_clock(cln_report_clock *clock, const json_t *row)
+{
+    const double from = cln_json_number(row, "from_step");
+    const double wall = cln_json_number(row, "wall_seconds");
+    const bool same = from == clock->from_step || (isnan(from) && isnan(clock->from_step));
+    const bool other = !same || wall < clock->wall;
+
+    if (other)
+        clock->earlier += clock->wall;
+    clock->from_step = from;
+    clock->wall = isfinite(wall) ? wall : other ? 0 : clock->wall;
+    return other;
+}
+
+/* Adds the bytes that ranks had sent by this row; call it after add_row of the row. resumed: it is
+ * the first row of its process. */
+static void add_ranks(cln_report_ranks_sum *sum, const json_t *row, bool resumed)
 {
     const double step = cln_json_number(row, "step"), seconds = cln_json_number(row, "seconds");
     const double bytes = cln_json_number(row, "sent_bytes");
@@ -131,10 +147,9 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
     const double vertices = cln_json_number(row, "vertex_bytes");
     const double balance = cln_json_number(row, "balance");
     const double rays = cln_json_number(row, "rays_per_s") * (seconds - sum->last_seconds);
-    const double steps = step - sum->last_step, wall = cln_json_number(row, "wall_seconds");
+    const double steps = step - sum->last_step;
 
-    /* resumed: the process's clock begins anew, and its counts */
-    if (wall < sum->last_wall || bytes < sum->last_bytes)
+    if (resumed || bytes < sum->last_bytes) /* counts begin anew */
         sum->last_bytes = sum->last_message_seconds = sum->last_vertex_bytes = 0;
     if (isfinite(bytes) && isfinite(waited) && steps > 0) {
         sum->ranks = cln_json_number(row, "ranks");
@@ -160,15 +175,16 @@ static void add_ranks(cln_report_ranks_sum *sum, const json_t *row)
     }
     sum->last_step = step;
     sum->last_seconds = seconds;
-    sum->last_wall = wall;
 }
 
 /* A row of training, a decision on the structure, or a move; other events are not shown. */
 static void add_line(cln_report_data *data, const json_t *row)
 {
     if (!json_object_get(row, "event")) {
+        const bool resumed = add_clock(&data->clock, row);
+
         add_row(&data->rows, row);
-        add_ranks(&data->ranks, row);
+        add_ranks(&data->ranks, row, resumed);
     } else if (strcmp(cln_json_text(row, "event"), "balance") == 0) {
         data->moves[data->move_count++] =
             (cln_report_move){cln_json_number(row, "step"), cln_json_number(row, "moved"),
@@ -203,16 +219,9 @@ static cln_status read_metrics(const char *run, cln_report_data *data)
     cln_status st = CLN_OK;
     cln_report_rows *rows = &data->rows;
     cln_status before = cln_error_status();
-    double **const columns[] = {&rows->step,
-                                &rows->seconds,
-                                &rows->wall,
-                                &rows->psnr_train,
-                                &rows->psnr_test,
-                                &rows->rays_per_s,
-                                &rows->samples_per_ray,
-                                &rows->leaves,
-                                &rows->params,
-                                &rows->smooth};
+    double **const columns[] = {&rows->step,      &rows->seconds,    &rows->psnr_train,
+                                &rows->psnr_test, &rows->rays_per_s, &rows->samples_per_ray,
+                                &rows->leaves,    &rows->params,     &rows->smooth};
     char *path = NULL, *text = NULL, *line = NULL;
     size_t bytes = 0;
     int lines = 0;
@@ -433,9 +442,9 @@ done:
 void cln_report_data_free(cln_report_data *data)
 {
     cln_report_rows *r = &data->rows;
-    double *const columns[] = {
-        r->step,       r->seconds,         r->wall,   r->psnr_train, r->psnr_test,
-        r->rays_per_s, r->samples_per_ray, r->leaves, r->params,     r->smooth};
+    double *const columns[] = {r->step,      r->seconds,    r->psnr_train,
+                               r->psnr_test, r->rays_per_s, r->samples_per_ray,
+                               r->leaves,    r->params,     r->smooth};
 
     for (size_t c = 0; c < sizeof columns / sizeof columns[0]; c++)
         free(columns[c]);

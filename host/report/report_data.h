@@ -13,7 +13,7 @@ enum { CLN_REPORT_STAGES = 32, CLN_REPORT_POINTS = 600 };
 /* The columns of metrics.jsonl's rows of training; NaN where a row has no number. */
 typedef struct cln_report_rows {
     int count;
-    double *step, *seconds, *wall, *psnr_train, *psnr_test; /* [count] */
+    double *step, *seconds, *psnr_train, *psnr_test; /* [count] */
     double *rays_per_s, *samples_per_ray, *leaves, *params;
     double *smooth; /* psnr_train, lightly smoothed */
     int stage_count;
@@ -36,12 +36,18 @@ typedef struct cln_report_move {
     double step, leaves, before, after;
 } cln_report_move;
 
+/* The wall clock over the rows: each start of a run is another process, whose clock begins anew. */
+typedef struct cln_report_clock {
+    double from_step, wall; /* of the latest row; from_step: NaN of older runs */
+    double earlier;         /* seconds of the processes before its */
+} cln_report_clock;
+
 /* Sums over the rows of several processes; a resumed run counts bytes from 0 again. */
 typedef struct cln_report_ranks_sum {
     double ranks; /* of the latest row; 0 or NaN without */
     double steps, rays, seconds, bytes, message_seconds;
     double balanced, balance_weight; /* sums of balance x steps, and of steps */
-    double last_step, last_seconds, last_bytes, last_message_seconds, last_wall;
+    double last_step, last_seconds, last_bytes, last_message_seconds;
     double vertex_bytes, last_vertex_bytes; /* of voxels: for common vertices */
     double photos[2]; /* latest row: bytes of the least and of the most that a process has */
     int stage_count;
@@ -65,6 +71,7 @@ typedef struct cln_report_data {
     const char *folder; /* the run folder; the caller's */
     json_t *run;        /* an empty object if there is none */
     cln_report_rows rows;
+    cln_report_clock clock;
     int decision_count;
     cln_report_decision *decisions; /* in the file's order */
     int move_count;

@@ -42,21 +42,6 @@ static void put_stage(FILE *to, const char *name, const char *colour, double sec
             100 * seconds / total, colour);
 }
 
-/* The wall clock's time; a resumed run counts from 0 again. */
-static double wall_seconds(const cln_report_rows *r)
-{
-    double sum = 0, last = 0;
-
-    for (int i = 0; i < r->count; i++) {
-        if (!isfinite(r->wall[i]))
-            continue;
-        if (r->wall[i] < last)
-            sum += last;
-        last = r->wall[i];
-    }
-    return sum + last;
-}
-
 /* Is it no stage of a training step, but work that is counted apart? */
 static bool is_apart(const char *name)
 {
@@ -65,9 +50,10 @@ static bool is_apart(const char *name)
            strcmp(name, cln_stage_names[CLN_STAGE_VIEWING]) == 0;
 }
 
-static void put_apart(FILE *to, const cln_report_rows *r, double training)
+static void put_apart(FILE *to, const cln_report_data *data, double training)
 {
-    const double wall = wall_seconds(r);
+    const cln_report_rows *r = &data->rows;
+    const double wall = data->clock.earlier + data->clock.wall;
     char time[32], all[32];
     const char *comma = "";
 
@@ -131,6 +117,6 @@ cln_status cln_report_stages(FILE *to, const cln_report_data *data)
     if (total - sum > 0.001 * total)
         put_stage(to, "between stages", rest_colour, total - sum, total, steps > 0 ? steps : NAN);
     fputs("</table>\n", to);
-    put_apart(to, r, training);
+    put_apart(to, data, training);
     return CLN_OK;
 }

@@ -188,6 +188,8 @@ static cln_status of_dataset(const evidence *e, cln_space *space, char **because
     if (!e->result->has_bounds)
         return CLN_OK;
     *space = e->result->space;
+    if (e->result->has_box)
+        keep_box(e->scene, e->result->box, e->result->box + 3);
     return cln_strdup(because, e->result->bounds_rule);
 }
 

@@ -389,7 +389,7 @@ cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint6
 {
     cln_status st = CLN_OK;
     const size_t count = (size_t)width * (size_t)height;
-    uint8_t *alpha = NULL, *both = NULL;
+    uint8_t *alpha = NULL;
     int across = 0, down = 0, alpha_channels = 0;
 
     CLN_TRY(decode(view->alpha_path, true, digest, &across, &down, &alpha_channels, &alpha));
@@ -397,14 +397,7 @@ cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint6
     if (across != width || down != height)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: its size is not the photo's any more; put the file back",
                          view->alpha_path));
-    CLN_TRY(cln_alloc(&both, count, 4, view->path));
-    for (size_t i = 0; i < count; i++) {
-        memcpy(both + 4 * i, *pixels + (size_t)*channels * i, 3);
-        both[4 * i + 3] = alpha[(size_t)alpha_channels * i];
-    }
-    free(*pixels);
-    *pixels = both;
-    *channels = 4;
+    CLN_TRY(cln_image_put_alpha(count, alpha, alpha_channels, channels, pixels));
 done:
     free(alpha);
     return st;

@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/callbacks.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
@@ -35,6 +36,7 @@ enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 16
 
 typedef struct inspection {
     const cln_scene *scene;
+    const cln_callbacks *callbacks;
     cln_agreement agreement;
     cln_photo *photos; /* [view] */
     json_t *findings, *measures;
@@ -611,17 +613,26 @@ static bool in_two_held_out(const cln_view *a, const cln_view *b)
            strcmp(a->path, b->path) == 0;
 }
 
-static void check_duplicates(inspection *in)
+/* Do two photos look alike? Most pairs differ in their means already, which is found much faster. */
+static bool same_photo(const inspection *in, int a, int b)
 {
+    const cln_photo *one = &in->photos[a], *other = &in->photos[b];
+
+    return one->contrast > (float)FLAT && fabsf(one->mean - other->mean) < (float)COPY + 1e-4f &&
+           cln_photo_difference(one, other) < COPY;
+}
+
+static cln_status check_duplicates(inspection *in)
+{
+    cln_status st = CLN_OK;
     json_t *photos = json_array(), *poses = json_array();
     char names[512];
     bool across = false;
 
-    for (int i = 0; i < in->scene->view_count; i++)
+    for (int i = 0; i < in->scene->view_count; i++) {
+        CLN_TRY(cln_tell_work(in->callbacks, NULL, 0, 0));
         for (int k = 0; k < i; k++) {
-            const bool photo = in->photos[i].contrast > (float)FLAT &&
-                               cln_photo_difference(&in->photos[i], &in->photos[k]) < COPY;
-            const bool pose = same_pose(in->scene, i, k);
+            const bool photo = same_photo(in, i, k), pose = same_pose(in->scene, i, k);
             json_t *list = photo ? photos : poses;
 
             if ((!photo && !pose) || in_two_held_out(&in->scene->views[i], &in->scene->views[k]))
@@ -631,6 +642,7 @@ static void check_duplicates(inspection *in)
             across |= (in->scene->views[i].split == CLN_SPLIT_TRAIN) !=
                       (in->scene->views[k].split == CLN_SPLIT_TRAIN);
         }
+    }
     if (json_array_size(photos))
         cln_found_fault(in->findings, "duplicates", true, json_incref(photos),
                         "the same photo more than once: %s. Leave the copies out%s",
@@ -640,8 +652,10 @@ static void check_duplicates(inspection *in)
         cln_found_fault(in->findings, "duplicates", true, json_incref(poses),
                         "different photos with the same pose: %s. One of each pair is wrong",
                         name_pairs(poses, names, sizeof names));
+done:
     json_decref(photos);
     json_decref(poses);
+    return st;
 }
 
 static void check_files(inspection *in)
@@ -661,6 +675,18 @@ static void check_files(inspection *in)
 }
 
 /* ---- together ---- */
+
+/* Measures that not every scene has are null where nothing tells them. */
+static void fill_measures(inspection *in)
+{
+    static const char *const names[] = {"points",     "points_inside", "points_span",
+                                        "points_box", "fov_least",     "fov_most",
+                                        "kept",       "agreeing_kept"};
+
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (!json_object_get(in->measures, names[i]))
+            measure(in, names[i], NAN);
+}
 
 static json_t *describe_views(const inspection *in)
 {
@@ -716,12 +742,18 @@ static json_t *by_weight(const json_t *findings)
 cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callbacks, json_t **out)
 {
     cln_status st = CLN_OK;
-    inspection in = {.scene = scene, .findings = json_array(), .measures = json_object()};
+    inspection in = {.scene = scene,
+                     .callbacks = callbacks,
+                     .findings = json_array(),
+                     .measures = json_object()};
 
     *out = NULL;
     CLN_TRY(cln_alloc(&in.photos, (size_t)scene->view_count, sizeof *in.photos, "photos"));
-    for (int i = 0; i < scene->view_count; i++)
+    for (int i = 0; i < scene->view_count; i++) {
+        CLN_TRY(cln_tell_work(callbacks, "measured", i, scene->view_count));
         cln_photo_measure(&scene->views[i], &in.photos[i]);
+    }
+    CLN_TRY(cln_tell_work(callbacks, "measured", scene->view_count, scene->view_count));
     CLN_TRY(cln_agree(scene, callbacks, &in.agreement));
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
@@ -735,8 +767,9 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     check_masks(&in);
     check_exposure(&in);
     CLN_TRY(check_blur(&in));
-    check_duplicates(&in);
+    CLN_TRY(check_duplicates(&in));
     check_files(&in);
+    fill_measures(&in);
     *out = json_pack("{s:o, s:O, s:o, s:o}", "findings", by_weight(in.findings), "measures",
                      in.measures, "views", describe_views(&in), "points",
                      describe_points(&in.agreement));

@@ -56,6 +56,7 @@ void cln_photo_measure(const cln_view *view, cln_photo *out)
         mean += out->thumb[cell] / (CLN_THUMB * CLN_THUMB);
         square += out->thumb[cell] * out->thumb[cell] / (CLN_THUMB * CLN_THUMB);
     }
+    out->mean = mean;
     out->contrast = sqrtf(fmaxf(square - mean * mean, 0));
     out->sharpness = sharpness(view);
 }

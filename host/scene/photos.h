@@ -9,14 +9,14 @@ enum { CLN_THUMB = 16 };
 typedef struct cln_photo {
     double sharpness;                   /* NaN where there is no contrast */
     float thumb[CLN_THUMB * CLN_THUMB]; /* mean grey of its parts, 0..1 */
-    float contrast;                     /* their standard deviation */
+    float mean, contrast;               /* and its standard deviation */
 } cln_photo;
 
 /* Measures a loaded view. Sharpness: the mean change of the gradient from pixel to pixel over the
  * mean gradient, where the gradient is strong; a blur makes both smaller, the former more. */
 void cln_photo_measure(const cln_view *view, cln_photo *out);
 
-/* Root mean square difference of two thumbnails. */
+/* Root mean square difference of two thumbnails; not below that of their means. */
 double cln_photo_difference(const cln_photo *a, const cln_photo *b);
 
 #endif

@@ -37,6 +37,8 @@ typedef struct cln_reader_result {
     bool has_bounds;   /* the dataset says where the scene is: `space`, and why, a phrase */
     cln_space space;
     char *bounds_rule;
+    bool has_box;  /* `space` is around a box, which may be a slab: */
+    double box[6]; /* minimum and maximum */
     int point_count;
     cln_point *points;
     int64_t observation_count; /* 0 = not given */

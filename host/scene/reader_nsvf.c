@@ -107,7 +107,8 @@ static cln_status read_box(const char *folder, cln_reader_result *result)
         result->space.centre[a] = 0.5 * (n.value[a] + n.value[a + 3]);
         result->space.half = fmax(result->space.half, 0.5 * (n.value[a + 3] - n.value[a]));
     }
-    result->has_bounds = true;
+    memcpy(result->box, n.value, sizeof result->box);
+    result->has_box = result->has_bounds = true;
     CLN_TRY(cln_strdup(&result->bounds_rule, "the cube around bbox.txt"));
 done:
     free(path);

@@ -20,7 +20,7 @@
 #include "scene/placing.h"
 #include "scene/transforms.h"
 
-static const size_t MAX_BYTES = (size_t)1 << 34; /* of tracks.csv */
+static const size_t MAX_BYTES = (size_t)1 << 34; /* of each file */
 enum { MAX_PARAMS = 5, MAX_SIDE = 1000000, MAX_POINTS = 100000000 };
 
 /* Projection types, with their parameters in the order of the lens model. */
@@ -221,7 +221,8 @@ static json_t *index_of(const json_t *object)
     return index;
 }
 
-/* Reads from tracks.csv which image shows which point; skips rows of other images or points. */
+/* Reads from tracks.csv which image shows which point, and counts the images of each; skips rows of
+ * other images or points. */
 static cln_status read_tracks(const char *path, const json_t *shots, const json_t *points,
                               cln_reader_result *result)
 {
@@ -242,6 +243,7 @@ static cln_status read_tracks(const char *path, const json_t *shots, const json_
                                  sizeof *result->observations, "images of points"));
         result->observations[result->observation_count++] = (cln_observation){
             (int32_t)json_integer_value(number), (int32_t)json_integer_value(view)};
+        result->points[json_integer_value(number)].views++;
     }
 done:
     free(c.data);
@@ -311,7 +313,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
 
     CLN_TRY(cln_path_join(&folder, path, "opensfm"));
     CLN_TRY(cln_path_join(&file, inner ? folder : path, "reconstruction.json"));
-    CLN_TRY(cln_json_read(file, false, &root));
+    CLN_TRY(cln_json_read_large(file, MAX_BYTES, &root));
     CLN_TRY(cln_path_join(&tracks, inner ? folder : path, "tracks.csv"));
     CLN_TRY(read_reconstruction(file, root, tracks, result));
     CLN_TRY(cln_dataset_find_images(file, path, (const char *const[2]){path, folder}, 1 + inner,

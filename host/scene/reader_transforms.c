@@ -17,40 +17,10 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "io/json.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
 #include "scene/moved.h"
 #include "scene/transforms.h"
-
-/* Members that are null count as absent: other programs write them for what they do not know. */
-static void drop_nulls(json_t *object)
-{
-    const char *key = NULL;
-    json_t *value = NULL;
-    void *next = NULL;
-
-    json_object_foreach_safe(object, next, key, value)
-    {
-        if (json_is_null(value))
-            json_object_del(object, key);
-    }
-}
-
-/* Reads a document of frames. */
-static cln_status read_document(const char *file, json_t **root)
-{
-    cln_status st = CLN_OK;
-    const json_t *frames = NULL;
-
-    CLN_TRY(cln_json_read(file, true, root));
-    drop_nulls(*root);
-    frames = json_object_get(*root, "frames");
-    for (size_t i = 0; i < json_array_size(frames); i++)
-        drop_nulls(json_array_get(frames, i));
-done:
-    return st;
-}
 
 /* Appends the frames of one document to the result, as `split`; finish_frames follows. */
 static cln_status read_frames(const char *folder, const char *file, const json_t *root,
@@ -290,6 +260,30 @@ static cln_status read_vector3(const char *file, const char *key, const json_t *
     return CLN_OK;
 }
 
+/* The box of `aabb`, its sides times aabb_scale, and the cube around it. A flat one is no box. */
+static cln_status read_aabb(const char *file, const json_t *aabb, double aabb_scale,
+                            cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    double low[3], high[3], longest = 1e-6; /* instant-ngp's floor */
+
+    CLN_TRY(read_vector3(file, "aabb[0]", json_array_get(aabb, 0), low));
+    CLN_TRY(read_vector3(file, "aabb[1]", json_array_get(aabb, 1), high));
+    result->has_box = true;
+    for (int i = 0; i < 3; i++) {
+        const double side = fabs(high[i] - low[i]), middle = 0.5 * (low[i] + high[i]);
+
+        longest = fmax(longest, side);
+        result->space.centre[i] = middle;
+        result->box[i] = middle - 0.5 * aabb_scale * side;
+        result->box[i + 3] = middle + 0.5 * aabb_scale * side;
+        result->has_box &= side > 0;
+    }
+    result->space.half = 0.5 * aabb_scale * longest;
+done:
+    return st;
+}
+
 /* instant-ngp maps a point p of the file to p * scale + offset, in a box of side aabb_scale around
  * 0.5; its change of axes after that leaves a cube where it is. In the file's own coordinates:
  *   centre = (0.5 - offset) / scale, half = aabb_scale / (2 scale)
@@ -298,7 +292,7 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
 {
     cln_status st = CLN_OK;
     const json_t *offset = json_object_get(root, "offset"), *aabb = json_object_get(root, "aabb");
-    double aabb_scale = 1, scale = 0.33, shift[3] = {0.5, 0.5, 0.5}, low[3], high[3];
+    double aabb_scale = 1, scale = 0.33, shift[3] = {0.5, 0.5, 0.5};
     bool has_size = false, has_scale = false;
 
     CLN_TRY(cln_transforms_number(file, root, "aabb_scale", &aabb_scale, &has_size));
@@ -313,17 +307,8 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
     for (int i = 0; i < 3; i++)
         result->space.centre[i] = (0.5 - shift[i]) / scale;
     result->space.half = 0.5 * aabb_scale / scale;
-    if (aabb) {
-        double longest = 1e-6; /* instant-ngp's floor */
-
-        CLN_TRY(read_vector3(file, "aabb[0]", json_array_get(aabb, 0), low));
-        CLN_TRY(read_vector3(file, "aabb[1]", json_array_get(aabb, 1), high));
-        for (int i = 0; i < 3; i++) {
-            longest = fmax(longest, fabs(high[i] - low[i]));
-            result->space.centre[i] = 0.5 * (low[i] + high[i]);
-        }
-        result->space.half = 0.5 * aabb_scale * longest;
-    }
+    if (aabb)
+        CLN_TRY(read_aabb(file, aabb, aabb_scale, result));
     result->has_bounds = true;
     CLN_TRY(cln_asprintf(&result->bounds_rule, "the file's %s, times aabb_scale %g",
                          aabb                  ? "aabb"
@@ -352,7 +337,7 @@ static cln_status read_blender(const char *folder, cln_reader_result *result)
                              files[s]));
         if (!cln_is_file(files[s]))
             continue;
-        CLN_TRY(read_document(files[s], &roots[s]));
+        CLN_TRY(cln_transforms_read(files[s], &roots[s]));
         CLN_TRY(read_frames(folder, files[s], roots[s], (cln_split)s, result));
         if (s == CLN_SPLIT_TRAIN)
             CLN_TRY(read_bounds(files[s], roots[s], result));
@@ -415,7 +400,7 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
     cln_status st = CLN_OK;
     json_t *root = NULL;
 
-    CLN_TRY(read_document(file, &root));
+    CLN_TRY(cln_transforms_read(file, &root));
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
     CLN_TRY(finish_frames(folder, (char *const[1]){(char *)file}, &root, 1, result));
     CLN_TRY(apply_lists(file, root, result));
@@ -437,7 +422,8 @@ done:
 
 static bool is_split_file(const char *path)
 {
-    return cln_ends_with(path, "transforms_train.json") || cln_ends_with(path, "transforms_val.json") ||
+    return cln_ends_with(path, "transforms_train.json") ||
+           cln_ends_with(path, "transforms_val.json") ||
            cln_ends_with(path, "transforms_test.json");
 }
 
@@ -447,12 +433,11 @@ static bool detect(const char *path, const char **missing)
         *missing = NULL;
         return cln_is_file(path) && cln_ends_with(path, ".json");
     }
-    *missing = cln_has_file(path, "transforms_val.json") ||
-                       cln_has_file(path, "transforms_test.json")
-                   ? "transforms_train.json is missing beside the others"
-                   : NULL;
-    return cln_has_file(path, "transforms.json") ||
-           cln_has_file(path, "transforms_train.json");
+    *missing =
+        cln_has_file(path, "transforms_val.json") || cln_has_file(path, "transforms_test.json")
+            ? "transforms_train.json is missing beside the others"
+            : NULL;
+    return cln_has_file(path, "transforms.json") || cln_has_file(path, "transforms_train.json");
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)

@@ -1,11 +1,15 @@
-/* What reader_transforms.c (documents, splits, bounds) and transforms_frame.c (one frame) share;
- * private to them and to render/pose_file.c. `file` and `where` begin the sentences of errors. */
+/* What reader_transforms.c (splits, bounds), transforms_keys.c (documents, their keys) and
+ * transforms_frame.c (one frame) share; private to them and to render/pose_file.c. `file` and `where` begin the sentences of errors. */
 #ifndef CLN_SCENE_TRANSFORMS_H
 #define CLN_SCENE_TRANSFORMS_H
 
 #include <jansson.h>
 #include "scene/moved.h"
 #include "scene/scene.h"
+
+/* Reads a document. Members of it and of its frames that are null count as absent and are not in
+ * *root: other programs write them for what they do not know. The caller decrefs it. */
+cln_status cln_transforms_read(const char *file, json_t **root);
 
 /* The number under `key`, or *found = false and *out untouched; another type is CLN_INPUT. */
 cln_status cln_transforms_number(const char *where, const json_t *object, const char *key,

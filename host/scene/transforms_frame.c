@@ -254,31 +254,59 @@ done:
     return st;
 }
 
+/* One side alone says which size focal length and centre are of only if it is the image's. */
+static cln_status check_lone_side(const source *src, const int given[2], const cln_camera *camera)
+{
+    const int i = given[0] ? 0 : 1, sides[2] = {camera->width, camera->height};
+
+    if (!given[0] == !given[1] || given[i] == sides[i])
+        return CLN_OK;
+    return cln_fail(CLN_INPUT,
+                    "%s: %s is %d without %s, but the image has %d x %d pixels; add %s, or leave "
+                    "both out",
+                    src->where, i ? "h" : "w", given[i], i ? "w" : "h", sides[0], sides[1],
+                    i ? "w" : "h");
+}
+
+/* The size that is given, or the image's. If there is neither, the camera keeps its own. */
+static cln_status read_size(const source *src, const char *image, cln_camera *camera,
+                            cln_by_file *by)
+{
+    cln_status st = CLN_OK;
+    const int own[2] = {camera->width, camera->height};
+    int given[2] = {0}, channels = 0;
+
+    CLN_TRY(read_side(src, "w", &given[0]));
+    CLN_TRY(read_side(src, "h", &given[1]));
+    if (given[0] && given[1]) {
+        camera->width = given[0];
+        camera->height = given[1];
+        goto done;
+    }
+    by->size = !own[0] || cln_is_file(image);
+    if (by->size)
+        st = cln_image_info(image, &camera->width, &camera->height, &channels);
+    if (st == CLN_INPUT && src->read_later && cln_is_file(image)) {
+        /* broken: refused together with others like it, when it is read (images.c) */
+        cln_clear_error();
+        st = CLN_OK;
+        camera->width = camera->height = 1;
+        goto done;
+    }
+    CLN_TRY(st);
+    CLN_TRY(check_lone_side(src, given, camera));
+done:
+    return st;
+}
+
 /* Reads the intrinsics. If no size is given anywhere, the camera keeps its own, if it has one. */
 static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera,
                                   cln_by_file *by)
 {
     cln_status st = CLN_OK;
-    const int own[2] = {camera->width, camera->height};
-    int channels = 0;
 
     CLN_TRY(read_lens(src, camera));
-    CLN_TRY(read_side(src, "w", &camera->width));
-    CLN_TRY(read_side(src, "h", &camera->height));
-    if (!camera->width || !camera->height) {
-        camera->width = own[0];
-        camera->height = own[1];
-        by->size = !own[0] || cln_is_file(image);
-        if (!own[0] || cln_is_file(image))
-            st = cln_image_info(image, &camera->width, &camera->height, &channels);
-        if (st == CLN_INPUT && src->read_later && cln_is_file(image)) {
-            /* broken: refused together with others like it, when it is read (images.c) */
-            cln_clear_error();
-            st = CLN_OK;
-            camera->width = camera->height = 1;
-        }
-        CLN_TRY(st);
-    }
+    CLN_TRY(read_size(src, image, camera, by));
     if (camera->lens == CLN_LENS_EQUIRECTANGULAR) {
         cln_camera_span_sphere(camera);
         goto done;
@@ -371,13 +399,12 @@ done:
     return st;
 }
 
-/* The file that a frame names under `key`, in *out; NULL if it names none. otherwise: what holds
- * without the key, after "remove KEY". */
+/* The file that is `named` under `key`, in *out; NULL if `named` is. otherwise: what holds without
+ * the key, after "remove KEY". */
 static cln_status find_named(const source *src, cln_moved *moved, const char *key,
-                             const char *otherwise, char **out)
+                             const json_t *named, const char *otherwise, char **out)
 {
     cln_status st = CLN_OK;
-    const json_t *named = json_object_get(src->frame, key);
     char *path = NULL, *name = NULL;
 
     *out = NULL;
@@ -402,9 +429,9 @@ done:
     return st;
 }
 
-/* The frame's mask_path, black where pixels do not count; or instant-ngp's dynamic_mask_NAME.png
- * beside the image, black where they do. And its alpha_path, whose brightness is alpha, which
- * export --cameras writes. */
+/* The frame's mask_path, or the document's, which is that of all frames without one, black where
+ * pixels do not count; or instant-ngp's dynamic_mask_NAME.png beside the image, black where they
+ * do. And the frame's alpha_path, whose brightness is alpha, which export --cameras writes. */
 static cln_status find_masks(const source *src, cln_moved *moved, cln_view *view)
 {
     cln_status st = CLN_OK;
@@ -414,10 +441,10 @@ static cln_status find_masks(const source *src, cln_moved *moved, cln_view *view
               stem = (int)(dot ? dot - name : (long)strlen(name));
     char *path = NULL;
 
-    CLN_TRY(find_named(src, moved, "alpha_path",
+    CLN_TRY(find_named(src, moved, "alpha_path", json_object_get(src->frame, "alpha_path"),
                        " (then all of the photo is opaque, background included)",
                        &view->alpha_path));
-    CLN_TRY(find_named(src, moved, "mask_path", "", &view->mask_path));
+    CLN_TRY(find_named(src, moved, "mask_path", value_of(src, "mask_path"), "", &view->mask_path));
     if (view->mask_path)
         goto done;
     CLN_TRY(cln_asprintf(&path, "%.*sdynamic_mask_%.*s.png", folder, view->path, stem, name));

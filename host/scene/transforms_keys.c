@@ -1,9 +1,38 @@
-/* Which keys of a transforms JSON document are not read. See transforms.h. Users add keys that
- * other programs read (depth_file_path, near, far): without a message they would think that these
- * are read. */
+/* Reads a transforms JSON document, and tells which of its keys count. See transforms.h. Users add
+ * keys that other programs read (depth_file_path, near, far): without a message they would think
+ * that these are read. */
 #include "scene/transforms.h"
 
 #include <string.h>
+
+#include "io/json.h"
+
+static void drop_nulls(json_t *object)
+{
+    const char *key = NULL;
+    json_t *value = NULL;
+    void *next = NULL;
+
+    json_object_foreach_safe(object, next, key, value)
+    {
+        if (json_is_null(value))
+            json_object_del(object, key);
+    }
+}
+
+cln_status cln_transforms_read(const char *file, json_t **root)
+{
+    cln_status st = CLN_OK;
+    const json_t *frames = NULL;
+
+    CLN_TRY(cln_json_read(file, true, root));
+    drop_nulls(*root);
+    frames = json_object_get(*root, "frames");
+    for (size_t i = 0; i < json_array_size(frames); i++)
+        drop_nulls(json_array_get(frames, i));
+done:
+    return st;
+}
 
 /* Where keys are read; parameters of lens models are in their own table. */
 static const struct {
@@ -20,7 +49,7 @@ static const struct {
             {"ply_file_path", true, false},
             {"file_path", false, true},
             {"transform_matrix", false, true},
-            {"mask_path", false, true},
+            {"mask_path", true, true},
             {"alpha_path", false, true},
             {"camera_angle_x", true, true},
             {"camera_angle_y", true, true},

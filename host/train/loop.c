@@ -485,6 +485,7 @@ cln_status cln_loop_run(cln_trainer *t)
     (void)cln_loop_used_up(t);
     CLN_TRY(warm_up(t));
     t->start_seconds = cln_now() - t->began;
+    t->from_step = t->model.step;
     CLN_TRY(cln_watch_start(t));
     t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
     t->window.waits = t->device->waits;

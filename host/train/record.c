@@ -311,11 +311,11 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
             json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
     }
     row = json_pack(
-        "{s:I, s:f, s:f, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
+        "{s:I, s:f, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
         (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
-        cln_now() - t->began, "loss", cln_json_real(t->window.loss / t->window.steps), "psnr_train",
-        cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
-        cln_json_real((double)t->window.rays / spent), "samples_per_ray",
+        cln_now() - t->began, "from_step", (json_int_t)t->from_step, "loss",
+        cln_json_real(t->window.loss / t->window.steps), "psnr_train", cln_json_real(t->psnr_train),
+        "lr", lr, "rays_per_s", cln_json_real((double)t->window.rays / spent), "samples_per_ray",
         cln_json_real((double)t->window.samples / (double)t->window.rays), "leaves",
         t->pipeline.leaves, "params", cln_network_learned(&t->pipeline.net, t->pipeline.leaves),
         "host_mem", cln_peak_rss(), "dev_mem", (double)t->device->allocated, "host_waits", waits,

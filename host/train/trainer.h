@@ -51,6 +51,7 @@ typedef struct cln_trainer {
     bool none_came;               /* no decision until --structure-until: warned once */
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
+    int64_t from_step;            /* step that this process began after */
     double clock;                 /* training seconds by this rank's clock */
     double psnr_train, psnr_test; /* newest, NaN before */
     double psnr_exposed;          /* of the same views as psnr_test (cln_eval_image) */

@@ -118,6 +118,7 @@ static void test_refused(void **state)
     assert_int_equal(cln_settings_of_run(NULL, &none), CLN_USAGE);
     assert_null(none);
     cln_clear_error();
+    assert_set_refused(settings, "tree-from", "caf\xe9", "--tree-from|not UTF-8|run.json");
     assert_set_refused(settings, NULL, "64", "name is missing");
     assert_set_refused(settings, "rays", NULL, "value is missing");
     assert_int_equal(cln_settings_get(settings, NULL, small, sizeof small), CLN_USAGE);

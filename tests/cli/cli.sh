@@ -518,6 +518,8 @@ section_resume() {
     expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "interrupted and resumed = not interrupted" is_whole "$r"
     check "the resumed metrics have every step once" every_step_once "$r" $steps
+    check "they tell the two processes apart" \
+        [ "$(step_rows "$r" | "$query" -l from_step | sort -u | wc -l)" = 2 ]
 
     r=$work/terminated
     start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps

@@ -195,13 +195,24 @@ section_scenes() {
     expect "a wrong text: its file is named" 2 "--background $conf" "$cln" info "$s"
     echo 'output x' >"$conf"
     expect "an option that is not a setting" 3 "~line.1 output ~command.line" "$cln" info "$s"
-    printf '\357\273\277background: black\n' >"$conf"
+    echo 'no-bbox' >"$conf"
+    expect "no- before a setting that is no switch" 3 "~line.1 no-bbox ~bbox.is.not.a.switch" \
+        "$cln" info "$s"
+    printf '# caf\351\ntree-from caf\351\n' >"$conf"
+    expect "a text that is not UTF-8" 3 "~line.2 ~not.UTF-8 ~save.the.file" "$cln" info "$s"
+    printf '\357\273\277background: black # caf\351\n' >"$conf"
     expect "a byte order mark, and a colon" 0 "$conf ~background.black" "$cln" info "$s"
     rm "$conf"
     mkdir "$conf"
     expect "a folder of that name" 3 "cl-nascent.conf --no-conf" "$cln" info "$s"
     expect "that folder with --no-conf" 0 "" "$cln" info "$s" --no-conf
     rmdir "$conf"
+    echo '{"epochs": 1}' >"$s/run.json"
+    expect "a scene with another program's run.json" 0 "" "$cln" info "$s" --json
+    check "it is described as a scene" [ "$(json splits.train)" = 6 ]
+    echo '{"schema": "cl-nascent.run/9"}' >"$s/run.json"
+    expect "a run of another version stays one" 3 "cl-nascent.run/9" "$cln" info "$s"
+    rm "$s/run.json"
 
     expect "check says how far it is" 0 "~timing.2/2" \
         "$cln" check "$s" --probe 0.1 --progress line "${tree[@]}"
@@ -735,6 +746,10 @@ section_results() {
         --poses "$work/boxed.json" -o "$work/boxed"
     expect "the same box by --crop" 0 "" "$cln" render "$r" --poses "$work/free.json" \
         -o "$work/freed" --crop=-0.5,-0.5,0,0.5,0.5,0.5
+    cp "$work/free.json" "$work/test.json"
+    expect "poses of a file with a split's name" 0 "" "$cln" render "$r" --poses "$work/test.json"
+    check "they have a folder of their own" [ -s "$r/render/poses-test/path_0000.png" -a \
+        ! -e "$r/render/test/path_0000.png" ]
     check "both boxes give the same picture" \
         cmp "$work/boxed/path_0000.png" "$work/freed/path_0000.png"
     sed 's/0,0,-1,-4, 0,1,0,0/0,0,1,-4, 0,-1,0,0/' "$work/free.json" >"$work/away.json"

@@ -199,6 +199,21 @@ static void test_transforms(void **state)
     cln_frames_free(&f);
 }
 
+/* Nulls count as absent, as in a scene: of a frame they do not hide the document's values. */
+static void test_nulls_of_transforms(void **state)
+{
+    cln_frames f = {0};
+
+    assert_int_equal(
+        cln_frames_read(put(state, "{\"distortion_params\": [0.1,0,0,0,0,0], \"ftheta_p0\": null, "
+                                   "\"frames\": [" FRAME(", \"distortion_params\": null, "
+                                                         "\"camera_model\": null") "]}"),
+                        40, 30, &f),
+        CLN_OK);
+    assert_true(f.frame[0].camera.distortion[0] == 0.1);
+    cln_frames_free(&f);
+}
+
 /* ---- paths ---- */
 
 /* At `at`, looking at `to`, held level about z and then turned around its axis. */
@@ -508,6 +523,7 @@ int test_group_frames(void)
     const struct CMUnitTest tests[] = {ON_DISK(test_camera_path),
                                        ON_DISK(test_broken_paths),
                                        ON_DISK(test_transforms),
+                                       ON_DISK(test_nulls_of_transforms),
                                        ON_DISK(test_path_with_crop),
                                        cmocka_unit_test(test_through),
                                        cmocka_unit_test(test_turns),

@@ -504,6 +504,19 @@ static void test_neus(void **state)
     }
 }
 
+/* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
+static void put_mask(const char *folder, const char *name, int from, int channels)
+{
+    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3] = {0};
+
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        if (i % FORMAT_WIDTH >= from)
+            pixels[i * channels + channels - 1] = 255; /* of three, blue alone */
+    assert_int_equal(cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT,
+                                         channels, pixels),
+                     CLN_OK);
+}
+
 /* Masks: brightness becomes alpha, also with downscale; the digest includes them. */
 static void test_neus_masks(void **state)
 {
@@ -540,6 +553,11 @@ static void test_neus_masks(void **state)
             assert_int_equal(p[3], x < 8 ? 0 : 250 + v);
         }
     cln_scene_free(scene);
+    put_mask(scratch_path(folder, "mask"), "005.png", 8, 3); /* blue alone is as bright */
+    scene = load(folder, &config);
+    for (int x = 0; x < FORMAT_WIDTH; x++)
+        assert_int_equal(scene->views[5].pixels[4 * (5 * FORMAT_WIDTH + x) + 3], x < 8 ? 0 : 255);
+    cln_scene_free(scene);
     config.downscale = 4;
     scene = load(folder, &config);
     assert_int_equal(scene->views[2].pixels[4 * 2 + 3], 252);
@@ -568,6 +586,7 @@ static void test_nsvf(void **state)
         {"c", "010010", {4, 0, 2}}, /* no 2_: 1_ is test */
         {"d", "000000", {6, 0, 0}},
     };
+    static const double box[6] = {-1, 0, 1, 3, 4.5, 5};
     cln_camera cameras[FORMAT_VIEWS];
 
     for (int i = 0; i < 4; i++) {
@@ -589,6 +608,9 @@ static void test_nsvf(void **state)
             assert_int_equal(cln_scene_split_count(scene, (cln_split)s), cases[i].splits[s]);
         assert_float_equal(scene->space.centre[1], 2.25, 0);
         assert_float_equal(scene->space.half, 2.25, 0);
+        assert_true(scene->has_box); /* what --slab keeps */
+        for (int k = 0; k < 6; k++)
+            assert_float_equal(scene->box[k], box[k], 0);
         cln_scene_free(scene);
         assert_int_equal(warnings, 0);
         put_image(folder, "rgb/0_more.png", 16, 12, 3, 0); /* has no pose */
@@ -610,10 +632,11 @@ static void test_opensfm(void **state)
     };
     cln_camera cameras[FORMAT_VIEWS];
     cln_point points[1100];
-    const int count = make_points(points, 8, 0);
 
     for (int i = 0; i < 3; i++) {
         const char *folder = scratch_path(*state, cases[i].scene);
+        /* in the last one, those that two images show would be in the box if all were */
+        const int count = i < 2 ? make_points(points, 8, 0) : make_points(points, 100, 2);
         cln_scene *scene = NULL;
 
         format_cameras(cameras);
@@ -625,12 +648,15 @@ static void test_opensfm(void **state)
         format_images(scratch_path(folder, "images"), 1);
         format_opensfm(scratch_path(*state, cases[i].place), cameras, cases[i].type, points,
                        i ? count : 0);
+        if (i == 2)
+            format_opensfm_tracks(scratch_path(*state, cases[i].place), true, points, count);
         scene = load(folder, plain());
         assert_string_equal(scene->dialect, "OpenSfM");
         assert_non_null(strstr(scene->because, cases[i].dialect));
         assert_same_rays(scene, cameras, 1, 1e-7);
         if (i) {
-            assert_non_null(strstr(scene->bounds_rule, "1008 sparse points"));
+            assert_non_null(
+                strstr(scene->bounds_rule, i < 2 ? "1008 sparse points" : "1100 sparse points"));
             assert_in_range((long)(1000 * scene->space.half), 2400, 3200);
         }
         assert_true(scene->space.shell);
@@ -638,20 +664,22 @@ static void test_opensfm(void **state)
     }
 }
 
-/* ---- masks of transforms JSON ---- */
-
-/* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
-static void put_mask(const char *folder, const char *name, int from, int channels)
+/* Files of thousands of photos are larger than other JSON may be: this one is refused for its
+ * contents, which are a hole of zeros. */
+static void test_large_opensfm(void **state)
 {
-    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3] = {0};
+    const char *path = scratch_path(*state, "reconstruction.json");
+    cln_scene *scene = NULL;
 
-    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
-        if (i % FORMAT_WIDTH >= from)
-            pixels[i * channels + channels - 1] = 255; /* of three, blue alone */
-    assert_int_equal(cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT,
-                                         channels, pixels),
-                     CLN_OK);
+    scratch_put(path, "[", 1);
+    assert_int_equal(truncate(path, 513 << 20), 0);
+    assert_int_equal(try_load(*state, plain(), &scene), CLN_INPUT);
+    if (!strstr(cln_error_text(), "reconstruction.json: line 1 column"))
+        fail_msg("%s", cln_error_text());
+    cln_clear_error();
 }
+
+/* ---- masks of transforms JSON ---- */
 
 #define MASKED(file, mask) \
     "{\"file_path\":\"" file "\",\"mask_path\":\"" mask "\",\"transform_matrix\":" POSE_FRONT "}"
@@ -662,7 +690,7 @@ static void put_mask(const char *folder, const char *name, int from, int channel
 /* A key that is read of frames alone, or of the document alone, is named if it is in the other. */
 static void test_keys_elsewhere(void **state)
 {
-    static const char *const elsewhere[] = {"mask_path", "transform_matrix", "near", "aabb_scale",
+    static const char *const elsewhere[] = {"alpha_path", "transform_matrix", "near", "aabb_scale",
                                             "ply_file_path"};
     enum { ELSEWHERE = sizeof elsewhere / sizeof *elsewhere };
     const char *folder = *state;
@@ -670,7 +698,7 @@ static void test_keys_elsewhere(void **state)
 
     format_images(folder, 1);
     put_text(folder, "transforms.json",
-             "{\"fl_x\":20,\"aabb_scale\":1,\"mask_path\":\"m.png\",\"transform_matrix\":[],"
+             "{\"fl_x\":20,\"aabb_scale\":1,\"alpha_path\":\"m.png\",\"transform_matrix\":[],"
              "\"near\":1,\"frames\":[{\"aabb_scale\":4,\"ply_file_path\":\"p.ply\",\"near\":1,"
              "\"fl_x\":21,\"k1\":0,\"file_path\":\"view_00.png\",\"transform_matrix\":" POSE_FRONT
              "}," FRAME("view_01.png", POSE_FRONT) "]}");
@@ -718,6 +746,27 @@ static void test_masks(void **state)
              3); /* and in the other: the wrong way round? */
     cln_scene_free(load(folder, &config));
     assert_int_equal(warnings, 1);
+}
+
+/* The document's mask is that of all frames without one of their own. */
+static void test_one_mask_for_all(void **state)
+{
+    static const int first[2] = {9, 5}; /* column that counts */
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    format_images(folder, 1);
+    put_mask(folder, "m.png", 9, 1);
+    put_mask(folder, "all.png", 5, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"mask_path\":\"all.png\",\"frames\":[" MASKED(
+                 "view_00.png", "m.png") "," FRAME("view_01.png", POSE_FRONT) "]}");
+    scene = load(folder, plain());
+    assert_int_equal(json_array_size(scene->ignored), 0);
+    for (int v = 0; v < 2; v++)
+        for (int x = 0; x < FORMAT_WIDTH; x++)
+            assert_int_equal(cln_view_keeps(&scene->views[v], x, 5), x >= first[v]);
+    cln_scene_free(scene);
 }
 
 /* Files that instant-ngp would take alpha from, by either form of file_path; not those that a frame
@@ -813,6 +862,11 @@ static void test_broken_masks(void **state)
          0,
          "{\"fl_x\":20,\"frames\":[" MASKED("view_00.png", "") "]}",
          {"'view_00.png'", "mask_path must be a string"}},
+        {"transforms.json",
+         0,
+         "{\"fl_x\":20,\"mask_path\":\"gone.png\",\"frames\":[" FRAME("view_01.png",
+                                                                      POSE_FRONT) "]}",
+         {"'view_01.png'", "gone.png; restore it, or remove mask_path"}},
     };
     const char *folder = *state;
     cln_scene *scene = NULL;
@@ -899,9 +953,11 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_large_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_keys_elsewhere, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),

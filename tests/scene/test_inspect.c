@@ -7,6 +7,7 @@
 #include <cmocka.h>
 #include <jansson.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -239,6 +240,8 @@ static void test_inside(void **state)
 
 static void test_nothing_to_compare(void **state)
 {
+    static const char *const unknown[] = {"points",     "points_inside", "points_span",
+                                          "points_box", "kept",          "agreeing_kept"};
     wall *w = make_wall(1);
     const char *text = NULL;
 
@@ -256,6 +259,9 @@ static void test_nothing_to_compare(void **state)
     w->views[1].camera.c2w[3] = 0.5;
     memset(w->pixels[1], 128, sizeof w->pixels[1]);
     assert_non_null(strstr(text_of(inspect(w, "overlap")), "texture"));
+    for (size_t i = 0; i < sizeof unknown / sizeof *unknown; i++)
+        if (!json_is_null(json_object_get(json_object_get(w->all, "measures"), unknown[i])))
+            fail_msg("%s is not null", unknown[i]);
     free_wall(w);
 }
 
@@ -274,6 +280,46 @@ static void test_masks_without_effect(void **state)
     free_wall(w);
 }
 
+/* What is told of the work; a stop is asked for once photos are compared. */
+typedef struct told {
+    int measured, compared;
+} told;
+
+static void tell_work(const char *what, int done, int total, void *user)
+{
+    told *t = user;
+
+    t->measured += !strcmp(what, "measured") && done == total;
+    t->compared += !strcmp(what, "compared") && done == total;
+}
+
+static int stop_behind_comparing(void *user)
+{
+    return ((const told *)user)->compared ? SIGINT : 0;
+}
+
+/* Long sets are told while their photos are measured, and can be stopped while copies are looked
+ * for. */
+static void test_stopped(void **state)
+{
+    wall *w = make_wall(6);
+    told t = {0};
+    cln_callbacks callbacks = {.work = tell_work, .user = &t};
+
+    (void)state;
+    assert_int_equal(cln_scene_inspect(&w->scene, &callbacks, &w->all), CLN_OK);
+    assert_int_equal(t.measured, 1);
+    assert_true(t.compared > 0);
+    json_decref(w->all);
+    t = (told){0};
+    callbacks.interrupted = stop_behind_comparing;
+    assert_int_equal(cln_scene_inspect(&w->scene, &callbacks, &w->all), CLN_SIGINT);
+    assert_null(w->all);
+    assert_true(t.compared > 0);
+    cln_clear_error();
+    free_wall(w);
+}
+
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
@@ -284,6 +330,7 @@ int test_group_inspect(void)
         cmocka_unit_test(test_inside),
         cmocka_unit_test(test_nothing_to_compare),
         cmocka_unit_test(test_masks_without_effect),
+        cmocka_unit_test(test_stopped),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);

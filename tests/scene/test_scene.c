@@ -563,6 +563,38 @@ static void test_bounds(void **state)
                  1, "guess");
 }
 
+/* What --slab keeps: instant-ngp's aabb, its sides times aabb_scale; a flat one is none. */
+static void test_box_of_aabb(void **state)
+{
+    static const struct {
+        const char *corners;
+        bool is_box;
+        double box[6];
+    } cases[] = {{"[-1,3,0.25],[1,-3,0.75]", true, {-2, -6, 0, 2, 6, 1}},
+                 {"[-1,-3,0.5],[1,3,0.5]", false, {0}}};
+    const char *folder = *state;
+    cln_config config = default_config();
+
+    config.holdout = 0;
+    put_image(folder, "0.png", 8, 8, 3, 0);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[512];
+        cln_scene *scene = NULL;
+
+        snprintf(text, sizeof text,
+                 "{\"fl_x\":10,\"aabb_scale\":2,\"aabb\":[%s],\"frames\":[" FRAME("0.png",
+                                                                                  POSE_FRONT) "]}",
+                 cases[i].corners);
+        put_text(folder, "transforms.json", text);
+        scene = load(folder, &config);
+        assert_near(scene->space.half, 6, 1e-12);
+        assert_int_equal(scene->has_box, cases[i].is_box);
+        for (int k = 0; k < 6 && scene->has_box; k++)
+            assert_near(scene->box[k], cases[i].box[k], 1e-12);
+        cln_scene_free(scene);
+    }
+}
+
 /* Detects a cube that fills less than a grid step of the image or appears only in a corner. */
 static void test_small_cubes_are_seen(void **state)
 {
@@ -807,6 +839,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_wanted_splits, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_background, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bounds, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_box_of_aabb, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_small_cubes_are_seen, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_digest, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opaque_alpha, scratch_make, scratch_remove),

@@ -108,6 +108,12 @@ static const broken documents[] = {
     {"absurd width", KEYS("\"fl_x\":20,\"w\":1e12,\"h\":12"), {"'a.png'", "w = 1e+12"}},
     {"half a pixel", KEYS("\"fl_x\":20,\"w\":16.5,\"h\":12"), {"'a.png'", "w = 16.5"}},
     {"negative height", KEYS("\"fl_x\":20,\"w\":16,\"h\":-12"), {"'a.png'", "h = -12"}},
+    {"a width that is not the image's, alone",
+     KEYS("\"fl_x\":10,\"w\":8"),
+     {"'a.png'", "w is 8 without h, but the image has 16 x 12 pixels", "add h"}},
+    {"a height that is not the image's, alone",
+     KEYS("\"fl_x\":10,\"h\":24"),
+     {"'a.png'", "h is 24 without w"}},
     {"absurd distortion", KEYS("\"fl_x\":20,\"k1\":1e300"), {"'a.png'", "k1"}},
     {"k3 and k4",
      KEYS("\"fl_x\":20,\"k3\":0.1,\"k4\":0.1"),
@@ -192,8 +198,10 @@ static void test_documents(void **state)
         put_text(folder, "transforms.json", documents[i].json);
         assert_refused(folder, &config, documents[i].words, documents[i].what);
     }
-    /* The unmodified frame of the cases is good. */
+    /* The unmodified frame of the cases is good; so is one side that is the image's. */
     put_text(folder, "transforms.json", POSED(POSE_FRONT));
+    cln_scene_free(load(folder, &config));
+    put_text(folder, "transforms.json", KEYS("\"fl_x\":20,\"h\":12"));
     cln_scene_free(load(folder, &config));
 }
 
