@@ -577,20 +577,25 @@ static bool plan_batches(const cln_plan_desc *d, int batches, cln_plan *out)
     return out->total <= most_bytes(d, &s, out->limit);
 }
 
-/* Half of --batch-samples, and so on, until the training is within the limits. Returns 0 where that
- * does not help. */
-static int fit_batch(const cln_plan_desc *d)
+/* Finds half of --batch-samples, and so on, by which the training is within the limits; if there is
+ * none, with half of --rays, and so on. */
+static void fit_batch(const cln_plan_desc *d, cln_plan *out)
 {
-    enum { LEAST = 4096 };
+    enum { LEAST = 4096, LEAST_RAYS = 64 };
     cln_pipeline smaller = *d->pipeline;
+    cln_config *c = &smaller.config;
     cln_plan_desc desc = *d;
     cln_plan plan;
 
     desc.pipeline = &smaller;
-    while ((smaller.config.batch_samples /= 2) >= LEAST)
-        if (plan_batches(&desc, CLN_TRAINING_BATCHES, &plan))
-            return smaller.config.batch_samples;
-    return 0;
+    for (; c->rays >= LEAST_RAYS; c->rays /= 2)
+        for (c->batch_samples = d->pipeline->config.batch_samples / 2; c->batch_samples >= LEAST;
+             c->batch_samples /= 2)
+            if (plan_batches(&desc, CLN_TRAINING_BATCHES, &plan)) {
+                out->fitting_samples = c->batch_samples;
+                out->fitting_rays = c->rays < d->pipeline->config.rays ? c->rays : 0;
+                return;
+            }
 }
 
 /* Pictures take more samples at a time where there is room: that is faster, and changes nothing
@@ -602,7 +607,7 @@ void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
     while (!plan_batches(d, batches, out) && !d->training && batches > 1)
         batches /= 2;
     if (d->training && out->total > out->limit)
-        out->fitting_samples = fit_batch(d);
+        fit_batch(d, out);
 }
 
 cln_deal cln_plan_any_deal(const cln_plan_desc *d, int own)
@@ -732,7 +737,10 @@ static cln_status check_total(const cln_plan *plan, const char *whose, const cha
     cln_plan_text(plan, text, sizeof text);
     if (plan->total <= plan->limit)
         return CLN_OK;
-    if (plan->fitting_samples > 0)
+    if (plan->fitting_rays > 0)
+        snprintf(way_out, sizeof way_out, "give --rays %d --batch-samples %d, which fit, or ",
+                 plan->fitting_rays, plan->fitting_samples);
+    else if (plan->fitting_samples > 0)
         snprintf(way_out, sizeof way_out, "give --batch-samples %d, which fits, or ",
                  plan->fitting_samples);
     else if (!plan->rendering)

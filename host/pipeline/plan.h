@@ -45,6 +45,7 @@ typedef struct cln_plan {
     size_t max_samples;   /* most samples of a batch, likewise */
     size_t batch_samples; /* samples aimed at: --batch-samples, or fewer if max_samples is small */
     int fitting_samples;  /* a smaller --batch-samples that would be within the limit; 0 = none */
+    int fitting_rays;     /* --rays that it needs as well; 0 = those that there are */
     size_t max_entries;   /* projected samples held at a time (splat) */
     int distil_nets;      /* merged leaves trained together */
 } cln_plan;

@@ -273,6 +273,21 @@ static void test_fitting_batch(void **state)
     snprintf(words, sizeof words, "; give --batch-samples %d, which fits, or raise --device-mem",
              whole / 4);
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, words);
+    f.pipeline.config.batch_samples = 4096; /* the least alone is not enough */
+    f.pipeline.config.rays = config.rays / 2;
+    cln_plan_device(&f.desc, &plan);
+    f.pipeline.config.device_mem = plan.total;
+    f.pipeline.config.batch_samples = whole;
+    f.pipeline.config.rays = config.rays;
+    cln_plan_device(&f.desc, &plan);
+    assert_true(plan.fitting_rays == config.rays / 2 && plan.fitting_samples >= 4096);
+    snprintf(words, sizeof words, "; give --rays %d --batch-samples %d, which fit, or raise",
+             plan.fitting_rays, plan.fitting_samples);
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, words);
+    f.pipeline.config.rays = plan.fitting_rays;
+    f.pipeline.config.batch_samples = plan.fitting_samples;
+    cln_plan_device(&f.desc, &plan);
+    assert_ok(cln_plan_check(&f.device, &plan));
     f.desc.leaves = 65536; /* whose weights alone are more */
     cln_plan_device(&f.desc, &plan);
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "; lower --");
