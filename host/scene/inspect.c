@@ -613,7 +613,7 @@ static bool in_two_held_out(const cln_view *a, const cln_view *b)
            strcmp(a->path, b->path) == 0;
 }
 
-/* Do two photos look alike? Most pairs differ in their means already, which is found much faster. */
+/* Do two photos look alike? Most pairs differ in their means already, which is found faster. */
 static bool same_photo(const inspection *in, int a, int b)
 {
     const cln_photo *one = &in->photos[a], *other = &in->photos[b];
@@ -679,8 +679,9 @@ static void check_files(inspection *in)
 /* Measures that not every scene has are null where nothing tells them. */
 static void fill_measures(inspection *in)
 {
-    static const char *const names[] = {"points",    "points_inside", "points_span", "points_box",
-                                        "fov_least", "fov_most",      "kept",        "agreeing_kept"};
+    static const char *const names[] = {"points",     "points_inside", "points_span",
+                                        "points_box", "fov_least",     "fov_most",
+                                        "kept",       "agreeing_kept"};
 
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (!json_object_get(in->measures, names[i]))
