@@ -99,10 +99,9 @@ typedef struct cln_ray_result {
     cln_f32 opacity, loss, square_error, pad;
 } cln_ray_result;
 
-/* Bits for the depth of pictures. Without them it is along the ray, where half of the opacity lies
- * before; AXIS: along the camera's axis; MEAN: the mean. */
-#define CLN_DEPTH_AXIS 1u
-#define CLN_DEPTH_MEAN 2u
+/* Kinds of a picture's depth, along the ray: what half of the opacity lies before, or the mean. */
+#define CLN_DEPTH_MEDIAN 0u
+#define CLN_DEPTH_MEAN   1u
 
 /* `number` of a ray's random values (base/rng.h): the interval's number for its samples, plus this
  * for its roulette. */

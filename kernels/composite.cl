@@ -9,8 +9,8 @@
  *   with G_i = dL/dw_i:  dL/dc_i = w_i g,  dL/dsigma_i = delta_i (T_{i+1} G_i - S_i),
  *   S_i = sum_{j>i} w_j G_j + T_end g.background, a true backward sweep (no cancellation)
  *
- * A picture's depth is the median of the weights: half of the opacity lies before it. `depth` has
- * the bits of CLN_DEPTH_*: depth along the camera's axis; the mean instead of the median.
+ * A picture's depth, along the ray, is the median of the weights: half of the opacity lies before
+ * it; or, where `depth` is CLN_DEPTH_MEAN, their mean.
  *
  * Losses, regularisers and their parameters: loss.h. */
 
@@ -83,13 +83,11 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
     colour = MAD((float4)(through), BACKGROUND(r), colour);
     /* the ray's start counts by the opacity: not at all without weights */
     const float share = opacity / fmax(opacity, 1e-10f);
-    const float t = depth & CLN_DEPTH_MEAN ? moment / fmax(opacity, 1e-10f)
-                                           : median_depth(samples, out, begin, end, opacity);
+    const float t = depth == CLN_DEPTH_MEAN ? moment / fmax(opacity, 1e-10f)
+                                            : median_depth(samples, out, begin, end, opacity);
     const cln_ray_result result = {
-        colour.x, colour.y,
-        colour.z, ray_depth(t, ray_o, ray_d, r, share, depth & CLN_DEPTH_AXIS),
-        opacity,  0.0f,
-        0.0f,     0.0f};
+        colour.x, colour.y, colour.z, ray_depth(t, ray_o, ray_d, r, share),
+        opacity,  0.0f,     0.0f,     0.0f};
 
     results[r] = result;
 }

@@ -59,8 +59,8 @@ HELPER float3 view_direction(float4 o, float4 d, float4 box)
 }
 
 /* The ray through pixel position (u, v), for ray_depth(): where it begins, and its distance from
- * the camera there; unit direction, and factor of depths along the axis. False if there is
- * none, or it cannot meet the cube; the direction is then arbitrary. */
+ * the camera there; unit direction, and its cosine to the axis. False if there is none, or it
+ * cannot meet the cube; the direction is then arbitrary. */
 HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
 {
 #if NDC
@@ -105,10 +105,9 @@ HELPER bool point_pixel(cln_device_camera c, float3 point, float2 *pixel)
     return camera_project(c, point, pixel);
 }
 
-/* Depth at t of ray r, along the ray or its camera's axis; what is before the ray's begin counts by
- * `share`. */
+/* Depth at t of ray r, along the ray; what is before the ray's begin counts by `share`. */
 HELPER float ray_depth(float t, const __global float4 *ray_o, const __global float4 *ray_d, uint r,
-                       float share, bool axis)
+                       float share)
 {
 #if SHELL
     const uint row = line_row(ray_o, r, t);
@@ -117,14 +116,15 @@ HELPER float ray_depth(float t, const __global float4 *ray_o, const __global flo
 
     t = share * dot(out_of_piece(piece_of(p, 0.5f), p) - ray_o[r * CLN_LINE_ROWS].xyz, d.xyz);
 #else
-    const float4 o = ray_o[r] * share, d = ray_d[r];
+    const float4 o = ray_o[r] * share;
 #endif
 #if NDC
+    const float4 d = ray_d[r];
     const float z = 2.0f / fmax(1.0f - MAD(t, d.z, o.z), LEAST_TO_INFINITY);
 
     t = (z - 2.0f / (1.0f - o.z)) / view_direction(o, d, (float4)(0.0f)).z;
 #endif
-    return (t + o.w) * (axis ? d.w : 1.0f);
+    return t + o.w;
 }
 
 /* ---- cube and leaf; box: min x, y, z, side ---- */

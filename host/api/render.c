@@ -230,7 +230,8 @@ static cln_status render_eye(cln_render_job *j, int eye, float *normals, cln_pic
     const int n = camera->width * camera->height;
 
     CLN_TRY(cln_render_view(&j->opened.pipeline, eye, j->opened.model.background,
-                            j->desc->mean_depth ? CLN_DEPTH_MEAN : 0, &j->desc->callbacks, out));
+                            j->desc->mean_depth ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN,
+                            &j->desc->callbacks, out));
     for (int i = 0; i < n; i++)
         out->depth[i] = out->opacity[i] > 0
                             ? cln_space_depth_to_scene(&j->opened.model.space, out->depth[i])

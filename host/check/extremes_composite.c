@@ -105,7 +105,7 @@ static cln_status run(cln_pipeline *p, batch *b)
         if (pass == 2)
             CLN_TRY(cln_stage_composite_train(p, b->rays, b->n));
         else
-            CLN_TRY(cln_stage_composite(p, b->rays, pass ? CLN_DEPTH_MEAN : 0));
+            CLN_TRY(cln_stage_composite(p, b->rays, pass ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN));
         CLN_TRY(cln_buffer_read(device, &p->results, 0, results[pass], rays * sizeof **results));
     }
     CLN_TRY(cln_buffer_read(device, &p->dout, 0, b->dout, b->n * row));

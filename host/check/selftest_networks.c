@@ -660,7 +660,7 @@ static cln_status run_batch(cln_pipeline *p, batch *b)
     if (p->depth_loss > 0)
         CLN_TRY(cln_check_put(device, &p->shown, b->shown, sizeof b->shown));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
-    CLN_TRY(cln_stage_composite(p, RAYS, 0));
+    CLN_TRY(cln_stage_composite(p, RAYS, CLN_DEPTH_MEDIAN));
     CLN_TRY(cln_buffer_read(device, &p->results, 0, b->pictures, sizeof b->pictures));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
     CLN_TRY(cln_check_spoil(device, &p->dout, n * sizeof *b->dout));

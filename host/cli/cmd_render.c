@@ -11,8 +11,8 @@
 #include "ranks/ranks.h"
 #include "render/crop.h"
 
-/* RUN/render/ with the split, "orbit", "spiral", or "poses-" and the name of the file of poses, which
- * may be that of a split; "-path" is added for a path through poses. */
+/* RUN/render/ with the split, "orbit", "spiral", or "poses-" and the name of the file of poses,
+ * which may be that of a split; "-path" is added for a path through poses. */
 static cln_status standard_folder(const cln_options *options, char **out)
 {
     const char *slash = options->poses ? strrchr(options->poses, '/') : NULL;

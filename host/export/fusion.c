@@ -240,8 +240,8 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
         double pixel = 0;
 
         cln_show_work(callbacks, "depths", i, f->count);
-        CLN_TRY(cln_render_view(&opened->pipeline, i, opened->model.background, 0, callbacks,
-                                &picture));
+        CLN_TRY(cln_render_view(&opened->pipeline, i, opened->model.background, CLN_DEPTH_MEDIAN,
+                                callbacks, &picture));
         for (size_t k = 0; k < (size_t)picture.width * (size_t)picture.height; k++)
             if (picture.opacity[k] < opaque)
                 picture.depth[k] = -1;

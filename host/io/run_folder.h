@@ -30,8 +30,8 @@ bool cln_run_is_held(const char *run);
 cln_status cln_run_write(const char *run, const json_t *document);
 cln_status cln_run_read(const char *run, json_t **document);
 
-/* Is there a run.json that another program wrote, as a scene's folder may have? A damaged one counts
- * as ours. */
+/* Is there a run.json that another program wrote, as a scene's folder may have? A damaged one
+ * counts as ours. */
 bool cln_run_is_of_others(const char *run);
 
 /* Any JSON document at RUN/name, written atomically; folders are made as needed. */

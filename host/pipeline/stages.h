@@ -68,7 +68,7 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                              bool training, uint32_t step_key);
 /* Group, where forward needs it, and forward without training. */
 cln_status cln_stage_evaluate(cln_pipeline *p, uint32_t sample_count);
-/* depth: 0, or bits CLN_DEPTH_*. */
+/* depth: CLN_DEPTH_*. */
 cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth);
 /* With p->stretched: exchanges the sums of stretches between ranks. */
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);

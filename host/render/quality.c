@@ -292,7 +292,8 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
 
         CLN_TRY(cln_strdup(&image->name, scene->views[views[i]].name));
         CLN_TRY(cln_strdup(&image->file, scene->views[views[i]].file));
-        CLN_TRY(cln_render_view(p, views[i], scene->background, 0, callbacks, &picture));
+        CLN_TRY(
+            cln_render_view(p, views[i], scene->background, CLN_DEPTH_MEDIAN, callbacks, &picture));
         image->seconds = cln_now() - start;
         st = measure(scene, views[i], &picture, gains ? gains[views[i]] : NULL, folder, image);
         if (st == CLN_OK && tree)

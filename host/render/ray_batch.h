@@ -9,7 +9,7 @@ typedef struct cln_ray_batch {
     const cln_pixel *pixels; /* [n]; for splatting by view (pad), then row (cln_pipeline_batch) */
     int n;
     const float (*backgrounds)[4]; /* r, g, b, 0: [n] if p->ray_background, else [1] */
-    unsigned depth;                /* 0, or bits CLN_DEPTH_* */
+    unsigned depth;                /* CLN_DEPTH_* */
     cln_sampling sampling;
 } cln_ray_batch;
 

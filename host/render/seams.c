@@ -192,7 +192,7 @@ cln_status cln_seams_measure(cln_pipeline *p, const cln_model *model, const cln_
         const int view = cln_scene_spread_view(scene, CLN_SPLIT_TRAIN, i, count);
         cln_picture picture = {0};
 
-        st = cln_render_view(p, view, model->background, 0, callbacks, &picture);
+        st = cln_render_view(p, view, model->background, CLN_DEPTH_MEDIAN, callbacks, &picture);
         if (st == CLN_OK)
             add_view(model, &scene->views[view].camera, &picture, stride, &all);
         cln_picture_free(&picture);

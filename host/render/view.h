@@ -15,7 +15,7 @@ cln_status cln_render_prepare(cln_pipeline *p);
 /* Gives back the memory of the densities of pictures. */
 void cln_render_release(cln_pipeline *p);
 
-/* Renders view number `view` of the cameras given to cln_pipeline_cameras. depth: 0, or bits
+/* Renders view number `view` of the cameras given to cln_pipeline_cameras. depth:
  * CLN_DEPTH_*. `interrupted` (may be NULL) is polled between batches and ends the picture with
  * CLN_SIGINT / CLN_SIGTERM. With p->antialias n > 1, pixels at edges (antialias.h) are the mean of
  * n x n rays. */

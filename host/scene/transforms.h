@@ -1,5 +1,6 @@
 /* What reader_transforms.c (splits, bounds), transforms_keys.c (documents, their keys) and
- * transforms_frame.c (one frame) share; private to them and to render/pose_file.c. `file` and `where` begin the sentences of errors. */
+ * transforms_frame.c (one frame) share; private to them and to render/pose_file.c. `file` and
+ * `where` begin the sentences of errors. */
 #ifndef CLN_SCENE_TRANSFORMS_H
 #define CLN_SCENE_TRANSFORMS_H
 

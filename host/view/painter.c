@@ -312,7 +312,7 @@ static cln_status step_picture(cln_painter *painter, cln_painting *g)
         CLN_TRY(fit_budget(painter, &g->ask, &camera));
         g->ask.camera = camera; /* from now on at the rendered size */
         CLN_TRY(set_up(painter, &camera, &g->ask.crop));
-        CLN_TRY(cln_rendering_begin(p, 0, g->ask.background, false, r));
+        CLN_TRY(cln_rendering_begin(p, 0, g->ask.background, CLN_DEPTH_MEDIAN, r));
         g->begun = true;
         g->width = camera.width;
         g->height = camera.height;
@@ -391,7 +391,8 @@ static cln_status paint_point(cln_painter *painter, cln_painting *g)
     one.cy -= fmin(floor(g->ask.y), one.height - 1);
     one.width = one.height = 1;
     CLN_TRY(set_up(painter, &one, &g->ask.crop));
-    CLN_TRY(cln_rendering_begin(painter->pipeline, 0, g->ask.background, false, &g->rendering));
+    CLN_TRY(cln_rendering_begin(painter->pipeline, 0, g->ask.background, CLN_DEPTH_MEDIAN,
+                                &g->rendering));
     lead(painter, &g->ask, &one, &g->rendering);
     CLN_TRY(step_rendering(painter, &g->rendering));
     cln_camera_ray(&one, 0.5, 0.5, origin, direction);

@@ -151,19 +151,37 @@ function cropOfPath() {
     crop_bg_color: {r, g, b}};
 }
 
-/* Takes over the box of a file and what is around it, as `render --poses` does; without a box, the
- * page's is off. */
-function openCrop(read) {
-  const {crop_center: middle, crop_scale: sides, crop_rot: angles, crop_bg_color: around} =
-    read.crop || {};
-  if (!middle || !sides) {
+/* Three numbers of a file's crop; `otherwise` if it has none under the key. */
+function threeOf(crop, key, otherwise) {
+  const values = crop[key] ?? otherwise;
+  if (!Array.isArray(values) || values.length !== 3 || !values.every(Number.isFinite))
+    throw new Error(`its ${key} is not 3 numbers`);
+  return values;
+}
+
+/* The box of a file and what is around it; null without a box. What `render --poses` refuses is an
+ * error. */
+function readCrop(crop) {
+  if (typeof crop !== 'object' || !crop) return null;
+  const middle = threeOf(crop, 'crop_center'), lengths = threeOf(crop, 'crop_scale');
+  const around = ['r', 'g', 'b'].map((c) => crop.crop_bg_color?.[c] ?? 0);
+  if (!lengths.every((v) => v > 0))
+    throw new Error('its crop_scale is not the sides of a box, above 0');
+  if (!around.every(Number.isFinite)) throw new Error('its crop_bg_color is not r, g and b');
+  return {background: around.map((v) => v / 255),
+    sides: [-0.5, 0.5].flatMap((half) => middle.map((v, a) => v + half * lengths[a])),
+    degrees: threeOf(crop, 'crop_rot', [0, 0, 0]).map((v) => v * 180 / Math.PI)};
+}
+
+/* Takes over such a box, as `render --poses` does; without one, the page's is off. */
+function openCrop(box) {
+  if (!box) {
     $('crop').checked = false;
     changeCrop();
     return;
   }
-  setBackground(['r', 'g', 'b'].map((c) => (Number(around?.[c]) || 0) / 255));
-  setCrop([0, 1, 2, 3, 4, 5].map((i) => middle[i % 3] + (i < 3 ? -0.5 : 0.5) * sides[i % 3]),
-    (angles || [0, 0, 0]).map((v) => v * 180 / Math.PI));
+  setBackground(box.background);
+  setCrop(box.sides, box.degrees);
 }
 
 function savePath() {
@@ -202,6 +220,7 @@ function fovOf(read, k) {
     Math.atan(Math.tan(across / 2) * (h > 0 && w > 0 ? h / w : 1)) : 50);
 }
 
+/* Opens a file as a whole: one that cannot be read changes nothing. */
 async function openPath(file) {
   try {
     const read = JSON.parse(await file.text());
@@ -219,11 +238,12 @@ async function openPath(file) {
       return c;
     });
     if (found.length < 2) throw new Error('it has fewer than two views');
+    const box = readCrop(read.crop);
     keyframes = found;
     if (read.seconds > 0) $('seconds').value = read.seconds;
     if (read.fps > 0) $('fps').value = read.fps;
     $('cycle').checked = Boolean(read.is_cycle);
-    openCrop(read);
+    openCrop(box);
     listKeys();
     fly(keyframes[0]);
   } catch (error) {

@@ -513,7 +513,7 @@ def tap(page):
 
 
 def open_paths(page):
-    """A file's box, background and ends are the page's; too many frames are refused."""
+    """A file's box, background and ends are the page's; broken ones and too many are refused."""
     got = page.later("""
         const open = (read) => openPath({name: 'path', text: async () => JSON.stringify(read)});
         const shown = () => [$('background').value, isCropped()], all = [];
@@ -525,6 +525,17 @@ def open_paths(page):
           all.push(shown());
           await open({keyframes: views, crop: null});
           all.push(shown());
+          const kept = keyframes, broken = [{crop_center: [0, 'x', 0], crop_scale: [1, 1, 1]},
+            {crop_center: [0, 0, 0], crop_scale: [1, 0, 1]}, {crop_center: [0, 0, 0]},
+            {crop_center: [0, 0, 0], crop_scale: [1, 1, 1], crop_bg_color: {r: 'red'}}];
+          const refused = [];
+          for (const crop of broken) {
+            say('');
+            await open({keyframes: views, seconds: 99, crop});
+            refused.push(keyframes === kept && $('seconds').value === long && !isCropped() &&
+              /not a camera path: its crop_/.test($('message').textContent));
+          }
+          all.push(refused);
           const poses = Array.from({length: 120}, (_, i) => ({...copy(home), p: [i, 0, 0]}));
           await open({camera_path: poses.map((c) => ({camera_to_world: toNerfstudio(c),
             fov: 50}))});
@@ -543,15 +554,16 @@ def open_paths(page):
           listKeys();
           keys.h();
           done(all);
-        })().catch((error) => done([[], [], 0, 0, 0, 0, String(error), '']));""")
+        })().catch((error) => done([[], [], [], 0, 0, 0, 0, String(error), '']));""")
     page.check("a file's box comes with its background", got[0] == ['#1020ff', True], got[0])
     page.check('without a box in the file there is none', got[1:2] == [['#1020ff', False]], got[1])
-    page.check('of 120 poses 50 are taken, from the first to the last', got[2:5] == [50, 0, 119],
-               got[2:5])
+    page.check('a file with a broken box changes nothing', got[2] == 4 * [True], got[2])
+    page.check('of 120 poses 50 are taken, from the first to the last', got[3:6] == [50, 0, 119],
+               got[3:6])
     page.check('more frames than can be rendered are refused, with the number',
-               got[5] is None and '432,000' in got[6] and '100,000' in got[6], got[6])
+               got[6] is None and '432,000' in got[7] and '100,000' in got[7], got[7])
     page.check('a film of too many is refused, with the number',
-               '7,224' in got[7] and '7,200' in got[7], got[7])
+               '7,224' in got[8] and '7,200' in got[8], got[8])
     time.sleep(0.6)
     page.settle()
 

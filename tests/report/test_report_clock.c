@@ -1,5 +1,5 @@
-/* The report's clock over the processes that trained a run, by rows as metrics.jsonl has them. Oracle:
- * sums by hand. */
+/* The report's clock over the processes that trained a run, by rows as metrics.jsonl has them.
+ * Oracle: sums by hand. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
