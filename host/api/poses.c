@@ -257,7 +257,7 @@ static cln_status check_folder(const work *w)
     const char *out = w->desc->out;
     cln_status st = CLN_OK;
 
-    if (cln_dataset_has_folder(out, "sparse"))
+    if (cln_has_dir(out, "sparse"))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: it has poses already (sparse); give another folder with -o, or "
                          "remove that one",

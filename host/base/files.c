@@ -34,6 +34,25 @@ bool cln_is_dir(const char *path)
     return path && stat(path, &info) == 0 && S_ISDIR(info.st_mode);
 }
 
+static bool holds(const char *folder, const char *name, bool (*is_kind)(const char *path))
+{
+    char *path = NULL;
+    const bool has = cln_path_join(&path, folder, name) == CLN_OK && is_kind(path);
+
+    free(path);
+    return has;
+}
+
+bool cln_has_file(const char *folder, const char *name)
+{
+    return holds(folder, name, cln_is_file);
+}
+
+bool cln_has_dir(const char *folder, const char *name)
+{
+    return holds(folder, name, cln_is_dir);
+}
+
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes)
 {
     cln_status st = CLN_OK;

@@ -11,6 +11,10 @@
 bool cln_is_file(const char *path);
 bool cln_is_dir(const char *path);
 
+/* Has the folder a file, or a folder, of this name? */
+bool cln_has_file(const char *folder, const char *name);
+bool cln_has_dir(const char *folder, const char *name);
+
 /* Reads a whole file; a zero byte follows its *bytes. CLN_INPUT on failure, also if the file is
  * larger than max_bytes. The caller frees *out. */
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes);

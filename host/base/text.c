@@ -121,6 +121,13 @@ const char *cln_shell_quote(const char *text, char *out, size_t bytes)
     return out;
 }
 
+bool cln_ends_with(const char *text, const char *end)
+{
+    const size_t length = strlen(text), n = strlen(end);
+
+    return length >= n && strcmp(text + length - n, end) == 0;
+}
+
 const char *cln_plural(double count, const char *one, const char *more)
 {
     return count == 1 ? one : more;

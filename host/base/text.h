@@ -21,6 +21,9 @@ bool cln_utf8_valid(const char *text);
 enum { CLN_QUOTED_BYTES = 4096 };
 const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 
+/* Does the text end with these characters? */
+bool cln_ends_with(const char *text, const char *end);
+
 /* The form of a word beside this number: cln_plural(count, "leaf", "leaves"). */
 const char *cln_plural(double count, const char *one, const char *more);
 

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "cli/console.h"
 
 enum { LISTED = 8, NAMED = 16 };
@@ -48,13 +49,6 @@ static bool is_flat(const json_t *array)
     return true;
 }
 
-static bool ends_with(const char *text, const char *end)
-{
-    const size_t length = strlen(text), n = strlen(end);
-
-    return length >= n && strcmp(text + length - n, end) == 0;
-}
-
 /* Writes bytes for people, if the key names memory or belongs to a memory plan. */
 static bool write_memory(FILE *to, const char *parent, const char *key, const json_t *value)
 {
@@ -62,8 +56,8 @@ static bool write_memory(FILE *to, const char *parent, const char *key, const js
 
     if (!json_is_number(value) || json_number_value(value) == 0)
         return false;
-    if (!strstr(key, "_memory") && !ends_with(key, "_mem") && !ends_with(key, "_peak") &&
-        strcmp(key, "max_alloc") != 0 && !ends_with(parent, "plan"))
+    if (!strstr(key, "_memory") && !cln_ends_with(key, "_mem") && !cln_ends_with(key, "_peak") &&
+        strcmp(key, "max_alloc") != 0 && !cln_ends_with(parent, "plan"))
         return false;
     cln_format_bytes(json_number_value(value), text);
     fprintf(to, "%s", text);
@@ -75,7 +69,7 @@ static bool write_time(FILE *to, const char *parent, const char *key, const json
 {
     char text[32];
 
-    if (!json_is_number(value) || !(strcmp(key, "seconds") == 0 || ends_with(key, "_seconds")))
+    if (!json_is_number(value) || !(strcmp(key, "seconds") == 0 || cln_ends_with(key, "_seconds")))
         return false;
     cln_format_duration(json_number_value(value), text);
     fprintf(to, "%s%s", strcmp(parent, "training") == 0 ? "about " : "", text);

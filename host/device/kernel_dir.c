@@ -3,19 +3,9 @@
 
 #include <dirent.h>
 #include <fnmatch.h>
-#include <stdlib.h>
 
 #include "base/files.h"
 #include "device/kernel_source.h"
-
-static bool has_file(const char *folder, const char *name)
-{
-    char *path = NULL;
-    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_file(path);
-
-    free(path);
-    return has;
-}
 
 /* Returns whether a folder has any of our files; without one, --kernel-dir would silently change
  * nothing. Any other .cl file counts too, as tests have kernels of their own. */
@@ -26,7 +16,7 @@ static bool has_kernels(const char *folder)
     const struct dirent *entry = NULL;
 
     for (const cln_kernel_source *k = cln_kernel_sources; k->name && !has; k++)
-        has = has_file(folder, k->name);
+        has = cln_has_file(folder, k->name);
     while (listed && !has && (entry = readdir(listed)))
         has = fnmatch("*.cl", entry->d_name, FNM_PERIOD) == 0;
     if (listed)

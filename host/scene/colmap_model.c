@@ -313,10 +313,9 @@ done:
 
 bool cln_colmap_is_model(const char *folder, const char **missing)
 {
-    const bool cameras[2] = {cln_dataset_has(folder, "cameras.bin"),
-                             cln_dataset_has(folder, "cameras.txt")};
-    const bool images[2] = {cln_dataset_has(folder, "images.bin"),
-                            cln_dataset_has(folder, "images.txt")};
+    const bool cameras[2] = {cln_has_file(folder, "cameras.bin"),
+                             cln_has_file(folder, "cameras.txt")};
+    const bool images[2] = {cln_has_file(folder, "images.bin"), cln_has_file(folder, "images.txt")};
 
     if ((cameras[0] && images[0]) || (cameras[1] && images[1]))
         return true;
@@ -343,8 +342,7 @@ done:
 cln_status cln_colmap_read(const char *folder, cln_colmap *out)
 {
     cln_status st = CLN_OK;
-    const bool binary =
-        cln_dataset_has(folder, "cameras.bin") && cln_dataset_has(folder, "images.bin");
+    const bool binary = cln_has_file(folder, "cameras.bin") && cln_has_file(folder, "images.bin");
     char *points = NULL;
 
     CLN_TRY(cln_path_join(&out->camera_file, folder, binary ? "cameras.bin" : "cameras.txt"));

@@ -15,24 +15,6 @@ enum { MAX_DEPTH = 4, MAX_NAMES = 10 * CLN_MAX_VIEWS };
 const char *const cln_image_folders[CLN_IMAGE_FOLDERS] = {"images", "images_2", "images_4",
                                                           "images_8"};
 
-bool cln_dataset_has(const char *folder, const char *file)
-{
-    char *path = NULL;
-    const bool has = cln_path_join(&path, folder, file) == CLN_OK && cln_is_file(path);
-
-    free(path);
-    return has;
-}
-
-bool cln_dataset_has_folder(const char *folder, const char *name)
-{
-    char *path = NULL;
-    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_dir(path);
-
-    free(path);
-    return has;
-}
-
 const char *cln_dataset_within(const char *scene, const char *path)
 {
     const size_t length = strlen(scene);
@@ -207,7 +189,7 @@ cln_status cln_dataset_image_folder(const char *base, char **out)
 {
     *out = NULL;
     for (int i = 0; i < CLN_IMAGE_FOLDERS; i++)
-        if (cln_dataset_has_folder(base, cln_image_folders[i]))
+        if (cln_has_dir(base, cln_image_folders[i]))
             return cln_path_join(out, base, cln_image_folders[i]);
     return CLN_OK;
 }

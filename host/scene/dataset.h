@@ -11,9 +11,6 @@ enum { CLN_MAX_VIEWS = 100000, CLN_IMAGE_FOLDERS = 4 };
 /* "images" and those of smaller copies, the largest first. */
 extern const char *const cln_image_folders[CLN_IMAGE_FOLDERS];
 
-bool cln_dataset_has(const char *folder, const char *file);
-bool cln_dataset_has_folder(const char *folder, const char *name);
-
 /* `path` relative to the scene, for messages; unchanged if it lies elsewhere. */
 const char *cln_dataset_within(const char *scene, const char *path);
 

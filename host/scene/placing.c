@@ -29,7 +29,7 @@ static cln_status count_views(const char *folder, const cln_reader_result *resul
     for (int i = 0; i < result->view_count && *count < most; i++) {
         if (any_case)
             CLN_TRY(cln_moved_find(&moved, result->views[i].name, false, &found));
-        *count += found || (!any_case && cln_dataset_has(folder, result->views[i].name));
+        *count += found || (!any_case && cln_has_file(folder, result->views[i].name));
         free(found);
         found = NULL;
     }

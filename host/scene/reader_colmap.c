@@ -268,8 +268,8 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->dialect = "COLMAP";
     CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s",
                          cln_dataset_within(path, folder), cln_dataset_within(path, images)));
-    if (places[place].depth > 1 && (cln_dataset_has_folder(path, "sparse/1") ||
-                                    cln_dataset_has_folder(path, "colmap/sparse/1")))
+    if (places[place].depth > 1 &&
+        (cln_has_dir(path, "sparse/1") || cln_has_dir(path, "colmap/sparse/1")))
         cln_warn("%s: there are other models beside it, which are not read; give the folder of one "
                  "of them, if it has more images",
                  folder);

@@ -69,7 +69,7 @@ done:
 static bool detect(const char *path, const char **missing)
 {
     *missing = NULL;
-    return cln_is_dir(path) && cln_dataset_has(path, "poses_bounds.npy");
+    return cln_is_dir(path) && cln_has_file(path, "poses_bounds.npy");
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)

@@ -157,7 +157,7 @@ done:
 static bool detect(const char *path, const char **missing)
 {
     *missing = NULL;
-    return cln_is_dir(path) && cln_dataset_has(path, file_name);
+    return cln_is_dir(path) && cln_has_file(path, file_name);
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)

@@ -194,9 +194,9 @@ done:
 
 static bool detect(const char *path, const char **missing)
 {
-    const bool one = cln_dataset_has(path, "intrinsics.txt");
-    const bool poses = cln_dataset_has_folder(path, "pose");
-    const bool images = cln_dataset_has_folder(path, "rgb");
+    const bool one = cln_has_file(path, "intrinsics.txt");
+    const bool poses = cln_has_dir(path, "pose");
+    const bool images = cln_has_dir(path, "rgb");
 
     *missing = one && (poses || images) ? "it lacks one of them" : NULL;
     return cln_is_dir(path) && one && poses && images;

@@ -298,14 +298,14 @@ done:
 static bool detect(const char *path, const char **missing)
 {
     *missing = NULL;
-    return cln_is_dir(path) && (cln_dataset_has(path, "reconstruction.json") ||
-                                cln_dataset_has(path, "opensfm/reconstruction.json"));
+    return cln_is_dir(path) && (cln_has_file(path, "reconstruction.json") ||
+                                cln_has_file(path, "opensfm/reconstruction.json"));
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    const bool inner = !cln_dataset_has(path, "reconstruction.json");
+    const bool inner = !cln_has_file(path, "reconstruction.json");
     char *file = NULL, *folder = NULL, *images = NULL, *tracks = NULL;
     json_t *root = NULL;
 

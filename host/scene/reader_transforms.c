@@ -23,13 +23,6 @@
 #include "scene/moved.h"
 #include "scene/transforms.h"
 
-static bool ends_with(const char *text, const char *tail)
-{
-    const size_t length = strlen(text), wanted = strlen(tail);
-
-    return length >= wanted && !strcmp(text + length - wanted, tail);
-}
-
 /* Members that are null count as absent: other programs write them for what they do not know. */
 static void drop_nulls(json_t *object)
 {
@@ -434,7 +427,7 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
                          strrchr(file, '/') ? strrchr(file, '/') + 1 : file,
                          result->has_bounds ? "has aabb_scale, scale, offset or aabb"
                                             : "has frames and no aabb_scale",
-                         cln_dataset_has(folder, "transforms_train.json")
+                         cln_has_file(folder, "transforms_train.json")
                              ? "; transforms_train.json beside it is not read"
                              : ""));
 done:
@@ -444,22 +437,22 @@ done:
 
 static bool is_split_file(const char *path)
 {
-    return ends_with(path, "transforms_train.json") || ends_with(path, "transforms_val.json") ||
-           ends_with(path, "transforms_test.json");
+    return cln_ends_with(path, "transforms_train.json") ||
+           cln_ends_with(path, "transforms_val.json") ||
+           cln_ends_with(path, "transforms_test.json");
 }
 
 static bool detect(const char *path, const char **missing)
 {
     if (!cln_is_dir(path)) {
         *missing = NULL;
-        return cln_is_file(path) && ends_with(path, ".json");
+        return cln_is_file(path) && cln_ends_with(path, ".json");
     }
-    *missing = cln_dataset_has(path, "transforms_val.json") ||
-                       cln_dataset_has(path, "transforms_test.json")
-                   ? "transforms_train.json is missing beside the others"
-                   : NULL;
-    return cln_dataset_has(path, "transforms.json") ||
-           cln_dataset_has(path, "transforms_train.json");
+    *missing =
+        cln_has_file(path, "transforms_val.json") || cln_has_file(path, "transforms_test.json")
+            ? "transforms_train.json is missing beside the others"
+            : NULL;
+    return cln_has_file(path, "transforms.json") || cln_has_file(path, "transforms_train.json");
 }
 
 static cln_status read_scene(const char *path, cln_reader_result *result)
@@ -470,7 +463,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_scene_folder(path, &folder));
     if (!cln_is_dir(path) && !is_split_file(path)) {
         CLN_TRY(read_single(folder, path, result));
-    } else if (cln_is_dir(path) && cln_dataset_has(folder, "transforms.json")) {
+    } else if (cln_is_dir(path) && cln_has_file(folder, "transforms.json")) {
         CLN_TRY(cln_path_join(&file, folder, "transforms.json"));
         CLN_TRY(read_single(folder, file, result));
     } else {
