@@ -13,6 +13,7 @@
 #include "ranks/ranks.h"
 #include "train/record.h"
 #include "render/open_run.h"
+#include "render/quality.h"
 #include "render/seams.h"
 #include "report/report.h"
 

@@ -5,8 +5,7 @@
 #ifndef CLN_CONF_H
 #define CLN_CONF_H
 
-#include "cli/option_table.h"
-#include "cli/options.h"
+#include "base/settings.h"
 
 /* Sets what the file beside `scene` (a folder or a file) says, except `overridden` rows
  * ([cln_config_row_count]), which the command line sets, and its preset unless `keep_preset`;

@@ -14,7 +14,6 @@
 
 #include <stddef.h>
 #include <stdint.h>
-#include "base/clock.h"
 #include "cl.h"
 #include "cl_nascent.h"
 #include "device/tune.h"

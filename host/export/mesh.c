@@ -6,6 +6,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "export/reduce.h"
+#include "export/surface.h"
 #include "io/disk.h"
 
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)

@@ -3,7 +3,6 @@
 #define CLN_EXPORT_MESH_H
 
 #include "export/export.h"
-#include "export/surface.h"
 #include "io/mesh.h"
 
 /* Allocates rows for `vertices` vertices in a zeroed mesh; the caller sets the rest. */

@@ -9,6 +9,7 @@
 #include "base/memory.h"
 #include "base/rng.h"
 #include "export/mesh.h"
+#include "export/surface.h"
 
 enum { STANDARD_COUNT = 200000, MOST_POINTS = 100000000 };
 

@@ -3,7 +3,7 @@
 #ifndef CLN_CARRY_H
 #define CLN_CARRY_H
 
-#include "pipeline/stages.h"
+#include "pipeline/pipeline.h"
 
 /* Most new leaves that are folded at a time; host memory has two rows of weights for each. */
 enum { CLN_CARRY_ROWS = 512 };

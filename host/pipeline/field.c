@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "pipeline/stages.h"
 
 enum { MOST_POINTS = 65536 };
 

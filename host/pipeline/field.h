@@ -2,7 +2,7 @@
 #ifndef CLN_PIPELINE_FIELD_H
 #define CLN_PIPELINE_FIELD_H
 
-#include "pipeline/stages.h"
+#include "pipeline/pipeline.h"
 
 /* Evaluates the leaves' networks at n points of the cube as rendering does (no noise, mean slopes).
  *   tree        the uploaded one

@@ -4,7 +4,7 @@
 #ifndef CLN_VIEW_H
 #define CLN_VIEW_H
 
-#include "pipeline/stages.h"
+#include "pipeline/pipeline.h"
 #include "render/picture.h"
 #include "render/ray_batch.h"
 

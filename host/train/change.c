@@ -2,6 +2,7 @@
 #include "train/change.h"
 
 #include "pipeline/carry.h"
+#include "pipeline/stages.h"
 #include "train/measure.h"
 #include "train/step.h"
 

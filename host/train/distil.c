@@ -11,6 +11,7 @@
 #include "base/rng.h"
 #include "pipeline/field.h"
 #include "pipeline/share.h"
+#include "pipeline/stages.h"
 #include "pipeline/stretch.h"
 #include "ranks/ranks.h"
 #include "train/plans.h"

@@ -6,6 +6,7 @@
 
 #include "base/memory.h"
 #include "pipeline/share.h"
+#include "pipeline/stages.h"
 #include "train/children.h"
 
 cln_status cln_measure_restart(cln_trainer *t)

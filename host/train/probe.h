@@ -3,6 +3,7 @@
 #ifndef CLN_PROBE_H
 #define CLN_PROBE_H
 
+#include "pipeline/stages.h"
 #include "train/trainer.h"
 
 /* Measures the PSNR, in dB, of a fixed batch of training rays, sampled as in pictures but with

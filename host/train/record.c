@@ -13,6 +13,7 @@
 #include "base/settings.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
+#include "render/quality.h"
 #include "render/recorded.h"
 #include "report/report.h"
 #include "scene/scene.h"

@@ -4,7 +4,6 @@
 #define CLN_RECORD_H
 
 #include "pipeline/share.h"
-#include "render/quality.h"
 #include "train/trainer.h"
 
 /* A structure decision: one row of metrics.jsonl ("event": "structure") and one line of the log.

@@ -6,6 +6,7 @@
 #include "base/config.h"
 #include "base/rng.h"
 #include "pipeline/share.h"
+#include "pipeline/stages.h"
 #include "pipeline/stretch.h"
 
 double cln_step_fraction(const cln_trainer *t)

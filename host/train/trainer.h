@@ -7,7 +7,6 @@
 #include "train/batch.h"
 #include "train/exposure.h"
 #include "pipeline/plan.h"
-#include "pipeline/stages.h"
 #include "io/run_folder.h"
 
 enum { CLN_EVAL_POINTS = 32 };

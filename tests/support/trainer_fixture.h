@@ -3,6 +3,7 @@
 #ifndef CLN_TESTS_TRAINER_FIXTURE_H
 #define CLN_TESTS_TRAINER_FIXTURE_H
 
+#include "pipeline/stages.h"
 #include "run_fixture.h"
 #include "train/step.h"
 
