@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/callbacks.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -52,9 +53,7 @@ static void read_duration(const char *line, void *user)
 
 static int is_interrupted(void *user)
 {
-    const cln_callbacks *c = ((video *)user)->callbacks;
-
-    return c->interrupted ? c->interrupted(c->user) : 0;
+    return cln_poll_signal(((video *)user)->callbacks);
 }
 
 /* A pattern of names in a folder as ffmpeg takes it: a file whatever its name begins with, and with

@@ -18,6 +18,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/callbacks.h"
 #include "base/config.h"
 #include "base/files.h"
 #include "base/given.h"
@@ -92,9 +93,7 @@ static void read_line(const char *line, void *user)
 
 static int is_interrupted(void *user)
 {
-    const cln_callbacks *c = &((work *)user)->desc->callbacks;
-
-    return c->interrupted ? c->interrupted(c->user) : 0;
+    return cln_poll_signal(&((work *)user)->desc->callbacks);
 }
 
 static cln_status run(work *w, const char *stage, const char *const *argv)
