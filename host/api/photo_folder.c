@@ -20,7 +20,6 @@
 enum { FRAMES = 150 };
 static const size_t FILE_MOST = (size_t)1 << 30;
 static const char frame_name[] = "frame_%05d.jpg"; /* ffmpeg's */
-static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
 
 bool cln_photos_are_video(const char *path)
 {
@@ -32,7 +31,7 @@ bool cln_photos_are_video(const char *path)
     snprintf(word, sizeof word, " %s ", dot + 1);
     for (char *c = word; *c; c++)
         *c = (char)tolower((unsigned char)*c);
-    return strstr(videos, word) != NULL;
+    return strstr(CLN_VIDEO_ENDINGS, word) != NULL;
 }
 
 /* ---- frames ---- */
