@@ -89,26 +89,32 @@ HELPER void walk_ahead(walk *w, const __global int *map, int depth, walked *p, u
         p->found[l + i] = at[i] - (l + i) * AHEAD;
 }
 
+/* How samples are dealt to intervals, and the key of the roulette's draws. */
+typedef struct allocation {
+    uint per_leaf, per_ray;
+    float empty_weight, empty_share;
+    uint key;
+} allocation;
+
 /* Numbers of samples of intervals with optical depths `own`, behind depths `before`. */
-HELPER vi sample_numbers(vf own, vf before, const bundle *b, vi level, uint per_leaf, uint per_ray,
-                         float empty_weight)
+HELPER vi sample_numbers(vf own, vf before, const bundle *b, vi level, const allocation *how)
 {
 #if ALLOCATE == 1
     const vf weight = EXP(-before) * ONE_MINUS_EXP(vf, own);
-    const vi most = V_TO_INT(fmax(fmin(weight, (vf)(1.0f)), (vf)(0.0f)) * (float)per_ray + 0.5f);
+    const vi most =
+        V_TO_INT(fmax(fmin(weight, (vf)(1.0f)), (vf)(0.0f)) * (float)how->per_ray + 0.5f);
 
     (void)b;
     (void)level;
-    return select(min(most + 1, (vi)((int)per_leaf)), (vi)(ROULETTE), weight < (vf)(empty_weight));
+    return select(min(most + 1, (vi)((int)how->per_leaf)), (vi)(ROULETTE),
+                  weight < (vf)(how->empty_weight));
 #else
     /* diagonal of a leaf of level 0: sqrt(3) * 2 */
     const vf share = (b->t_out - b->t_in) * V_TO_FLOAT((vi)(1) << level) / 3.46410162f;
 
     (void)own;
     (void)before;
-    (void)per_ray;
-    (void)empty_weight;
-    return max((vi)(1), V_TO_INT(ceil((float)per_leaf * share)));
+    return max((vi)(1), V_TO_INT(ceil((float)how->per_leaf * share)));
 #endif
 }
 
@@ -119,6 +125,13 @@ typedef struct turn {
     bundle points;
 } turn;
 
+/* What a work-item's rays have met so far: optical depth; intervals, intervals with samples, and
+ * samples. */
+typedef struct tally {
+    float tau[RAYS];
+    uint met[RAYS], kept[RAYS], samples[RAYS];
+} tally;
+
 /* Each lane's remaining intervals: from `at` up to `upto`, of ray `whose`; next: the next ray. */
 typedef struct places {
     uint at[VW], upto[VW], whose[VW], next;
@@ -126,13 +139,13 @@ typedef struct places {
 
 /* Takes every lane's next interval: a lane finishes a ray, then takes the next ray. False if none
  * is left. */
-HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, float max_depth,
+HELPER bool turn_take(turn *t, places *o, const walked *p, const tally *sum, float max_depth,
                       uint begin, uint count)
 {
     bool any = false;
 
     for (uint l = 0; l < VW; l++) {
-        if (o->at[l] == o->upto[l] || taus[o->whose[l]] > max_depth) {
+        if (o->at[l] == o->upto[l] || sum->tau[o->whose[l]] > max_depth) {
             o->at[l] = o->upto[l];
             while (o->next < count && p->found[o->next] == 0u)
                 o->next++;
@@ -164,6 +177,59 @@ HELPER bool turn_take(turn *t, places *o, const walked *p, const float *taus, fl
     return any;
 }
 
+/* Which of a turn's intervals, if nearly empty, get a sample: 1, else 0. */
+HELPER vi turn_roulette(const turn *t, const tally *sum, const allocation *how)
+{
+    vf chance = (vf)(0.0f);
+
+    if (how->empty_share > 0.0f && how->empty_share < 1.0f) { /* else it decides nothing */
+        uint draws[VW];
+
+        for (int l = 0; l < VW; l++)
+            draws[l] = CLN_DRAW_ROULETTE + sum->met[min(t->whose[l], RAYS - 1u)];
+        chance = uniform_lanes_of(how->key, VLOAD(t->of.ray), VLOAD(draws), 0u);
+    }
+    return select((vi)(0), (vi)(1), chance < (vf)(how->empty_share));
+}
+
+/* Decides on a turn's intervals: writes those that get samples, and adds all to their rays. */
+HELPER void turn_decide(const turn *t, tally *sum, const allocation *how, float max_depth,
+                        uint begin, uint rays, __global cln_interval *intervals, STAGE1_ARGUMENTS)
+{
+    const bundle *b = &t->points;
+    float tau[VW], mass[VW];
+    int numbers[VW];
+
+    for (int l = 0; l < VW; l++)
+        tau[l] = sum->tau[min(t->whose[l], RAYS - 1u)];
+    const vf own = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
+    const vi number = sample_numbers(own, before, b, VLOAD(t->of.level), how);
+    const vi drawn = turn_roulette(t, sum, how);
+
+    VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
+    VSTORE(before + own, tau);
+#if CDF == 1
+    VSTORE(ONE_MINUS_EXP(vf, own), mass);
+#else
+    VSTORE(own, mass);
+#endif
+    for (uint l = 0; l < VW; l++) {
+        const uint w = t->whose[l], n_samples = (uint)numbers[l];
+
+        if (w == RAYS || sum->tau[w] > max_depth)
+            continue;
+        if (n_samples > 0u) {
+            const cln_interval v = {t->of.t_in[l], t->of.t_out[l], mass[l], t->of.slot[l],
+                                    CLN_INTERVAL_COUNT(n_samples, t->of.level[l])};
+
+            intervals[sum->kept[w]++ * rays + begin + w] = v;
+            sum->samples[w] += n_samples;
+        }
+        sum->met[w]++;
+        sum->tau[w] = tau[l];
+    }
+}
+
 #if CROP
 #define CROP_ARGUMENTS \
     , float4 crop_0, float4 crop_1, float4 crop_2, float4 crop_3, float4 crop_4, float4 crop_5
@@ -186,17 +252,17 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
 {
     const uint begin = first + (uint)get_global_id(0) * RAYS, end = first + n;
     const uint count = begin < end ? min((uint)RAYS, end - begin) : 0u;
-    const uint key = stream_key(seed, STREAM_SAMPLES, step);
-    float taus[RAYS];
-    uint met[RAYS], kept[RAYS], samples[RAYS]; /* per ray: intervals met, kept; samples */
+    const allocation how = {per_leaf, per_ray, empty_weight, empty_share,
+                            stream_key(seed, STREAM_SAMPLES, step)};
+    tally sum;
     walk walks[GROUPS];
     walked p;
     turn turns[2];
     bool more = count > 0u;
 
     for (uint l = 0; l < RAYS; l++) {
-        taus[l] = 0.0f;
-        met[l] = kept[l] = samples[l] = p.found[l] = 0u;
+        sum.tau[l] = 0.0f;
+        sum.met[l] = sum.kept[l] = sum.samples[l] = p.found[l] = 0u;
     }
     for (uint g = 0; g * VW < count; g++)
         walk_start(&walks[g], ray_o, ray_d, begin + g * VW, end, depth);
@@ -219,70 +285,26 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
             walk_ahead(&walks[g], map, depth, &p, g * VW);
         for (int l = 0; l < VW; l++)
             at.at[l] = at.upto[l] = at.whose[l] = 0u;
-        next = turn_take(&turns[0], &at, &p, taus, max_depth, begin, count);
-        if (next) {
-            bundle_open(&turns[0].points, STAGE1_PASS, &turns[0].of, ray_o, ray_d LIST_PASS);
-            bundle_fetch(&turns[0].points, STAGE1_PASS);
-        }
+        next = turn_take(&turns[0], &at, &p, &sum, max_depth, begin, count);
+        if (next)
+            bundle_begin(&turns[0].points, STAGE1_PASS, &turns[0].of, ray_o, ray_d LIST_PASS);
         for (; next; now ^= 1u) {
-            turn *t = &turns[now], *behind = &turns[now ^ 1u];
-            const bundle *b = &t->points;
-            float tau[VW], mass[VW];
-            int numbers[VW];
+            turn *behind = &turns[now ^ 1u];
 
-            next = turn_take(behind, &at, &p, taus, max_depth, begin, count);
-            if (next) {
-                bundle_open(&behind->points, STAGE1_PASS, &behind->of, ray_o, ray_d LIST_PASS);
-                bundle_fetch(&behind->points, STAGE1_PASS);
-            }
-            for (int l = 0; l < VW; l++)
-                tau[l] = taus[min(t->whose[l], RAYS - 1u)];
-            const vf own = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
-            const vi number = sample_numbers(own, before, b, VLOAD(t->of.level), per_leaf,
-                                             per_ray, empty_weight);
-            vf chance = (vf)(0.0f);
-
-            if (empty_share > 0.0f && empty_share < 1.0f) { /* else it decides nothing */
-                uint draws[VW];
-
-                for (int l = 0; l < VW; l++)
-                    draws[l] = CLN_DRAW_ROULETTE + met[min(t->whose[l], RAYS - 1u)];
-                chance = uniform_lanes_of(key, VLOAD(t->of.ray), VLOAD(draws), 0u);
-            }
-            const vi drawn = select((vi)(0), (vi)(1), chance < (vf)(empty_share));
-
-            VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
-            VSTORE(before + own, tau);
-#if CDF == 1
-            VSTORE(ONE_MINUS_EXP(vf, own), mass);
-#else
-            VSTORE(own, mass);
-#endif
-            for (uint l = 0; l < VW; l++) {
-                const uint w = t->whose[l], r = begin + w, n_samples = (uint)numbers[l];
-
-                if (w == RAYS || taus[w] > max_depth)
-                    continue;
-                if (n_samples > 0u) {
-                    const cln_interval v = {t->of.t_in[l], t->of.t_out[l], mass[l], t->of.slot[l],
-                                            CLN_INTERVAL_COUNT(n_samples, t->of.level[l])};
-
-                    intervals[kept[w]++ * rays + r] = v;
-                    samples[w] += n_samples;
-                }
-                met[w]++;
-                taus[w] = tau[l];
-            }
+            next = turn_take(behind, &at, &p, &sum, max_depth, begin, count);
+            if (next)
+                bundle_begin(&behind->points, STAGE1_PASS, &behind->of, ray_o, ray_d LIST_PASS);
+            turn_decide(&turns[now], &sum, &how, max_depth, begin, rays, intervals, STAGE1_PASS);
         }
         more = false;
         for (uint g = 0; g * VW < count; g++) {
-            walks[g].more = walks[g].more & (VLOAD(taus + g * VW) <= (vf)(max_depth));
+            walks[g].more = walks[g].more & (VLOAD(sum.tau + g * VW) <= (vf)(max_depth));
             more |= V_ANY(walks[g].more) != 0;
         }
     }
     for (uint l = 0; l < count; l++) {
-        used[begin + l] = kept[l];
-        sample_counts[begin + l] = samples[l];
+        used[begin + l] = sum.kept[l];
+        sample_counts[begin + l] = sum.samples[l];
     }
 }
 
@@ -344,6 +366,31 @@ HELPER void window_move(window *w, vi move)
     w->edge[0] = select(w->edge[0], w->edge[w->bins], move);
     w->begin[0] = select(w->begin[0], w->end[0], move);
     w->begin[1] = select(w->begin[1], w->end[1], move);
+}
+
+/* The windows' first bins. */
+HELPER void window_begin(window *w, const bundle *b, blend mix, STAGE1_ARGUMENTS)
+{
+    w->first = (vi)(0);
+    w->moved = false;
+    w->edge[0] = b->t_in;
+    w->begin[0] = w->begin[1] = (vf)(0.0f);
+    window_fill(w, b, mix, STAGE1_PASS);
+}
+
+/* t where the function is u: in the last bin that begins at or before u. */
+HELPER vf window_invert(const window *w, vf u)
+{
+    vf from = w->edge[0], below = w->border[0], slope = w->rise[0];
+
+    for (int j = 1; j < w->bins; j++) {
+        const vi past = u >= w->border[j];
+
+        from = select(from, w->edge[j], past);
+        below = select(below, w->border[j], past);
+        slope = select(slope, w->rise[j], past);
+    }
+    return MAD(u - below, slope, from);
 }
 
 /* VW intervals, each with its number of samples, its first sample and its number along the ray. */
@@ -425,6 +472,79 @@ HELPER void batch_fill(batch *b, cursor *c, const __global cln_interval *interva
     }
 }
 
+/* The parts of a batch's distribution functions, over the total mass of their intervals, with a
+ * little everywhere, so that every bin can be reached. */
+HELPER blend batch_blend(const batch *a, float uniform_share)
+{
+    const bundle *b = &a->points;
+    const vf length = b->t_out - b->t_in;
+#if CDF == 1
+    const vf little = EMPTY_BIN / length, mass = VLOAD(a->mass) + EMPTY_BIN;
+#else
+    const vf mean = bundle_mean(b, VLOAD(a->mass));
+    const vf little = EMPTY_BIN * fmax((vf)(1.0f), mean);
+    const vf mass = MAD(little, length, VLOAD(a->mass));
+#endif
+    blend mix;
+
+    mix.steered = (1.0f - uniform_share) / mass;
+    mix.even = MAD(little, mix.steered, uniform_share / length);
+    return mix;
+}
+
+/* Writes sample k of a batch's intervals; those that have fewer write their last one again. */
+HELPER void batch_write(const batch *b, uint k, vf t, vf delta, __global cln_sample *samples)
+{
+    float ts[VW], deltas[VW];
+
+    VSTORE(t, ts);
+    VSTORE(delta, deltas);
+#pragma unroll
+    for (uint l = 0; l < VW; l++) {
+        const cln_sample sample = {ts[l], deltas[l], ROW_OF(&b->of, l), b->of.slot[l]};
+
+        samples[b->start[l] + min(k, (uint)b->number[l] - 1u)] = sample;
+    }
+}
+
+/* Writes the samples of a batch's intervals. */
+HELPER void batch_emit(const batch *now, float uniform_share, uint jitter, uint key,
+                       __global cln_sample *samples, STAGE1_ARGUMENTS)
+{
+    const bundle *b = &now->points;
+    const vi number = VLOAD(now->number);
+    const blend mix = batch_blend(now, uniform_share);
+    vf last = b->t_in, left = b->t_in, delta = (vf)(0.0f);
+    window w;
+
+    window_begin(&w, b, mix, STAGE1_PASS);
+    /* a sample ends half way to the next one, so it is written once that is known */
+    for (uint k = 0; k <= now->most; k++) {
+        vf within = (vf)(0.5f);
+
+        if (jitter)
+            within = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
+        const vf u = ((float)k + within) / V_TO_FLOAT(number);
+        const vi here = (vi)((int)k) < number, ends = (vi)((int)k) <= number;
+        vi move = here & (u >= w.border[w.bins]);
+
+        while (V_ANY(move)) {
+            window_move(&w, move);
+            window_fill(&w, b, mix, STAGE1_PASS);
+            move = here & (u >= w.border[w.bins]);
+        }
+        const vf t = fmax(last, fmin(fmax(window_invert(&w, u), b->t_in), b->t_out));
+        const vf middle = select(b->t_out, 0.5f * (last + t), here);
+
+        if (k > 0u) {
+            delta = select(delta, middle - left, ends);
+            left = middle;
+            batch_write(now, k - 1u, last, delta, samples);
+        }
+        last = select(last, t, here);
+    }
+}
+
 /* Work-item i: rays first + i RAYS .. first + i RAYS + RAYS - 1, without the rays whose samples
  * would exceed `most` in total; lanes over their intervals. */
 __kernel void
@@ -453,86 +573,14 @@ samples_emit(STAGE1_ARGUMENTS, const __global float4 *restrict ray_o,
     c.line = 1u;
 #endif
     batch_fill(&batches[0], &c, intervals, used, end, rays LINE_PASS);
-    if (batches[0].filled) {
-        bundle_open(&batches[0].points, STAGE1_PASS, &batches[0].of, ray_o, ray_d LIST_PASS);
-        bundle_fetch(&batches[0].points, STAGE1_PASS);
-    }
+    if (batches[0].filled)
+        bundle_begin(&batches[0].points, STAGE1_PASS, &batches[0].of, ray_o, ray_d LIST_PASS);
     for (uint turn = 0; batches[turn].filled; turn ^= 1u) {
-        const batch *now = &batches[turn];
-        const bundle *b = &now->points;
         batch *next = &batches[turn ^ 1u];
-        window w;
-        blend mix;
 
         batch_fill(next, &c, intervals, used, end, rays LINE_PASS);
-        if (next->filled) {
-            bundle_open(&next->points, STAGE1_PASS, &next->of, ray_o, ray_d LIST_PASS);
-            bundle_fetch(&next->points, STAGE1_PASS);
-        }
-        const vf length = b->t_out - b->t_in;
-        const vi number = VLOAD(now->number);
-        /* total mass, with a little everywhere, so that every bin can be reached */
-#if CDF == 1
-        const vf little = EMPTY_BIN / length, mass = VLOAD(now->mass) + EMPTY_BIN;
-#else
-        const vf mean = bundle_mean(b, VLOAD(now->mass));
-        const vf little = EMPTY_BIN * fmax((vf)(1.0f), mean);
-        const vf mass = MAD(little, length, VLOAD(now->mass));
-#endif
-
-        mix.steered = (1.0f - uniform_share) / mass;
-        mix.even = MAD(little, mix.steered, uniform_share / length);
-        w.first = (vi)(0);
-        w.moved = false;
-        w.edge[0] = b->t_in;
-        w.begin[0] = w.begin[1] = (vf)(0.0f);
-        window_fill(&w, b, mix, STAGE1_PASS);
-
-        vf last = b->t_in, left = b->t_in, delta = (vf)(0.0f);
-
-        /* a sample ends half way to the next one, so it is written once that is known */
-        for (uint k = 0; k <= now->most; k++) {
-            vf within = (vf)(0.5f);
-
-            if (jitter)
-                within = uniform_lanes_of(key, VLOAD(now->of.ray), VLOAD(now->interval), k);
-            const vf u = ((float)k + within) / V_TO_FLOAT(number);
-            const vi here = (vi)((int)k) < number, ends = (vi)((int)k) <= number;
-            vi move = here & (u >= w.border[w.bins]);
-
-            while (V_ANY(move)) {
-                window_move(&w, move);
-                window_fill(&w, b, mix, STAGE1_PASS);
-                move = here & (u >= w.border[w.bins]);
-            }
-            vf from = w.edge[0], below = w.border[0], slope = w.rise[0];
-
-            for (int j = 1; j < w.bins; j++) { /* the last bin that begins at or before u */
-                const vi past = u >= w.border[j];
-
-                from = select(from, w.edge[j], past);
-                below = select(below, w.border[j], past);
-                slope = select(slope, w.rise[j], past);
-            }
-            const vf t = fmax(last, fmin(fmax(MAD(u - below, slope, from), b->t_in), b->t_out));
-            const vf middle = select(b->t_out, 0.5f * (last + t), here);
-
-            if (k > 0u) {
-                float ts[VW], deltas[VW];
-
-                delta = select(delta, middle - left, ends);
-                left = middle;
-                VSTORE(last, ts);
-                VSTORE(delta, deltas);
-#pragma unroll
-                for (uint l = 0; l < VW; l++) { /* finished lanes write their last one again */
-                    const cln_sample sample = {ts[l], deltas[l], ROW_OF(&now->of, l),
-                                               now->of.slot[l]};
-
-                    samples[now->start[l] + min(k, (uint)now->number[l]) - 1u] = sample;
-                }
-            }
-            last = select(last, t, here);
-        }
+        if (next->filled)
+            bundle_begin(&next->points, STAGE1_PASS, &next->of, ray_o, ray_d LIST_PASS);
+        batch_emit(&batches[turn], uniform_share, jitter, key, samples, STAGE1_PASS);
     }
 }

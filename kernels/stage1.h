@@ -1,9 +1,9 @@
 /* needs: leaves fetch bfloat16 shell */
 /* Stage 1 along rays (method.md 4, 5): the points of VW intervals at a time, one interval per lane,
- * by bundle_open(), bundle_fetch(), bundle_depth(), bundle_bin() and bundle_mean(). An interval's
- * points ascend in t and have densities; a point's bin reaches half way to its neighbours, the
- * first and last to the interval's ends, and no further than its reach: gaps between have density 0
- * and are bins, too. For sampling.cl. Two methods give the points:
+ * by bundle_begin(), bundle_depth(), bundle_bin() and bundle_mean(). An interval's points ascend in
+ * t and have densities; a point's bin reaches half way to its neighbours, the first and last to the
+ * interval's ends, and no further than its reach: gaps between have density 0 and are bins, too.
+ * For sampling.cl. Two methods give the points:
  *
  *   STAGE1 1 (gather)  points of the interval, spaced like the cells, with the nearest cell's
  *                      cached density; their reach has no end
@@ -320,6 +320,14 @@ HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
     return depth;
 }
 #endif
+
+/* Opens the bundle and fetches its data. */
+HELPER void bundle_begin(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __global float4 *ray_o,
+                         const __global float4 *ray_d LIST_ARGUMENTS)
+{
+    bundle_open(b, STAGE1_PASS, p, ray_o, ray_d LIST_PASS);
+    bundle_fetch(b, STAGE1_PASS);
+}
 
 /* Mean densities of the intervals. */
 HELPER vf bundle_mean(const bundle *b, vf depth)

@@ -150,6 +150,75 @@ __kernel void stretch_composite(const __global cln_interval *restrict intervals,
     (void)r;
 }
 
+/* Sums along a whole ray, and what is left behind it. */
+typedef struct joined {
+    float4 colour; /* without the background */
+    float through, opacity, moment, length, distortion, cauchy, off;
+} joined;
+
+/* Joins a ray's stretches `begin` to `end`. Of each, sums then keep the optical depth before it and
+ * its own, in place of its own and the cauchy. */
+HELPER joined join_stretches(__global float4 *sums, uint begin, uint end)
+{
+    joined a = {.colour = (float4)(0.0f), .through = 1.0f};
+    float tau = 0.0f;
+
+    for (uint k = begin; k < end; k++) {
+        const float4 c = sums[SUMS * k], more = sums[SUMS * k + 1u];
+        const float weight = a.through * ONE_MINUS_EXP(float, c.w), far = a.through * more.y;
+
+        a.colour = MAD((float4)(a.through), c, a.colour);
+#if DISTORT
+        a.distortion +=
+            a.through * a.through * more.z + 2.0f * (a.opacity * far - weight * a.moment);
+#endif
+        a.opacity += weight;
+        a.moment += far;
+        a.length += more.x;
+        a.cauchy += more.w;
+#if DEPTH_LOSS
+        a.off = MAD(a.through, sums[SUMS * k + 2u].x, a.off);
+#endif
+        sums[SUMS * k].w = tau;
+        sums[SUMS * k + 1u].w = c.w;
+        tau += c.w;
+        a.through = EXP(-tau);
+    }
+    a.colour.w = 0.0f;
+    return a;
+}
+
+/* Takes another rank's stretch all at once, as sweep_back() does sample by sample. sums: the
+ * stretch's, joined. */
+HELPER void sweep_over(sweep *s, const ray_loss *l, const __global float4 *sums, float distort,
+                       float pull)
+{
+    const float4 c = sums[0], more = sums[1];
+    const float front = EXP(-c.w), weight = front * ONE_MINUS_EXP(float, more.w);
+    const float far = front * more.y;
+    float gain = front * dot(l->g.xyz, c.xyz);
+
+#if OPACITY
+    gain += l->g_opacity * weight;
+#endif
+#if DEPTH_LOSS
+    gain += pull * front * sums[2].x;
+#endif
+#if DISTORT
+    const float before = s->opacity - weight - s->behind;
+    const float moment_before = s->moment - far - s->moment_behind;
+
+    gain += 2.0f * distort *
+            (front * front * more.z + far * (before - s->behind) -
+             weight * (moment_before - s->moment_behind));
+#endif
+    (void)distort;
+    (void)pull;
+    s->rest += gain;
+    s->behind += weight;
+    s->moment_behind += far;
+}
+
 /* Results of every ray; gradients and measures of this rank's samples. sums: of all ranks;
  * overwritten. */
 __kernel void stretch_train(const __global cln_interval *restrict intervals,
@@ -172,67 +241,21 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
     const uint begin = stretch_starts[r], end = stretch_starts[r + 1u];
     const float4 back = BACKGROUND(r);
     const float start = begin < end ? intervals[r].t_in : 0.0f;
-    float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f, length = 0.0f;
-    float distortion = 0.0f, cauchies = 0.0f, off = 0.0f;
-    float4 colour = (float4)(0.0f);
-
-    for (uint k = begin; k < end; k++) { /* sums keep the optical depth before k, and of k */
-        const float4 c = sums[SUMS * k], more = sums[SUMS * k + 1u];
-        const float weight = through * ONE_MINUS_EXP(float, c.w), far = through * more.y;
-
-        colour = MAD((float4)(through), c, colour);
-#if DISTORT
-        distortion += through * through * more.z + 2.0f * (opacity * far - weight * moment);
-#endif
-        opacity += weight;
-        moment += far;
-        length += more.x;
-        cauchies += more.w;
-#if DEPTH_LOSS
-        off = MAD(through, sums[SUMS * k + 2u].x, off);
-#endif
-        sums[SUMS * k].w = tau;
-        sums[SUMS * k + 1u].w = c.w;
-        tau += c.w;
-        through = EXP(-tau);
-    }
-    colour.w = 0.0f;
-    colour = MAD((float4)(through), back, colour);
+    const joined a = join_stretches(sums, begin, end);
+    const float4 colour = MAD((float4)(a.through), back, a.colour);
     const float2 pull = DEPTH_PASS(r);
-    const ray_loss l = loss_of_ray(colour, back, targets[r], through, opacity, huber, alpha_weight,
-                                   opacity_weight, pull);
-    sweep s = {opacity, moment, l.rest, 0.0f, 0.0f, 0.0f};
+    const ray_loss l = loss_of_ray(colour, back, targets[r], a.through, a.opacity, huber,
+                                   alpha_weight, opacity_weight, pull);
+    sweep s = {a.opacity, a.moment, l.rest, 0.0f, 0.0f, 0.0f};
     const float extra =
-        l.extra + distort * distortion + cauchy * cauchies + pull.x * off;
+        l.extra + distort * a.distortion + cauchy * a.cauchy + pull.x * a.off;
 
     for (uint k = end; k-- > begin;) {
-        const float4 c = sums[SUMS * k], more = sums[SUMS * k + 1u];
-        const float front = EXP(-c.w), weight = front * ONE_MINUS_EXP(float, more.w);
-        const float far = front * more.y;
-
-        if (stretch_rank[k] != me) { /* all at once, as sweep_back() does sample by sample */
-            float gain = front * dot(l.g.xyz, c.xyz);
-
-#if OPACITY
-            gain += l.g_opacity * weight;
-#endif
-#if DEPTH_LOSS
-            gain += pull.x * front * sums[SUMS * k + 2u].x;
-#endif
-#if DISTORT
-            const float before = opacity - weight - s.behind;
-            const float moment_before = moment - far - s.moment_behind;
-
-            gain += 2.0f * distort *
-                    (front * front * more.z + far * (before - s.behind) -
-                     weight * (moment_before - s.moment_behind));
-#endif
-            s.rest += gain;
-            s.behind += weight;
-            s.moment_behind += far;
+        if (stretch_rank[k] != me) {
+            sweep_over(&s, &l, sums + SUMS * k, distort, pull.x);
             continue;
         }
-        float tau_here = c.w, through_here = front;
+        float tau_here = sums[SUMS * k].w, through_here = EXP(-tau_here);
 
         for (uint i = stretch_first[k]; i < stretch_first[k + 1u]; i++) {
             /* dout keeps T_i, alpha_i, T_(i+1) for what follows */
@@ -252,13 +275,13 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
             dout[i] = scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort,
                                          cauchy, pull.x, fabs(samples[i].t - pull.y));
 #if MEASURES > 0
-            measure_sample(measures, i, l.square, kept, o.w, delta, through, length);
+            measure_sample(measures, i, l.square, kept, o.w, delta, a.through, a.length);
 #endif
         }
     }
-    const float depth = MAD(start, opacity, moment) / fmax(opacity, 1e-10f);
-    const cln_ray_result result = {colour.x, colour.y,       colour.z, depth,
-                                   opacity,  l.loss + extra, l.square, 0.0f};
+    const float depth = MAD(start, a.opacity, a.moment) / fmax(a.opacity, 1e-10f);
+    const cln_ray_result result = {colour.x,  colour.y,       colour.z, depth,
+                                   a.opacity, l.loss + extra, l.square, 0.0f};
 
     results[r] = result;
 }

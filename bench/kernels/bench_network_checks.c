@@ -274,11 +274,13 @@ static cln_status check_adam(const network_run *r, bench_errors *errors)
         want[i] = before[i];
     if (r->p->net.encoding == CLN_ENCODING_VOXEL)
         for (size_t i = 0; i < n; i++)
-            ref_voxel_step(&want[i], grad[i], &m[i], &v[i], lr * rate_of(r, i),
-                           (float)config->beta1, (float)config->beta2, (float)config->epsilon);
+            ref_voxel_step(&want[i], grad[i], &m[i], &v[i],
+                           (ref_adam_rule){lr * rate_of(r, i), (float)config->beta1,
+                                           (float)config->beta2, (float)config->epsilon});
     else
-        ref_adam((int)n, want, grad, m, v, 1, lr, (float)config->beta1, (float)config->beta2,
-                 (float)config->epsilon);
+        ref_adam((int)n, want, grad, m, v, 1,
+                 (ref_adam_rule){lr, (float)config->beta1, (float)config->beta2,
+                                 (float)config->epsilon});
     for (size_t i = 0; i < n; i++) {
         got[i] -= before[i];
         want[i] -= before[i];

@@ -21,7 +21,7 @@
 static cln_status check_place(const char *place, uint64_t model)
 {
     cln_status st = CLN_OK;
-    char *path = NULL, digest[24];
+    char *path = NULL, digest[CLN_DIGEST_TEXT];
     const char *saved = NULL;
     json_t *document = NULL;
 
@@ -29,7 +29,7 @@ static cln_status check_place(const char *place, uint64_t model)
     if (!cln_is_file(path))
         goto done;
     CLN_TRY(cln_json_read(path, false, &document));
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)model);
+    cln_digest_text(model, digest);
     saved = json_string_value(json_object_get(document, "model_digest"));
     if (!saved || strcmp(saved, digest) != 0)
         CLN_TRY(cln_fail(CLN_OUTPUT,

@@ -1,7 +1,6 @@
 /* cln_info_scene, cln_info_run: the output of `info`, as JSON text. Reads files but decodes no
  * image; for a scene it also asks a device, if there is one, how much memory a training would
  * need. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -72,7 +71,7 @@ static cln_status add_checkpoint(const char *run, json_t *about)
                                        "params", "model_digest",  "checkpoint"};
     cln_status st = CLN_OK;
     cln_model model = {0};
-    char *folder = NULL, digest[24];
+    char *folder = NULL, digest[CLN_DIGEST_TEXT];
     json_t *levels = NULL;
     int count[CLN_MAX_LEVEL + 1] = {0};
 
@@ -88,7 +87,7 @@ static cln_status add_checkpoint(const char *run, json_t *about)
         count[model.tree.level[model.tree.leaf[s]]]++;
     for (int level = 0; level <= CLN_MAX_LEVEL; level++)
         json_array_append_new(levels, json_integer(count[level]));
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_model_digest(&model));
+    cln_digest_text(cln_model_digest(&model), digest);
     json_object_set_new(about, "step", json_integer(model.step));
     json_object_set_new(about, "train_seconds", json_real(model.train_seconds));
     json_object_set_new(about, "leaves", json_integer(model.tree.leaf_count));

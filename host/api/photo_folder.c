@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/callbacks.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -19,7 +20,6 @@
 enum { FRAMES = 150 };
 static const size_t FILE_MOST = (size_t)1 << 30;
 static const char frame_name[] = "frame_%05d.jpg"; /* ffmpeg's */
-static const char videos[] = " mp4 mov m4v mkv webm avi mts 3gp insv ";
 
 bool cln_photos_are_video(const char *path)
 {
@@ -31,7 +31,7 @@ bool cln_photos_are_video(const char *path)
     snprintf(word, sizeof word, " %s ", dot + 1);
     for (char *c = word; *c; c++)
         *c = (char)tolower((unsigned char)*c);
-    return strstr(videos, word) != NULL;
+    return strstr(CLN_VIDEO_ENDINGS, word) != NULL;
 }
 
 /* ---- frames ---- */
@@ -52,9 +52,7 @@ static void read_duration(const char *line, void *user)
 
 static int is_interrupted(void *user)
 {
-    const cln_callbacks *c = ((video *)user)->callbacks;
-
-    return c->interrupted ? c->interrupted(c->user) : 0;
+    return cln_poll_signal(((video *)user)->callbacks);
 }
 
 /* A pattern of names in a folder as ffmpeg takes it: a file whatever its name begins with, and with

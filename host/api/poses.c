@@ -18,6 +18,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/callbacks.h"
 #include "base/config.h"
 #include "base/files.h"
 #include "base/given.h"
@@ -63,7 +64,6 @@ static const char *behind(const char *line, const char *phrase, const char *newe
 static void read_line(const char *line, void *user)
 {
     work *w = user;
-    const cln_callbacks *c = &w->desc->callbacks;
     const char *at = NULL;
     int a = 0, b = 0, of_a = 0, of_b = 0;
 
@@ -86,27 +86,22 @@ static void read_line(const char *line, void *user)
     } else {
         return;
     }
-    if (c->work)
-        c->work(w->stage, w->done, w->photos.count, c->user);
+    cln_show_work(&w->desc->callbacks, w->stage, w->done, w->photos.count);
 }
 
 static int is_interrupted(void *user)
 {
-    const cln_callbacks *c = &((work *)user)->desc->callbacks;
-
-    return c->interrupted ? c->interrupted(c->user) : 0;
+    return cln_poll_signal(&((work *)user)->desc->callbacks);
 }
 
 static cln_status run(work *w, const char *stage, const char *const *argv)
 {
     const cln_command_watch watch = {read_line, is_interrupted, w, w->log};
-    const cln_callbacks *c = &w->desc->callbacks;
     cln_status st = CLN_OK;
 
     w->stage = stage;
     w->done = 0;
-    if (c->work)
-        c->work(stage, 0, w->photos.count, c->user);
+    cln_show_work(&w->desc->callbacks, stage, 0, w->photos.count);
     st = cln_command_run(argv, &watch);
     if (st == CLN_FAILED)
         cln_note("finding poses; %s has all that it said", w->log_path);
@@ -193,6 +188,12 @@ done:
 
 /* ---- the scene ---- */
 
+static cln_status too_few(const char *where, const cln_names *photos)
+{
+    return cln_fail(CLN_INPUT, "%s: has %d PNG or JPEG photos; finding poses needs at least three",
+                    where, photos->count);
+}
+
 /* Enough photos, before the folder is made. A folder that is a scene already needs no poses. */
 static cln_status check_photos(const char *folder)
 {
@@ -203,9 +204,7 @@ static cln_status check_photos(const char *folder)
 
     CLN_TRY(cln_dataset_images(folder, &photos));
     if (photos.count < PHOTOS_LEAST)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: has %d PNG or JPEG photos; finding poses needs at least three",
-                         folder, photos.count));
+        CLN_TRY(too_few(folder, &photos));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
                  "them",
@@ -229,15 +228,7 @@ static cln_status check_out(const char *photos, const char *out)
     if (!cln_is_dir(photos))
         goto done;
     CLN_TRY(cln_path_absolute(&there, photos));
-    CLN_TRY(cln_strdup(&up, out));
-    while (up[0] && access(up, F_OK) != 0) { /* the nearest folder that exists */
-        char *slash = strrchr(up, '/');
-
-        if (slash)
-            slash[slash == up] = 0;
-        else
-            strcpy(up, ".");
-    }
+    CLN_TRY(cln_disk_nearest(out, &up));
     CLN_TRY(cln_path_absolute(&around, up));
     length = strlen(there);
     if (strncmp(around, there, length) == 0 && (around[length] == 0 || around[length] == '/'))
@@ -322,9 +313,7 @@ static cln_status set_up(work *w)
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;
     if (w->photos.count < PHOTOS_LEAST) /* of a video */
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: has %d PNG or JPEG photos; finding poses needs at least three",
-                         w->desc->photos, w->photos.count));
+        CLN_TRY(too_few(w->desc->photos, &w->photos));
 done:
     return st;
 }

@@ -143,7 +143,7 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
         d = cln_digest(d, "stereo", 6);
         d = cln_digest(d, &j->desc->stereo, sizeof j->desc->stereo);
     }
-    snprintf(f->made_from, sizeof f->made_from, "%016llx", (unsigned long long)d);
+    cln_digest_text(d, f->made_from);
 }
 
 /* Checks what all ranks must have in common; if it differed, they would wait for each other

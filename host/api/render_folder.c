@@ -108,13 +108,13 @@ done:
 static json_t *describe(const cln_render_job *j)
 {
     const cln_render_desc *d = j->desc;
-    char digest[24];
+    char digest[CLN_DIGEST_TEXT];
     json_t *about = NULL, *frames = json_object();
 
     json_object_update(frames, json_object_get(j->before, "frames"));
     for (int i = 0; i < j->count; i++)
         json_object_set_new(frames, j->frames[i].name, json_string(j->frames[i].made_from));
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)j->model_digest);
+    cln_digest_text(j->model_digest, digest);
     about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s, s:s, s:o}", "schema", SCHEMA, "tool",
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",

@@ -4,6 +4,7 @@
 #define CLN_API_RENDER_FOLDER_H
 
 #include <jansson.h>
+#include "base/files.h"
 #include "render/crop.h"
 #include "render/depth_picture.h"
 #include "render/frames.h"
@@ -13,7 +14,7 @@
 typedef struct cln_render_frame {
     const char *name;
     cln_camera camera;
-    char made_from[17]; /* digest of all that its pictures depend on */
+    char made_from[CLN_DIGEST_TEXT]; /* digest of all that its pictures depend on */
     bool there;
 } cln_render_frame;
 

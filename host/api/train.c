@@ -309,7 +309,7 @@ static cln_status plan(cln_trainer *t)
     cln_plan_apply(&t->plan, &t->pipeline);
     most = wanted < t->plan.max_rays ? wanted : t->plan.max_rays;
     first = t->desc->resume ? t->model.rays : (int)(t->plan.batch_samples / 32);
-    t->model.rays = first < 16 ? 16 : first > most ? most : first;
+    t->model.rays = first < CLN_STEP_LEAST_RAYS ? CLN_STEP_LEAST_RAYS : first > most ? most : first;
     t->device->peak = t->device->allocated; /* without the self-test's peak */
 done:
     return st;

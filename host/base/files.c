@@ -8,7 +8,9 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <inttypes.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -34,22 +36,23 @@ bool cln_is_dir(const char *path)
     return path && stat(path, &info) == 0 && S_ISDIR(info.st_mode);
 }
 
-bool cln_has_file(const char *folder, const char *name)
+static bool holds(const char *folder, const char *name, bool (*is_kind)(const char *path))
 {
     char *path = NULL;
-    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_file(path);
+    const bool has = cln_path_join(&path, folder, name) == CLN_OK && is_kind(path);
 
     free(path);
     return has;
 }
 
+bool cln_has_file(const char *folder, const char *name)
+{
+    return holds(folder, name, cln_is_file);
+}
+
 bool cln_has_dir(const char *folder, const char *name)
 {
-    char *path = NULL;
-    const bool has = cln_path_join(&path, folder, name) == CLN_OK && cln_is_dir(path);
-
-    free(path);
-    return has;
+    return holds(folder, name, cln_is_dir);
 }
 
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes)
@@ -151,11 +154,16 @@ const char *cln_atomic_temp(const cln_atomic_file *file)
     return file->temp;
 }
 
+static cln_status cannot_write(const cln_atomic_file *file, const char *reason)
+{
+    return cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
+                    file->path, reason);
+}
+
 cln_status cln_atomic_write(cln_atomic_file *file, const void *data, size_t bytes)
 {
     if (bytes && fwrite(data, 1, bytes, file->stream) != bytes)
-        return cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
-                        file->path, strerror(errno));
+        return cannot_write(file, strerror(errno));
     return CLN_OK;
 }
 
@@ -182,15 +190,13 @@ static cln_status finish(cln_atomic_file *file)
     int failed = 0;
 
     if (ferror(file->stream))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: a write failed; make room or choose another folder",
-                         file->path));
+        CLN_TRY(cannot_write(file, "a write failed before"));
     if (fflush(file->stream) != 0 || fsync(fileno(file->stream)) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s; make room or choose another folder",
-                         file->path, strerror(errno)));
+        CLN_TRY(cannot_write(file, strerror(errno)));
     failed = fclose(file->stream);
     file->stream = NULL;
     if (failed)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s", file->path, strerror(errno)));
+        CLN_TRY(cannot_write(file, strerror(errno)));
 done:
     return st;
 }
@@ -205,7 +211,7 @@ cln_status cln_atomic_commit_all(cln_atomic_file **const files[], int count)
         cln_atomic_file *file = *files[i];
 
         if (rename(file->temp, file->path) != 0)
-            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot write: %s", file->path, strerror(errno)));
+            CLN_TRY(cannot_write(file, strerror(errno)));
         sync_folder_of(file->path);
         free_atomic(file);
         *files[i] = NULL;
@@ -380,4 +386,9 @@ uint64_t cln_digest(uint64_t digest, const void *data, size_t bytes)
     cln_digest_begin(&d, digest);
     cln_digest_more(&d, data, bytes);
     return cln_digest_end(&d);
+}
+
+void cln_digest_text(uint64_t digest, char out[CLN_DIGEST_TEXT])
+{
+    snprintf(out, CLN_DIGEST_TEXT, "%016" PRIx64, digest);
 }

@@ -62,4 +62,8 @@ void cln_digest_begin(cln_digest_part *part, uint64_t digest);
 void cln_digest_more(cln_digest_part *part, const void *data, size_t bytes);
 uint64_t cln_digest_end(const cln_digest_part *part);
 
+/* A digest as texts have it: 16 hexadecimal digits. */
+enum { CLN_DIGEST_TEXT = 17 };
+void cln_digest_text(uint64_t digest, char out[CLN_DIGEST_TEXT]);
+
 #endif

@@ -47,11 +47,18 @@ void cln_extremes_camera(int v, const cln_space *space, double distance, double 
 enum { CLN_EXTREMES_FAR = 12 };
 void cln_extremes_far(int i, const cln_space *space, cln_camera *k);
 
-/* Makes the rays of pixels of these cameras and reads them back, `bytes` of origins and of
- * directions, which were NaNs before. CLN_MEMORY, CLN_CL. */
-cln_status cln_extremes_shoot(cln_pipeline *p, const cln_space *space, const cln_camera *cameras,
-                              int views, const cln_pixel *pixels, int rays, size_t bytes, void *o,
-                              void *d);
+/* Rays of pixels of cameras; o, d: `bytes` of their origins and of their directions. */
+typedef struct cln_extremes_shot {
+    int views, rays;
+    const cln_camera *cameras; /* [views] */
+    const cln_pixel *pixels;   /* [rays] */
+    size_t bytes;
+    void *o, *d;
+} cln_extremes_shot;
+
+/* Makes the rays and reads them back to o and d; on the device they were NaNs before. CLN_MEMORY,
+ * CLN_CL. */
+cln_status cln_extremes_shoot(cln_pipeline *p, const cln_space *space, const cln_extremes_shot *s);
 
 /* Counts a number without an oracle: it must be finite. */
 void cln_extreme_finite(cln_extreme *e, double got, const char *fmt, ...)

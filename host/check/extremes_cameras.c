@@ -41,24 +41,22 @@ static void free_shot(shot *s)
     free(s->d);
 }
 
-cln_status cln_extremes_shoot(cln_pipeline *p, const cln_space *space, const cln_camera *cameras,
-                              int views, const cln_pixel *pixels, int rays, size_t bytes, void *o,
-                              void *d)
+cln_status cln_extremes_shoot(cln_pipeline *p, const cln_space *space, const cln_extremes_shot *s)
 {
     cln_status st = CLN_OK;
     const cln_camera **list = NULL;
     static const float white[4] = {1, 1, 1, 1}; /* read later, by the queue */
 
-    CLN_TRY(cln_alloc(&list, (size_t)views, sizeof *list, "self-test"));
-    for (int v = 0; v < views; v++)
-        list[v] = &cameras[v];
-    CLN_TRY(cln_pipeline_cameras(p, list, views, space));
-    CLN_TRY(cln_pipeline_batch(p, pixels, rays, NULL, white));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_o, bytes));
-    CLN_TRY(cln_check_spoil(p->device, &p->ray_d, bytes));
-    CLN_TRY(cln_stage_rays(p, rays));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, o, bytes));
-    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, d, bytes));
+    CLN_TRY(cln_alloc(&list, (size_t)s->views, sizeof *list, "self-test"));
+    for (int v = 0; v < s->views; v++)
+        list[v] = &s->cameras[v];
+    CLN_TRY(cln_pipeline_cameras(p, list, s->views, space));
+    CLN_TRY(cln_pipeline_batch(p, s->pixels, s->rays, NULL, white));
+    CLN_TRY(cln_check_spoil(p->device, &p->ray_o, s->bytes));
+    CLN_TRY(cln_check_spoil(p->device, &p->ray_d, s->bytes));
+    CLN_TRY(cln_stage_rays(p, s->rays));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_o, 0, s->o, s->bytes));
+    CLN_TRY(cln_buffer_read(p->device, &p->ray_d, 0, s->d, s->bytes));
 done:
     free(list);
     return st;
@@ -66,8 +64,10 @@ done:
 
 static cln_status shoot(cln_pipeline *p, shot *s, const cln_space *space)
 {
-    return cln_extremes_shoot(p, space, s->cameras, s->views, s->pixels, s->rays,
-                              (size_t)s->rays * sizeof *s->o, s->o, s->d);
+    const cln_extremes_shot all = {
+        s->views, s->rays, s->cameras, s->pixels, (size_t)s->rays * sizeof *s->o, s->o, s->d};
+
+    return cln_extremes_shoot(p, space, &all);
 }
 
 /* The float64 camera's ray, in the cube; false beyond a fold. */

@@ -33,8 +33,9 @@ static cln_status shoot(cln_pipeline *p, const cln_space *space, batch *b)
         b->pixels[r].x = (uint32_t)cln_check_uniform(81, r, 0, WIDTH);
         b->pixels[r].y = (uint32_t)cln_check_uniform(82, r, 0, HEIGHT);
     }
-    return cln_extremes_shoot(p, space, b->cameras, CLN_FORWARD_VIEWS, b->pixels, RAYS, sizeof b->o,
-                              b->o, b->d);
+    return cln_extremes_shoot(p, space,
+                              &(cln_extremes_shot){CLN_FORWARD_VIEWS, RAYS, b->cameras, b->pixels,
+                                                   sizeof b->o, b->o, b->d});
 }
 
 /* Puts an opaque sample of known depth on each ray: compositing must give that depth. */

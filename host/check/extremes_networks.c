@@ -531,8 +531,9 @@ cln_status cln_extremes_adam(cln_checks *c)
         for (int i = 0; i < (int)all; i++) {
             double w = 0, m = 0, v = 0, g = grads[i];
 
-            ref_adam(1, &w, &g, &m, &v, (int64_t)before[i / params] + 1, (float)rates[k],
-                     (float)config->beta1, (float)config->beta2, (float)config->epsilon);
+            ref_adam(1, &w, &g, &m, &v, (int64_t)before[i / params] + 1,
+                     (ref_adam_rule){(float)rates[k], (float)config->beta1, (float)config->beta2,
+                                     (float)config->epsilon});
             /* where the gradient's square underflows, epsilon outweighs its root, or the step is
              * below any weight's last bit */
             cln_extreme_meet(&step, got[i], w, fabs(w), 1e-4,

@@ -53,8 +53,9 @@ static cln_status shoot(cln_pipeline *p, const cln_space *space, batch *b)
         b->pixels[r].x = (uint32_t)cln_check_uniform(121, r, 0, SIZE);
         b->pixels[r].y = (uint32_t)cln_check_uniform(122, r, 0, SIZE);
     }
-    return cln_extremes_shoot(p, space, b->cameras, VIEWS, b->pixels, RAYS, sizeof b->o, b->o,
-                              b->d);
+    return cln_extremes_shoot(
+        p, space,
+        &(cln_extremes_shot){VIEWS, RAYS, b->cameras, b->pixels, sizeof b->o, b->o, b->d});
 }
 
 typedef struct rows {

@@ -374,7 +374,7 @@ static double depth_of(const cln_config *config, const scene *s, const cln_inter
             *size += 0.05 * (1 + t[m]) * sigma[m]; /* edges are rounded */
             m++;
         }
-    return ref_interval_depth(&whole, m, t, sigma, lengths);
+    return ref_interval_depth(&whole, (ref_points){m, t, sigma, lengths});
 }
 
 static cln_status compare_depths(cln_pipeline *p, const scene *s, rows *to)

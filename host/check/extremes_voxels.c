@@ -139,8 +139,9 @@ static void expect_steps(const cln_config *config, update *u, double lr)
 
         u->steps[i] = 0;
         if (u->met[i])
-            ref_voxel_step(&u->steps[i], u->sum[i], &m, &v, (float)lr * rate, (float)config->beta1,
-                           (float)config->beta2, (float)config->epsilon);
+            ref_voxel_step(&u->steps[i], u->sum[i], &m, &v,
+                           (ref_adam_rule){(float)lr * rate, (float)config->beta1,
+                                           (float)config->beta2, (float)config->epsilon});
     }
 }
 
@@ -179,8 +180,9 @@ static cln_status check_decoder(cln_pipeline *p, const double *sum, double lr, c
     for (size_t i = 0; i < n; i++) {
         double w = 0, m = 0, v = 0;
 
-        ref_voxel_step(&w, sum[i], &m, &v, (float)(lr * p->config.decoder_rate), 0.9, 0.99,
-                       (float)p->config.epsilon);
+        ref_voxel_step(&w, sum[i], &m, &v,
+                       (ref_adam_rule){(float)(lr * p->config.decoder_rate), 0.9, 0.99,
+                                       (float)p->config.epsilon});
         cln_extreme_meet(row, got[i], w, w, 1e-4, "gradient %g, rate %g", sum[i], lr);
     }
 done:

@@ -384,8 +384,9 @@ static cln_status check_adam(cln_checks *c, const data *d)
         const int at = s * params;
 
         if ((int)samples_of(c, s) >= config->min_leaf_samples) {
-            ref_adam(params, want + at, grad + at, m + at, v + at, 1, lr, (float)config->beta1,
-                     (float)config->beta2, (float)config->epsilon);
+            ref_adam(params, want + at, grad + at, m + at, v + at, 1,
+                     (ref_adam_rule){lr, (float)config->beta1, (float)config->beta2,
+                                     (float)config->epsilon});
             continue;
         }
         idle++;

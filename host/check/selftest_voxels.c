@@ -49,8 +49,9 @@ void cln_check_step_voxels(const cln_config *config, const cln_network *net, con
         const double rate = f == 3 ? config->density_rate : f > 3 ? config->harmonic_rate : 1;
 
         if (owner[i] == i && to.grad[i] != 0)
-            ref_voxel_step(&to.want[i], to.grad[i], &to.m[i], &to.v[i], lr * rate,
-                           (float)config->beta1, (float)config->beta2, (float)config->epsilon);
+            ref_voxel_step(&to.want[i], to.grad[i], &to.m[i], &to.v[i],
+                           (ref_adam_rule){lr * rate, (float)config->beta1, (float)config->beta2,
+                                           (float)config->epsilon});
     }
     for (int i = 0; i < to.all; i++)
         to.want[i] = to.want[owner[i]];

@@ -1,6 +1,7 @@
 /* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or as the JSON document
  * that is in RUN/eval/STEP-SPLIT.json. */
 #include "cli/commands.h"
+#include "base/files.h"
 #include "base/text.h"
 
 #include <math.h>
@@ -68,7 +69,7 @@ static void print_table(const cln_eval_result *r)
     char digest[32], step[32], duration[32];
     int width = 5;
 
-    cln_format_digest(r->digest, digest);
+    cln_digest_text(r->digest, digest);
     cln_format_count((double)r->step, step);
     cln_format_duration(r->train_seconds, duration);
     for (int i = 0; i < r->count; i++) {

@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include "base/files.h"
 #include "base/log.h"
 #include "base/text.h"
 #include "cli/browser.h"
@@ -21,7 +22,7 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     char digest[32], step[32], training[32], wall[32], train[32], test[32], leaves[32], device[32];
     char host[32], quoted[CLN_QUOTED_BYTES];
 
-    cln_format_digest(r->digest, digest);
+    cln_digest_text(r->digest, digest);
     if (options->json)
         return cln_print_json(json_pack(
             "{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:i s:i s:i s:f s:f s:s}", "schema",

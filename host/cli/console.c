@@ -279,11 +279,6 @@ void cln_format_real(double value, int decimals, char out[32])
         snprintf(out, 32, "-");
 }
 
-void cln_format_digest(uint64_t digest, char out[32])
-{
-    snprintf(out, 32, "%016llx", (unsigned long long)digest);
-}
-
 static cln_status fail_stdout(int reason)
 {
     if (reason == EPIPE) {

@@ -50,8 +50,6 @@ cln_status cln_print_json(json_t *document);
 
 /* "%.2f", or "-" when not finite. */
 void cln_format_real(double value, int decimals, char out[32]);
-/* 16 hexadecimal digits, as in JSON and tables. */
-void cln_format_digest(uint64_t digest, char out[32]);
 
 /* Flushes standard output; CLN_OUTPUT if not all of it could be written. A reader that went away
  * (`cl-nascent ... | head`) ends the process quietly, as SIGPIPE would have. */

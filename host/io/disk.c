@@ -17,8 +17,7 @@ enum {
     NAMES_IN_FOLDER = 256    /* bytes of a path below a folder of results */
 };
 
-/* The path itself, or its nearest ancestor that exists. */
-static cln_status nearest(const char *path, char **out)
+cln_status cln_disk_nearest(const char *path, char **out)
 {
     cln_status st = CLN_OK;
     struct stat info;
@@ -95,7 +94,7 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
     struct statvfs disk;
     double room = 0;
 
-    CLN_TRY(nearest(folder, &there));
+    CLN_TRY(cln_disk_nearest(folder, &there));
     CLN_TRY(check_lengths(subject, there, folder == subject ? 0 : NAME_WHILE_WRITTEN));
     if (!cln_is_dir(there))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s is not a folder; choose another place", subject,

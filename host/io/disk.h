@@ -6,6 +6,10 @@
 
 #include "base/status.h"
 
+/* *out = the path itself, or its nearest ancestor that exists; "." for a relative one without. The
+ * caller frees it. CLN_MEMORY. */
+cln_status cln_disk_nearest(const char *path, char **out);
+
 /* Checks that `bytes` can be written in a folder, which need not exist yet: CLN_OUTPUT if it, or
  * its nearest ancestor that exists, is not a folder, cannot be written to, or has less room on its
  * disk, or if a name in the path is too long. what: subject of the sentence about room, "2

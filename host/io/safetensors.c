@@ -76,11 +76,11 @@ static cln_status make_header(int count, const cln_tensor *tensors, uint64_t dig
 {
     cln_status st = CLN_OK;
     json_t *header = json_object();
-    char *dump = NULL, hex[17];
+    char *dump = NULL, hex[CLN_DIGEST_TEXT];
     size_t offset = 0, length = 0;
     int failed = 0;
 
-    snprintf(hex, sizeof hex, "%016" PRIx64, digest);
+    cln_digest_text(digest, hex);
     failed |= json_object_set_new(header, "__metadata__", json_pack("{s:s}", "digest", hex));
     for (int i = 0; i < count; i++) {
         const cln_tensor *t = &tensors[i];
@@ -213,7 +213,7 @@ static cln_status parse(cln_safetensors *file, size_t bytes)
     size_t size = 0, covered = 0;
     json_error_t error;
     json_t *entry = NULL;
-    char hex[17];
+    char hex[CLN_DIGEST_TEXT];
 
     if (bytes >= LENGTH_BYTES)
         memcpy(&length, file->bytes, LENGTH_BYTES);
@@ -255,7 +255,7 @@ static cln_status parse(cln_safetensors *file, size_t bytes)
             cln_fail(CLN_CHECKPOINT, "%s: %zu bytes follow the last tensor", path, size - covered));
     wanted =
         json_string_value(json_object_get(json_object_get(file->header, "__metadata__"), "digest"));
-    snprintf(hex, sizeof hex, "%016" PRIx64, file->digest);
+    cln_digest_text(file->digest, hex);
     if (!wanted || strcmp(wanted, hex) != 0)
         CLN_TRY(cln_fail(CLN_CHECKPOINT,
                          "%s: its tensors have digest %s, its header says %s: damaged", path, hex,

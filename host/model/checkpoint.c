@@ -40,14 +40,9 @@ enum {
 
 /* ---- the JSON half ---- */
 
-static void hex_of(uint64_t digest, char hex[17])
-{
-    snprintf(hex, 17, "%016" PRIx64, digest);
-}
-
 /* Digest of the document's text without its own "digest". 17 digits reproduce every double, so the
  * text is the same after it was read back. */
-static cln_status digest_document(json_t *document, char hex[17])
+static cln_status digest_document(json_t *document, char hex[CLN_DIGEST_TEXT])
 {
     char *text = NULL;
 
@@ -55,7 +50,7 @@ static cln_status digest_document(json_t *document, char hex[17])
     text = json_dumps(document, JSON_COMPACT | JSON_SORT_KEYS | JSON_REAL_PRECISION(17));
     if (!text)
         return cln_fail(CLN_MEMORY, "checkpoint: out of host memory");
-    hex_of(cln_digest(CLN_DIGEST_START, text, strlen(text)), hex);
+    cln_digest_text(cln_digest(CLN_DIGEST_START, text, strlen(text)), hex);
     free(text);
     return CLN_OK;
 }
@@ -86,11 +81,11 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     cln_status st = CLN_OK;
     json_t *config = NULL, *document = NULL;
     json_error_t why;
-    char data_hex[17], model_hex[17], hex[17];
+    char data_hex[CLN_DIGEST_TEXT], model_hex[CLN_DIGEST_TEXT], hex[CLN_DIGEST_TEXT];
 
     CLN_TRY(cln_config_to_json(&model->config, &config));
-    hex_of(data_digest, data_hex);
-    hex_of(model_digest, model_hex);
+    cln_digest_text(data_digest, data_hex);
+    cln_digest_text(model_digest, model_hex);
     document = json_pack_ex(
         &why, 0,
         "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
@@ -216,12 +211,13 @@ done:
 }
 
 /* Checks schema and digest, then fills in all but the tensors, and tensors_digest. */
-static cln_status read_document(const char *path, cln_model *out, char tensors_digest[17])
+static cln_status read_document(const char *path, cln_model *out,
+                                char tensors_digest[CLN_DIGEST_TEXT])
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
     const char *schema = NULL, *wanted = NULL, *digest = NULL;
-    char hex[17], stated[17];
+    char hex[CLN_DIGEST_TEXT], stated[CLN_DIGEST_TEXT];
 
     CLN_TRY(cln_json_read(path, false, &document));
     schema = json_string_value(json_object_get(document, "schema"));
@@ -235,9 +231,9 @@ static cln_status read_document(const char *path, cln_model *out, char tensors_d
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: it was changed or damaged (digest %s, not %s)", path,
                          hex, stated));
     digest = json_string_value(json_object_get(document, "tensors_digest"));
-    if (!digest || strlen(digest) != 16)
+    if (!digest || strlen(digest) != CLN_DIGEST_TEXT - 1)
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: \"tensors_digest\" is missing", path));
-    memcpy(tensors_digest, digest, 17);
+    memcpy(tensors_digest, digest, CLN_DIGEST_TEXT);
     CLN_TRY(read_scalars(document, path, out));
 done:
     json_decref(document);
@@ -372,13 +368,13 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
 {
     cln_status st = CLN_OK;
     cln_safetensors *file = NULL;
-    char hex[17];
+    char hex[CLN_DIGEST_TEXT];
     int64_t n1 = out->config.n1, shape[4] = {0, out->net.params};
     int64_t grid[4] = {0, n1, n1, n1}, sums[3] = {0, CLN_MEASURES, 2};
     const int64_t decoder = out->net.decoder_params;
 
     CLN_TRY(cln_safetensors_read(path, &file));
-    hex_of(cln_safetensors_digest(file), hex);
+    cln_digest_text(cln_safetensors_digest(file), hex);
     if (strcmp(hex, digest) != 0)
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: its digest is %s, not %s as its .json says", path,
                          hex, digest));
@@ -591,7 +587,7 @@ done:
 static cln_status read_one(const char *folder, int64_t step, bool training, cln_model *out)
 {
     cln_status st = CLN_OK;
-    char *json_path = NULL, *tensor_path = NULL, digest[17];
+    char *json_path = NULL, *tensor_path = NULL, digest[CLN_DIGEST_TEXT];
 
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_asprintf(&json_path, "%s/%08" PRId64 ".json", folder, step));

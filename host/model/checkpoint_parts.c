@@ -26,6 +26,20 @@
 
 enum { TEXT_BYTES = 512, PATH_BYTES = 4096 };
 
+/* The file that all ranks write. */
+typedef struct shared_file {
+    const char *run;
+    const cln_model *model;
+    const int *first; /* [ranks + 1] leaves */
+    cln_tensor tensors[CLN_CHECKPOINT_TENSORS];
+    int count;
+    int32_t *rows;             /* of one of the tensors */
+    cln_atomic_file *file;     /* rank 0's */
+    char temp[PATH_BYTES];     /* its path until the commit */
+    int fd;                    /* -1: not open */
+    uint64_t digest, of_model; /* rank 0's, in the end */
+} shared_file;
+
 /* ---- one outcome for all ---- */
 
 /* If one rank has failed, all fail with its error sentence, so that rank 0 cleans up and reports
@@ -101,44 +115,46 @@ static void own_bytes(const cln_tensor *t, const int *first, size_t *at, size_t 
     *bytes = is_dealt(t) ? (size_t)(first[me + 1] - first[me]) * row : me == 0 ? all : 0;
 }
 
-static cln_status write_own(int fd, const char *path, int count, const cln_tensor *tensors,
-                            const size_t *offsets, const int *first)
+static cln_status write_own(const shared_file *f)
 {
     cln_status st = CLN_OK;
-    size_t at = 0, bytes = 0;
+    size_t offsets[CLN_CHECKPOINT_TENSORS], at = 0, bytes = 0;
+    char *head = NULL;
 
-    for (int i = 0; i < count; i++) {
-        own_bytes(&tensors[i], first, &at, &bytes);
-        CLN_TRY(write_at(fd, path, (const char *)tensors[i].data + at, bytes, offsets[i] + at));
+    CLN_TRY(cln_safetensors_head(f->count, f->tensors, 0, &head, &bytes, offsets));
+    for (int i = 0; i < f->count; i++) {
+        own_bytes(&f->tensors[i], f->first, &at, &bytes);
+        CLN_TRY(write_at(f->fd, f->temp, (const char *)f->tensors[i].data + at, bytes,
+                         offsets[i] + at));
     }
-    if (fsync(fd) != 0)
-        CLN_TRY(cannot_write(path));
+    if (fsync(f->fd) != 0)
+        CLN_TRY(cannot_write(f->temp));
 done:
+    free(head);
     return st;
 }
 
 /* ---- digests ---- */
 
 /* Digests all bytes in order. All ranks call it; rank 0 gets the digests. */
-static void digest_all(const cln_model *model, int count, const cln_tensor *tensors,
-                       const int *first, uint64_t *digest, uint64_t *model_digest)
+static void digest_all(shared_file *f)
 {
     struct {
         cln_digest_part tensor, model;
     } baton = {0};
 
-    *digest = CLN_DIGEST_START;
-    for (int i = 0; i < count; i++) {
-        const cln_tensor *t = &tensors[i];
-        const bool weights = t->data == model->params;
+    f->digest = CLN_DIGEST_START;
+    for (int i = 0; i < f->count; i++) {
+        const cln_tensor *t = &f->tensors[i];
+        const bool weights = t->data == f->model->params;
         size_t at = 0, bytes = 0;
 
         if (!is_dealt(t) && cln_ranks_me() > 0)
             continue;
-        own_bytes(t, first, &at, &bytes);
-        cln_safetensors_digest_begin(t, *digest, &baton.tensor);
+        own_bytes(t, f->first, &at, &bytes);
+        cln_safetensors_digest_begin(t, f->digest, &baton.tensor);
         if (weights)
-            cln_model_digest_begin(model, &baton.model);
+            cln_model_digest_begin(f->model, &baton.model);
         if (is_dealt(t))
             cln_ranks_take(&baton, sizeof baton);
         cln_digest_more(&baton.tensor, (const char *)t->data + at, bytes);
@@ -146,17 +162,16 @@ static void digest_all(const cln_model *model, int count, const cln_tensor *tens
             cln_digest_more(&baton.model, (const char *)t->data + at, bytes);
         if (is_dealt(t))
             cln_ranks_hand(&baton, sizeof baton);
-        *digest = cln_digest_end(&baton.tensor);
+        f->digest = cln_digest_end(&baton.tensor);
         if (weights)
-            *model_digest = cln_digest_end(&baton.model);
+            f->of_model = cln_digest_end(&baton.model);
     }
 }
 
 /* ---- the file ---- */
 
 /* Rank 0 makes the file, and all ranks open it. *one: all of them see the same file. */
-static cln_status open_one(const char *run, const cln_model *model, cln_atomic_file **file,
-                           char temp[PATH_BYTES], int *fd, bool *one)
+static cln_status open_one(shared_file *f, bool *one)
 {
     cln_status st = CLN_OK;
     const bool makes = cln_ranks_me() == 0;
@@ -171,15 +186,16 @@ static cln_status open_one(const char *run, const cln_model *model, cln_atomic_f
     int reading = -1;
 
     if (makes) {
-        CLN_TRY(cln_checkpoint_path(run, model, &path));
-        CLN_TRY(cln_atomic_open(path, file));
-        if (snprintf(told.temp, sizeof told.temp, "%s", cln_atomic_temp(*file)) >= PATH_BYTES)
+        CLN_TRY(cln_checkpoint_path(f->run, f->model, &path));
+        CLN_TRY(cln_atomic_open(path, &f->file));
+        if (snprintf(told.temp, sizeof told.temp, "%s", cln_atomic_temp(f->file)) >= PATH_BYTES)
             CLN_TRY(cln_fail(CLN_OUTPUT, "%s: the path is too long; choose another folder", path));
         clock_gettime(CLOCK_REALTIME, &now);
         told.number = cln_digest(CLN_DIGEST_START, &now, sizeof now) + (uint64_t)getpid();
-        CLN_TRY(cln_atomic_write(*file, &told.number, sizeof told.number));
+        CLN_TRY(cln_atomic_write(f->file, &told.number, sizeof told.number));
         /* synced, as other machines see only what the file server has */
-        if (fflush(cln_atomic_stream(*file)) != 0 || fsync(fileno(cln_atomic_stream(*file))) != 0)
+        if (fflush(cln_atomic_stream(f->file)) != 0 ||
+            fsync(fileno(cln_atomic_stream(f->file))) != 0)
             CLN_TRY(cannot_write(path));
     }
 done:
@@ -188,34 +204,32 @@ done:
     if (st != CLN_OK)
         return st;
     cln_ranks_tell(&told, sizeof told);
-    memcpy(temp, told.temp, sizeof told.temp);
-    reading = open(temp, O_RDONLY | O_CLOEXEC);
+    memcpy(f->temp, told.temp, sizeof told.temp);
+    reading = open(f->temp, O_RDONLY | O_CLOEXEC);
     other = reading < 0 || pread(reading, &found, sizeof found, 0) != sizeof found ||
             found != told.number;
     if (reading >= 0)
         close(reading);
     /* not for reading: an NFS client would then write whole pages back, with outdated rows of other
      * ranks in them */
-    *fd = other == 0 ? open(temp, O_WRONLY | O_CLOEXEC) : -1;
-    other = *fd < 0;
+    f->fd = other == 0 ? open(f->temp, O_WRONLY | O_CLOEXEC) : -1;
+    other = f->fd < 0;
     cln_ranks_largest(&other, 1);
     *one = other == 0;
     return CLN_OK;
 }
 
 /* Rank 0's last step, when all rows are written. */
-static cln_status finish(const char *run, const cln_model *model, int count,
-                         const cln_tensor *tensors, uint64_t digest, uint64_t model_digest, int fd,
-                         const char *temp, cln_atomic_file **file)
+static cln_status finish(shared_file *f)
 {
     cln_status st = CLN_OK;
     size_t offsets[CLN_CHECKPOINT_TENSORS], bytes = 0;
     char *head = NULL;
 
-    CLN_TRY(cln_safetensors_head(count, tensors, digest, &head, &bytes, offsets));
-    CLN_TRY(write_at(fd, temp, head, bytes, 0));
-    CLN_TRY(cln_atomic_commit(file));
-    CLN_TRY(cln_checkpoint_finish(run, model, digest, model_digest));
+    CLN_TRY(cln_safetensors_head(f->count, f->tensors, f->digest, &head, &bytes, offsets));
+    CLN_TRY(write_at(f->fd, f->temp, head, bytes, 0));
+    CLN_TRY(cln_atomic_commit(&f->file));
+    CLN_TRY(cln_checkpoint_finish(f->run, f->model, f->digest, f->of_model));
 done:
     free(head);
     return st;
@@ -225,37 +239,29 @@ cln_status cln_checkpoint_write_parts(const char *run, const cln_model *model, c
                                       uint64_t *model_digest, bool *written)
 {
     cln_status st = CLN_OK;
-    cln_tensor tensors[CLN_CHECKPOINT_TENSORS];
-    size_t offsets[CLN_CHECKPOINT_TENSORS], bytes = 0;
-    cln_atomic_file *file = NULL;
-    char temp[PATH_BYTES], *head = NULL;
-    int32_t *rows = NULL;
-    uint64_t digest = 0;
-    int count = 0, fd = -1;
+    shared_file f = {.run = run, .model = model, .first = first, .fd = -1};
 
     *written = false;
-    CLN_TRY(open_one(run, model, &file, temp, &fd, written));
+    CLN_TRY(open_one(&f, written));
     if (!*written) {
-        cln_debug("not all ranks see %s: rank 0 writes the checkpoint", temp);
+        cln_debug("not all ranks see %s: rank 0 writes the checkpoint", f.temp);
         goto done;
     }
-    st = cln_checkpoint_tensors(model, tensors, &count, &rows);
+    st = cln_checkpoint_tensors(model, f.tensors, &f.count, &f.rows);
     if (st == CLN_OK)
-        st = cln_safetensors_head(count, tensors, 0, &head, &bytes, offsets);
-    if (st == CLN_OK)
-        st = write_own(fd, temp, count, tensors, offsets, first);
+        st = write_own(&f);
     CLN_TRY(same_end(st));
-    digest_all(model, count, tensors, first, &digest, model_digest);
+    digest_all(&f);
+    *model_digest = f.of_model;
     if (cln_ranks_me() == 0)
-        st = finish(run, model, count, tensors, digest, *model_digest, fd, temp, &file);
+        st = finish(&f);
     CLN_TRY(same_end(st));
 done:
     if (st != CLN_OK)
         cln_note("writing a checkpoint of step %" PRId64, model->step);
-    if (fd >= 0)
-        close(fd);
-    cln_atomic_abandon(file);
-    free(head);
-    free(rows);
+    if (f.fd >= 0)
+        close(f.fd);
+    cln_atomic_abandon(f.file);
+    free(f.rows);
     return st;
 }

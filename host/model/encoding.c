@@ -97,23 +97,28 @@ static double unfold_axis(int bands, int axis, double sign, const double (*turn)
 typedef double change_axis(int bands, int axis, double sign, const double (*turn)[2],
                            const double *in, double *out);
 
-/* angle: the turn of band 0 */
-static void change_rows(int bands, int w, change_axis *change, double angle, int octant,
-                        const float *rows, const float *bias, float *out_rows, float *out_bias)
+/* What a split or a merge does to the rows of the encoding; angle: the turn of band 0. */
+typedef struct change {
+    change_axis *axis;
+    double angle;
+} change;
+
+static void change_rows(change c, int bands, int w, int octant, const float *rows,
+                        const float *bias, float *out_rows, float *out_bias)
 {
     double turn[MAX_BANDS][2];
     const int enc = cln_encoding_rows(bands);
 
     for (int k = 0; k < bands; k++) {
-        turn[k][0] = cos(ldexp(angle, k));
-        turn[k][1] = sin(ldexp(angle, k));
+        turn[k][0] = cos(ldexp(c.angle, k));
+        turn[k][1] = sin(ldexp(c.angle, k));
     }
     for (int n = 0; n < w; n++) {
         double in[MAX_ENC], out[MAX_ENC] = {0}, sum = bias[n];
         for (int r = 0; r < enc; r++)
             in[r] = rows[r * w + n];
         for (int a = 0; a < 3; a++)
-            sum += change(bands, a, (octant >> a) & 1 ? 1 : -1, turn, in, out);
+            sum += c.axis(bands, a, (octant >> a) & 1 ? 1 : -1, turn, in, out);
         for (int r = 0; r < enc; r++)
             out_rows[r * w + n] = (float)out[r];
         out_bias[n] = (float)sum;
@@ -123,11 +128,11 @@ static void change_rows(int bands, int w, change_axis *change, double angle, int
 void cln_encoding_split(int bands, int width, int octant, const float *rows, const float *bias,
                         float *out_rows, float *out_bias)
 {
-    change_rows(bands, width, fold_axis, 0.5, octant, rows, bias, out_rows, out_bias);
+    change_rows((change){fold_axis, 0.5}, bands, width, octant, rows, bias, out_rows, out_bias);
 }
 
 void cln_encoding_merge(int bands, int width, int octant, const float *rows, const float *bias,
                         float *out_rows, float *out_bias)
 {
-    change_rows(bands, width, unfold_axis, 1, octant, rows, bias, out_rows, out_bias);
+    change_rows((change){unfold_axis, 1}, bands, width, octant, rows, bias, out_rows, out_bias);
 }

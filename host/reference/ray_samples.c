@@ -117,11 +117,10 @@ static double leaf_side(const cln_octree *tree, int slot)
     return 2.0 / (1 << tree->level[tree->leaf[slot]]);
 }
 
-double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma,
-                          const double *lengths)
+double ref_interval_depth(const ref_interval *v, ref_points p)
 {
     double edges[2 * REF_MOST_POINTS + 2], densities[2 * REF_MOST_POINTS + 1], tau = 0;
-    const int bins = ref_bins(v->t_in, v->t_out, m, t, sigma, lengths, edges, densities);
+    const int bins = ref_bins(v->t_in, v->t_out, p, edges, densities);
 
     for (int j = 0; j < bins; j++)
         tau += densities[j] * (edges[j + 1] - edges[j]);
@@ -181,7 +180,8 @@ static void sample_interval(const ref_way *way, int r, const line *l, const ref_
     double t[REF_MOST_POINTS], sigma[REF_MOST_POINTS], lengths[REF_MOST_POINTS];
     double xi[256], at[256], delta[256];
     const int m = way->points(way->user, r, l->o, l->d, v, t, sigma, lengths, &out->close);
-    const double optical_depth = ref_interval_depth(v, m, t, sigma, lengths);
+    const ref_points points = {m, t, sigma, lengths};
+    const double optical_depth = ref_interval_depth(v, points);
     const float chance = cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
                                           CLN_DRAW_ROULETTE + at_ray->met++, 0);
     const int count =
@@ -196,7 +196,7 @@ static void sample_interval(const ref_way *way, int r, const line *l, const ref_
                             : 0.5;
     }
     at_ray->kept += count > 0;
-    ref_sample_positions(&way->rule, v->t_in, v->t_out, m, t, sigma, lengths, count, xi, at);
+    ref_sample_positions(&way->rule, v->t_in, v->t_out, points, count, xi, at);
     ref_deltas(v->t_in, v->t_out, count, at, delta);
     for (int k = 0; k < count; k++) {
         out->t[out->n] = at[k];

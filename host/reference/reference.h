@@ -57,21 +57,26 @@ typedef struct ref_sampling {
 int ref_sample_count(const ref_sampling *s, double length, double side, double tau_in, double tau,
                      double roulette);
 
-/* Bins of [t_in, t_out] by m stage-1 points (t ascending, sigma): a point's bin reaches half way to
- * its neighbours, and to the chord's ends; what bins leave free has density 0. On a side where that
- * is more than 1.5 times lengths[j], the length that point j stands for (NULL: any), its bin
- * reaches only half of lengths[j]. Writes edges [2 m + 2], densities [2 m + 1]; returns 2 m + 1. */
-int ref_bins(double t_in, double t_out, int m, const double *t, const double *sigma,
-             const double *lengths, double *edges, double *densities);
+/* Stage-1 points of a chord: t ascending, density, and the length that each stands for (NULL:
+ * any). */
+typedef struct ref_points {
+    int m;
+    const double *t, *sigma, *lengths; /* [m] */
+} ref_points;
+
+/* Bins of [t_in, t_out] by m points: a point's bin reaches half way to its neighbours, and to the
+ * chord's ends; what bins leave free has density 0. On a side where that is more than 1.5 times
+ * lengths[j], its bin reaches only half of lengths[j]. Writes edges [2 m + 2], densities [2 m + 1];
+ * returns 2 m + 1. */
+int ref_bins(double t_in, double t_out, ref_points p, double *edges, double *densities);
 
 /* Places n samples, ascending, in the bins above.
  *   mass       p_j = (sigma_j + eps) * width_j, eps = 1e-5 max(1, mean sigma), or for cdf_weight
  *              T_j (1 - exp(-sigma_j width_j)) + 1e-5 width_j / L, T_j from the chord's start
  *   mixed      q_j = (1 - uniform_share) p_j / sum p + uniform_share width_j / L
  *   positions  u_k = (k + xi_k) / n, linear inverse inside a bin */
-void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
-                          const double *sigma, const double *lengths, int n, const double *xi,
-                          double *out);
+void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, ref_points p, int n,
+                          const double *xi, double *out);
 
 /* Deltas of n ascending samples in the chord (method.md 9); they sum to t_out - t_in. */
 void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta);
@@ -120,8 +125,7 @@ int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
                       ref_interval out[REF_MOST_INTERVALS]);
 
 /* Optical depth of an interval: its bins' densities times their widths. */
-double ref_interval_depth(const ref_interval *v, int m, const double *t, const double *sigma,
-                          const double *lengths);
+double ref_interval_depth(const ref_interval *v, ref_points p);
 
 /* Makes the samples of ray r of a batch, in all intervals. o, d: its row, or all of its rows. */
 void ref_ray_samples(const ref_way *way, int r, const float *o, const float *d, ref_samples *out);
@@ -164,10 +168,13 @@ void ref_voxel_owners(const cln_network *net, int leaves, const int32_t (*around
  * turn, and counts four times. params: the leaf's; level: its. */
 bool ref_voxel_smooth(const cln_config *config, const cln_network *net, int level, int slot,
                       uint32_t key, const float *params, const uint8_t *met, double *grad);
+typedef struct ref_adam_rule {
+    double lr, beta1, beta2, epsilon;
+} ref_adam_rule;
+
 /* A step of one number by Adam, but the second moment begins as a tenth of the first gradient's
  * square, and the moments are not bias-corrected (method.md 1). */
-void ref_voxel_step(double *param, double grad, double *m, double *v, double lr, double beta1,
-                    double beta2, double epsilon);
+void ref_voxel_step(double *param, double grad, double *m, double *v, ref_adam_rule rule);
 
 /* Evaluates a sample. local[3] in [-1,1]; dir[3] unit (ignored without view dependence). slopes:
  * negative-side slopes r of all elements, [depth][width] of the trunk, then [view_width] of the
@@ -251,6 +258,6 @@ void ref_edge_gradient(const double a[4], const double b[4], double spacing, dou
 
 /* One update with bias correction by `steps` (1 = first update). */
 void ref_adam(int n, double *param, const double *grad, double *m, double *v, int64_t steps,
-              double lr, double beta1, double beta2, double epsilon);
+              ref_adam_rule rule);
 
 #endif

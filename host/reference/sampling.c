@@ -99,18 +99,20 @@ static double reach_of(double distance, double length)
     return distance > 1.5 * length ? length / 2 : distance;
 }
 
-int ref_bins(double t_in, double t_out, int m, const double *t, const double *sigma,
-             const double *lengths, double *edges, double *densities)
+int ref_bins(double t_in, double t_out, ref_points p, double *edges, double *densities)
 {
+    const int m = p.m;
+    const double *t = p.t;
+
     edges[0] = t_in;
     for (int j = 0; j < m; j++) {
-        const double length = lengths ? lengths[j] : INFINITY;
+        const double length = p.lengths ? p.lengths[j] : INFINITY;
         const double before = edge(j, t_in, t_out, m, t), after = edge(j + 1, t_in, t_out, m, t);
 
         edges[2 * j + 1] = clip(t[j] - reach_of(t[j] - before, length), t_in, t_out);
         edges[2 * j + 2] = clip(t[j] + reach_of(after - t[j], length), t_in, t_out);
         densities[2 * j] = 0;
-        densities[2 * j + 1] = sigma[j];
+        densities[2 * j + 1] = p.sigma[j];
     }
     edges[2 * m + 1] = t_out;
     densities[2 * m] = 0;
@@ -126,12 +128,11 @@ static double bin_mass(const ref_sampling *s, double sigma, double width, double
     return (sigma + 1e-5 * fmax(1, mean)) * width;
 }
 
-void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, int m, const double *t,
-                          const double *sigma, const double *lengths, int n, const double *xi,
-                          double *out)
+void ref_sample_positions(const ref_sampling *s, double t_in, double t_out, ref_points p, int n,
+                          const double *xi, double *out)
 {
     double edges[2 * REF_MOST_POINTS + 2], densities[2 * REF_MOST_POINTS + 1];
-    const int bins = ref_bins(t_in, t_out, m, t, sigma, lengths, edges, densities);
+    const int bins = ref_bins(t_in, t_out, p, edges, densities);
     double length = t_out - t_in, mean = 0, total = 0, tau = 0;
 
     for (int j = 0; j < bins; j++)

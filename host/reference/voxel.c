@@ -231,10 +231,9 @@ bool ref_voxel_smooth(const cln_config *config, const cln_network *net, int leve
     return true;
 }
 
-void ref_voxel_step(double *param, double grad, double *m, double *v, double lr, double beta1,
-                    double beta2, double epsilon)
+void ref_voxel_step(double *param, double grad, double *m, double *v, ref_adam_rule rule)
 {
-    *v = *v == 0 ? 0.1 * grad * grad : beta2 * *v + (1 - beta2) * grad * grad;
-    *m = beta1 * *m + (1 - beta1) * grad;
-    *param -= lr * *m / (sqrt(*v) + epsilon);
+    *v = *v == 0 ? 0.1 * grad * grad : rule.beta2 * *v + (1 - rule.beta2) * grad * grad;
+    *m = rule.beta1 * *m + (1 - rule.beta1) * grad;
+    *param -= rule.lr * *m / (sqrt(*v) + rule.epsilon);
 }

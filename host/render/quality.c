@@ -365,10 +365,10 @@ static json_t *jump_json(const cln_eval_jump *jump)
 
 cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
 {
-    char digest[24];
+    char digest[CLN_DIGEST_TEXT];
     json_t *images = json_array();
 
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)r->digest);
+    cln_digest_text(r->digest, digest);
     for (int i = 0; i < r->count; i++) {
         const cln_eval_image *e = &r->images[i];
 

@@ -167,9 +167,9 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
                           const char *place, bool *same)
 {
     const char *saved = text_of(dataset, "digest");
-    char digest[24];
+    char digest[CLN_DIGEST_TEXT];
 
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)scene->digest);
+    cln_digest_text(scene->digest, digest);
     *same = saved && strcmp(saved, digest) == 0;
     if (*same && place)
         cln_info("scene: %s is not there; %s is the same one, and read (%s)",

@@ -1,10 +1,9 @@
 /* A loaded scene as a JSON object, for `info` and run.json: what was read and chosen, and why. */
 #include "scene/scene.h"
 
-#include <inttypes.h>
 #include <math.h>
-#include <stdio.h>
 #include <string.h>
+#include "base/files.h"
 #include "io/json.h"
 
 enum { MISSING_NAMED = 8 };
@@ -125,9 +124,9 @@ static cln_status describe(const cln_scene *scene, json_t **out)
     const cln_fold fold = cln_scene_fold(scene);
     double distance = 0;
     int channels = 3;
-    char digest[17];
+    char digest[CLN_DIGEST_TEXT];
 
-    snprintf(digest, sizeof digest, "%016" PRIx64, scene->digest);
+    cln_digest_text(scene->digest, digest);
     for (int s = 0; s < CLN_SPLITS; s++)
         json_object_set_new(splits, cln_split_names[s],
                             json_integer(cln_scene_split_count(scene, (cln_split)s)));

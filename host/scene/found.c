@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "scene/build.h"
+#include "scene/dataset.h"
 
 #define WITH_POSES "with `cl-nascent poses` or COLMAP, whose models are read"
 
@@ -44,7 +45,7 @@ static const struct {
         {"an image", "images",
          " png jpg jpeg jpe tif tiff webp heic heif avif bmp gif exr dng cr2 nef arw ",
          "photos alone do not say where the cameras stood: find their poses first, " WITH_POSES},
-    [VIDEO] = {"a video", "videos", " mp4 mov m4v mkv webm avi mts 3gp insv ",
+    [VIDEO] = {"a video", "videos", CLN_VIDEO_ENDINGS,
                "take pictures from the video and find their poses first, " WITH_POSES},
     [ARCHIVE] = {"an archive", "archives", " zip tar tgz 7z rar r3d ",
                  "unpack the archive and give the folder in it"},

@@ -165,27 +165,28 @@ static cln_status diverged(const cln_trainer *t)
                     (long long)t->model.step);
 }
 
+static bool are_finite(const float *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!isfinite(values[i]))
+            return false;
+    return true;
+}
+
 static cln_status checkpoint(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
-    const size_t each = (size_t)p->net.params, first = (size_t)p->first * each;
+    const size_t each = (size_t)p->net.params;
     const bool measured = cln_pipeline_measures(&t->model.config) > 0;
     uint64_t digest = 0;
     bool written = false;
 
     cln_watch_say(t, "saving");
     CLN_TRY(cln_pipeline_download_own(p, &t->model, true));
-    for (size_t i = first; i < first + (size_t)p->own * each; i++)
-        if (!isfinite(t->model.params[i])) {
-            st = diverged(t);
-            goto done;
-        }
-    for (int i = 0; i < t->model.net.decoder_params; i++)
-        if (!isfinite(t->model.decoder[i])) {
-            st = diverged(t);
-            goto done;
-        }
+    if (!are_finite(t->model.params + (size_t)p->first * each, (size_t)p->own * each) ||
+        !are_finite(t->model.decoder, (size_t)t->model.net.decoder_params))
+        CLN_TRY(diverged(t));
     /* the error since the last decision, for exports and reports; decisions measure it again */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;

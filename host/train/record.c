@@ -8,6 +8,7 @@
 
 #include "base/clock.h"
 #include "base/config.h"
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
@@ -193,12 +194,12 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
 {
     cln_status st = CLN_OK;
     json_t *plan = NULL;
-    char now[32], digest[24];
+    char now[32], digest[CLN_DIGEST_TEXT];
 
     if (!t->run)
         return CLN_OK;
     cln_utc_now(now);
-    snprintf(digest, sizeof digest, "%016llx", (unsigned long long)cln_record_digest(t));
+    cln_digest_text(cln_record_digest(t), digest);
     json_object_set_new(t->run, "state", json_string(state));
     json_object_set_new(t->run, "ended", json_string(now));
     json_object_set_new(

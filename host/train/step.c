@@ -46,7 +46,7 @@ static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
         next = rays + rays / 4 + 1;
     if (next < rays / 2)
         next = rays / 2;
-    return next < 16 ? 16 : (int)next;
+    return next < CLN_STEP_LEAST_RAYS ? CLN_STEP_LEAST_RAYS : (int)next;
 }
 
 /* Adds the results of the step before, which have arrived by now. Its rays also stand for those

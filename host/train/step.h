@@ -12,6 +12,9 @@ double cln_step_learning_rate(const cln_config *config, double fraction);
 /* The used fraction 0..1 of the budget in steps or in time, whichever is larger. */
 double cln_step_fraction(const cln_trainer *t);
 
+/* A step has at least so many rays, however many samples each of them has. */
+enum { CLN_STEP_LEAST_RAYS = 16 };
+
 /* Takes step number model.step and increments it. Its results are owed until the next step or
  * cln_step_catch_up. CLN_DIVERGED if the loss of the step before was not finite. */
 cln_status cln_step(cln_trainer *t, double fraction);

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/memory.h"
 #include "base/number.h"
@@ -92,15 +93,10 @@ void cln_painter_end(cln_painter *painter)
     painter->leads = false;
 }
 
-static int poll_signal(const cln_callbacks *callbacks)
-{
-    return callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
-}
-
 int cln_painter_signal(cln_painter *painter, const cln_callbacks *callbacks)
 {
     const double now = cln_now(), pause = 1;
-    double signal = poll_signal(callbacks);
+    double signal = cln_poll_signal(callbacks);
     order o = {.poll = true};
 
     if (!painter->leads || signal > 0 || now - painter->polled < pause)
@@ -145,7 +141,7 @@ cln_status cln_painter_follow(cln_painter *painter, const cln_callbacks *callbac
 
     CLN_TRY(cln_render_prepare(painter->pipeline));
     for (cln_ranks_tell(&o, sizeof o); !o.last; cln_ranks_tell(&o, sizeof o)) {
-        double signal = o.poll ? poll_signal(callbacks) : 0;
+        double signal = o.poll ? cln_poll_signal(callbacks) : 0;
 
         if (o.poll)
             cln_ranks_largest(&signal, 1);

@@ -364,6 +364,9 @@ static void test_read_write(void **state)
     assert_true(cln_is_file(path) && !cln_is_dir(path));
     assert_true(cln_is_dir(*state) && !cln_is_file(*state));
     assert_false(cln_is_file(missing) || cln_is_dir(missing));
+    assert_true(cln_has_file(*state, "a.txt") && !cln_has_dir(*state, "a.txt"));
+    assert_true(cln_has_dir(*state, ".") && !cln_has_file(*state, "."));
+    assert_false(cln_has_file(*state, "missing.txt") || cln_has_dir(*state, "missing.txt"));
 
     assert_failed(cln_read_file(missing, 100, &text, &bytes), CLN_INPUT, "missing.txt");
     assert_int_equal(cln_write_file(path, "0123456789", 10), CLN_OK);
@@ -545,13 +548,24 @@ static void test_folders(void **state)
 
 /* The digest depends on every bit and the length, not on the data's address or the pieces that they
  * come in. */
+static void test_ends(void **state)
+{
+    (void)state;
+    assert_true(cln_ends_with("plan.total", "total") && cln_ends_with("total", "total"));
+    assert_true(cln_ends_with("x", "") && cln_ends_with("", ""));
+    assert_false(cln_ends_with("otal", "total") || cln_ends_with("total.", "total"));
+}
+
 static void test_digest(void **state)
 {
     unsigned char data[48] = {0}, shifted[49] = {0};
     cln_digest_part part;
     uint64_t base = 0;
+    char text[CLN_DIGEST_TEXT];
 
     (void)state;
+    cln_digest_text(0xA0F, text);
+    assert_string_equal(text, "0000000000000a0f");
     for (int i = 0; i < 40; i++)
         data[i] = (unsigned char)(i * 37 + 1);
     memcpy(shifted + 1, data, sizeof data);
@@ -764,6 +778,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_group_memory, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),
         cmocka_unit_test(test_sort),
+        cmocka_unit_test(test_ends),
         cmocka_unit_test(test_digest),
         cmocka_unit_test(test_log),
         cmocka_unit_test(test_utf8),

@@ -123,7 +123,7 @@ static const struct {
     {"composite, every loss", "composite.cl", "begin < end ? samples[begin].t : 0.0f", "0.0f",
      "composite, every loss: density gradient"},
     /* of another rank's stretch, the light behind it counts as none */
-    {"composite, stretches", "stretch.cl", "s.rest += gain;", "s.rest += 0.999f * gain;",
+    {"composite, stretches", "stretch.cl", "s->rest += gain;", "s->rest += 0.999f * gain;",
      "composite, stretches: density gradient"},
     /* far cameras see from their plane's middle; what is beyond a fold is seen */
     {"cameras", "camera.h", "if (c.start > 0.0f) {", "if (c.start > 5e4f) {",

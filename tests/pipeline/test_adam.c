@@ -121,8 +121,8 @@ static void update(const adam_case *c, const cln_network *net, const uint32_t *b
             norm += p[net->view_w + i] * p[net->view_w + i];
         for (int i = 0; c->view_l2 > 0 && i < view; i++) /* d |w| / dw = w / |w| */
             g[net->view_w + i] += (float)c->view_l2 * p[net->view_w + i] / sqrt(norm);
-        ref_adam(n, p, g, w->m + s * n, w->v + s * n, ++w->steps[s], lr, (float)c->beta1,
-                 (float)c->beta2, (float)c->epsilon);
+        ref_adam(n, p, g, w->m + s * n, w->v + s * n, ++w->steps[s],
+                 (ref_adam_rule){lr, (float)c->beta1, (float)c->beta2, (float)c->epsilon});
         free(g);
     }
 }

@@ -593,10 +593,10 @@ static void test_splat_like_gather(void **state)
 
             if (m == 0) /* the list has no sample in the chord */
                 continue;
-            splat += ref_interval_depth(&iv[i], m, t, sigma, lengths);
+            splat += ref_interval_depth(&iv[i], (ref_points){m, t, sigma, lengths});
             m = ref_gather(o, d, &iv[i], boxes + 4 * iv[i].slot, cache + iv[i].slot * cells, 16, t,
                            sigma, REF_MOST_POINTS);
-            gather += ref_interval_depth(&iv[i], m, t, sigma, NULL);
+            gather += ref_interval_depth(&iv[i], (ref_points){m, t, sigma, NULL});
         }
     }
     assert_true(gather > 100);

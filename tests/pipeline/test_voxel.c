@@ -245,8 +245,9 @@ static void step(const cln_config *config, const cln_model *model, const double 
         while ((w = next[w]) != row);
         want[f] = model->params[row / VERTICES * params + row % VERTICES * features + f];
         second[f] = 0;
-        ref_voxel_step(&want[f], g, &m, &second[f], lr * rate, (float)config->beta1,
-                       (float)config->beta2, (float)config->epsilon);
+        ref_voxel_step(&want[f], g, &m, &second[f],
+                       (ref_adam_rule){lr * rate, (float)config->beta1, (float)config->beta2,
+                                       (float)config->epsilon});
     }
 }
 

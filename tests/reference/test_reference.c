@@ -758,19 +758,20 @@ static void test_adam(void **state)
 
     (void)state;
     /* The first step is lr * sign(g), regardless of the size. */
-    ref_adam(2, p, g1, m, v, 1, 0.01, 0.9, 0.99, 0);
+    ref_adam(2, p, g1, m, v, 1, (ref_adam_rule){0.01, 0.9, 0.99, 0});
     assert_near(p[0], 0.99, 1e-14);
     assert_near(p[1], -0.99, 1e-14);
     assert_near(m[0], 0.05, 1e-15);
     assert_near(v[0], 0.0025, 1e-15);
-    ref_adam(2, p, g2, m, v, 2, 0.01, 0.9, 0.99, 0);
+    ref_adam(2, p, g2, m, v, 2, (ref_adam_rule){0.01, 0.9, 0.99, 0});
     assert_near(p[0], 0.99 - 0.01 * (m2 / 0.19) / sqrt(v2 / 0.0199), 1e-14);
     assert_near(p[1], -0.99 + 0.01 * (0.09e-3 / 0.19) / sqrt(0.0099e-6 / 0.0199), 1e-14);
     p[0] = m[0] = v[0] = 0;
-    ref_adam(1, p, g1 + 1, m, v, 1, 0.01, 0.9, 0.99, 1e-3); /* epsilon as large as the gradient */
+    ref_adam(1, p, g1 + 1, m, v, 1,
+             (ref_adam_rule){0.01, 0.9, 0.99, 1e-3}); /* epsilon as large as the gradient */
     assert_near(p[0], 0.005, 1e-14);
     p[0] = m[0] = v[0] = 0;
-    ref_adam(1, p, m, m, v, 1, 0.01, 0.9, 0.99, 1e-8);
+    ref_adam(1, p, m, m, v, 1, (ref_adam_rule){0.01, 0.9, 0.99, 1e-8});
     assert_true(p[0] == 0);
 }
 

@@ -353,7 +353,7 @@ static void test_step_density(void **state)
 
         s.cdf_weight = cdf;
         s.uniform_share = 0;
-        ref_sample_positions(&s, 2, 4, 4, t, sigma, NULL, 10, xi, out);
+        ref_sample_positions(&s, 2, 4, (ref_points){4, t, sigma, NULL}, 10, xi, out);
         for (int k = 0; k < 10; k++) {
             double u = (k + 0.5) / 10;
 
@@ -362,7 +362,7 @@ static void test_step_density(void **state)
         }
         /* A quarter uniform: 0.75 + 0.25 / 4 of them in the cell. */
         s.uniform_share = 0.25;
-        ref_sample_positions(&s, 2, 4, 4, t, sigma, NULL, 200, xi, out);
+        ref_sample_positions(&s, 2, 4, (ref_points){4, t, sigma, NULL}, 200, xi, out);
         for (int k = 0; k < 200; k++)
             inside += out[k] > 3 && out[k] < 3.5;
         assert_true(inside >= 162 && inside <= 163);
@@ -375,7 +375,7 @@ static void test_step_density(void **state)
         s.uniform_share = 0;
         for (int cdf = 0; cdf < 2; cdf++) {
             s.cdf_weight = cdf;
-            ref_sample_positions(&s, 2, 4, 4, t, thick, NULL, 200, xi, out);
+            ref_sample_positions(&s, 2, 4, (ref_points){4, t, thick, NULL}, 200, xi, out);
             for (int k = 0; k < 200; k++)
                 second[cdf] += out[k] >= 3;
         }
@@ -438,7 +438,7 @@ static void test_positions(void **state)
         }
         for (int k = 0; k < n; k++)
             xi[k] = uniform(43, 40 * c + k, 0, 1);
-        ref_sample_positions(&s, t_in, t_out, m, t, sigma, NULL, n, xi, out);
+        ref_sample_positions(&s, t_in, t_out, (ref_points){m, t, sigma, NULL}, n, xi, out);
         for (int k = 0; k < n; k++) {
             double u = (k + xi[k]) / n;
 

@@ -290,8 +290,8 @@ static void update(twin *w, int slot, double lr)
     const int64_t steps = ++w->steps[slot];
     const uint32_t key = (uint32_t)steps * 0x85EBCA6Bu + (uint32_t)slot * 0xC2B2AE35u;
 
-    ref_adam(params, w->params + own, w->grads + own, w->m + own, w->v + own, steps, lr, c->beta1,
-             c->beta2, c->epsilon);
+    ref_adam(params, w->params + own, w->grads + own, w->m + own, w->v + own, steps,
+             (ref_adam_rule){lr, c->beta1, c->beta2, c->epsilon});
     for (int i = 0; i < params && c->moments == CLN_MOMENTS_BFLOAT16; i++) {
         const uint32_t chance = cln_hash((uint32_t)i * 0x9E3779B9u ^ key);
 
@@ -407,7 +407,8 @@ static void step_vertex(twin *w, int vertex, uint32_t key, double lr)
         const bool begins = v[f] == 0;
         double none = 0, at = param[f];
 
-        ref_voxel_step(&at, grad[f], &none, &v[f], lr * rate, c->beta1, c->beta2, c->epsilon);
+        ref_voxel_step(&at, grad[f], &none, &v[f],
+                       (ref_adam_rule){lr * rate, c->beta1, c->beta2, c->epsilon});
         v[f] *= begins ? w->wrong->first : 1;
         param[f] += w->wrong->step * (at - param[f]) / (begins ? sqrt(w->wrong->first) : 1);
         if (c->moments == CLN_MOMENTS_BFLOAT16)
@@ -421,8 +422,8 @@ static void update_voxels(twin *w, uint32_t key, double lr)
 
     for (int u = 0; u < w->net->decoder_params; u++) /* betas of kernels/decoder.cl */
         ref_voxel_step(&w->decoder[u], w->decoder_grads[u], &w->decoder_m[u], &w->decoder_v[u],
-                       lr * w->wrong->decoder * w->config->decoder_rate, 0.9, 0.99,
-                       w->config->epsilon);
+                       (ref_adam_rule){lr * w->wrong->decoder * w->config->decoder_rate, 0.9, 0.99,
+                                       w->config->epsilon});
     for (int u = 0; u < all; u++) {
         const int owner = w->owner[u];
 
