@@ -51,6 +51,12 @@ section_words() {
         "$work/out"
     expect "version with an extra word" 2 "foo" "$cln" version foo
     expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
+    expect "an abbreviation of several" 2 "~mean.--max-alloc,.--max-images[?]" \
+        "$cln" eval r --max 2
+    expect "layers, as other programs have them" 2 "~mean.--depth[?]" \
+        "$cln" train s -o r --layers 3
+    expect "a batch, as other programs have it" 2 "~mean.--rays[?]" \
+        "$cln" train s -o r --batch 300
     expect "--no- of a flag that is off by default" 2 "--no-json ~off.unless" \
         "$cln" train s -o r --no-json
     expect "--no- of an option with a value" 2 "--no-steps ~give.it.a.value" \
