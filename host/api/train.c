@@ -560,7 +560,7 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     if (t->desc->resume) {
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
-        CLN_TRY(cln_recorded_load(t->desc->run, &desc, &t->scene, &same));
+        CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene, &same));
         if (!same && desc.path) /* the run would belong to the other scene */
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: not the scene that %s began with, so nothing is trained; leave "
