@@ -117,6 +117,7 @@ part lint tests/lint.sh
 part faults env FAULTS=1 tests/faults.sh
 part "first hour" tests/cli/first_hour.sh
 part tree tests/cli/tree.sh
+part endings tests/cli/endings.sh
 # leaks.sh looks for leaks: looking for them while the driver's threads end now and then crashes
 part "sanitized command line" env BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0" \
     tests/cli/cli.sh usage scenes resume

@@ -1,6 +1,7 @@
 #!/bin/sh
 # The demo behind `make demo`: generated scene -> two minutes of training -> held-out views -> a
-# short orbit, all under build/demo/. Replaces the run of an earlier demo.
+# short orbit, all under build/demo/. Replaces the run of an earlier demo. DEMO_TIME_LIMIT=10m make
+# demo trains longer, as a slow machine needs.
 set -eu
 
 demo=build/demo
@@ -26,3 +27,9 @@ echo "pictures   $demo/run/render/orbit/    colour, .depth.png, .opacity.png"
 echo "           $demo/run/eval/            held-out views: render, .truth.png, .error.png"
 echo "report     $demo/run/report.html      open it in a browser"
 echo "model      $demo/run/checkpoint/$(cat "$demo/run/checkpoint/latest").safetensors"
+steps=$(sed 's/^0*//' "$demo/run/checkpoint/latest")
+if [ "${steps:-0}" -lt 1500 ]; then
+    echo
+    echo "This machine made ${steps:-0} steps in $limit, README's picture is of 3,000: it is better after"
+    echo "DEMO_TIME_LIMIT=20m make demo"
+fi

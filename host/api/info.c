@@ -118,6 +118,8 @@ cln_status cln_info_run(const char *run, char **json)
     json_object_set_new(about, "schema", json_string("cl-nascent.info/1"));
     json_object_set_new(about, "run", json_string(run));
     CLN_TRY(add_checkpoint(run, about));
+    if (json_object_get(document, "state"))
+        json_object_set_new(document, "state", json_string(cln_run_state(run, document)));
     json_object_update_missing(about, document); /* keeps the keys above: they are newer */
     CLN_TRY(to_text(about, run, json));
 done:

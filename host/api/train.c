@@ -26,6 +26,7 @@
 #include "ranks/ranks.h"
 #include "render/quality.h"
 #include "render/recorded.h"
+#include "report/report.h"
 #include "train/carve.h"
 #include "train/loop.h"
 #include "train/plans.h"
@@ -382,15 +383,50 @@ static void say_what_runs(cln_trainer *t)
     }
 }
 
-/* CLN_OUTPUT if the disk has no room for the run's files with the largest tree. */
+/* Bytes of a run's files at most, with another --max-leaves. */
+static cln_status most_bytes(const cln_trainer *t, const cln_config *config, int max_leaves,
+                             double *bytes)
+{
+    cln_status st = CLN_OK;
+    cln_config c = *config;
+
+    c.max_leaves = max_leaves;
+    CLN_TRY(cln_checkpoint_room(t->desc->run, &c, t->scene->space.shell, bytes));
+    *bytes += cln_quality_bytes(t->scene, t->eval_views, t->eval_count);
+done:
+    return st;
+}
+
+/* CLN_OUTPUT if the disk has no room for a checkpoint of the first tree; a warning if it has none
+ * for all that a run with the largest tree writes, as few trees become that large. */
 static cln_status check_disk(const cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
-    double bytes = 0;
+    const double room = cln_disk_room(t->desc->run);
+    cln_config first = *config;
+    double least = 0, most = 0, smaller = INFINITY;
+    int leaves = config->max_leaves, first_leaves = 0;
+    char need[32], have[32], fits[96] = "";
 
-    CLN_TRY(cln_checkpoint_room(t->desc->run, config, t->scene->space.shell, &bytes));
-    bytes += cln_quality_bytes(t->scene, t->eval_views, t->eval_count);
-    CLN_TRY(cln_disk_check(t->desc->run, bytes, "its checkpoints and pictures"));
+    first.max_leaves = 1;
+    first.level_at[0] = 0;
+    first_leaves = cln_config_most_leaves(&first, t->scene->space.shell);
+    CLN_TRY(cln_checkpoint_bytes(config, first_leaves, &least));
+    CLN_TRY(cln_disk_check(t->desc->run, t->desc->resume ? 0 : least, "the leaves of its first checkpoint"));
+    CLN_TRY(most_bytes(t, config, leaves, &most));
+    if (most <= room)
+        goto done;
+    while (config->adaptive && smaller > room && leaves - leaves / 4 > first_leaves) {
+        leaves -= leaves / 4;
+        CLN_TRY(most_bytes(t, config, leaves, &smaller));
+    }
+    if (smaller <= room)
+        snprintf(fits, sizeof fits, "; with --max-leaves %d it has surely enough", leaves);
+    cln_format_bytes(most, need);
+    cln_format_bytes(room, have);
+    cln_warn("%s: the disk may have too little room: checkpoints and pictures need up to %s%s, %s "
+             "are free%s",
+             t->desc->run, need, config->adaptive ? ", with all of --max-leaves" : "", have, fits);
 done:
     return st;
 }
@@ -524,7 +560,7 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     if (t->desc->resume) {
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
-        CLN_TRY(cln_recorded_load(t->desc->run, &desc, &t->scene, &same));
+        CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene, &same));
         if (!same && desc.path) /* the run would belong to the other scene */
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: not the scene that %s began with, so nothing is trained; leave "
@@ -560,6 +596,45 @@ done:
     return st;
 }
 
+/* Refuses settings that could only change what a finished run says of itself: its photos, say, as
+ * its model stays. What is evaluated may change, and the budget, which may not suffice. */
+static cln_status check_nothing_left(cln_trainer *t, const cln_config *config,
+                                     const cln_config *saved)
+{
+    char ours[CLN_TEXT_BYTES], its[CLN_TEXT_BYTES];
+
+    if (!cln_loop_used_up(t))
+        return CLN_OK;
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+
+        cln_config_text(config, row, ours);
+        cln_config_text(saved, row, its);
+        if (strcmp(ours, its) == 0 || row->flags & CLN_ROW_BUDGET ||
+            strncmp(row->option, "eval-", 5) == 0)
+            continue;
+        return cln_fail(CLN_USAGE,
+                        "--%s %s: nothing is left to train, so %s, which was trained with %s, "
+                        "stays as it is; leave it out, or give a larger budget, too",
+                        row->option, ours, t->desc->run, *its ? its : "none");
+    }
+    return CLN_OK;
+}
+
+/* Warns of points of --eval-at that no step comes to. A number alone is a step. */
+static void warn_points(const cln_trainer *t, const cln_config *c)
+{
+    for (int i = 0; i < t->point_count; i++) {
+        if (c->steps > 0 && t->point_steps[i] > c->steps)
+            cln_warn("--eval-at %d has no effect: it is a step, beyond --steps %d; "
+                     "seconds end in s",
+                     t->point_steps[i], c->steps);
+        else if (c->time_limit > 0 && t->point_seconds[i] > c->time_limit)
+            cln_warn("--eval-at %gs has no effect: it is beyond --time-limit %gs",
+                     t->point_seconds[i], c->time_limit);
+    }
+}
+
 /* Warns of what is likely wrong with the scene, and of settings that do nothing. */
 static void warn(const cln_trainer *t, const cln_config *config, const cln_config *saved)
 {
@@ -574,6 +649,7 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
     facts.ranks = cln_ranks_count();
     cln_scene_warn_doubts(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
+    warn_points(t, config);
 }
 
 /* Makes what holds batches, the programs, and the memory plans. */
@@ -641,6 +717,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(check_files(t, &config));
     CLN_TRY(load_model(t, &config));
     t->steps = config.steps;
+    CLN_TRY(check_nothing_left(t, &config, &saved));
     warn(t, &config, &saved);
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
     if (!cln_loop_used_up(t) && !t->desc->skip_selftest) /* else there is only an evaluation */
@@ -652,6 +729,19 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(begin(t));
 done:
     return st;
+}
+
+/* Says of a training whose test views stayed far behind what can be done. */
+static void say_doubt(const cln_trainer *t)
+{
+    char quoted[CLN_QUOTED_BYTES];
+
+    if (t->writes && cln_report_is_doubtful(t->psnr_train, t->psnr_test))
+        cln_warn("test views are %.1f dB below training views, at %.1f dB: poses or lenses are "
+                 "wrong, or the photos are few, or look elsewhere; `cl-nascent check %s` looks for "
+                 "what is wrong",
+                 t->psnr_train - t->psnr_test, t->psnr_test,
+                 cln_shell_quote(t->scene->folder, quoted, sizeof quoted));
 }
 
 static cln_status train(const cln_train_desc *desc, cln_train_result *result)
@@ -676,6 +766,7 @@ static cln_status train(const cln_train_desc *desc, cln_train_result *result)
     }
     CLN_TRY(st);
     CLN_TRY(cln_loop_run(&t));
+    say_doubt(&t);
 done:
     if (t.device) /* after a failure the queue may still use our arrays */
         (void)cln_device_finish(t.device);
@@ -684,6 +775,7 @@ done:
     result->seconds = t.model.train_seconds;
     result->wall_seconds = cln_now() - t.began;
     result->psnr_train = t.psnr_train;
+    result->psnr_train_steps = t.psnr_train_steps;
     result->psnr_test = t.psnr_test;
     result->psnr_exposed = t.psnr_exposed;
     result->eval_views = t.eval_count;

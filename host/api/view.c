@@ -167,6 +167,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     CLN_TRY(cln_server_open(
         &(cln_server_desc){.listener = &listener, .painter = &painter, .facts = text}, &server));
     CLN_TRY(tell(server, -1));
+    cln_listen_say(&listener);
     if (desc->ready)
         desc->ready(listener.address, desc->callbacks.user);
     st = serve(desc, &last, server, &painter);

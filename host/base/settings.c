@@ -113,6 +113,9 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
                         "--%s +%s: only a run's budget can be extended; give --resume RUN",
                         row->option, more);
     CLN_TRY(cln_config_set(&added, row, more));
+    if (!(number_of(&added, row) > 0))
+        return cln_fail(CLN_USAGE, "--%s +%s adds nothing; leave it out, or give more", row->option,
+                        more);
     if (!(budget > 0) && !(used > 0))
         return cln_fail(CLN_USAGE,
                         "--%s +%s: the run has no such budget to extend, and has not ended; "

@@ -323,6 +323,26 @@ done:
     return st;
 }
 
+/* Says what became of a run whose process is gone, and the way on. */
+static void say_broken_off(const char *run, const json_t *about)
+{
+    const json_int_t step = json_integer_value(json_object_get(about, "step"));
+    const char *state = json_string_value(json_object_get(about, "state"));
+    char quoted[CLN_QUOTED_BYTES];
+
+    if (!state || strcmp(state, "broken off") != 0)
+        return;
+    cln_shell_quote(run, quoted, sizeof quoted);
+    if (json_is_integer(json_object_get(about, "step")))
+        cln_warn("%s: its process ended without a word (killed, or the machine went down); "
+                 "`cl-nascent train --resume %s` goes on from step %lld",
+                 run, quoted, (long long)step);
+    else
+        cln_warn("%s: its process ended without a word (killed, or the machine went down), before "
+                 "the first checkpoint, so nothing of it can be used; remove the folder",
+                 run);
+}
+
 cln_status cln_cmd_info(const cln_options *options)
 {
     cln_status st = CLN_OK;
@@ -345,6 +365,8 @@ cln_status cln_cmd_info(const cln_options *options)
     if (!json_is_object(document))
         CLN_TRY(
             cln_fail(CLN_INTERNAL, "%s: its description is not a JSON object", options->operand));
+    if (is_run)
+        say_broken_off(options->operand, document);
     if (json_object_get(document, "training"))
         CLN_TRY(add_time(options, document, json_object_get(document, "training")));
     if (options->json)

@@ -50,6 +50,8 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
         printf("PSNR          not measured yet");
     else
         printf("PSNR          %s train", train);
+    if (isfinite(r->psnr_train) && r->psnr_train_steps > 1)
+        printf(" (mean of the last %d steps)", r->psnr_train_steps);
     if (isfinite(r->psnr_test) && r->eval_views < r->test_views)
         printf(", %s test (over %d of %d test views; of all: `cl-nascent eval %s`)", test,
                r->eval_views, r->test_views, cln_shell_quote(run, quoted, sizeof quoted));

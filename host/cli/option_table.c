@@ -388,20 +388,33 @@ static int limit_for(size_t length)
     return length >= 6 ? 4 : (int)length / 2 + 1;
 }
 
-/* The first option that begins with this name, as abbreviations do; NULL if none does. */
-static const char *longer_option(const cln_command *command, const char *name)
+/* Adds "--name" to a list in words; the last of more than eight is "...". */
+static void add_name(const char *name, int *count, char *out, size_t bytes)
+{
+    const size_t used = strlen(out);
+
+    ++*count;
+    if (*count <= 8)
+        snprintf(out + used, bytes - used, "%s--%s", used ? ", " : "", name);
+    else if (*count == 9)
+        snprintf(out + used, bytes - used, ", ...");
+}
+
+/* Lists the options that begin with this name, as abbreviations do; "" if none does. */
+static void list_longer(const cln_command *command, const char *name, char *out, size_t bytes)
 {
     const size_t length = strlen(name);
+    int count = 0;
 
+    out[0] = 0;
     for (int i = 0; i < cln_arg_count && length > 2; i++)
         if (cln_command_takes_arg(command, &cln_args[i]) &&
             strncmp(cln_args[i].name, name, length) == 0)
-            return cln_args[i].name;
+            add_name(cln_args[i].name, &count, out, bytes);
     for (int i = 0; i < cln_config_row_count && length > 2; i++)
         if (cln_command_takes_row(command, &cln_config_rows[i]) &&
             strncmp(cln_config_rows[i].option, name, length) == 0)
-            return cln_config_rows[i].option;
-    return NULL;
+            add_name(cln_config_rows[i].option, &count, out, bytes);
 }
 
 /* Our name of an option that other programs call `name`: an option, or in capitals an argument that
@@ -421,6 +434,10 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"learning-rate", "lr"},
                 {"lrate", "lr"},
                 {"batch-size", "rays"},
+                {"batch", "rays"},
+                {"layers", "depth"},
+                {"n-layers", "depth"},
+                {"num-layers", "depth"},
                 {"num-rays", "rays"},
                 {"n-rand", "rays"},
                 {"gpu", "device"},
@@ -502,9 +519,8 @@ static cln_status fail_of_others(const cln_command *command, const char *name, u
 static const char *nearest_option(const cln_command *command, const char *name, bool off,
                                   int distance)
 {
-    const char *best = off ? NULL : longer_option(command, name);
+    const char *best = NULL;
 
-    distance = best ? 0 : distance;
     for (int i = 0; i < cln_arg_count; i++) {
         if (cln_command_takes_arg(command, &cln_args[i]) && (!off || cln_args[i].negatable))
             consider(name, cln_args[i].name, &distance, &best);
@@ -521,7 +537,7 @@ static const char *nearest_option(const cln_command *command, const char *name, 
  * it resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length)
 {
-    char wanted[64];
+    char wanted[64], longer[256];
     const char *best = NULL, *plain = wanted;
     const cln_arg *arg = NULL;
     unsigned bits = 0;
@@ -555,6 +571,9 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
                         "unknown option --%s: --%s is not a switch; leave it out, or give "
                         "it a value",
                         wanted, plain);
+    list_longer(command, wanted, longer, sizeof longer);
+    if (*longer)
+        return cln_fail(CLN_USAGE, "unknown option --%s; did you mean %s?", wanted, longer);
     best = nearest_option(command, plain, off, limit_for(length));
     if (best)
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s%s?", wanted,

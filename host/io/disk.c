@@ -2,6 +2,7 @@
 #include "io/disk.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -86,12 +87,34 @@ static cln_status check_lengths(const char *path, const char *there, size_t suff
     return CLN_OK;
 }
 
+/* Free bytes; INFINITY where the file system does not tell, as some do. */
+static double room_at(const char *there)
+{
+    struct statvfs disk;
+
+    if (statvfs(there, &disk) != 0 || disk.f_blocks == 0)
+        return INFINITY;
+    return (double)disk.f_bavail * (double)disk.f_frsize;
+}
+
+double cln_disk_room(const char *folder)
+{
+    char *there = NULL;
+    double room = INFINITY;
+
+    if (nearest(folder, &there) == CLN_OK)
+        room = room_at(there);
+    else
+        cln_clear_error();
+    free(there);
+    return room;
+}
+
 /* subject: what is to be written, in `folder` or the folder itself; begins the error sentence. */
 static cln_status check(const char *subject, const char *folder, double bytes, const char *what)
 {
     cln_status st = CLN_OK;
     char *there = NULL, need[32], have[32];
-    struct statvfs disk;
     double room = 0;
 
     CLN_TRY(cln_disk_nearest(folder, &there));
@@ -106,11 +129,9 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
                          : strcmp(there, subject) == 0 ? "this folder"
                                                        : there,
                          strerror(errno)));
-    if (statvfs(there, &disk) != 0 || disk.f_blocks == 0) { /* some file systems do not tell */
+    room = room_at(there);
+    if (isinf(room))
         CLN_TRY(try_folder(subject, there));
-        goto done;
-    }
-    room = (double)disk.f_bavail * (double)disk.f_frsize;
     if (bytes <= room)
         goto done;
     cln_format_bytes(bytes, need);

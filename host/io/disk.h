@@ -19,6 +19,9 @@ cln_status cln_disk_check(const char *folder, double bytes, const char *what);
 /* The same for a file in its folder. */
 cln_status cln_disk_check_file(const char *path, double bytes, const char *what);
 
+/* Free bytes of the disk that the folder is, or will be, on; INFINITY if it does not tell. */
+double cln_disk_room(const char *folder);
+
 /* Checks that a file can be written at `path`: its folder exists and can be written to, and nothing
  * is there, or with `replace` at most a plain file. CLN_OUTPUT. */
 cln_status cln_disk_check_new(const char *path, bool replace);

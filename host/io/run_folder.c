@@ -138,15 +138,40 @@ static void name_holder(char *out, size_t bytes)
     snprintf(out, bytes, "process %ld on %s", (long)getpid(), host);
 }
 
-bool cln_run_is_held(const char *run)
+/* Opens RUN/lock to try it; negative if there is none. */
+static int open_lock(const char *run)
 {
-    char *path = NULL, holder[192] = "", ours[192];
+    char *path = NULL;
     int file = -1;
-    bool held = false;
 
     if (cln_path_join(&path, run, "lock") == CLN_OK)
         file = open(path, O_RDONLY | O_CLOEXEC);
     free(path);
+    return file;
+}
+
+const char *cln_run_state(const char *run, const json_t *document)
+{
+    const char *state = json_string_value(json_object_get(document, "state"));
+    int file = -1;
+
+    if (!state || strcmp(state, "running") != 0)
+        return state ? state : "";
+    file = open_lock(run);
+    if (file < 0) /* of an older program, or left out of a copy: nobody knows */
+        return state;
+    if (flock(file, LOCK_SH | LOCK_NB) == 0)
+        state = "broken off";
+    close(file);
+    return state;
+}
+
+bool cln_run_is_held(const char *run)
+{
+    char holder[192] = "", ours[192];
+    const int file = open_lock(run);
+    bool held = false;
+
     if (file < 0)
         return false;
     held = flock(file, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;

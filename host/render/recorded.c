@@ -96,13 +96,14 @@ static bool is_there(const char *path)
     return cln_is_dir(path) || cln_is_file(path);
 }
 
-/* Where the run's scene is now; `place` says how it was found, NULL for where run.json has it. */
-static cln_status find_scene(const char *run, const json_t *dataset, char **path,
+/* Where the run's scene is now, for a training that resumes it or another command; `place` says how it was found, NULL for where run.json has it. */
+static cln_status find_scene(const char *run, const json_t *dataset, bool resumes, char **path,
                              const char **place)
 {
     cln_status st = CLN_OK;
     const char *saved = text_of(dataset, "path"), *from_run = text_of(dataset, "path_from_run");
     const char *slash = saved ? strrchr(saved, '/') : NULL;
+    char quoted[CLN_QUOTED_BYTES];
 
     *place = NULL;
     if (!saved)
@@ -122,11 +123,11 @@ static cln_status find_scene(const char *run, const json_t *dataset, char **path
     *place = "beside the run, by its name";
     if (is_there(*path))
         goto done;
-    CLN_TRY(
-        cln_fail(CLN_INPUT,
-                 "%s: the scene of %s is not there, nor beside the run; say where it is now with "
-                 "--scene SCENE, or train --resume RUN SCENE",
-                 saved, run));
+    CLN_TRY(cln_fail(CLN_INPUT,
+                     "%s: the scene of %s is not there, nor beside the run; say where it is now "
+                     "%s%s SCENE",
+                     saved, cln_shell_quote(run, quoted, sizeof quoted),
+                     resumes ? "by train --resume " : "with --scene", resumes ? quoted : ""));
 done:
     return st;
 }
@@ -139,7 +140,7 @@ cln_status cln_recorded_scene(const char *run, char **path)
 
     *path = NULL;
     CLN_TRY(cln_run_read(run, &document));
-    st = find_scene(run, json_object_get(document, "dataset"), path, &place);
+    st = find_scene(run, json_object_get(document, "dataset"), false, path, &place);
     if (st != CLN_OK) {
         free(*path);
         *path = NULL;
@@ -188,8 +189,8 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
     return CLN_OK;
 }
 
-cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_scene **scene,
-                             bool *same)
+static cln_status load(const char *run, const cln_scene_desc *given, bool resumes,
+                       cln_scene **scene, bool *same)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
@@ -209,7 +210,7 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *given, cln_s
     if (json_is_false(json_object_get(dataset, "alpha")) && text_of(dataset, "digest"))
         desc.opaque_digest = strtoull(text_of(dataset, "digest"), NULL, 16);
     if (!desc.path) {
-        CLN_TRY(find_scene(run, dataset, &path, &place));
+        CLN_TRY(find_scene(run, dataset, resumes, &path, &place));
         desc.path = path;
     }
     st = cln_scene_load(&desc, scene);
@@ -226,6 +227,18 @@ done:
     json_decref(document);
     free(path);
     return st;
+}
+
+cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_scene **scene,
+                             bool *same)
+{
+    return load(run, desc, false, scene, same);
+}
+
+cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene,
+                               bool *same)
+{
+    return load(run, desc, true, scene, same);
 }
 
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene)

@@ -28,6 +28,10 @@ cln_status cln_recorded_scene(const char *run, char **path);
 cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_scene **scene,
                              bool *same);
 
+/* The same for a training that resumes the run, whose command takes SCENE in another place. */
+cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene,
+                               bool *same);
+
 /* Checks the photos of a resumed run: CLN_INPUT if other frames are left out for missing images
  * than when it began; a warning if their size or background differs from before. */
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene);

@@ -77,12 +77,24 @@ done:
  * leaves are chosen for the rest. */
 enum { WHOLE_PART = 3, SURFACE_CHILDREN = 4 };
 
+static bool is_whole(const cln_config *c, double leaves)
+{
+    return SURFACE_CHILDREN * leaves <= floor((double)c->max_leaves / WHOLE_PART);
+}
+
 static bool has_whole_levels(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
 
-    return !c->adaptive || (t->model.decisions == 0 &&
-                            SURFACE_CHILDREN * t->pipeline.leaves <= c->max_leaves / WHOLE_PART);
+    return !c->adaptive || (t->model.decisions == 0 && is_whole(c, t->pipeline.leaves));
+}
+
+bool cln_grow_whole(const cln_trainer *t, int level, double leaves)
+{
+    if (level < t->model.level) /* it was followed by one */
+        return true;
+    return is_whole(&t->model.config, leaves) &&
+           !(level == t->model.level && (t->finest || t->no_room_for_level));
 }
 
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level

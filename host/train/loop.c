@@ -320,6 +320,7 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
 
     keep_window(t);
     t->psnr_train = cln_psnr(t->window.square / t->window.steps);
+    t->psnr_train_steps = (int)t->window.steps;
     CLN_TRY(cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated));
     if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
         cln_format_bytes(cln_peak_rss(), peak);

@@ -54,6 +54,7 @@ typedef struct cln_trainer {
     int64_t from_step;            /* step that this process began after */
     double clock;                 /* training seconds by this rank's clock */
     double psnr_train, psnr_test; /* newest, NaN before */
+    int psnr_train_steps;         /* steps that psnr_train is of; 0 before */
     double psnr_exposed;          /* of the same views as psnr_test (cln_eval_image) */
     double start_seconds;         /* from `began` to the first step; NaN before it */
     double eval_seconds;          /* time of the newest evaluation; NaN before the first */

@@ -252,6 +252,7 @@ cln_status cln_watch_start(cln_trainer *t)
     w->test = t->psnr_test;
     w->began = w->allowance.at = cln_now();
     tell(t);
+    cln_listen_say(&w->listener);
     if (t->desc->live->ready)
         t->desc->live->ready(w->listener.address, t->desc->live->user);
 done:

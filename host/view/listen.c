@@ -3,12 +3,15 @@
 
 #include <arpa/inet.h>
 #include <errno.h>
+#include <ifaddrs.h>
+#include <net/if.h>
 #include <netinet/in.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "base/log.h"
 #include "view/request.h"
 
 typedef union {
@@ -60,6 +63,39 @@ static int try_bind(const place *at, socklen_t bytes, int port)
     return -1;
 }
 
+static void put_address(const cln_listener *l, const char *host, char *out, size_t bytes)
+{
+    const bool v6 = strchr(host, ':') != NULL;
+
+    snprintf(out, bytes, "http://%s%s%s:%d/%s%s", v6 ? "[" : "", host, v6 ? "]" : "", l->port,
+             l->far ? "?token=" : "", l->token);
+}
+
+/* Lists the addresses by which other machines may reach this one, as they need not know its name:
+ * IPv4 ones, the first few. Without any the list stays empty. */
+static void list_others(cln_listener *out)
+{
+    struct ifaddrs *all = NULL;
+    char host[INET_ADDRSTRLEN], line[160];
+
+    if (getifaddrs(&all) != 0)
+        return;
+    for (const struct ifaddrs *at = all; at; at = at->ifa_next) {
+        const size_t used = strlen(out->others);
+
+        if (!at->ifa_addr || at->ifa_addr->sa_family != AF_INET || at->ifa_flags & IFF_LOOPBACK ||
+            !(at->ifa_flags & IFF_UP) ||
+            !inet_ntop(AF_INET, &((const place *)(const void *)at->ifa_addr)->v4.sin_addr, host,
+                       sizeof host))
+            continue;
+        put_address(out, host, line, sizeof line);
+        if (used + strlen(line) + 3 > sizeof out->others)
+            break;
+        snprintf(out->others + used, sizeof out->others - used, "%s%s", used ? "; " : "", line);
+    }
+    freeifaddrs(all);
+}
+
 cln_status cln_listen_open(const char *address, int port, cln_listener *out)
 {
     cln_status st = CLN_OK;
@@ -91,15 +127,21 @@ cln_status cln_listen_open(const char *address, int port, cln_listener *out)
     out->far = address != NULL;
     if (out->far)
         CLN_TRY(cln_ask_make_token(out->token));
-    if (out->own[0] && (strcmp(text, "0.0.0.0") == 0 || strcmp(text, "::") == 0))
-        shown = out->own;
-    snprintf(out->address, sizeof out->address, "http://%s%s%s:%d/%s%s",
-             strchr(shown, ':') ? "[" : "", shown, strchr(shown, ':') ? "]" : "", out->port,
-             out->far ? "?token=" : "", out->token);
+    if (strcmp(text, "0.0.0.0") == 0 || strcmp(text, "::") == 0) {
+        shown = out->own[0] ? out->own : text;
+        list_others(out);
+    }
+    put_address(out, shown, out->address, sizeof out->address);
 done:
     if (st != CLN_OK)
         cln_listen_close(out);
     return st;
+}
+
+void cln_listen_say(const cln_listener *listener)
+{
+    if (*listener->others)
+        cln_info("where this machine's name is not known: %s", listener->others);
 }
 
 void cln_listen_close(cln_listener *listener)

@@ -13,11 +13,16 @@ typedef struct cln_listener {
     char token[33];    /* "" without */
     char own[256];     /* this machine's name */
     char address[512]; /* to open, token included */
+    char others[512];  /* the same by this machine's numbers, "; "-separated; "" for one address */
 } cln_listener;
 
 /* address: numeric, or NULL for 127.0.0.1 without a token. port 0: CLN_VIEW_PORT, or a free one if
  * it is taken. CLN_USAGE: no such address, or the port is taken. */
 cln_status cln_listen_open(const char *address, int port, cln_listener *out);
+
+/* Logs `others`, if there are any. */
+void cln_listen_say(const cln_listener *listener);
+
 void cln_listen_close(cln_listener *listener); /* accepts one that is closed */
 
 #endif

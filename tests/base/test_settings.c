@@ -207,6 +207,7 @@ static void test_extend(void **state)
     set(settings, "time-limit", "+10");
     assert_true(settings->config.time_limit == 610);
     assert_set_refused(settings, "lr", "+x", "--lr|'+x'");
+    assert_set_refused(settings, "steps", "+0", "--steps +0|adds nothing");
     cln_settings_free(settings);
 }
 

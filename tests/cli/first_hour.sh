@@ -51,6 +51,12 @@ section_words() {
         "$work/out"
     expect "version with an extra word" 2 "foo" "$cln" version foo
     expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
+    expect "an abbreviation of several" 2 "~mean.--max-alloc,.--max-images[?]" \
+        "$cln" eval r --max 2
+    expect "layers, as other programs have them" 2 "~mean.--depth[?]" \
+        "$cln" train s -o r --layers 3
+    expect "a batch, as other programs have it" 2 "~mean.--rays[?]" \
+        "$cln" train s -o r --batch 300
     expect "--no- of a flag that is off by default" 2 "--no-json ~off.unless" \
         "$cln" train s -o r --no-json
     expect "--no- of an option with a value" 2 "--no-steps ~give.it.a.value" \
@@ -635,7 +641,8 @@ section_edges() {
     expect "a scene of one photo, which is held out" 3 "--holdout" "$cln" info "$s"
     expect "one photo to train on" 0 "" \
         "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --holdout 0
-    check "no test PSNR is printed" grep -qE "^PSNR +[0-9.]+ train$" "$work/out"
+    check "no test PSNR is printed" \
+        grep -qE "^PSNR +[0-9.]+ train [(]mean of the last 3 steps[)]$" "$work/out"
     expect "cameras of one photo" 0 "" "$cln" export "$r" --cameras "$work/one.json"
     check "they are one" printed ": 1 camera, of"
     expect "eval has nothing to compare with" 3 "--split" "$cln" eval "$r"
@@ -657,8 +664,11 @@ section_edges() {
     check "its times are not estimates" \
         grep -qE "^  wall_seconds +[0-9]+:[0-9]+$" "$work/out"
     mv "$s" "$s.away"
-    expect "--resume without the scene: how to name it" 3 "$s ~train.--resume.RUN.SCENE" \
+    expect "--resume without the scene: how to name it" 3 "$s" \
         "$cln" train --resume "$r" --skip-selftest --steps +1
+    check "the run is quoted" said "by train --resume '$r' SCENE"
+    expect "eval without the scene: how to name it" 3 "~--scene.SCENE" "$cln" eval "$r"
+    check "it has no word of training" not_said "train --resume"
     expect "the scene is named so" 0 "" "$cln" train --resume "$r" "$s.away" --skip-selftest \
         --progress none --steps +1
     mv "$s.away" "$s"

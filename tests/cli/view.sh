@@ -375,6 +375,18 @@ section_token() {
     gets "a numeric Host" 200 / -b "$cookie" -H "Host: 192.0.2.1:7007"
     gets "a Host of others" 403 / -b "$cookie" -H "Host: evil.example"
     gets "an Origin of others" 403 / -b "$work/cookies" -H "Origin: http://evil.example"
+    check "one address is not told twice" eval '! said "is not known"'
+    stop INT
+    if ! hostname -I 2>/dev/null | grep -q '^[0-9]'; then
+        skip "the machine's numbers" "it has no address but its own"
+        return
+    fi
+    serve --listen 0.0.0.0
+    address=$(grep -oE 'http://[0-9.]+:[0-9]+/[?]token=[0-9a-f]{32}' "$work/err" | head -1)
+    check "all addresses: a numeric one is told, with the token" [ -n "$address" ]
+    check "it is this machine's" [ "$(hostname -I | tr ' ' '\n' |
+        grep -cxF "$(sed -E 's,http://([0-9.]+):.*,\1,' <<<"$address")")" = 1 ]
+    check "and works" [ "$(curl -s -o /dev/null -w '%{http_code}' "$address")" = 303 ]
     stop INT
 }
 

@@ -1,0 +1,204 @@
+#!/bin/bash
+# How trainings end, and what is then said of them: killed ones, ones too short for their tree, ones
+# that learnt little, ones that are finished and started again, and those that do not fit the disk.
+#   tests/cli/endings.sh [SECTION...]      sections are in the last line
+#   BUILD=build/sanitize                   the programs to test
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+BUILD=${BUILD:-build}
+here=$PWD
+cln=$here/$BUILD/cl-nascent
+make_scene=$here/$BUILD/make-scene
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln-endings-XXXXXX")
+trap 'rm -rf "$work"' EXIT
+
+. tests/support/checks.sh
+
+# printed TEXT: TEXT is on the last stdout, literally
+printed() {
+    grep -qF -- "$1" "$work/out"
+}
+
+not_said() {
+    ! said "$1"
+}
+
+# The scene of most sections.
+scene() {
+    [ -e "$work/scene" ] || "$make_scene" "$work/scene" --size 32 --train 8 --test 2 >/dev/null
+}
+
+# ---- sections ----
+
+# A process that ended without a word leaves "running" in run.json, and a lock that nobody holds.
+section_killed() {
+    local i
+    scene
+    "$cln" train "$work/scene" -o "$work/killed" "${tiny[@]}" --steps 1000000 --save-every 1 \
+        >/dev/null 2>&1 &
+    for ((i = 0; i < 600; i++)); do
+        [ -e "$work/killed/checkpoint/latest" ] && break
+        sleep 0.1
+    done
+    expect "info while it trains" 0 "" "$cln" info "$work/killed" --json
+    check "it is running" [ "$(json state)" = running ]
+    check "nothing is said of a broken end" not_said "--resume"
+    kill -KILL $!
+    wait $! 2>/dev/null
+    expect "info of a killed run: the way on" 0 "~without.a.word train --resume ~from.step.[0-9]" \
+        "$cln" info "$work/killed"
+    check "its state is not running" grep -q "^state *broken off" "$work/out"
+    run "$cln" bugreport "$work/killed"
+    check "bugreport has the same state" printed '"broken off"'
+    expect "eval of a killed run" 0 "" "$cln" eval "$work/killed" --no-save-images
+    check "its report has the state" grep -q "state other'>broken off<" "$work/killed/report.html"
+    check "and the way on" grep -q "cl-nascent train --resume $work/killed</code> goes on" \
+        "$work/killed/report.html"
+    "$cln" train --resume "$work/killed" --skip-selftest --progress none --steps 1 >/dev/null 2>&1
+    expect "resumed to its end, it is done" 0 "" "$cln" info "$work/killed" --json
+    check "its state" [ "$(json state)" = done ]
+}
+
+# advice PATTERN: what the last stderr proposes
+advice() {
+    grep -oE -- "$1" "$work/err" | head -1
+}
+
+decisions() {
+    grep -c '"event":"structure"' "$1/metrics.jsonl"
+}
+
+# Too few steps for single leaves: what is proposed works.
+section_short() {
+    local -a grows=("$work/scene" --preset voxel --rays 512 --leaf-samples 0 --skip-selftest
+        --progress none --cell-pixels 0)
+    local -a sooner
+    local longer
+    scene
+    expect "a training too short for its tree" 0 "~warning:.no.single.leaf" \
+        "$cln" train -o "$work/short" "${grows[@]}" --steps 240
+    longer=$(advice "--steps [0-9]+ or more" | tr -dc 0-9)
+    read -ra sooner <<<"$(advice "--cull-after [0-9]+ --refresh-every [0-9]+")"
+    check "another number of steps is named" [ "${longer:-0}" -gt 240 ]
+    check "and other settings" [ ${#sooner[@]} = 4 ]
+    expect "so many steps are enough" 0 "" \
+        "$cln" train -o "$work/longer" "${grows[@]}" --steps "$longer"
+    check "nothing is said" not_said "no single leaf was split"
+    check "the tree adapted" [ "$(decisions "$work/longer")" -gt 0 ]
+    expect "and so are the settings" 0 "" \
+        "$cln" train -o "$work/sooner" "${grows[@]}" --steps 240 "${sooner[@]}"
+    check "nothing is said of them" not_said "no single leaf was split"
+    check "the tree adapted by them" [ "$(decisions "$work/sooner")" -gt 0 ]
+    expect "a try of a few steps" 0 "~single.leaf" \
+        "$cln" train -o "$work/try" "${grows[@]}" --steps 20
+    check "is not warned" not_said "warning: no single leaf"
+}
+
+# pose_of_next SCENE: each photo gets the pose of the next one
+pose_of_next() {
+    local file files=("$1"/train/*.png)
+    mv "${files[0]}" "$1/first"
+    for ((i = 1; i < ${#files[@]}; i++)); do mv "${files[i]}" "${files[i - 1]}"; done
+    mv "$1/first" "${files[-1]}"
+}
+
+# Test views that stay far behind training views: a check is proposed. No word of a few steps, nor of
+# a good scene.
+section_doubtful() {
+    local -a learn=(--preset voxel --rays 4096 --skip-selftest --progress none)
+    "$make_scene" "$work/good" --size 48 --train 40 --test 4 >/dev/null
+    cp -r "$work/good" "$work/shifted ones"
+    pose_of_next "$work/shifted ones"
+    expect "poses that are wrong: the next step" 0 "~warning:.test.views.are ~poses check" \
+        "$cln" train "$work/shifted ones" -o "$work/wrong" "${learn[@]}" --steps 160 --json
+    check "its command is quoted" said "\`cl-nascent check '$work/shifted ones'\`"
+    check "the report has it" grep -q "<code>cl-nascent check .*/shifted ones.*</code> looks" \
+        "$work/wrong/report.html"
+    expect "after a few steps nothing is known" 0 "" \
+        "$cln" train "$work/shifted ones" -o "$work/early" "${learn[@]}" --steps 4
+    check "nothing is said" not_said "test views are"
+    expect "poses that are right" 0 "" \
+        "$cln" train "$work/good" -o "$work/right" "${learn[@]}" --steps 160
+    check "nothing is said of them" not_said "test views are"
+    check "nor in the report" eval '! grep -q "cl-nascent check" "$work/right/report.html"'
+    check "of what the training PSNR is" grep -qE "^PSNR .* train \(mean of the last [0-9]+ steps\)," \
+        "$work/out"
+}
+
+sums() {
+    (cd "$1" && find . -type f ! -name lock -exec sha256sum {} + | sort)
+}
+
+# A finished run that is resumed without a larger budget stays what it is.
+section_again() {
+    local before
+    scene
+    expect "train" 0 "" "$cln" train "$work/scene" -o "$work/done" "${tiny[@]}" --steps 20
+    before=$(sums "$work/done")
+    expect "smaller photos, with nothing left to train" 2 "--downscale ~nothing.is.left budget" \
+        "$cln" train --resume "$work/done" --skip-selftest --progress none --downscale 2
+    check "the way on is named" said "train --resume $work/done --steps +20"
+    expect "no more steps" 2 "--steps ~adds.nothing" \
+        "$cln" train --resume "$work/done" --skip-selftest --progress none --steps +0
+    check "nothing was written" [ "$(sums "$work/done")" = "$before" ]
+    expect "other views of the evaluation" 0 "~nothing.is.left" \
+        "$cln" train --resume "$work/done" --skip-selftest --progress none --eval-images 1
+    expect "smaller photos and more steps" 0 "" "$cln" train --resume "$work/done" \
+        --skip-selftest --progress none --downscale 2 --steps +2
+}
+
+# Evaluations that never come.
+section_points() {
+    scene
+    expect "points beyond the steps" 0 \
+        "~eval-at.60.has.no.effect:.it.is.a.step,.beyond.--steps.20 ~seconds.end.in.s" \
+        "$cln" train "$work/scene" -o "$work/points" "${tiny[@]}" --steps 20 --eval-at 10,60
+    check "the other one is not named" not_said "--eval-at 10"
+    expect "points beyond the time" 0 "~eval-at.60s.has.no.effect ~time-limit.1s" \
+        "$cln" train "$work/scene" -o "$work/times" "${tiny[@]}" --time-limit 1s \
+        --eval-at 60s,60
+    check "a step may come" not_said "--eval-at 60 has"
+}
+
+# A disk that the largest tree would not fit: a warning that names what fits. In a file system of 48
+# MiB; only root can mount one, in a name space of its own.
+section_disk() {
+    local leaves
+    scene
+    mkdir -p "$work/small"
+    if ! unshare -m mount -t tmpfs -o size=48m none "$work/small" 2>/dev/null; then
+        skip "a small disk" "nothing can be mounted"
+        return
+    fi
+    on_small() {
+        unshare -m sh -c 'mount -t tmpfs -o size=48m none "$0" && exec "$@"' "$work/small" "$@"
+    }
+    expect "a tree that would not fit, if it became so large" 0 "~may.have.too.little.room" \
+        on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
+        --skip-selftest --progress none --steps 10
+    leaves=$(advice "with --max-leaves [0-9]+" | tr -dc 0-9)
+    check "another --max-leaves is named" [ "${leaves:-0}" -gt 0 ]
+    expect "with which nothing is said" 0 "" \
+        on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
+        --skip-selftest --progress none --steps 10 --max-leaves "$leaves"
+    check "nothing of the disk" not_said "too little room"
+    expect "a first tree that does not fit" 7 "~too.little.room ~first.checkpoint need free" \
+        on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
+        --skip-selftest --progress none --steps 10 --start-level 5 --level-at ""
+}
+
+# The demo on a machine that makes a few steps in its time.
+section_demo() {
+    mkdir -p "$work/there/build"
+    ln -s "$cln" "$work/there/build/cl-nascent"
+    printf '#!/bin/sh\nexec "%s" "$1" --size 16 --train 4 --test 1\n' "$make_scene" \
+        >"$work/there/build/make-scene"
+    chmod +x "$work/there/build/make-scene"
+    expect "the demo in a second" 0 "" env -C "$work/there" DEMO_TIME_LIMIT=1s "$here/tests/demo.sh"
+    check "it says how little that is, and the way on" grep -qE \
+        'made [0-9]+ steps in 1s, .* of 3,000' "$work/out"
+    check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
+}
+
+run_sections "killed short doubtful again points disk demo" "$@"
