@@ -92,6 +92,7 @@ section_missing() {
 }
 
 section_moved() {
+    local at
     baseline
     cd / || exit 1
     expect "eval from another folder" 0 "" "$cln" eval "$work/run" --progress none
@@ -118,6 +119,15 @@ section_moved() {
     "$make_scene" "$work/away/sub/photos" --size 24 --train 24 --test 3 --seed 5 >/dev/null
     expect "another scene of that name is not taken" 3 "~another.one digest --scene" \
         "$cln" eval "$work/away/sub/run"
+    mkdir "$work/named"
+    cp -r "$work/run" "$work/named/photos" # a run that has the name of its scene
+    cp -r "$work/run" "$work/named/run"    # and another one, beside it
+    sed -i 's,"path_from_run": ".*","path_from_run": "../photos",' "$work/named/run/run.json"
+    for at in photos run; do
+        expect "a run named after its scene is not taken for it: $at" 3 \
+            "~the.scene.of.*named/$at.is.not.there,.nor.beside --scene" \
+            "$cln" eval "$work/named/$at"
+    done
     mv "$work/elsewhere" "$work/photos"
     cd - >/dev/null || exit 1
 }
