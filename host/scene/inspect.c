@@ -661,13 +661,21 @@ done:
 static void check_files(inspection *in)
 {
     const cln_scene *scene = in->scene;
+    const int all = scene->view_count + scene->missing;
+    json_t *gone = json_array();
+    char names[512];
 
+    for (int i = scene->view_count; i < all; i++)
+        add_view(gone, in, i);
     if (scene->missing)
-        cln_found_fault(in->findings, "missing", true, NULL,
-                        "%d of %d photos %s not there%s; %s left out", scene->missing,
-                        scene->view_count + scene->missing, cln_plural(scene->missing, "is", "are"),
+        cln_found_fault(in->findings, "missing", true, json_incref(gone),
+                        "%d of %d photos %s not there%s: %s; %s left out%s", scene->missing, all,
+                        cln_plural(scene->missing, "is", "are"),
                         scene->unreadable ? " or cannot be read" : "",
-                        cln_plural(scene->missing, "its frame is", "their frames are"));
+                        name_some(gone, names, sizeof names),
+                        cln_plural(scene->missing, "its frame is", "their frames are"),
+                        10 * scene->missing >= all ? ", by train with --missing skip alone" : "");
+    json_decref(gone);
     if (!cln_scene_split_count(scene, CLN_SPLIT_TEST))
         cln_found_fault(in->findings, "split", false, NULL,
                         "no photo is held out: how good views between the photos are will not be "

@@ -52,20 +52,23 @@ section_missing() {
     head -c 300 "$work/photos/train/r_000.png" >"$work/few/train/r_000.png"
     : >"$work/few/train/r_007.png"
     cp "$work/photos/train/r_010.png" "$work/few/train/"
-    for rule in auto fail; do
-        cp "$work/photos/train"/r_00[35].png "$work/few/train/"
-        expect "--missing $rule with broken images: an error that names the way out" 3 \
-            "r_000 r_007.png ~1.more ~--missing.skip" "$cln" info "$work/few" --missing $rule
-    done
+    cp "$work/photos/train"/r_00[35].png "$work/few/train/"
+    expect "--missing fail with broken images: an error that names the way out" 3 \
+        "r_000 r_007.png ~1.more ~--missing.skip" "$cln" info "$work/few" --missing fail
+    expect "fewer than a tenth broken: a warning" 0 \
+        "~2.of.27.images.cannot.be.read r_007 ~r_000.png:.truncated" "$cln" info "$work/few"
     rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
+    expect "a tenth and more missing or broken: refused" 3 "~2.of.27.images ~--missing.skip" \
+        "$cln" info "$work/few"
     expect "--missing skip leaves broken ones out, too" 0 \
         "~2.of.27.images.are.not.there ~2.of.27.cannot.be.read train/r_007" \
         "$cln" info "$work/few" --missing skip --json
     check "info counts missing and broken images" [ "$(json missing)" = 4 ]
     check "info counts the broken images apart" [ "$(json unreadable)" = 2 ]
-    expect "check" 0 "" "$cln" check "$work/few" --missing skip --probe 0
-    check "check counts missing and broken photos as one" \
-        grep -q "missing: 4 of 27 photos are not there or cannot be read" "$work/out"
+    expect "check goes on" 0 "" "$cln" check "$work/few" --probe 0
+    check "check counts missing and broken photos as one" grep -q \
+        "FAULT  missing: 4 of 27 photos are not there or cannot be read: train/r_003" "$work/out"
+    expect "check --missing fail" 3 "r_003" "$cln" check "$work/few" --probe 0 --missing fail
     expect "why: with -v" 0 "r_000 truncated" "$cln" info "$work/few" --missing skip -v
     expect "train leaves them out" 0 "~2.of.27.cannot.be.read" \
         "$cln" train "$work/few" -o "$work/broken run" "${small[@]}" --steps 2 --missing skip
