@@ -396,7 +396,7 @@ drawn() {
 }
 
 section_check() {
-    local points
+    local points i
     local front="--kind forward --size 64 --train 12 --test 2"
     local air="--kind terrain --size 64 --train 24 --test 0 --format nerfstudio"
     local all="--size 64 --train 28 --test 1"
@@ -491,6 +491,21 @@ section_check() {
         planted scale scale true $all --format ngp
     }
     check "the box of what the photos show is named" grep -q -- "--bbox=" "$work/out"
+
+    # about half of what photos from far apart share fits, but exactly; with the neighbours' poses
+    # it fits about
+    "$make_scene" "$work/next" --size 96 --train 24 --test 2 >/dev/null
+    expect "few photos of an object" 0 "" "$cln" check "$work/next" --probe 0
+    check "their poses are no fault" grep -q "^0 likely faults" "$work/out"
+    mv "$work/next/train/r_000.png" "$work/next/first.png"
+    for i in $(seq 23); do
+        mv "$work/next/train/r_$(printf %03d "$i").png" \
+            "$work/next/train/r_$(printf %03d $((i - 1))).png"
+    done
+    mv "$work/next/first.png" "$work/next/train/r_023.png"
+    expect "each has the pose of the one before it" 0 "" "$cln" check "$work/next" --probe 0
+    check "check calls the poses a fault" grep -q "FAULT  poses: the photos" "$work/out"
+    check "and says nothing of overlap" eval '! grep -q "remark overlap" "$work/out"'
 }
 
 section_poses() {

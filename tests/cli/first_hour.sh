@@ -369,7 +369,7 @@ section_scenes() {
         eval '"$cln" check "$work/nan" --probe 0 2>&1 | grep -q "FAULT  missing: 3 of 9"'
     cp "$s/train/r_000.png" "$s/train/r_001.png" "$work/nan/train"
     expect "a truncated image, found by reading" 3 "r_003.png ~too.early" \
-        "$cln" info "$work/nan" --missing fail
+        "$cln" check "$work/nan" --probe 0 --missing fail
     check "only the truncated image is named" not_said "cannot be read"
 
     cp -r "$s" "$work/mixed"
