@@ -361,9 +361,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "every Nth image is test where no split is named (0 = none)",                              \
         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                    \
     ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
-         "frames whose image is not there: leave them out while they are fewer than a tenth, "     \
-         "leave them out however many (also those whose image cannot be read), or refuse the "     \
-         "scene",                                                                                  \
+         "frames whose image is not there or cannot be read: leave them out while they are fewer " \
+         "than a tenth, leave them out however many, or refuse the scene",                         \
          .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
     REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                  \
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                     \

@@ -102,7 +102,7 @@ double cln_disk_room(const char *folder)
     char *there = NULL;
     double room = INFINITY;
 
-    if (nearest(folder, &there) == CLN_OK)
+    if (cln_disk_nearest(folder, &there) == CLN_OK)
         room = room_at(there);
     else
         cln_clear_error();

@@ -364,6 +364,27 @@ done:
     return st;
 }
 
+cln_status cln_image_check_ends(const char *path)
+{
+    static const uint8_t jpeg_end[] = {0xFF, 0xD9};
+    static const uint8_t png_end[] = {0, 0, 0, 0, 'I', 'E', 'N', 'D', 0xAE, 0x42, 0x60, 0x82};
+    cln_image_head head;
+    uint8_t last[sizeof png_end];
+    const cln_status st = cln_image_read_head(path, &head);
+    const size_t n = head.jpeg ? sizeof jpeg_end : sizeof png_end;
+    FILE *file = NULL;
+    bool ended = false;
+
+    if (st != CLN_OK)
+        return st;
+    file = fopen(path, "rb");
+    ended = file && fseek(file, -(long)n, SEEK_END) == 0 && fread(last, 1, n, file) == n &&
+            memcmp(last, head.jpeg ? jpeg_end : png_end, n) == 0;
+    if (file)
+        fclose(file);
+    return ended ? CLN_OK : cln_image_check(path);
+}
+
 cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
                             int *height, int *channels, uint8_t **pixels)
 {

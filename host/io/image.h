@@ -33,6 +33,9 @@ cln_status cln_image_decode(const char *path, const void *data, size_t bytes, in
 /* Fails like cln_image_decode if the file is not an image or is truncated, without decoding it. */
 cln_status cln_image_check(const char *path);
 
+/* The same by its first and last bytes alone, where these are as they should be. */
+cln_status cln_image_check_ends(const char *path);
+
 /* Divides the size by n (floor; partial blocks are dropped) by the mean of n x n blocks, to
  * nearest; with 4 channels the mean of premultiplied values, divided by alpha. In place; *pixels is
  * reallocated. */

@@ -91,9 +91,12 @@ done:
     return st;
 }
 
+/* A run of the scene's name, where runs are named after scenes, is not the scene. */
 static bool is_there(const char *path)
 {
-    return cln_is_dir(path) || cln_is_file(path);
+    const bool run = cln_has_file(path, "run.json") && !cln_run_is_of_others(path);
+
+    return (cln_is_dir(path) && !run) || cln_is_file(path);
 }
 
 /* Where the run's scene is now, for a training that resumes it or another command; `place` says how it was found, NULL for where run.json has it. */

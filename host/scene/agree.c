@@ -349,6 +349,8 @@ static void try_readings(work *w)
             out->focal_share = share;
         }
     }
+    out->focal_exact =
+        out->focal_share / share_of_reading(w, &cln_readings[out->reading], out->focal, 1);
 }
 
 static void count_agreeing(work *w)

@@ -48,7 +48,8 @@ typedef struct cln_agreement {
     double reading_share;
     double focal;        /* the factor on all focal lengths that most ties agree with */
     double focal_share;  /* share of ties that agree with it, within a quarter of the tolerance */
-    double strict_share; /* the same with focal lengths as given */
+    double focal_exact;  /* that share over the one of ties that agree with it at all */
+    double strict_share; /* as focal_share, with focal lengths as given */
     double kept_share;   /* of features of agreeing ties: those that masks and alpha keep; or NaN */
     int point_count;     /* places where the rays of agreeing ties meet at some angle */
     double (*points)[3]; /* scene units */

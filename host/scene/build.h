@@ -24,10 +24,10 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
 /* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
 int cln_natural_compare(const char *a, const char *b);
 
-/* load.c: takes frames whose image file is missing, or with CLN_MISSING_SKIP cannot be read, out of
- * the views and puts them behind these, with a warning. CLN_INPUT if `rule` (config.missing) allows
- * none to be left out, or not so many, or if no training view remains. Called after the split, so
- * that the others stay in theirs. */
+/* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
+ * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with a
+ * warning. CLN_INPUT if `rule` (config.missing) allows none to be left out, or not so many, or if no
+ * training view remains. Called after the split, so that the others stay in theirs. */
 cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 
 /* turned.c: has the camera the shape of such an image? False if it has no size. */

@@ -20,9 +20,12 @@
 
 static const double SOUND = 0.5;       /* share of agreeing ties above which poses are right */
 static const double UNSOUND = 0.3;     /* share below which they are wrong */
+static const double UNSURE = 0.7;      /* share below which poses are wrong if ties are inexact: */
+static const double EXACT = 0.45;      /* share of agreeing ties that agree within a quarter; 1/4
+                                          if they do by chance or nearly, as beside the true pose */
 static const double READING = 0.6;     /* the given reading's share over another's */
 static const double FOCAL_GAIN = 1.15; /* share with other focal lengths over the given ones' */
-static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2;
+static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
 static const double FAR_OFF = 8;       /* distance from the middle, in median distances */
 static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over that of pixels */
 static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
@@ -130,12 +133,14 @@ static void check_agreement(inspection *in)
 {
     const cln_agreement *a = &in->agreement;
     const cln_reading *reading = &cln_readings[a->reading];
+    const double exact = a->strict_share / a->reading_share;
 
     measure(in, "compared_views", a->looked_at);
     measure(in, "compared_pairs", a->pairs);
     measure(in, "ties", a->tie_count);
     measure(in, "agreeing_share", a->share);
-    in->posed = !(a->share < UNSOUND);
+    measure(in, "exact_share", isnan(a->share) ? NAN : exact);
+    in->posed = !(a->share < UNSOUND || (a->share < UNSURE && exact < EXACT));
     if (isnan(a->share) && a->pairs == 0) {
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "no two photos stand apart, so that none can be compared with their poses: "
@@ -163,7 +168,7 @@ static void check_agreement(inspection *in)
         return;
     }
     if (a->focal_share > FOCAL_GAIN * a->strict_share && a->focal_share > LEAST_STRICT &&
-        fmax(a->focal, 1 / a->focal) > FOCAL_LEAST) {
+        fmax(a->focal, 1 / a->focal) > FOCAL_LEAST && a->focal_exact > FOCAL_EXACT) {
         in->posed = a->share > SOUND;
         cln_found_fault(
             in->findings, "focal length", true, NULL,
@@ -180,6 +185,14 @@ static void check_agreement(inspection *in)
                         "lies where both poses put it. Likely names and poses are in different "
                         "orders, or the poses are those of other photos",
                         100 * a->share);
+    else if (!in->posed)
+        cln_found_fault(in->findings, "poses", true, NULL,
+                        "the photos hardly fit their poses: %.0f%% of what two photos show lies "
+                        "where both poses put it (of most good captures 80%% or more), and only "
+                        "%.0f%% of that exactly (60%% or more). Likely each photo has the pose of "
+                        "another one near it, as if names and poses are in different orders, or "
+                        "the poses are inexact",
+                        100 * a->share, 100 * exact);
     else if (a->share > SOUND)
         take_back(in->findings, "axes");
 }
@@ -661,13 +674,21 @@ done:
 static void check_files(inspection *in)
 {
     const cln_scene *scene = in->scene;
+    const int all = scene->view_count + scene->missing;
+    json_t *gone = json_array();
+    char names[512];
 
+    for (int i = scene->view_count; i < all; i++)
+        add_view(gone, in, i);
     if (scene->missing)
-        cln_found_fault(in->findings, "missing", true, NULL,
-                        "%d of %d photos %s not there%s; %s left out", scene->missing,
-                        scene->view_count + scene->missing, cln_plural(scene->missing, "is", "are"),
+        cln_found_fault(in->findings, "missing", true, json_incref(gone),
+                        "%d of %d photos %s not there%s: %s; %s left out%s", scene->missing, all,
+                        cln_plural(scene->missing, "is", "are"),
                         scene->unreadable ? " or cannot be read" : "",
-                        cln_plural(scene->missing, "its frame is", "their frames are"));
+                        name_some(gone, names, sizeof names),
+                        cln_plural(scene->missing, "its frame is", "their frames are"),
+                        10 * scene->missing >= all ? ", by train with --missing skip alone" : "");
+    json_decref(gone);
     if (!cln_scene_split_count(scene, CLN_SPLIT_TEST))
         cln_found_fault(in->findings, "split", false, NULL,
                         "no photo is held out: how good views between the photos are will not be "

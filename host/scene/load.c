@@ -109,8 +109,9 @@ static cln_status say_left_out(const cln_scene *scene, char **out)
     }
     CLN_TRY(name_frames(scene, scene->view_count + absent, scene->unreadable, &names));
     if (scene->unreadable > 0)
-        CLN_TRY(cln_asprintf(out, "%s%s%d of %d cannot be read (%s)", gone ? gone : "",
-                             gone ? ", " : "", scene->unreadable, total, names));
+        CLN_TRY(cln_asprintf(out, "%s%s%d of %d %scannot be read (%s)", gone ? gone : "",
+                             gone ? ", " : "", scene->unreadable, total, gone ? "" : "images ",
+                             names));
     else
         CLN_TRY(cln_strdup(out, gone));
 done:
@@ -121,26 +122,29 @@ done:
 
 typedef enum { FINE, ABSENT, UNREADABLE } state;
 
-/* Only --missing skip looks into the files: otherwise one that cannot be read is an error, which
- * cln_scene_size_views reports. */
-static cln_status look_for(const cln_view *view, int rule, state *out)
+/* With --missing fail, a file that cannot be read is an error that cln_scene_size_views reports.
+ * *reason: that of the first one. */
+static cln_status look_for(const cln_view *view, int rule, state *out, char **reason)
 {
     cln_status st = CLN_OK;
 
     *out = cln_is_file(view->path) ? FINE : ABSENT;
-    if (*out == ABSENT || rule != CLN_MISSING_SKIP)
+    if (*out == ABSENT || rule == CLN_MISSING_FAIL)
         return CLN_OK;
-    st = cln_image_check(view->path);
+    st = rule == CLN_MISSING_SKIP ? cln_image_check(view->path) : cln_image_check_ends(view->path);
     if (st != CLN_INPUT)
         return st;
     *out = UNREADABLE;
     cln_debug("frame '%s' is left out: %s", view->name, cln_error_text());
-    cln_clear_error();
-    return CLN_OK;
+    st = *reason ? CLN_OK : cln_strdup(reason, cln_error_text());
+    if (st == CLN_OK)
+        cln_clear_error();
+    return st;
 }
 
-/* Puts the views that are left out behind those that stay, first those without an image. Stable. */
-static cln_status move_missing(cln_scene *scene, int rule)
+/* Puts the views that are left out behind those that stay, first those without an image. Stable.
+ * *reason: why the first of the others cannot be read; NULL if all can. */
+static cln_status move_missing(cln_scene *scene, int rule, char **reason)
 {
     cln_status st = CLN_OK;
     const int total = scene->view_count;
@@ -151,7 +155,7 @@ static cln_status move_missing(cln_scene *scene, int rule)
     CLN_TRY(cln_alloc(&views, (size_t)total, sizeof *views, "views"));
     CLN_TRY(cln_alloc(&states, (size_t)total, sizeof *states, "views"));
     for (int i = 0; i < total; i++) {
-        CLN_TRY(look_for(&scene->views[i], rule, &states[i]));
+        CLN_TRY(look_for(&scene->views[i], rule, &states[i], reason));
         count[states[i]]++;
     }
     for (state s = FINE; s <= UNREADABLE; s++)
@@ -173,12 +177,18 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
     cln_status st = CLN_OK;
     const int total = scene->view_count;
     cln_moved moved = {.folder = scene->folder};
-    char *why = NULL, *likely = NULL;
+    char *why = NULL, *likely = NULL, *reason = NULL, *first = NULL;
 
-    CLN_TRY(move_missing(scene, rule));
+    CLN_TRY(move_missing(scene, rule, &reason));
     if (scene->missing == 0)
         goto done;
     CLN_TRY(say_left_out(scene, &why));
+    if (scene->missing > scene->unreadable)
+        CLN_TRY(cln_asprintf(&first, " (the first should be %s%s%s)",
+                             scene->views[scene->view_count].path, reason ? "; " : "",
+                             reason ? reason : ""));
+    else
+        CLN_TRY(cln_asprintf(&first, " (%s)", reason));
     errno = 0;
     if (scene->missing > scene->unreadable && !cln_is_file(scene->views[scene->view_count].path) &&
         errno == EACCES)
@@ -194,20 +204,21 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
                          scene->folder, scene->views[scene->view_count].name,
                          scene->views[scene->view_count].path, likely));
     if (rule == CLN_MISSING_AUTO && 10 * scene->missing >= total)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s, a tenth or more (the first should be %s)%s%s%s",
-                         scene->folder, why, scene->views[scene->view_count].path, likely,
-                         *likely               ? ""
-                         : scene->missing == 1 ? "; restore it"
-                                               : "; restore them",
-                         scene->missing < total ? ", or leave such frames out with --missing skip"
-                                                : ""));
+        CLN_TRY(cln_fail(
+            CLN_INPUT, "%s: %s, a tenth or more%s%s%s%s", scene->folder, why, first, likely,
+            *likely || reason     ? ""
+            : scene->missing == 1 ? "; restore it"
+                                  : "; restore them",
+            scene->missing < total ? ", or leave such frames out with --missing skip" : ""));
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view is left: %s%s%s", scene->folder, why,
-                         likely, *likely ? "" : "; restore them"));
-    cln_warn("%s: %s; %s left out", scene->folder, why,
-             cln_plural(scene->missing, "this frame is", "these frames are"));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view is left: %s%s%s%s", scene->folder, why,
+                         reason ? first : "", likely, *likely || reason ? "" : "; restore them"));
+    cln_warn("%s: %s; %s left out%s", scene->folder, why,
+             cln_plural(scene->missing, "this frame is", "these frames are"), reason ? first : "");
 done:
     cln_moved_free(&moved);
+    free(reason);
+    free(first);
     free(why);
     free(likely);
     return st;

@@ -52,20 +52,23 @@ section_missing() {
     head -c 300 "$work/photos/train/r_000.png" >"$work/few/train/r_000.png"
     : >"$work/few/train/r_007.png"
     cp "$work/photos/train/r_010.png" "$work/few/train/"
-    for rule in auto fail; do
-        cp "$work/photos/train"/r_00[35].png "$work/few/train/"
-        expect "--missing $rule with broken images: an error that names the way out" 3 \
-            "r_000 r_007.png ~1.more ~--missing.skip" "$cln" info "$work/few" --missing $rule
-    done
+    cp "$work/photos/train"/r_00[35].png "$work/few/train/"
+    expect "--missing fail with broken images: an error that names the way out" 3 \
+        "r_000 r_007.png ~1.more ~--missing.skip" "$cln" info "$work/few" --missing fail
+    expect "fewer than a tenth broken: a warning" 0 \
+        "~2.of.27.images.cannot.be.read r_007 ~r_000.png:.truncated" "$cln" info "$work/few"
     rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"
+    expect "a tenth and more missing or broken: refused" 3 "~2.of.27.images ~--missing.skip" \
+        "$cln" info "$work/few"
     expect "--missing skip leaves broken ones out, too" 0 \
         "~2.of.27.images.are.not.there ~2.of.27.cannot.be.read train/r_007" \
         "$cln" info "$work/few" --missing skip --json
     check "info counts missing and broken images" [ "$(json missing)" = 4 ]
     check "info counts the broken images apart" [ "$(json unreadable)" = 2 ]
-    expect "check" 0 "" "$cln" check "$work/few" --missing skip --probe 0
-    check "check counts missing and broken photos as one" \
-        grep -q "missing: 4 of 27 photos are not there or cannot be read" "$work/out"
+    expect "check goes on" 0 "" "$cln" check "$work/few" --probe 0
+    check "check counts missing and broken photos as one" grep -q \
+        "FAULT  missing: 4 of 27 photos are not there or cannot be read: train/r_003" "$work/out"
+    expect "check --missing fail" 3 "r_003" "$cln" check "$work/few" --probe 0 --missing fail
     expect "why: with -v" 0 "r_000 truncated" "$cln" info "$work/few" --missing skip -v
     expect "train leaves them out" 0 "~2.of.27.cannot.be.read" \
         "$cln" train "$work/few" -o "$work/broken run" "${small[@]}" --steps 2 --missing skip
@@ -92,6 +95,7 @@ section_missing() {
 }
 
 section_moved() {
+    local at
     baseline
     cd / || exit 1
     expect "eval from another folder" 0 "" "$cln" eval "$work/run" --progress none
@@ -118,6 +122,15 @@ section_moved() {
     "$make_scene" "$work/away/sub/photos" --size 24 --train 24 --test 3 --seed 5 >/dev/null
     expect "another scene of that name is not taken" 3 "~another.one digest --scene" \
         "$cln" eval "$work/away/sub/run"
+    mkdir "$work/named"
+    cp -r "$work/run" "$work/named/photos" # a run that has the name of its scene
+    cp -r "$work/run" "$work/named/run"    # and another one, beside it
+    sed -i 's,"path_from_run": ".*","path_from_run": "../photos",' "$work/named/run/run.json"
+    for at in photos run; do
+        expect "a run named after its scene is not taken for it: $at" 3 \
+            "~the.scene.of.*named/$at.is.not.there,.nor.beside --scene" \
+            "$cln" eval "$work/named/$at"
+    done
     mv "$work/elsewhere" "$work/photos"
     cd - >/dev/null || exit 1
 }
@@ -383,7 +396,7 @@ drawn() {
 }
 
 section_check() {
-    local points
+    local points i
     local front="--kind forward --size 64 --train 12 --test 2"
     local air="--kind terrain --size 64 --train 24 --test 0 --format nerfstudio"
     local all="--size 64 --train 28 --test 1"
@@ -478,6 +491,21 @@ section_check() {
         planted scale scale true $all --format ngp
     }
     check "the box of what the photos show is named" grep -q -- "--bbox=" "$work/out"
+
+    # about half of what photos from far apart share fits, but exactly; with the neighbours' poses
+    # it fits about
+    "$make_scene" "$work/next" --size 96 --train 24 --test 2 >/dev/null
+    expect "few photos of an object" 0 "" "$cln" check "$work/next" --probe 0
+    check "their poses are no fault" grep -q "^0 likely faults" "$work/out"
+    mv "$work/next/train/r_000.png" "$work/next/first.png"
+    for i in $(seq 23); do
+        mv "$work/next/train/r_$(printf %03d "$i").png" \
+            "$work/next/train/r_$(printf %03d $((i - 1))).png"
+    done
+    mv "$work/next/first.png" "$work/next/train/r_023.png"
+    expect "each has the pose of the one before it" 0 "" "$cln" check "$work/next" --probe 0
+    check "check calls the poses a fault" grep -q "FAULT  poses: the photos" "$work/out"
+    check "and says nothing of overlap" eval '! grep -q "remark overlap" "$work/out"'
 }
 
 section_poses() {

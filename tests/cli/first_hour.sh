@@ -370,10 +370,12 @@ section_scenes() {
     printf '\211PNG\r\n\032\n' >"$work/nan/train/r_001.png"
     head -c 500 "$s/train/r_003.png" >"$work/nan/train/r_003.png"
     expect "several broken images: all are named at once" 3 \
-        "r_000.png ~empty ~2.more train/r_001 train/r_003" "$cln" info "$work/nan"
+        "r_000.png ~empty ~3.of.9 train/r_001 train/r_003" "$cln" info "$work/nan"
+    check "check takes them for a fault" \
+        eval '"$cln" check "$work/nan" --probe 0 2>&1 | grep -q "FAULT  missing: 3 of 9"'
     cp "$s/train/r_000.png" "$s/train/r_001.png" "$work/nan/train"
     expect "a truncated image, found by reading" 3 "r_003.png ~too.early" \
-        "$cln" check "$work/nan" --probe 0
+        "$cln" check "$work/nan" --probe 0 --missing fail
     check "only the truncated image is named" not_said "cannot be read"
 
     cp -r "$s" "$work/mixed"

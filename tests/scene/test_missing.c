@@ -1,5 +1,4 @@
-/* Frames whose image is missing, or with --missing skip unreadable: few are left out with a
- * warning, as --missing says; the others keep their splits and names, and the scene lists what it
+/* Frames whose image is missing or unreadable: few are left out with a warning, as --missing says; the others keep their splits and names, and the scene lists what it
  * lacks. */
 #include <stdarg.h>
 #include <stddef.h>
@@ -113,7 +112,7 @@ static void put_broken(const char *folder)
     put_text(folder, "07.png", "<html>404</html>");
 }
 
-/* An image that is there and damaged is refused, unless all such frames are left out. */
+/* An image that is there and damaged counts as one that is missing. */
 static void test_damage(void **state)
 {
     cln_config config = default_config();
@@ -125,7 +124,9 @@ static void test_damage(void **state)
     put_scene(*state, 3, 1);
     put_broken(*state);
     assert_refused(*state, &config,
-                   (const char *const[3]){"05.png: empty", "'07.png'", "--missing skip"}, "auto");
+                   (const char *const[3]){"2 of 24 cannot be read ('05.png', '07.png')",
+                                          "05.png: empty", "--missing skip"},
+                   "auto");
     put_scene(*state, 3, 0);
     put_broken(*state);
     config.missing = CLN_MISSING_FAIL;
@@ -155,6 +156,38 @@ static void test_damage(void **state)
     assert_int_equal(scene->missing, 2);
     assert_int_equal(scene->unreadable, 2);
     cln_scene_free(scene);
+}
+
+/* Few are left out by themselves, with the reason: here a PNG that is cut off and one that is empty.
+ * One with bytes behind its end is whole. */
+static void test_few_damaged(void **state)
+{
+    const char *cut = scratch_path(*state, "05.png"), *longer = scratch_path(*state, "06.png");
+    cln_config config = default_config();
+    cln_scene *scene = NULL;
+    char text[512] = "", *data = NULL;
+    size_t bytes = 0;
+
+    put_scene(*state, 3, 0);
+    assert_int_equal(cln_read_file(cut, 1 << 20, &data, &bytes), CLN_OK);
+    scratch_put(cut, data, bytes - 8);
+    free(data);
+    assert_int_equal(cln_read_file(longer, 1 << 20, &data, &bytes), CLN_OK);
+    scratch_put(longer, data, bytes + 1);
+    free(data);
+    scratch_put(scratch_path(*state, "07.png"), "", 0);
+    cln_log_to(CLN_LOG_WARN, keep_line, text);
+    assert_int_equal(try_load(*state, &config, &scene), CLN_OK);
+    cln_log_to(CLN_LOG_INFO, NULL, NULL);
+    assert_non_null(strstr(text, ": 2 of 24 images cannot be read ('05.png', '07.png'); these "
+                                 "frames are left out ("));
+    assert_non_null(strstr(text, "05.png: truncated PNG"));
+    assert_int_equal(scene->missing, 2);
+    assert_int_equal(scene->unreadable, 2);
+    cln_scene_free(scene);
+    config.missing = CLN_MISSING_FAIL;
+    assert_refused(*state, &config,
+                   (const char *const[3]){"'05.png'", "07.png: empty", "--missing"}, "fail");
 }
 
 /* A folder that the user may not read is told as that. Root may read all, so it is another user. */
@@ -211,6 +244,7 @@ int test_group_missing(void)
         cmocka_unit_test_setup_teardown(test_few_are_left_out, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_rules, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_damage, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_few_damaged, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_forbidden, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_damage_within, scratch_make, scratch_remove),
     };
