@@ -25,6 +25,7 @@
 
 #define _Static_assert static_assert /* the C headers' spelling */
 extern "C" {
+#include "base/clock.h"
 #include "base/config.h"
 #include "base/rng.h"
 #include "pipeline/stages.h"
