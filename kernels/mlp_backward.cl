@@ -42,74 +42,6 @@ HELPER void transpose_layer(const __global float *w, int columns, __local float 
 }
 #endif
 
-/* Takes a block's samples and their gradients: those that roulette.cl chose, from `chosen` on.
- * order, heads: of the slice; of its chosen samples from there on. Past the count, the last one
- * again, without gradient. */
-HELPER void take_chosen(block b, const __global uint *chosen, const __global uint *order,
-                        const __global float4 *heads, __local uint *ids, __local int *places,
-                        __local float4 *dhead)
-{
-    for (int s = b.lid; s < b.rows; s += LS) {
-        const uint row = chosen[min(s, b.count - 1)];
-
-        ids[s] = order[row];
-        places[s] = (int)row * ACTS;
-        dhead[s] = s < b.count ? heads[s] : (float4)(0.0f);
-    }
-}
-
-/* Weight gradients of the trunk, from its last layer to its second. d0: gradient of the last
- * layer's pre-activations; returns that of the first layer's, in d0 or d1. h: scratch. w_after: the
- * next slice's weights, fetched meanwhile. Begins and ends with a barrier. */
-HELPER const __local float *trunk_backward(block b, kept_block kept, const __local float *enc,
-                                           const __local float4 *dhead, __local float *h,
-                                           __local float *d0, __local float *d1,
-                                           const LEAF_SPACE float *wt,
-                                           const __global float *w_after, LEAF_SPACE float *grad)
-{
-    for (int i = DEPTH - 1; i > 0; i--) { /* below: of layer i - 1 */
-        const __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0;
-        __local float *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
-
-        GROUP_SYNC();
-        restore(b, kept, i - 1, WIDTH, h);
-        GROUP_SYNC();
-        layer_weight_gradient(b, by_sample(h, WIDTH), d, WIDTH, grad + TRUNK_W(i),
-                              grad + TRUNK_B(i),
-                              kept_ahead(kept, i - 2, i > 1 ? b.count : 0, WIDTH),
-                              AHEAD_RUN(w_after + TRUNK_W(i), b.last ? WIDTH * WIDTH : 0));
-        if (i == SKIP)
-            layer_weight_gradient(b, by_encoding(enc, ENC_PAD), d, WIDTH,
-                                  grad + TRUNK_W(i) + WIDTH * WIDTH, 0, AHEAD_NOTHING,
-                                  AHEAD_NOTHING);
-        layer_input_gradient(b, kept, i - 1, d, WIDTH, wt + WT_TRUNK(i), dhead, 0, below);
-    }
-    GROUP_SYNC();
-    return (DEPTH - 1) & 1 ? d1 : d0;
-}
-
-/* Adam's step on a leaf, whose whole gradient this is. w, m, v: its rows. LEAF 0: also on its
- * transposed weights. */
-HELPER void step_leaf(adam_leaf a, const LEAF_SPACE float *grad, __global float *w,
-                      __global moment_type *m, __global moment_type *v, LEAF_SPACE float *wt,
-                      int lid)
-{
-    for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N) {
-        const vf g = VLOAD(grad + p);
-
-        if (adam_spares(g, p))
-            continue;
-        const vf updated = adam_step(a, g, p, w, m, v);
-
-#if LEAF
-        (void)updated;
-        (void)wt;
-#else
-        store_all_transposed(updated, p, wt);
-#endif
-    }
-}
-
 /* update 0: the gradient of every slice goes to grads [slice][PARAMS]. update 1: leaves with fewer
  * than min_samples samples stay as they are; of the others, leaves of one slice are updated, and
  * the rest write their gradients: LEAF 0 as above, LEAF 1 to grads [slice start /
@@ -192,8 +124,13 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [row][PARAMS] */
         const block b = block_at(done, all, ids, step_key);
 
         GROUP_SYNC();
-        take_chosen(b, chosen + slice.start + done, order + slice.start,
-                    heads + slice.start + done, ids, places, dhead);
+        for (int s = lid; s < b.rows; s += LS) { /* past the count, the last one again */
+            const uint row = chosen[slice.start + done + (uint)min(s, b.count - 1)];
+
+            ids[s] = order[slice.start + row];
+            places[s] = (int)row * ACTS;
+            dhead[s] = s < b.count ? heads[slice.start + done + (uint)s] : (float4)(0.0f);
+        }
 #if FETCHES
         for (int s = lid; b.last && s < count_after; s += LS) {
             const uint row = chosen[after.start + (uint)s];
@@ -232,26 +169,60 @@ mlp_backward(LEAF_ARRAY(float, params),                   /* [row][PARAMS] */
         head_input_gradient(b, kept, DEPTH - 1, WIDTH, dhead, w + COLOUR_W, w + SIGMA_W, d0);
 #endif
 
-        const __local float *d = trunk_backward(b, kept, enc, dhead, h, d0, d1, wt, w_after, grad);
+        /* the trunk, from its last layer to its second; d: gradient of layer i, below: of layer
+         * i - 1 */
+        for (int i = DEPTH - 1; i > 0; i--) {
+            __local float *d = (DEPTH - 1 - i) & 1 ? d1 : d0;
+            __local float *below = (DEPTH - 1 - i) & 1 ? d0 : d1;
+
+            GROUP_SYNC();
+            restore(b, kept, i - 1, WIDTH, h);
+            GROUP_SYNC();
+            layer_weight_gradient(b, by_sample(h, WIDTH), d, WIDTH, grad + TRUNK_W(i),
+                                  grad + TRUNK_B(i),
+                                  kept_ahead(kept, i - 2, i > 1 ? b.count : 0, WIDTH),
+                                  AHEAD_RUN(w_after + TRUNK_W(i), b.last ? WIDTH * WIDTH : 0));
+            if (i == SKIP)
+                layer_weight_gradient(b, by_encoding(enc, ENC_PAD), d, WIDTH,
+                                      grad + TRUNK_W(i) + WIDTH * WIDTH, 0, AHEAD_NOTHING,
+                                      AHEAD_NOTHING);
+            layer_input_gradient(b, kept, i - 1, d, WIDTH, wt + WT_TRUNK(i), dhead, 0, below);
+        }
+        GROUP_SYNC();
 
         /* the first layer, and below it an encoding with parameters */
-        layer_weight_gradient(b, by_encoding(enc, ENC_PAD), d, WIDTH, grad + TRUNK_W(0),
-                              grad + TRUNK_B(0),
+        layer_weight_gradient(b, by_encoding(enc, ENC_PAD), (DEPTH - 1) & 1 ? d1 : d0, WIDTH,
+                              grad + TRUNK_W(0), grad + TRUNK_B(0),
                               kept_ahead(kept_after, DEPTH - 1, b.last ? count_after : 0,
                                          WIDTH + VIEW),
                               AHEAD_RUN(w_after, b.last ? ENC_PAD * WIDTH : 0));
 #if ENCODING == 1
         GROUP_SYNC(); /* enc becomes scratch */
-        encode_position_back(b, at, d, w + TRUNK_W(0), enc, grad);
+        encode_position_back(b, at, (DEPTH - 1) & 1 ? d1 : d0, w + TRUNK_W(0), enc, grad);
 #endif
     }
     LEAF_SYNC();
 
     /* this is the leaf's whole gradient: take Adam's step */
     if (update && slice.count == whole) {
-        step_leaf(adam_leaf_of(lr, steps[at_row], norms[at_row], slice.slot), grad,
-                  LEAF_ROW(params, at_row, PARAMS), LEAF_ROW(moment1, at_row, PARAMS),
-                  LEAF_ROW(moment2, at_row, PARAMS), wt, lid);
+        const adam_leaf a = adam_leaf_of(lr, steps[at_row], norms[at_row], slice.slot);
+        __global float *w_row = LEAF_ROW(params, at_row, PARAMS);
+        __global moment_type *m_row = LEAF_ROW(moment1, at_row, PARAMS);
+        __global moment_type *v_row = LEAF_ROW(moment2, at_row, PARAMS);
+
+        for (uint p = (uint)lid * VW; p < PARAMS; p += STEP_N) {
+            const vf g = VLOAD(grad + p);
+
+            if (adam_spares(g, p))
+                continue;
+            const vf updated = adam_step(a, g, p, w_row, m_row, v_row);
+
+#if LEAF
+            (void)updated;
+#else
+            store_all_transposed(updated, p, wt);
+#endif
+        }
         return;
     }
 #if LEAF
