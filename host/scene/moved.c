@@ -324,7 +324,8 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
 {
     cln_status st = CLN_OK;
     const char *base = base_of(name), *first = NULL, *other = NULL;
-    int likes = 0;
+    char *unread = NULL;
+    int likes = 0, unread_count = 0;
 
     CLN_TRY(list(moved));
     for (int i = first_like(&moved->files, base); i < moved->files.count; i++) {
@@ -338,6 +339,8 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
         first = first ? first : file;
         likes++;
     }
+    if (!other)
+        CLN_TRY(cln_dataset_unread(moved->folder, name, &unread_count, &unread));
     if (likes > 1)
         CLN_TRY(cln_asprintf(out,
                              "; %d files there are called so, one is %s/%s: correct the dataset",
@@ -348,8 +351,14 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
     else if (other)
         CLN_TRY(cln_asprintf(out, "; %s/%s is there, with another ending: correct the dataset",
                              moved->folder, other));
+    else if (unread)
+        CLN_TRY(cln_asprintf(out,
+                             "; %s/%s is there, in a format that is not read: convert it to PNG "
+                             "or JPEG%s",
+                             moved->folder, unread, unread_count > 1 ? ", and the others" : ""));
     else
         CLN_TRY(cln_strdup(out, ""));
 done:
+    free(unread);
     return st;
 }

@@ -182,7 +182,10 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                                    int base_count, cln_reader_result *result, char **folder)
 {
     cln_status st = CLN_OK;
+    const char *top = bases[base_count - 1];
     cln_names there = {0};
+    char *unread = NULL;
+    int others = 0;
 
     if (!result->view_count)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -198,19 +201,26 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
             CLN_TRY(cln_strdup(folder, scene));
     }
     if (!*folder)
-        CLN_TRY(cln_dataset_images(bases[base_count - 1], &there));
+        CLN_TRY(cln_dataset_unread(top, result->views[0].name, &others, &unread));
+    if (unread)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: none of its %d images is there; for '%s', %s has '%s', one of %d "
+                         "photo%s in formats that are not read: convert %s to PNG or JPEG",
+                         where, result->view_count, result->views[0].name, top, unread, others,
+                         cln_plural(others, "", "s"), cln_plural(others, "it", "them")));
+    if (!*folder)
+        CLN_TRY(cln_dataset_images(top, &there));
     if (!*folder && there.count)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there, for example '%s'; the images in %s "
                          "have other names (the first is '%s'): name them as the poses do, also in "
                          "the ending",
-                         where, result->view_count, result->views[0].name, bases[base_count - 1],
-                         there.name[0]));
+                         where, result->view_count, result->views[0].name, top, there.name[0]));
     if (!*folder)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there: '%s' was looked for in %s and the "
                          "folders in it; put them into its folder images",
-                         where, result->view_count, result->views[0].name, bases[base_count - 1]));
+                         where, result->view_count, result->views[0].name, top));
     if (!result->moved_count)
         CLN_TRY(place_views(*folder, scene, result));
     for (int i = 0; i < base_count; i++)
@@ -221,5 +231,6 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         CLN_TRY(warn_unposed(*folder, result, &there));
 done:
     cln_dataset_free_names(&there);
+    free(unread);
     return st;
 }

@@ -530,6 +530,10 @@ section_poses() {
     expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     check "poses of no photos write nothing" [ ! -e "$work/posed" ]
+    touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
+    expect "photos in formats that are not read" 3 \
+        "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
+        env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
     expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \

@@ -129,6 +129,8 @@ static void test_unclear(void **state)
         {ONE("images/img.png"), {"images/IMG.png", "images/Img.png"}, {"2 files there"}},
         {ONE("images/x.png"), {"photos/x.png"}, {"photos/x.png is there: move it"}},
         {ONE("/home/somebody/y.png"), {"x.png"}, {"(the first should be /home/somebody/y.png);"}},
+        {ONE("images/x.png"), {"a/X.tif"}, {"/a/X.tif is there, in a format that is not read"}},
+        {ONE("images/x.png"), {"a/xy.tif"}, {"1 of 1 images is not there", "; restore it"}},
         {ONE("/home/somebody/x.png"), {"x.jpg"}, {"1 of 1 images is not there"}},
         /* two cameras, the images of one */
         {TWO("/home/cam0/1.png", "/home/cam1/1.png"), {"images/1.png"}, {"2 of 2 images"}},
