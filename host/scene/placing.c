@@ -4,7 +4,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -39,17 +38,6 @@ done:
     return st;
 }
 
-/* Whether a folder of this name has other pictures of the views than photos. */
-static bool is_no_photos(const char *name)
-{
-    static const char *const words[] = {"mask", "depth", "normal", "alpha", "matte", "segment"};
-
-    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
-        if (strncasecmp(name, words[i], strlen(words[i])) == 0)
-            return true;
-    return false;
-}
-
 /* Of the folders in `base`, the one with images of the most views: one of masks or the like only
  * where no other has any. NULL if none has. */
 static cln_status fullest_folder(const char *base, const cln_reader_result *result, bool any_case,
@@ -69,7 +57,7 @@ static cln_status fullest_folder(const char *base, const cln_reader_result *resu
         path = NULL;
         CLN_TRY(cln_path_join(&path, base, names.name[i]));
         CLN_TRY(count_views(path, result, any_case, result->view_count, &worth));
-        if (worth > 0 && !is_no_photos(names.name[i]))
+        if (worth > 0 && !cln_is_no_photos(names.name[i]))
             worth += result->view_count;
         if (worth > best) {
             free(*out);
@@ -124,7 +112,7 @@ done:
 static cln_status place_views(const char *folder, const char *scene, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    cln_moved here = {.folder = folder}, around = {.folder = scene};
+    cln_moved here = {.folder = folder, .bare = true}, around = {.folder = scene};
 
     for (int i = 0; i < result->view_count; i++) {
         cln_view *view = &result->views[i];
