@@ -188,10 +188,25 @@ done:
 
 /* ---- the scene ---- */
 
-static cln_status too_few(const char *where, const cln_names *photos)
+/* Refuses so few photos; `folder`: where those in other formats may be, or NULL. */
+static cln_status fail_few(const char *photos, int count, const char *folder)
 {
-    return cln_fail(CLN_INPUT, "%s: has %d PNG or JPEG photos; finding poses needs at least three",
-                    where, photos->count);
+    cln_status st = CLN_OK;
+    char *unread = NULL;
+    int others = 0;
+
+    if (folder)
+        CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
+    if (unread)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: has %d PNG or JPEG photo%s, and %d in formats that are not read (the "
+                         "first is '%s'): convert them; finding poses needs at least three",
+                         photos, count, cln_plural(count, "", "s"), others, unread));
+    CLN_TRY(cln_fail(CLN_INPUT, "%s: has %d PNG or JPEG photos; finding poses needs at least three",
+                     photos, count));
+done:
+    free(unread);
+    return st;
 }
 
 /* Enough photos, before the folder is made. A folder that is a scene already needs no poses. */
@@ -204,7 +219,7 @@ static cln_status check_photos(const char *folder)
 
     CLN_TRY(cln_dataset_images(folder, &photos));
     if (photos.count < PHOTOS_LEAST)
-        CLN_TRY(too_few(folder, &photos));
+        CLN_TRY(fail_few(folder, photos.count, folder));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
                  "them",
@@ -313,7 +328,7 @@ static cln_status set_up(work *w)
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;
     if (w->photos.count < PHOTOS_LEAST) /* of a video */
-        CLN_TRY(too_few(w->desc->photos, &w->photos));
+        CLN_TRY(fail_few(w->desc->photos, w->photos.count, NULL));
 done:
     return st;
 }

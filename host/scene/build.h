@@ -100,6 +100,9 @@ void cln_scene_place_sights(cln_scene *scene);
 /* bounds.c: CLN_INPUT if no training camera has a ray through the cube. */
 cln_status cln_scene_check_seen(const cln_scene *scene);
 
+/* doubts.c: of fewer training photos, nothing is known of what lies how far. */
+enum { CLN_LEAST_PHOTOS = 3 };
+
 /* doubts.c: fills cube_share, spread and apart_share. */
 void cln_scene_find_doubts(cln_scene *scene);
 /* Adds what they make doubtful to the findings (inspect.h). */

@@ -72,6 +72,21 @@ bool cln_dataset_is_image(const char *name)
            (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"));
 }
 
+typedef enum { IMAGES, UNREAD, FOLDERS } listed;
+
+static bool is_unread(const char *name)
+{
+    static const char *const endings[] = {"tif", "tiff", "webp", "heic", "heif", "avif",
+                                          "bmp", "gif",  "exr",  "dng",  "cr2",  "cr3",
+                                          "nef", "arw",  "raf",  "orf",  "rw2",  "jp2"};
+    const char *dot = strrchr(name, '.');
+
+    for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
+        if (!strcasecmp(dot + 1, endings[i]))
+            return true;
+    return false;
+}
+
 static cln_status keep_name(cln_names *names, const char *within, const char *name)
 {
     cln_status st = CLN_OK;
@@ -95,8 +110,8 @@ done:
     return st;
 }
 
-/* Lists images or folders of `folder`; `within` is its path from the folder that was asked for. */
-static cln_status list(const char *folder, const char *within, int depth, bool folders,
+/* Lists what is wanted of `folder`; `within` is its path from the folder that was asked for. */
+static cln_status list(const char *folder, const char *within, int depth, listed wanted,
                        cln_names *out)
 {
     cln_status st = CLN_OK;
@@ -114,11 +129,13 @@ static cln_status list(const char *folder, const char *within, int depth, bool f
         CLN_TRY(cln_path_join(&path, folder, entry->d_name));
         CLN_TRY(cln_path_join(&name, within, entry->d_name));
         if (cln_is_dir(path)) {
-            if (folders)
+            if (wanted == FOLDERS)
                 CLN_TRY(keep_name(out, within, entry->d_name));
             else if (depth < MAX_DEPTH)
-                CLN_TRY(list(path, name, depth + 1, false, out));
-        } else if (!folders && cln_dataset_is_image(name) && cln_is_file(path)) { /* no dead link */
+                CLN_TRY(list(path, name, depth + 1, wanted, out));
+        } else if (((wanted == IMAGES && cln_dataset_is_image(name)) ||
+                    (wanted == UNREAD && is_unread(name))) &&
+                   cln_is_file(path)) { /* no dead link */
             CLN_TRY(keep_name(out, within, entry->d_name));
         }
     }
@@ -134,9 +151,9 @@ static int by_bytes(const void *a, const void *b)
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-static cln_status list_sorted(const char *folder, bool folders, cln_names *out)
+static cln_status list_sorted(const char *folder, listed wanted, cln_names *out)
 {
-    const cln_status st = list(folder, "", 0, folders, out);
+    const cln_status st = list(folder, "", 0, wanted, out);
 
     if (out->count)
         qsort(out->name, (size_t)out->count, sizeof *out->name, by_bytes);
@@ -145,17 +162,45 @@ static cln_status list_sorted(const char *folder, bool folders, cln_names *out)
 
 cln_status cln_dataset_images(const char *folder, cln_names *out)
 {
-    return list_sorted(folder, false, out);
+    return list_sorted(folder, IMAGES, out);
 }
 
 cln_status cln_dataset_folders(const char *folder, cln_names *out)
 {
-    return list_sorted(folder, true, out);
+    return list_sorted(folder, FOLDERS, out);
 }
 
 cln_status cln_dataset_images_of(const char *folder, bool shallow, cln_names *out)
 {
-    return list(folder, "", shallow ? MAX_DEPTH : 0, false, out);
+    return list(folder, "", shallow ? MAX_DEPTH : 0, IMAGES, out);
+}
+
+cln_status cln_dataset_unread(const char *folder, const char *name, int *count, char **first)
+{
+    cln_status st = CLN_OK;
+    const char *slash = name ? strrchr(name, '/') : NULL, *base = slash ? slash + 1 : name;
+    const size_t stem = !base                        ? 0
+                        : cln_dataset_is_image(base) ? (size_t)(strrchr(base, '.') - base)
+                                                     : strlen(base);
+    cln_names names = {0};
+
+    *first = NULL;
+    st = list_sorted(folder, UNREAD, &names);
+    if (st == CLN_INPUT) { /* a folder that cannot be looked through has none */
+        cln_clear_error();
+        st = CLN_OK;
+    }
+    CLN_TRY(st);
+    *count = names.count;
+    for (int i = 0; i < names.count && !*first; i++) {
+        const char *last = strrchr(names.name[i], '/'), *file = last ? last + 1 : names.name[i];
+
+        if (!base || (strrchr(file, '.') == file + stem && !strncasecmp(file, base, stem)))
+            CLN_TRY(cln_strdup(first, names.name[i]));
+    }
+done:
+    cln_dataset_free_names(&names);
+    return st;
 }
 
 void cln_dataset_free_names(cln_names *names)

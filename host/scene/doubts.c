@@ -1,4 +1,4 @@
-/* What in a scene looks like a mistake in its splits or its poses. Each mistake of poses shows in a
+/* What in a scene looks like a mistake in its splits, its lenses or its poses. Each mistake of poses shows in a
  * number, with a bound between its values in good captures and in faulty ones
  * (tests/scene/test_doubts.c). As captures of other kinds may pass the bound, too, the sentences
  * say "likely".
@@ -17,6 +17,7 @@
 #include "scene/inspect.h"
 
 enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3 };
+static const double OFF_MAX = 0.2; /* of a principal point, in sides of the image */
 static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, ONE_PLACE = 1e-9, APART_MAX = 0.8;
 static const double DIFFER = 0.030153689607045808; /* squared sine of 10 degrees */
 
@@ -141,12 +142,47 @@ static void tell_shared(const cln_scene *scene, json_t *findings)
     json_decref(names);
 }
 
+static void tell_few(const cln_scene *scene, json_t *findings)
+{
+    const int train = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+
+    if (train < CLN_LEAST_PHOTOS)
+        cln_found_fault(findings, "photos", true, NULL,
+                        "only %d training photo%s: what fewer than three show can be at any "
+                        "distance, so views from elsewhere will be wrong. Take more photos%s",
+                        train, cln_plural(train, "", "s"),
+                        !scene->has_splits && scene->view_count > train
+                            ? ", or hold fewer out (--holdout)"
+                            : "");
+}
+
+/* The sign of a camera that is given for another image size, where no width and height tell it. */
+static void tell_principal(const cln_scene *scene, json_t *findings)
+{
+    double off = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_camera *c = &scene->views[i].camera;
+
+        if (c->lens != CLN_LENS_EQUIRECTANGULAR)
+            off = fmax(off, fmax(fabs(c->cx / c->width - .5), fabs(c->cy / c->height - .5)));
+    }
+    if (off > OFF_MAX)
+        cln_found_fault(findings, "intrinsics", true, NULL,
+                        "the principal point is %sup to %.0f%% of the image's side off its middle. "
+                        "Likely cx, cy (and focal lengths) of another image size, unless photos "
+                        "were cropped",
+                        off > .5 ? "outside the image, " : "", 100 * off);
+}
+
 void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
 {
     const cln_space *space = &scene->space;
 
     cln_scene_doubt_turns(scene, findings);
     tell_shared(scene, findings);
+    tell_few(scene, findings);
+    tell_principal(scene, findings);
     if (scene->apart_share > APART_MAX)
         cln_found_fault(
             findings, "axes", true, NULL,

@@ -271,6 +271,7 @@ done:
 static void check_overlap(inspection *in)
 {
     const cln_agreement *a = &in->agreement;
+    const int train = cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN);
     json_t *alone = json_array();
     double lone = 0;
     char names[512];
@@ -295,12 +296,11 @@ static void check_overlap(inspection *in)
                             ? "Take more photos, at most 20 degrees apart"
                         : lone == 1 ? "Photos between it and the others would help"
                                     : "Photos between them and the others would help");
-    if (cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN) < FEW_PHOTOS)
+    if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS)
         cln_found_fault(in->findings, "overlap", false, NULL,
-                        "only %d training photo%s: surfaces that fewer than three of them show are "
+                        "only %d training photos: surfaces that fewer than three of them show are "
                         "learnt badly",
-                        cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN),
-                        cln_plural(cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN), "", "s"));
+                        train);
     json_decref(alone);
 }
 
@@ -451,7 +451,7 @@ done:
 static void check_intrinsics(inspection *in)
 {
     const cln_fold fold = cln_scene_fold(in->scene);
-    double narrowest = INFINITY, widest = 0, off = 0, ratio = 1;
+    double narrowest = INFINITY, widest = 0, ratio = 1;
     bool planes = true;
 
     for (int i = 0; i < in->scene->view_count; i++) {
@@ -461,7 +461,6 @@ static void check_intrinsics(inspection *in)
         planes = planes && c->lens != CLN_LENS_EQUIRECTANGULAR;
         narrowest = fmin(narrowest, fov);
         widest = fmax(widest, fov);
-        off = fmax(off, fmax(fabs(c->cx / c->width - .5), fabs(c->cy / c->height - .5)));
         ratio = fmax(ratio, fmax(c->fx / c->fy, c->fy / c->fx));
     }
     if (planes) {
@@ -475,11 +474,6 @@ static void check_intrinsics(inspection *in)
                         "for photos. Likely a focal length of another image size, or in "
                         "millimetres",
                         narrowest, widest);
-    if (planes && off > 0.2)
-        cln_found_fault(in->findings, "intrinsics", true, NULL,
-                        "the principal point is up to %.0f%% of the image's side off its middle. "
-                        "Likely cx, cy of another image size, unless photos were cropped",
-                        100 * off);
     if (planes && ratio > 1.1)
         cln_found_fault(in->findings, "intrinsics", true, NULL,
                         "fx and fy differ by a factor of up to %.3g, as if pixels were not square. "

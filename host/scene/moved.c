@@ -82,6 +82,25 @@ static cln_status list(cln_moved *moved)
     return st;
 }
 
+bool cln_is_no_photos(const char *name)
+{
+    static const char *const words[] = {"mask", "depth", "normal", "alpha", "matte", "segment"};
+
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (strncasecmp(name, words[i], strlen(words[i])) == 0)
+            return true;
+    return false;
+}
+
+/* Is one of the folders of the path one of masks or the like? */
+static bool lies_beside_photos(const char *file)
+{
+    for (const char *end = NULL; (end = strchr(file, '/')); file = end + 1)
+        if (cln_is_no_photos(file))
+            return true;
+    return false;
+}
+
 /* The first file whose name has at least the stem of this one. */
 static int first_like(const cln_names *files, const char *base)
 {
@@ -138,8 +157,10 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
             break;
         if (!is_like(file, base))
             continue;
-        like = file;
-        likes++;
+        if (!lies_beside_photos(file)) {
+            like = file;
+            likes++;
+        }
         end = common_end(name, file, &same);
         if (!strchr(file, '/') && strchr(name, '/'))
             end = 0; /* the name alone */
@@ -259,7 +280,8 @@ static cln_status move_views(cln_moved *moved, bool by_name, cln_reader_result *
         cln_view *view = &result->views[i];
         char *found = NULL;
 
-        if (cln_is_file(view->path) || (by_name && !view->leads_out))
+        if (cln_is_file(view->path) ||
+            (by_name && !view->leads_out && !(moved->bare && !strchr(view->name, '/'))))
             continue;
         CLN_TRY(cln_moved_find(moved, view->name, by_name, &found));
         if (!found)
@@ -324,7 +346,8 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
 {
     cln_status st = CLN_OK;
     const char *base = base_of(name), *first = NULL, *other = NULL;
-    int likes = 0;
+    char *unread = NULL, *path = NULL;
+    int likes = 0, unread_count = 0;
 
     CLN_TRY(list(moved));
     for (int i = first_like(&moved->files, base); i < moved->files.count; i++) {
@@ -338,18 +361,26 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
         first = first ? first : file;
         likes++;
     }
+    if (!other)
+        CLN_TRY(cln_dataset_unread(moved->folder, name, &unread_count, &unread));
+    if (first || other || unread)
+        CLN_TRY(cln_path_join(&path, moved->folder, first ? first : other ? other : unread));
     if (likes > 1)
-        CLN_TRY(cln_asprintf(out,
-                             "; %d files there are called so, one is %s/%s: correct the dataset",
-                             likes, moved->folder, first));
+        CLN_TRY(cln_asprintf(out, "; %d files there are called so, one is %s: correct the dataset",
+                             likes, path));
     else if (likes)
-        CLN_TRY(cln_asprintf(out, "; %s/%s is there: move it, or correct the dataset",
-                             moved->folder, first));
+        CLN_TRY(cln_asprintf(out, "; %s is there: move it, or correct the dataset", path));
     else if (other)
-        CLN_TRY(cln_asprintf(out, "; %s/%s is there, with another ending: correct the dataset",
-                             moved->folder, other));
+        CLN_TRY(cln_asprintf(out, "; %s is there, with another ending: correct the dataset", path));
+    else if (unread)
+        CLN_TRY(cln_asprintf(out,
+                             "; %s is there, in a format that is not read: convert it to PNG or "
+                             "JPEG%s",
+                             path, unread_count > 1 ? ", and the others" : ""));
     else
         CLN_TRY(cln_strdup(out, ""));
 done:
+    free(unread);
+    free(path);
     return st;
 }

@@ -4,7 +4,9 @@
  *   - a file below the folder with the same path but for upper and lower case;
  *   - the file that the longest end of the path leads to from the folder, with a folder at least:
  *     images/a.png for /home/x/data/images/a.png;
- *   - of a path that leads out of the folder, the only file below it with that name.
+ *   - of a path that leads out of the folder, or (bare) has no folders where the dataset does not
+ *     say where its images are, the only file below it with that name, but in folders of masks and
+ *     the like.
  * Nothing is taken where two files match alike, nor a file that a frame of another name has by an
  * earlier rule or by the same one. */
 #ifndef CLN_SCENE_MOVED_H
@@ -16,6 +18,7 @@
 typedef struct cln_moved {
     const char *folder;
     bool shallow; /* not the folders in it */
+    bool bare;    /* names without folders are found in any */
     bool listed;
     cln_names files; /* relative to it, ordered by name without case and ending */
 } cln_moved;
@@ -23,6 +26,9 @@ void cln_moved_free(cln_moved *moved);
 
 /* Does a path of a dataset lead out of its folder? */
 bool cln_path_leads_out(const char *path);
+
+/* Has a folder of this name other pictures of views than photos: masks, depths? */
+bool cln_is_no_photos(const char *name);
 
 /* Finds the file that is meant by `name` (of cln_dataset_name); leads_out: its path did. *out: its
  * path, which the caller frees; NULL if there is none, or more than one. */

@@ -4,7 +4,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -39,17 +38,6 @@ done:
     return st;
 }
 
-/* Whether a folder of this name has other pictures of the views than photos. */
-static bool is_no_photos(const char *name)
-{
-    static const char *const words[] = {"mask", "depth", "normal", "alpha", "matte", "segment"};
-
-    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
-        if (strncasecmp(name, words[i], strlen(words[i])) == 0)
-            return true;
-    return false;
-}
-
 /* Of the folders in `base`, the one with images of the most views: one of masks or the like only
  * where no other has any. NULL if none has. */
 static cln_status fullest_folder(const char *base, const cln_reader_result *result, bool any_case,
@@ -69,7 +57,7 @@ static cln_status fullest_folder(const char *base, const cln_reader_result *resu
         path = NULL;
         CLN_TRY(cln_path_join(&path, base, names.name[i]));
         CLN_TRY(count_views(path, result, any_case, result->view_count, &worth));
-        if (worth > 0 && !is_no_photos(names.name[i]))
+        if (worth > 0 && !cln_is_no_photos(names.name[i]))
             worth += result->view_count;
         if (worth > best) {
             free(*out);
@@ -124,7 +112,7 @@ done:
 static cln_status place_views(const char *folder, const char *scene, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    cln_moved here = {.folder = folder}, around = {.folder = scene};
+    cln_moved here = {.folder = folder, .bare = true}, around = {.folder = scene};
 
     for (int i = 0; i < result->view_count; i++) {
         cln_view *view = &result->views[i];
@@ -182,7 +170,10 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                                    int base_count, cln_reader_result *result, char **folder)
 {
     cln_status st = CLN_OK;
+    const char *top = bases[base_count - 1];
     cln_names there = {0};
+    char *unread = NULL;
+    int others = 0;
 
     if (!result->view_count)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -198,19 +189,26 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
             CLN_TRY(cln_strdup(folder, scene));
     }
     if (!*folder)
-        CLN_TRY(cln_dataset_images(bases[base_count - 1], &there));
+        CLN_TRY(cln_dataset_unread(top, result->views[0].name, &others, &unread));
+    if (unread)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: none of its %d images is there; for '%s', %s has '%s', one of %d "
+                         "photo%s in formats that are not read: convert %s to PNG or JPEG",
+                         where, result->view_count, result->views[0].name, top, unread, others,
+                         cln_plural(others, "", "s"), cln_plural(others, "it", "them")));
+    if (!*folder)
+        CLN_TRY(cln_dataset_images(top, &there));
     if (!*folder && there.count)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there, for example '%s'; the images in %s "
                          "have other names (the first is '%s'): name them as the poses do, also in "
                          "the ending",
-                         where, result->view_count, result->views[0].name, bases[base_count - 1],
-                         there.name[0]));
+                         where, result->view_count, result->views[0].name, top, there.name[0]));
     if (!*folder)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there: '%s' was looked for in %s and the "
                          "folders in it; put them into its folder images",
-                         where, result->view_count, result->views[0].name, bases[base_count - 1]));
+                         where, result->view_count, result->views[0].name, top));
     if (!result->moved_count)
         CLN_TRY(place_views(*folder, scene, result));
     for (int i = 0; i < base_count; i++)
@@ -221,5 +219,6 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         CLN_TRY(warn_unposed(*folder, result, &there));
 done:
     cln_dataset_free_names(&there);
+    free(unread);
     return st;
 }

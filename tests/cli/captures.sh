@@ -333,6 +333,12 @@ section_doubts() {
     "$make_scene" "$work/units" --format ngp --size 16 --train 20 >/dev/null
     expect "info of a scene with a cube of its own" 0 "" "$cln" info "$work/units"
     check "a cube of its own: nothing is doubted" [ ! -s "$work/err" ]
+    cp -r "$work/units" "$work/halves"
+    sed -i -E '/"[wh]": /d; s/"(fl_x|fl_y|cx|cy)": ([0-9.]+)/"\1": 1\2/' \
+        "$work/halves"/transforms.json
+    expect "a camera of larger photos, without their size: train says so" 0 \
+        "~principal.point.is.outside ~another.image.size" \
+        "$cln" train "$work/halves" -o "$work/half" "${small[@]}" --steps 1
     cp -r "$work/units" "$work/small"
     turn "$work/units" "1 1 1 8"
     expect "translations too large: the likely cause" 0 "~training.rays.meet ~likely.the.scale" \
@@ -455,7 +461,10 @@ section_check() {
     check "nothing is said of their exposures" [ "$(grep -c '"exposure": null' "$work/out")" = 3 ]
 
     "$make_scene" "$work/pair" --kind forward --size 64 --train 2 --test 0 >/dev/null
+    expect "train on two photos: one is too few" 0 "~only.1.training.photo:" \
+        "$cln" train "$work/pair" -o "$work/pair run" "${small[@]}" --steps 1
     expect "two photos" 0 "" "$cln" check "$work/pair" --probe 0 --json
+    check "check takes two photos for a fault" [ "$(json findings.0.what)" = photos ]
     sed -n 's/^ *"exposure_jump": \([-.0-9e]*\),*$/\1/p' "$work/out" >"$work/jumps"
     check "and nothing around them differs" \
         [ "$(grep -c '"exposure_around": 0.0' "$work/out")" = 2 ]
@@ -521,6 +530,10 @@ section_poses() {
     expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     check "poses of no photos write nothing" [ ! -e "$work/posed" ]
+    touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
+    expect "photos in formats that are not read" 3 \
+        "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
+        env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
     expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \

@@ -239,6 +239,17 @@ static void test_colmap_images(void **state)
     assert_refused(folder, plain(),
                    (const char *const[3]){"images.bin: none of its 6 images is there", folder},
                    "all images gone");
+    put_folder(folder, "images");
+    put_text(folder, "images/other.tif", "");
+    assert_refused(folder, plain(), (const char *const[3]){"put them into its folder images"},
+                   "other images");
+    put_text(folder, "images/view_00.tiff", "");
+    assert_refused(folder, plain(),
+                   (const char *const[3]){"for 'view_00.png'",
+                                          "has 'images/view_00.tiff', one of 2 photos in formats "
+                                          "that are not read",
+                                          "convert them"},
+                   "images of another format");
 }
 
 /* ---- LLFF, NeuS ---- */

@@ -1,4 +1,4 @@
-/* Signs of mistakes in poses: each planted fault gives a number beyond its bound and one warning,
+/* Signs of mistakes in poses and lenses: each planted fault gives a number beyond its bound and one warning,
  * good captures of all kinds give none. Cameras are set by hand. The bounds were measured on photos
  * of many kinds: cameras around something have an apart_share of 0, in a room 0.25, in flights over
  * flat land up to 0.6, and 1 where cameras around something are turned. */
@@ -133,9 +133,13 @@ static void test_sound_captures(void **state)
         add_camera(&c, (const double[3]){0.1 * i, 0, -3}, (const double[3]){0, 0.01, 1});
     assert_int_equal(warnings(&c), 0);
     assert_true(isnan(c.scene.apart_share));
-    start(&c, 1.5); /* one camera alone has no spread */
+    start(&c, 1.5); /* one camera alone has no spread, but is too few */
+    for (int i = 0; i < 3; i++) {
+        add_camera(&c, (const double[3]){0.1 * i, -4, 0}, (const double[3]){0, 1, 0});
+        assert_int_equal(warnings(&c), i < 2);
+    }
+    start(&c, 1.5);
     add_camera(&c, (const double[3]){0, -4, 0}, (const double[3]){0, 1, 0});
-    assert_int_equal(warnings(&c), 0);
     c.scene.space.half = 50; /* the cube fills a quarter of its image */
     for (int a = 0; a < 3; a++)
         c.scene.space.centre[a] = a == 1 ? 60 : 50;
@@ -160,6 +164,19 @@ static void test_planted_faults(void **state)
     assert_true(c.scene.cube_share < 0.001);
     around(&c, 1.5, 4 * 10.0, 360);
     assert_int_equal(warnings(&c), 1);
+    for (int axis = 0; axis < 2; axis++)
+        for (int way = 0; way < 2; way++) { /* a principal point of an image twice as large */
+            double *at = NULL;
+
+            around(&c, 1.5, 4, 360);
+            at = axis ? &c.views[3].camera.cy : &c.views[3].camera.cx;
+            *at = way ? 11 : 5; /* 3 of 16 pixels off: cropped a little */
+            assert_int_equal(warnings(&c), 0);
+            *at = way ? 16 : 0;
+            assert_int_equal(warnings(&c), 1);
+            c.views[3].camera.lens = CLN_LENS_EQUIRECTANGULAR; /* has none */
+            assert_int_equal(warnings(&c), 0);
+        }
     around(&c, 1.5, 4 / 1000.0, 360);
     assert_int_equal(warnings(&c), 1);
     assert_true(c.scene.spread < 0.003 && c.scene.cube_share == 1);

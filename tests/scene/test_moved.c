@@ -129,6 +129,8 @@ static void test_unclear(void **state)
         {ONE("images/img.png"), {"images/IMG.png", "images/Img.png"}, {"2 files there"}},
         {ONE("images/x.png"), {"photos/x.png"}, {"photos/x.png is there: move it"}},
         {ONE("/home/somebody/y.png"), {"x.png"}, {"(the first should be /home/somebody/y.png);"}},
+        {ONE("images/x.png"), {"a/X.tif"}, {"/a/X.tif is there, in a format that is not read"}},
+        {ONE("images/x.png"), {"a/xy.tif"}, {"1 of 1 images is not there", "; restore it"}},
         {ONE("/home/somebody/x.png"), {"x.jpg"}, {"1 of 1 images is not there"}},
         /* two cameras, the images of one */
         {TWO("/home/cam0/1.png", "/home/cam1/1.png"), {"images/1.png"}, {"2 of 2 images"}},
@@ -296,6 +298,42 @@ static void test_names(void **state)
         load_moved(folder, config, FORMAT_VIEWS, "as images/VIEW_00.PNG for images/view_00.png"));
 }
 
+/* COLMAP's names lack the folder of images that a photo lies in: it is taken where it is the only
+ * one of its name, but for masks and smaller copies. */
+static void test_bare_names(void **state)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+    const cln_config *config = plain();
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+    char slash[512];
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
+    for (const char *const *f = (const char *const[]){"cam1", "masks", NULL}; *f; f++)
+        put_folder(scratch_path(folder, "images"), *f);
+    put_folder(folder, "images_2");
+    put_image(folder, "images/masks/view_03.png", 16, 12, 3, 0);
+    put_image(folder, "images_2/view_03.png", 8, 6, 3, 0);
+    assert_int_equal(rename(scratch_path(folder, "images/view_03.png"),
+                            scratch_path(folder, "images/cam1/view_03.png")),
+                     0);
+    cln_scene_free(
+        load_moved(folder, config, 1, "as images/cam1/view_03.png for images/view_03.png"));
+    assert_int_equal(remove(scratch_path(folder, "images/cam1/view_03.png")), 0);
+    assert_refused(folder, config, (const char *const[3]){"1 of 6 images is not there"},
+                   "masks and smaller copies alone");
+    put_image(folder, "images/cam1/view_03.png", 16, 12, 3, 0);
+    put_folder(folder, "images/cam2");
+    put_image(folder, "images/cam2/view_03.png", 16, 12, 3, 1);
+    snprintf(slash, sizeof slash, "%s/", folder);
+    assert_int_equal(try_load(slash, config, &scene), CLN_INPUT);
+    if (!strstr(cln_error_text(), "files there are called so") || strstr(cln_error_text(), "//"))
+        fail_msg("two of that name: %s", cln_error_text());
+    cln_clear_error();
+}
+
 int test_group_moved(void)
 {
     const struct CMUnitTest tests[] = {
@@ -305,6 +343,7 @@ int test_group_moved(void)
         cmocka_unit_test_setup_teardown(test_missing_rule, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks_and_points, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_bare_names, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("moved", tests, NULL, NULL);
