@@ -305,7 +305,7 @@ def turn_box(page):
     again = page.js('''
         const read = JSON.parse(JSON.stringify({crop: cropOfPath()}));
         resetCrop();
-        openCrop(read);
+        openCrop(readCrop(read.crop));
         return cropSides();''')
     page.check('a path keeps the box', moved(again, numbers) < 1e-6, again)
     small, turned, back = page.js('''
