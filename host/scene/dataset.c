@@ -76,9 +76,9 @@ typedef enum { IMAGES, UNREAD, FOLDERS } listed;
 
 static bool is_unread(const char *name)
 {
-    static const char *const endings[] = {"tif",  "tiff", "webp", "heic", "heif", "avif",
-                                          "bmp",  "gif",  "exr",  "dng",  "cr2",  "cr3",
-                                          "nef",  "arw",  "raf",  "orf",  "rw2",  "jp2"};
+    static const char *const endings[] = {"tif", "tiff", "webp", "heic", "heif", "avif",
+                                          "bmp", "gif",  "exr",  "dng",  "cr2",  "cr3",
+                                          "nef", "arw",  "raf",  "orf",  "rw2",  "jp2"};
     const char *dot = strrchr(name, '.');
 
     for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
@@ -179,7 +179,7 @@ cln_status cln_dataset_unread(const char *folder, const char *name, int *count, 
 {
     cln_status st = CLN_OK;
     const char *slash = name ? strrchr(name, '/') : NULL, *base = slash ? slash + 1 : name;
-    const size_t stem = !base                       ? 0
+    const size_t stem = !base                        ? 0
                         : cln_dataset_is_image(base) ? (size_t)(strrchr(base, '.') - base)
                                                      : strlen(base);
     cln_names names = {0};

@@ -204,19 +204,17 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
                          scene->folder, scene->views[scene->view_count].name,
                          scene->views[scene->view_count].path, likely));
     if (rule == CLN_MISSING_AUTO && 10 * scene->missing >= total)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %s, a tenth or more%s%s%s%s", scene->folder, why, first, likely,
-                         *likely || reason     ? ""
-                         : scene->missing == 1 ? "; restore it"
-                                               : "; restore them",
-                         scene->missing < total ? ", or leave such frames out with --missing skip"
-                                                : ""));
+        CLN_TRY(cln_fail(
+            CLN_INPUT, "%s: %s, a tenth or more%s%s%s%s", scene->folder, why, first, likely,
+            *likely || reason     ? ""
+            : scene->missing == 1 ? "; restore it"
+                                  : "; restore them",
+            scene->missing < total ? ", or leave such frames out with --missing skip" : ""));
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view is left: %s%s%s%s", scene->folder, why,
-                         reason ? first : "", likely,
-                         *likely || reason ? "" : "; restore them"));
+                         reason ? first : "", likely, *likely || reason ? "" : "; restore them"));
     cln_warn("%s: %s; %s left out%s", scene->folder, why,
-             cln_plural(scene->missing, "this frame is", "these frames are"),
-             reason ? first : "");
+             cln_plural(scene->missing, "this frame is", "these frames are"), reason ? first : "");
 done:
     cln_moved_free(&moved);
     free(reason);

@@ -36,8 +36,8 @@ cln_status cln_transforms_number(const char *where, const json_t *object, const 
     if (!*found)
         return CLN_OK;
     if (json_is_string(value))
-        return cln_fail(CLN_INPUT, "%s: %s must be a number, not a text in quotes (\"%s\")",
-                        where, key, json_string_value(value));
+        return cln_fail(CLN_INPUT, "%s: %s must be a number, not a text in quotes (\"%s\")", where,
+                        key, json_string_value(value));
     if (!json_is_number(value))
         return cln_fail(CLN_INPUT, "%s: %s must be a number", where, key);
     *out = json_number_value(value);

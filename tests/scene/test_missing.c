@@ -186,8 +186,8 @@ static void test_few_damaged(void **state)
     assert_int_equal(scene->unreadable, 2);
     cln_scene_free(scene);
     config.missing = CLN_MISSING_FAIL;
-    assert_refused(*state, &config, (const char *const[3]){"'05.png'", "07.png: empty", "--missing"},
-                   "fail");
+    assert_refused(*state, &config,
+                   (const char *const[3]){"'05.png'", "07.png: empty", "--missing"}, "fail");
 }
 
 /* A folder that the user may not read is told as that. Root may read all, so it is another user. */
