@@ -620,7 +620,7 @@ static bool in_two_held_out(const cln_view *a, const cln_view *b)
            strcmp(a->path, b->path) == 0;
 }
 
-/* Do two photos look alike? Most pairs differ in their means already, which is found much faster. */
+/* Do two photos look alike? Most pairs differ in their means already, which is found faster. */
 static bool same_photo(const inspection *in, int a, int b)
 {
     const cln_photo *one = &in->photos[a], *other = &in->photos[b];
