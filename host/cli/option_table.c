@@ -586,6 +586,9 @@ cln_status cln_fail_command(const char *name)
     const char *best = NULL;
     int distance = limit_for(strlen(name));
 
+    if (!strcmp(name, "resume") || !strcmp(name, "continue"))
+        return cln_fail(CLN_USAGE, "unknown command '%s'; a run goes on with train --resume RUN",
+                        name);
     for (int i = 0; i < cln_command_count; i++)
         consider(name, cln_commands[i].name, &distance, &best);
     if (best)

@@ -25,9 +25,9 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
 int cln_natural_compare(const char *a, const char *b);
 
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
- * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with a
- * warning. CLN_INPUT if `rule` (config.missing) allows none to be left out, or not so many, or if no
- * training view remains. Called after the split, so that the others stay in theirs. */
+ * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with
+ * a warning. CLN_INPUT if `rule` (config.missing) allows none to be left out, or not so many, or if
+ * no training view remains. Called after the split, so that the others stay in theirs. */
 cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 
 /* turned.c: has the camera the shape of such an image? False if it has no size. */

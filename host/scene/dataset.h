@@ -35,9 +35,9 @@ cln_status cln_dataset_images_of(const char *folder, bool shallow, cln_names *ou
 bool cln_dataset_is_image(const char *name); /* by the ending of PNG and JPEG files */
 void cln_dataset_free_names(cln_names *names);
 
-/* Photos in formats that are not read, by their endings, in a folder and the folders in it: how many
- * and, relative to the folder, the first that is called like the photo `name` but for the ending;
- * name NULL: the first of all. *first is NULL if there is none; the caller frees it. */
+/* Photos in formats that are not read, by their endings, in a folder and the folders in it: how
+ * many and, relative to the folder, the first that is called like the photo `name` but for the
+ * ending; name NULL: the first of all. *first is NULL if there is none; the caller frees it. */
 cln_status cln_dataset_unread(const char *folder, const char *name, int *count, char **first);
 
 /* Makes a view for each of these images of a folder, with name (below the folder) and path. */

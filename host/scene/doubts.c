@@ -1,5 +1,5 @@
-/* What in a scene looks like a mistake in its splits, its lenses or its poses. Each mistake of poses shows in a
- * number, with a bound between its values in good captures and in faulty ones
+/* What in a scene looks like a mistake in its splits, its lenses or its poses. Each mistake of
+ * poses shows in a number, with a bound between its values in good captures and in faulty ones
  * (tests/scene/test_doubts.c). As captures of other kinds may pass the bound, too, the sentences
  * say "likely".
  *   cube_share   of the training rays, those that meet the cube: small where translations are too

@@ -21,6 +21,7 @@ static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".
 /* One frame being read: values are looked up in the frame, then in the whole document. */
 typedef struct source {
     const char *folder; /* of the JSON document */
+    const char *file;   /* the document */
     const json_t *root, *frame;
     char *where;     /* "file: frame 3 ('images/0003.jpg')" */
     bool read_later; /* the image itself will be read */
@@ -34,6 +35,9 @@ cln_status cln_transforms_number(const char *where, const json_t *object, const 
     *found = value && !json_is_null(value);
     if (!*found)
         return CLN_OK;
+    if (json_is_string(value))
+        return cln_fail(CLN_INPUT, "%s: %s must be a number, not a text in quotes (\"%s\")", where,
+                        key, json_string_value(value));
     if (!json_is_number(value))
         return cln_fail(CLN_INPUT, "%s: %s must be a number", where, key);
     *out = json_number_value(value);
@@ -49,7 +53,7 @@ static cln_status number_of(const source *src, const char *key, double otherwise
     *out = otherwise;
     CLN_TRY(cln_transforms_number(src->where, src->frame, key, out, &found));
     if (!found)
-        CLN_TRY(cln_transforms_number(src->where, src->root, key, out, &found));
+        CLN_TRY(cln_transforms_number(src->file, src->root, key, out, &found));
 done:
     return st;
 }
@@ -73,7 +77,8 @@ static cln_status read_focal(const source *src, cln_camera *camera, int angle[2]
 
     for (int i = 0; i < 2 && !(found[0] || found[1] || found[2] || found[3]); i++)
         for (int k = 0; k < 4; k++)
-            CLN_TRY(cln_transforms_number(src->where, objects[i], keys[k], &value[k], &found[k]));
+            CLN_TRY(cln_transforms_number(i ? src->file : src->where, objects[i], keys[k],
+                                          &value[k], &found[k]));
     for (int k = 0; k < 2; k++) {
         const double side = k ? camera->height : camera->width;
 
@@ -485,7 +490,7 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
                                 cln_view *view)
 {
     cln_status st = CLN_OK;
-    source src = {.folder = folder, .root = root};
+    source src = {.folder = folder, .file = file, .root = root};
     const json_t *file_path = NULL;
 
     src.frame = json_array_get(json_object_get(root, "frames"), (size_t)index);
@@ -511,7 +516,7 @@ cln_status cln_transforms_finish(const char *folder, const char *file, const jso
                                  int index, cln_moved *moved, cln_view *view)
 {
     cln_status st = CLN_OK;
-    source src = {.folder = folder, .root = root, .read_later = true};
+    source src = {.folder = folder, .file = file, .root = root, .read_later = true};
 
     if (!cln_is_file(view->path))
         return CLN_OK;
@@ -529,7 +534,7 @@ cln_status cln_transforms_camera(const char *folder, const char *file, const jso
                                  int index, char **name, cln_camera *camera)
 {
     cln_status st = CLN_OK;
-    source src = {.folder = folder, .root = root};
+    source src = {.folder = folder, .file = file, .root = root};
     const json_t *file_path = NULL;
     cln_by_file by_file = {0}; /* of a camera without a photo */
     char *image = NULL;

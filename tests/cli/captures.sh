@@ -31,7 +31,6 @@ sums() {
 }
 
 section_missing() {
-    local rule
     baseline
     cp -r "$work/photos" "$work/few"
     rm "$work/few/train/r_003.png" "$work/few/train/r_005.png"

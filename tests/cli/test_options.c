@@ -571,6 +571,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"", "command"},
         {"trian s", "'trian'|did you mean 'train'"},
         {"xyzzyplugh", "unknown command 'xyzzyplugh'"},
+        {"resume", "train --resume RUN"},
         {"help rendre", "did you mean 'render'"},
         {"-v train s", "-v|after the command"},
         {"train s -o r --stpes 5", "--stpes|did you mean --steps"},

@@ -1,5 +1,5 @@
-/* Frames whose image is missing or unreadable: few are left out with a warning, as --missing says; the others keep their splits and names, and the scene lists what it
- * lacks. */
+/* Frames whose image is missing or unreadable: few are left out with a warning, as --missing says;
+ * the others keep their splits and names, and the scene lists what it lacks. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -158,8 +158,8 @@ static void test_damage(void **state)
     cln_scene_free(scene);
 }
 
-/* Few are left out by themselves, with the reason: here a PNG that is cut off and one that is empty.
- * One with bytes behind its end is whole. */
+/* Few are left out by themselves, with the reason: a PNG that is cut off and one that is empty. One
+ * with bytes behind its end is whole. */
 static void test_few_damaged(void **state)
 {
     const char *cut = scratch_path(*state, "05.png"), *longer = scratch_path(*state, "06.png");
