@@ -412,7 +412,8 @@ static cln_status check_disk(const cln_trainer *t, const cln_config *config)
     first.level_at[0] = 0;
     first_leaves = cln_config_most_leaves(&first, t->scene->space.shell);
     CLN_TRY(cln_checkpoint_bytes(config, first_leaves, &least));
-    CLN_TRY(cln_disk_check(t->desc->run, t->desc->resume ? 0 : least, "the leaves of its first checkpoint"));
+    CLN_TRY(cln_disk_check(t->desc->run, t->desc->resume ? 0 : least,
+                           "the leaves of its first checkpoint"));
     CLN_TRY(most_bytes(t, config, leaves, &most));
     if (most <= room)
         goto done;

@@ -136,8 +136,9 @@ static void say_none_came(cln_trainer *t, double fraction)
     snprintf(text, sizeof text,
              "no single leaf was split: of %.0f steps, those before --structure-until %g went by "
              "while whole levels came and were measured%s%s%s%s",
-             steps, c->structure_until, *longer || *sooner ? "; single leaves would be split by " : "",
-             longer, *longer && *sooner ? ", or by " : "", sooner);
+             steps, c->structure_until,
+             *longer || *sooner ? "; single leaves would be split by " : "", longer,
+             *longer && *sooner ? ", or by " : "", sooner);
     if (steps < 2 * (2 * c->cull_after + c->refresh_every))
         cln_info("%s", text);
     else
