@@ -30,6 +30,6 @@ echo "model      $demo/run/checkpoint/$(cat "$demo/run/checkpoint/latest").safet
 steps=$(sed 's/^0*//' "$demo/run/checkpoint/latest")
 if [ "${steps:-0}" -lt 1500 ]; then
     echo
-    echo "This machine made ${steps:-0} steps in $limit, README's picture is of 3,000: it is better after"
+    echo "This machine made ${steps:-0} steps in $limit, README's picture is of 3,000; for more:"
     echo "DEMO_TIME_LIMIT=20m make demo"
 fi

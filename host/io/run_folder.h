@@ -25,8 +25,8 @@ void cln_run_release(int lock); /* accepts a negative one */
 /* Returns whether another process holds RUN; false on a file system without locks. */
 bool cln_run_is_held(const char *run);
 
-/* The state that run.json has, which points into the document; "broken off" in place of "running" if
- * no process holds RUN: it was killed, or the machine went down. "" without one. */
+/* The state that run.json has, a text of the document; "broken off" in place of "running" if no
+ * process holds RUN: it was killed, or the machine went down. "" without one. */
 const char *cln_run_state(const char *run, const json_t *document);
 
 /* run.json, written atomically, and read; the reader checks "schema" ("cl-nascent.run/1") and gives

@@ -99,7 +99,8 @@ static bool is_there(const char *path)
     return (cln_is_dir(path) && !run) || cln_is_file(path);
 }
 
-/* Where the run's scene is now, for a training that resumes it or another command; `place` says how it was found, NULL for where run.json has it. */
+/* Where the run's scene is now, for a training that resumes it or another command; `place` says how
+ * it was found, NULL for where run.json has it. */
 static cln_status find_scene(const char *run, const json_t *dataset, bool resumes, char **path,
                              const char **place)
 {

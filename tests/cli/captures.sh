@@ -280,11 +280,15 @@ section_disk() {
     expect "train where nothing can be written: before the self-test" 7 "file folder" \
         "$cln" train "$work/photos" -o "$work/file/run" --progress none
     check "nothing was checked before" eval '! said "checking the kernels"'
-    expect "a tree too large for the disk: bytes needed and free" 7 "need free" \
-        "$cln" train "$work/photos" -o "$work/huge" "${small[@]:1}" --width 256 --depth 8 \
-        --view-width 256 --adaptive --max-leaves 262144
-    check "asked before the self-test" eval '! said "checking the kernels"'
-    check "a model too large for the disk leaves no folder" [ ! -e "$work/huge" ]
+    if [ "$(df --output=avail -B1G "$work" | tail -1)" -lt 130 ]; then
+        expect "a tree too large for the disk: bytes needed and free" 7 "need free" \
+            "$cln" train "$work/photos" -o "$work/huge" "${small[@]:1}" --width 256 --depth 8 \
+            --view-width 256 --no-adaptive --start-level 5 --level-at ""
+        check "asked before the self-test" eval '! said "checking the kernels"'
+        check "a model too large for the disk leaves no folder" [ ! -e "$work/huge" ]
+    else
+        skip "a tree too large for the disk" "it has much room"
+    fi
     expect "a film too large for the disk" 7 "need free" \
         "$cln" render "$work/run" --orbit 100000 --width 8192 -o "$work/film"
     check "a film too large for the disk leaves no file" [ ! -e "$work/film" ]

@@ -57,7 +57,7 @@ section_killed() {
         "$work/killed/report.html"
     "$cln" train --resume "$work/killed" --skip-selftest --progress none --steps 1 >/dev/null 2>&1
     expect "resumed to its end, it is done" 0 "" "$cln" info "$work/killed" --json
-    check "its state" [ "$(json state)" = done ]
+    check "its state" [ "$(json state)" = "done" ]
 }
 
 # advice PATTERN: what the last stderr proposes
@@ -97,14 +97,14 @@ section_short() {
 
 # pose_of_next SCENE: each photo gets the pose of the next one
 pose_of_next() {
-    local file files=("$1"/train/*.png)
+    local i files=("$1"/train/*.png)
     mv "${files[0]}" "$1/first"
     for ((i = 1; i < ${#files[@]}; i++)); do mv "${files[i]}" "${files[i - 1]}"; done
     mv "$1/first" "${files[-1]}"
 }
 
-# Test views that stay far behind training views: a check is proposed. No word of a few steps, nor of
-# a good scene.
+# Test views that stay far behind training views: a check is proposed. No word of a few steps, nor
+# of a good scene.
 section_doubtful() {
     local -a learn=(--preset voxel --rays 4096 --skip-selftest --progress none)
     "$make_scene" "$work/good" --size 48 --train 40 --test 4 >/dev/null
@@ -122,8 +122,8 @@ section_doubtful() {
         "$cln" train "$work/good" -o "$work/right" "${learn[@]}" --steps 160
     check "nothing is said of them" not_said "test views are"
     check "nor in the report" eval '! grep -q "cl-nascent check" "$work/right/report.html"'
-    check "of what the training PSNR is" grep -qE "^PSNR .* train \(mean of the last [0-9]+ steps\)," \
-        "$work/out"
+    check "of what the training PSNR is" \
+        grep -qE "^PSNR .* train \(mean of the last [0-9]+ steps\)," "$work/out"
 }
 
 sums() {
@@ -197,7 +197,7 @@ section_demo() {
     chmod +x "$work/there/build/make-scene"
     expect "the demo in a second" 0 "" env -C "$work/there" DEMO_TIME_LIMIT=1s "$here/tests/demo.sh"
     check "it says how little that is, and the way on" grep -qE \
-        'made [0-9]+ steps in 1s, .* of 3,000' "$work/out"
+        'made [0-9]+ steps in 1s, .* of 3,000; for more' "$work/out"
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
