@@ -14,8 +14,8 @@ cln_status cln_grow_due(cln_trainer *t, double fraction, bool *due);
  * the budget, and the others have been measured. */
 bool cln_grow_awaited(const cln_trainer *t, double fraction);
 
-/* Whether a whole level may follow `level`, with so many leaves, as far as is known: for the present
- * level and those to come, whose leaves the caller guesses. */
+/* Whether a whole level may follow `level`, with so many leaves, as far as is known: for the
+ * present level and those to come, whose leaves the caller guesses. */
 bool cln_grow_whole(const cln_trainer *t, int level, double leaves);
 
 /* Splits every leaf once by the exact split (model/fold.c), after cln_grow_due() found that it may:
