@@ -127,7 +127,7 @@ section_moved() {
     sed -i 's,"path_from_run": ".*","path_from_run": "../photos",' "$work/named/run/run.json"
     for at in photos run; do
         expect "a run named after its scene is not taken for it: $at" 3 \
-            "~the.scene.of.*named/$at.is.not.there,.nor.beside --scene" \
+            "~the.scene.of.*named/$at.?.is.not.there,.nor.beside --scene" \
             "$cln" eval "$work/named/$at"
     done
     mv "$work/elsewhere" "$work/photos"

@@ -266,12 +266,16 @@ section_scenes() {
     first=$work/bad/train/r_003.png
     truncate -s 700 "$first"
     expect "truncated image" 3 "r_003.png" "$cln" train "$work/bad" -o "$work/never" "${small[@]}" \
-        --steps 1
+        --steps 1 --missing fail
     check "truncated image: train writes nothing" [ ! -e "$work/never" ]
     rm "$work"/bad/train/r_00[345].png
     bad_scene "missing image" "r_003"
     : >"$first"
-    bad_scene "empty image" "r_003.png"
+    expect "empty image" 3 "r_003.png" "$cln" info "$work/bad" --missing fail
+    expect "one empty image of 15: left out" 0 "r_003 ~empty.file" "$cln" train "$work/bad" \
+        -o "$work/never" "${small[@]}" --steps 1
+    rm -rf "$work/bad" "$work/never"
+    cp -r "$work/blender" "$work/bad"
     echo '{"camera_angle_x": 0.7, "frames": []}' >"$train_json"
     bad_scene "zero frames" "~training.view"
     echo '{"camera_angle_x": 0.7, "frames": [{"file_path": "./train/r_000", "transform_matrix":
