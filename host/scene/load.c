@@ -12,6 +12,7 @@
 #include "base/text.h"
 #include "io/image.h"
 #include "io/names.h"
+#include "ranks/ranks.h"
 #include "scene/build.h"
 #include "scene/dealt.h"
 #include "scene/dataset.h"
@@ -122,14 +123,16 @@ done:
 
 typedef enum { FINE, ABSENT, UNREADABLE } state;
 
-/* With --missing fail, a file that cannot be read is an error that cln_scene_size_views reports.
- * *reason: that of the first one. */
+/* With --missing fail, a file that cannot be read is an error that cln_scene_size_views reports; so
+ * it is with auto among several ranks, of which each opens its own photos alone. *reason: that of
+ * the first one. */
 static cln_status look_for(const cln_view *view, int rule, state *out, char **reason)
 {
     cln_status st = CLN_OK;
 
     *out = cln_is_file(view->path) ? FINE : ABSENT;
-    if (*out == ABSENT || rule == CLN_MISSING_FAIL)
+    if (*out == ABSENT || rule == CLN_MISSING_FAIL ||
+        (rule == CLN_MISSING_AUTO && cln_ranks_count() > 1))
         return CLN_OK;
     st = rule == CLN_MISSING_SKIP ? cln_image_check(view->path) : cln_image_check_ends(view->path);
     if (st != CLN_INPUT)
