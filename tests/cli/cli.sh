@@ -506,7 +506,7 @@ section_regrow() {
 }
 
 section_resume() {
-    local r=$work/stopped how
+    local r=$work/stopped
     baseline
     start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
     wait_for 60 rows_of "$r" 30
@@ -555,15 +555,6 @@ section_resume() {
     check "eval: training photos at their own gains" awk -v a="$("$query" mean.psnr_exposed \
         <"$work/out")" -v b="$("$query" mean.psnr <"$work/out")" \
         'BEGIN { exit !(a > b) }'
-    scene dark --format nerfstudio --fault exposure --size 48 --train 4 --test 2
-    for how in --no-exposure --exposure; do
-        run "$cln" train "$work/dark" -o "$work/dark$how" --skip-selftest --progress none \
-            --steps 200 $how
-        expect "eval of photos that differ, $how" 0 "" "$cln" eval "$work/dark$how" \
-            --no-save-images --split train
-        check "eval proposes --exposure once" [ "$(grep -c 'train with --exposure' "$work/out")" = \
-            "$([ $how = --exposure ] && echo 0 || echo 1)" ]
-    done
     r=$work/exposed-stopped
     start "$cln" train "$work/photos" -o "$r" "${small[@]}" --steps $steps --exposure
     wait_for 60 rows_of "$r" 100 # after gains have changed

@@ -71,23 +71,23 @@ decisions() {
 
 # Too few steps for single leaves: what is proposed works.
 section_short() {
-    local -a grows=("$work/scene" --preset voxel --rays 512 --leaf-samples 0 --skip-selftest
-        --progress none --cell-pixels 0)
+    local -a grows=("$work/scene" --preset voxel --rays 128 --leaf-samples 0 --skip-selftest
+        --progress none --cell-pixels 0 --cull-after 16 --refresh-every 16)
     local -a sooner
     local longer
     scene
     expect "a training too short for its tree" 0 "~warning:.no.single.leaf" \
-        "$cln" train -o "$work/short" "${grows[@]}" --steps 240
+        "$cln" train -o "$work/short" "${grows[@]}" --steps 120
     longer=$(advice "--steps [0-9]+ or more" | tr -dc 0-9)
     read -ra sooner <<<"$(advice "--cull-after [0-9]+ --refresh-every [0-9]+")"
-    check "another number of steps is named" [ "${longer:-0}" -gt 240 ]
+    check "another number of steps is named" [ "${longer:-0}" -gt 120 ]
     check "and other settings" [ ${#sooner[@]} = 4 ]
     expect "so many steps are enough" 0 "" \
         "$cln" train -o "$work/longer" "${grows[@]}" --steps "$longer"
     check "nothing is said" not_said "no single leaf was split"
     check "the tree adapted" [ "$(decisions "$work/longer")" -gt 0 ]
     expect "and so are the settings" 0 "" \
-        "$cln" train -o "$work/sooner" "${grows[@]}" --steps 240 "${sooner[@]}"
+        "$cln" train -o "$work/sooner" "${grows[@]}" --steps 120 "${sooner[@]}"
     check "nothing is said of them" not_said "no single leaf was split"
     check "the tree adapted by them" [ "$(decisions "$work/sooner")" -gt 0 ]
     expect "a try of a few steps" 0 "~single.leaf" \
@@ -124,6 +124,24 @@ section_doubtful() {
     check "nor in the report" eval '! grep -q "cl-nascent check" "$work/right/report.html"'
     check "of what the training PSNR is" \
         grep -qE "^PSNR .* train \(mean of the last [0-9]+ steps\)," "$work/out"
+}
+
+# Photos of which one has half of the light: `eval` proposes gains.
+section_exposure() {
+    local kind
+    for kind in none exposure; do
+        "$make_scene" "$work/light-$kind" --format nerfstudio --fault $kind --size 48 --train 4 \
+            --test 2 >/dev/null
+    done
+    run "$cln" train "$work/light-none" -o "$work/light" --preset voxel --rays 1024 \
+        --skip-selftest --progress none --steps 160
+    for kind in none exposure; do
+        expect "eval of photos, $kind" 0 "" "$cln" eval "$work/light" --split train \
+            --scene "$work/light-$kind" -o "$work/light-eval-$kind" --no-save-images
+        check "--exposure is proposed for those that differ alone" [ \
+            "$kind $(grep -c 'train with --exposure' "$work/out")" = \
+            "$kind $([ $kind = none ] && echo 0 || echo 1)" ]
+    done
 }
 
 sums() {
@@ -201,4 +219,4 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful again points disk demo" "$@"
+run_sections "killed short doubtful exposure again points disk demo" "$@"
