@@ -371,12 +371,13 @@ cln_status cln_image_check_ends(const char *path)
     cln_image_head head;
     uint8_t last[sizeof png_end];
     const cln_status st = cln_image_read_head(path, &head);
-    const size_t n = head.jpeg ? sizeof jpeg_end : sizeof png_end;
+    size_t n = 0;
     FILE *file = NULL;
     bool ended = false;
 
     if (st != CLN_OK)
         return st;
+    n = head.jpeg ? sizeof jpeg_end : sizeof png_end;
     file = fopen(path, "rb");
     ended = file && fseek(file, -(long)n, SEEK_END) == 0 && fread(last, 1, n, file) == n &&
             memcmp(last, head.jpeg ? jpeg_end : png_end, n) == 0;
