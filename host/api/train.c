@@ -397,7 +397,8 @@ done:
     return st;
 }
 
-/* CLN_OUTPUT if the disk has no room for a checkpoint of the first tree; a warning if it has none
+/* CLN_OUTPUT if the disk has no room for a checkpoint of the first tree, or one more of the resumed
+ * one; a warning if it has none
  * for all that a run with the largest tree writes, as few trees become that large. */
 static cln_status check_disk(const cln_trainer *t, const cln_config *config)
 {
@@ -412,8 +413,11 @@ static cln_status check_disk(const cln_trainer *t, const cln_config *config)
     first.level_at[0] = 0;
     first_leaves = cln_config_most_leaves(&first, t->scene->space.shell);
     CLN_TRY(cln_checkpoint_bytes(config, first_leaves, &least));
-    CLN_TRY(cln_disk_check(t->desc->run, t->desc->resume ? 0 : least,
-                           "the leaves of its first checkpoint"));
+    if (t->desc->resume) /* its tree may have been carved since */
+        least = cln_checkpoint_newest_bytes(t->desc->run);
+    CLN_TRY(cln_disk_check(t->desc->run, least,
+                           t->desc->resume ? "the leaves of its next checkpoint"
+                                           : "the leaves of its first checkpoint"));
     CLN_TRY(most_bytes(t, config, leaves, &most));
     if (most <= room)
         goto done;

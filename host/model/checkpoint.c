@@ -701,3 +701,16 @@ int64_t cln_checkpoint_newest(const char *run)
     free(steps);
     return newest;
 }
+
+double cln_checkpoint_newest_bytes(const char *run)
+{
+    char name[64], *path = NULL;
+    struct stat info;
+    double bytes = 0;
+
+    snprintf(name, sizeof name, FOLDER "/%08" PRId64 ".safetensors", cln_checkpoint_newest(run));
+    if (cln_path_join(&path, run, name) == CLN_OK && stat(path, &info) == 0)
+        bytes = (double)info.st_size;
+    free(path);
+    return bytes;
+}

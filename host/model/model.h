@@ -124,6 +124,9 @@ cln_status cln_checkpoint_room(const char *run, const cln_config *config, bool s
 /* The step of RUN's newest checkpoint, whole or not; -1 if there is none, or none can be listed. */
 int64_t cln_checkpoint_newest(const char *run);
 
+/* The size of its tensors; 0 if there is none. The next one is about as large. */
+double cln_checkpoint_newest_bytes(const char *run);
+
 /* Reads the newest whole checkpoint, with a warning for each damaged one after it. training: also
  * the training state. CLN_CHECKPOINT if none is whole. */
 cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out);

@@ -204,6 +204,14 @@ section_disk() {
     expect "a first tree that does not fit" 7 "~too.little.room ~first.checkpoint need free" \
         on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
         --skip-selftest --progress none --steps 10 --start-level 5 --level-at ""
+    "$cln" train "$work/scene" -o "$work/large" --preset voxel --rays 512 --skip-selftest \
+        --progress none --steps 10 --start-level 4 --level-at "" >/dev/null 2>&1
+    expect "a resumed one without room for one checkpoint more" 7 \
+        "~too.little.room ~next.checkpoint" \
+        unshare -m sh -c 'mount -t tmpfs -o size=300m none "$0" && cp -r "$1" "$0/run" &&
+            fallocate -l "$(($(df --output=avail -B1 "$0" | tail -1) - 1000000))" "$0/full" &&
+            shift && exec "$@"' "$work/small" "$work/large" \
+        "$cln" train --resume "$work/small/run" --skip-selftest --progress none --steps 20
 }
 
 # The demo on a machine that makes a few steps in its time.
