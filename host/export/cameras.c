@@ -17,14 +17,14 @@ enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
 
 /* A view's camera at the size of its image file. --downscale N had divided it by N, and left out
  * columns and rows that did not fill a pixel. */
-static cln_camera camera_of(const cln_scene *scene, const cln_view *view)
+static cln_camera camera_of(const cln_view *view)
 {
     cln_camera c = view->camera;
 
-    c.fx *= scene->downscale;
-    c.cx *= scene->downscale;
-    c.fy *= scene->downscale;
-    c.cy *= scene->downscale;
+    c.fx *= view->downscale;
+    c.cx *= view->downscale;
+    c.fy *= view->downscale;
+    c.cy *= view->downscale;
     c.width = view->file_width;
     c.height = view->file_height;
     return c;
@@ -55,7 +55,7 @@ done:
 static json_t *frame_of(const cln_scene *scene, const cln_view *view, const char *name)
 {
     static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
-    const cln_camera c = camera_of(scene, view);
+    const cln_camera c = camera_of(view);
     const cln_lens_model *lens = &cln_lens_models[c.lens];
     json_t *rows = json_array();
     json_t *frame = json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:s, s:o}", "file_path", name,
@@ -199,7 +199,7 @@ static void put_number(FILE *to, double value)
 static cln_status put_camera(FILE *to, int id, const cln_scene *scene, const cln_view *view)
 {
     cln_status st = CLN_OK;
-    const cln_camera c = camera_of(scene, view);
+    const cln_camera c = camera_of(view);
     const cln_colmap_model *model = NULL;
     double values[CLN_COLMAP_PARAMS] = {0};
 

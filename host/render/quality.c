@@ -105,7 +105,7 @@ cln_status cln_quality_check(const cln_scene *scene, const int *views, int count
                             "%s: '%s' has %d x %d pixels with --downscale %d; to be measured it "
                             "needs %d x %d; give larger photos or less --downscale",
                             scene->folder, v->name, v->camera.width, v->camera.height,
-                            scene->downscale, CLN_SSIM_WINDOW, CLN_SSIM_WINDOW);
+                            v->downscale, CLN_SSIM_WINDOW, CLN_SSIM_WINDOW);
     }
     return warn_windows(scene, views, count);
 }

@@ -91,6 +91,7 @@ static void put_data(FILE *to, const json_t *dataset)
 {
     const json_t *views = json_object_get(dataset, "splits");
     double downscale = cln_json_number(dataset, "downscale");
+    double least = cln_json_number(dataset, "downscale_least"); /* NaN: an older run's */
 
     if (!json_is_object(dataset))
         return;
@@ -108,7 +109,9 @@ static void put_data(FILE *to, const json_t *dataset)
         fputs(" test\n", to);
     }
     put_fact(to, "split", cln_json_text(dataset, "split_rule"));
-    if (downscale > 1)
+    if (downscale > least)
+        fprintf(to, "<tr><td class=soft>size divided by<td>%g to %g\n", least, downscale);
+    else if (downscale > 1)
         fprintf(to, "<tr><td class=soft>size divided by<td>%g\n", downscale);
     put_fact(to, "scene cube", cln_json_text(dataset, "bounds_rule"));
     put_fact(to, "digest", cln_json_text(dataset, "digest"));

@@ -3,7 +3,6 @@
  * and the results are put together in view order, so nothing depends on who was faster. */
 #include "scene/build.h"
 
-#include <limits.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -156,26 +155,15 @@ static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
     return CLN_OK;
 }
 
-/* Warns of photos that are made smaller although only others are too large. */
-static void warn_small_reduced(const cln_scene *scene, int longest)
+/* What divides a photo's size by itself: its longest side has at most AUTO_LONGEST_SIDE pixels
+ * then, its shortest at least one. */
+static int own_downscale(const cln_view *v)
 {
-    const char *first = NULL;
-    int small = 0;
+    const int longest = v->file_width > v->file_height ? v->file_width : v->file_height;
+    const int shortest = v->file_width + v->file_height - longest;
+    const int n = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
 
-    for (int i = 0; i < scene->view_count && scene->downscale > 1; i++) {
-        const cln_view *v = &scene->views[i];
-
-        if (v->file_width > AUTO_LONGEST_SIDE || v->file_height > AUTO_LONGEST_SIDE)
-            continue;
-        first = first ? first : v->name;
-        small++;
-    }
-    if (small > 0)
-        cln_warn("%s: the largest photo has a side of %d pixels, so all are divided by %d, also %d "
-                 "of at most %d pixels ('%s'%s); choose with --downscale, or make the large ones "
-                 "smaller",
-                 scene->folder, longest, scene->downscale, small, AUTO_LONGEST_SIDE, first,
-                 small > 1 ? ", ..." : "");
+    return n < shortest ? n : shortest;
 }
 
 cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
@@ -183,7 +171,6 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     const int downscale = desc->config->downscale;
     cln_status st = CLN_OK;
     char *frame = NULL;
-    int longest = 0, shortest = INT_MAX;
     bool warned = false;
 
     CLN_TRY(read_heads(scene, desc->callbacks));
@@ -200,28 +187,22 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
         CLN_TRY(cln_camera_check(&view->camera, frame));
-        longest = view->file_width > longest ? view->file_width : longest;
-        longest = view->file_height > longest ? view->file_height : longest;
-        shortest = view->file_width < shortest ? view->file_width : shortest;
-        shortest = view->file_height < shortest ? view->file_height : shortest;
         scene->has_alpha |= view->channels == 4;
         scene->lenses |= cln_camera_lenses(&view->camera);
     }
     warn_mixed_alpha(scene);
-    scene->downscale = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
-    scene->downscale = scene->downscale < shortest ? scene->downscale : shortest;
-    scene->downscale = downscale > 0 ? downscale : scene->downscale;
-    if (downscale <= 0)
-        warn_small_reduced(scene, longest);
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
-        const int n = scene->downscale;
+        const int n = downscale > 0 ? downscale : own_downscale(view);
 
         if (view->file_width < n || view->file_height < n)
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: --downscale %d leaves nothing of %d x %d pixels; choose less",
                              view->path, n, view->file_width, view->file_height));
         cln_camera_resize(&view->camera, view->file_width / n, view->file_height / n, n, n);
+        view->downscale = n;
+        scene->downscale = n > scene->downscale ? n : scene->downscale;
+        scene->downscale_least = i > 0 && scene->downscale_least < n ? scene->downscale_least : n;
     }
 done:
     free(frame);
@@ -455,7 +436,7 @@ static cln_status add_mask(const cln_scene *scene, cln_view *view, bool wanted, 
         const int x = (int)(i % (size_t)view->camera.width);
         const int y = (int)(i / (size_t)view->camera.width);
 
-        if (cln_view_keeps(view, x, y) && counts(view, mask, channels, x, y, scene->downscale)) {
+        if (cln_view_keeps(view, x, y) && counts(view, mask, channels, x, y, view->downscale)) {
             kept[i / 8] |= (uint8_t)(1 << i % 8);
             any = true;
         }
@@ -551,7 +532,7 @@ static cln_status read_view(job *work, int index)
         goto done;
     if (channels != view->channels)
         CLN_TRY(changed(view->path));
-    CLN_TRY(cln_image_downscale(work->scene->downscale, &width, &height, channels, &pixels));
+    CLN_TRY(cln_image_downscale(view->downscale, &width, &height, channels, &pixels));
     CLN_ASSERT(width == view->camera.width && height == view->camera.height);
     view->place = work->places[index];
     if (work->scene->store) {

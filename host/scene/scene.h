@@ -78,6 +78,7 @@ typedef struct cln_view {
     double near, far;            /* depths that the scene lies between; both 0 = not told */
     int number;                  /* among the views as its reader gave them */
     int file_width, file_height; /* size before --downscale; of the turned picture, if turned */
+    int downscale;               /* what divided them, 1..64 */
     int orientation;             /* EXIF's (io/exif.h); 1: none */
     cln_by_file by_file;
     bool turned;               /* `pixels` are turned as it says; else as stored */
@@ -111,7 +112,7 @@ typedef struct cln_scene {
     char *split_rule;    /* how views were split, a phrase */
     bool has_splits;     /* the dataset named the splits */
     bool stored_poses;   /* its poses are of pixels as stored, whatever EXIF data say */
-    int downscale;
+    int downscale, downscale_least; /* the views' largest and least */
     int view_count;
     cln_view *views;       /* train, then val, then test; by name within a split */
     int missing;           /* frames left out, as they lack an image: they stand behind the views */
@@ -242,7 +243,8 @@ void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
  * many), unreadable (of these), missing_names (the first), splits, split_rule, ignored_keys, sizes,
- * channels, alpha, distortion, beyond_fold (cln_fold), downscale, centre, half, space (cube, ndc or
+ * channels, alpha, distortion, beyond_fold (cln_fold), downscale,
+ * downscale_least, centre, half, space (cube, ndc or
  * shell), bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
  * cube_share, spread, apart_share, intrinsics [{views, width, height, fx, fy, cx, cy, lens,
  * params}], cameras [{name, split, width, height}]. */

@@ -340,12 +340,12 @@ static void test_holdout(void **state)
 
 /* ---- sizes ---- */
 
-/* One large photo among small ones: all are divided, which is said, unless it was asked for. */
-static void test_downscale_of_small(void **state)
+/* Each photo is divided so that it is small enough, unless a number is asked for. */
+static void test_downscale_of_each(void **state)
 {
     const char *folder = *state;
     cln_config config = default_config();
-    int warnings = 0;
+    cln_scene *scene = NULL;
 
     config.holdout = 0;
     put_image(folder, "0.png", 3201, 8, 3, 0);
@@ -353,16 +353,18 @@ static void test_downscale_of_small(void **state)
     put_text(folder, "transforms.json",
              "{\"fl_x\":3000,\"aabb_scale\":1,\"frames\":[" FRAME("0.png", POSE_FRONT) "," FRAME(
                  "1.png", POSE_FRONT) "]}");
-    cln_log_set_sink(scratch_count_warnings, &warnings);
-    cln_scene_free(load(folder, &config));
-    assert_int_equal(warnings, 1);
-    config.downscale = 3;
-    cln_scene_free(load(folder, &config));
-    assert_int_equal(warnings, 1);
-    config.downscale = 0;
-    put_image(folder, "1.png", 1601, 4, 3, 0); /* too large, too */
-    cln_scene_free(load(folder, &config));
-    assert_int_equal(warnings, 1);
+    scene = load(folder, &config);
+    assert_true(scene->downscale == 3 && scene->downscale_least == 1);
+    assert_true(scene->views[0].camera.width == 1067 && scene->views[0].camera.height == 2);
+    assert_near(scene->views[0].camera.fx, 1000, 1e-12);
+    assert_true(scene->views[1].camera.width == 1600 && scene->views[1].camera.height == 4);
+    assert_near(scene->views[1].camera.fx, 3000, 1e-12);
+    cln_scene_free(scene);
+    config.downscale = 2;
+    scene = load(folder, &config);
+    assert_true(scene->downscale == 2 && scene->downscale_least == 2);
+    assert_true(scene->views[0].camera.width == 1600 && scene->views[1].camera.width == 800);
+    cln_scene_free(scene);
 }
 
 static void test_downscale(void **state)
@@ -834,7 +836,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_smaller_copies, scratch_make, scratch_remove),
         cmocka_unit_test(test_natural_compare),
         cmocka_unit_test_setup_teardown(test_holdout, scratch_make, scratch_remove),
-        cmocka_unit_test_setup_teardown(test_downscale_of_small, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_downscale_of_each, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_downscale, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wanted_splits, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_background, scratch_make, scratch_remove),
