@@ -1,7 +1,7 @@
 #!/bin/bash
 # Would the tests notice a mistake? Puts one at a time (a mutant: an operator, a number, a
-# condition, a statement less) into copies of this tree and runs tests until one fails. Not a part
-# of make test: it takes hours. perl is needed.
+# condition, a statement less, arguments swapped) into copies of this tree and runs tests until one
+# fails. Not a part of make test: it takes hours. perl is needed.
 #
 #   tests/mutate.sh [FILE...]    sources to change (kernels, and host without cli, report and
 #                                ranks; not peak.cl, where only speed matters, nor what only

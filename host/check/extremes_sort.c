@@ -14,10 +14,10 @@ static uint32_t random_bits(uint32_t i)
     return cln_hash(i * 2654435761u + 12345u);
 }
 
-/* Sizes at and over 2^8, 2^12, 2^16, 2^17; then beyond 2^20 and 2^24. */
+/* Sizes at and over 2^8, 2^12, 2^16, 2^17; then beyond 2^20, and at and over 2^24. */
 static const uint32_t sizes[] = {0,    1,     255,   256,   257,    4095,           4096,
-                                 4097, 65535, 65536, 65537, 131073, (1u << 20) + 1, (1u << 24) + 1};
-enum { SIZES = sizeof sizes / sizeof *sizes, QUICK = SIZES - 2 };
+                                 4097, 65535, 65536, 65537, 131073, (1u << 20) + 1, 1u << 24, (1u << 24) + 1};
+enum { SIZES = sizeof sizes / sizeof *sizes, QUICK = SIZES - 3 };
 
 /* Totals of a scan. */
 typedef enum total { TO_2_31, TO_2_32, WRAPPED, TOTALS } total;

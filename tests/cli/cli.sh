@@ -550,7 +550,7 @@ section_resume() {
         --steps $steps --exposure
     run "$cln" eval "$work/exposed" --no-save-images --json
     check "eval: PSNR at guessed exposures" \
-        number_above "$("$query" mean.psnr_exposed <"$work/out")" 5
+        number_above "$("$query" mean.psnr_exposed <"$work/out")" 14
     run "$cln" eval "$work/exposed" --no-save-images --split train --json
     check "eval: training photos at their own gains" awk -v a="$("$query" mean.psnr_exposed \
         <"$work/out")" -v b="$("$query" mean.psnr <"$work/out")" \
@@ -611,7 +611,7 @@ section_results() {
     check "eval prints a table with the names" grep -q 'r_002' "$work/out"
     expect "eval --json" 0 "" "$cln" eval "$work/whole" --json --progress none
     check "eval --json: schema" [ "$(json schema)" = cl-nascent.eval/1 ]
-    check "eval --json: mean PSNR" number_above "$(json mean.psnr)" 10
+    check "eval --json: mean PSNR" number_above "$(json mean.psnr)" 14 # a constant: 10.3
     check "eval --json: mean SSIM" number_above "$(json mean.ssim)" 0.1
     check "eval --json: an object per image" [ "$(json images)" = "array 3" ]
     check "eval --json: names are kept" grep -q 'test/r_000' <<<"$(json images.0.name)"

@@ -21,6 +21,10 @@ my %kinds = (
     least => [
         [qr/\bf?min\(/, sub { $_[0] =~ s/min/max/r }], [qr/\bf?max\(/, sub { $_[0] =~ s/max/min/r }],
     ],
+    swap => [
+        [qr/(?<=[(, ])[a-z][\w.>\[\]-]*, [a-z][\w.>\[\]-]*(?=[,)])/,
+            sub { join ', ', reverse split /, /, $_[0] }],
+    ],
     whole => [[qr/(?<![\w.\]])\d+u?(?![\w.])/, sub { my $u = $_[0] =~ s/u$// ? 'u' : ''; $_[0] + 1 . $u }]],
     real => [
         [qr/(?<![\w.])\d+\.\d*f?(?![\w.])/,
