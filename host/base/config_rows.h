@@ -342,7 +342,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "what the scene is read as; auto: the first of the others that is there",                 \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     INT(downscale, "downscale", 0, 0, 0, 64,                                                       \
-        "divide the image size by N with an area filter (0 or auto: each so that its longest side "  \
+        "divide the image size by N with an area filter (0 or auto: each so that its longest "     \
+        "side "                                                                                    \
         "is <= 1600)",                                                                             \
         .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                     \
     TEXT(bbox, "bbox", "", "",                                                                     \

@@ -15,8 +15,21 @@ static uint32_t random_bits(uint32_t i)
 }
 
 /* Sizes at and over 2^8, 2^12, 2^16, 2^17; then beyond 2^20, and at and over 2^24. */
-static const uint32_t sizes[] = {0,    1,     255,   256,   257,    4095,           4096,
-                                 4097, 65535, 65536, 65537, 131073, (1u << 20) + 1, 1u << 24, (1u << 24) + 1};
+static const uint32_t sizes[] = {0,
+                                 1,
+                                 255,
+                                 256,
+                                 257,
+                                 4095,
+                                 4096,
+                                 4097,
+                                 65535,
+                                 65536,
+                                 65537,
+                                 131073,
+                                 (1u << 20) + 1,
+                                 1u << 24,
+                                 (1u << 24) + 1};
 enum { SIZES = sizeof sizes / sizeof *sizes, QUICK = SIZES - 3 };
 
 /* Totals of a scan. */

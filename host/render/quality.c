@@ -104,8 +104,8 @@ cln_status cln_quality_check(const cln_scene *scene, const int *views, int count
             return cln_fail(CLN_INPUT,
                             "%s: '%s' has %d x %d pixels with --downscale %d; to be measured it "
                             "needs %d x %d; give larger photos or less --downscale",
-                            scene->folder, v->name, v->camera.width, v->camera.height,
-                            v->downscale, CLN_SSIM_WINDOW, CLN_SSIM_WINDOW);
+                            scene->folder, v->name, v->camera.width, v->camera.height, v->downscale,
+                            CLN_SSIM_WINDOW, CLN_SSIM_WINDOW);
     }
     return warn_windows(scene, views, count);
 }

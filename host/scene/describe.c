@@ -152,12 +152,12 @@ static cln_status describe(const cln_scene *scene, json_t **out)
         "ignored_keys", scene->ignored ? json_incref(scene->ignored) : json_array(), "sizes",
         describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha, "distortion",
         scene->lenses != 0, "beyond_fold", "views", fold.views, "share", fold.share, "downscale",
-        scene->downscale, "downscale_least", scene->downscale_least, "centre", centre, "half", cln_json_real(scene->space.half), "space",
-        cln_space_name(&scene->space), "bounds_rule", scene->bounds_rule, "background", background,
-        "digest", digest, "camera_distance", cln_json_real(distance), "cube_share",
-        cln_json_real(scene->cube_share), "spread", cln_json_real(scene->spread), "apart_share",
-        cln_json_real(scene->apart_share), "intrinsics", describe_intrinsics(scene), "cameras",
-        describe_views(scene));
+        scene->downscale, "downscale_least", scene->downscale_least, "centre", centre, "half",
+        cln_json_real(scene->space.half), "space", cln_space_name(&scene->space), "bounds_rule",
+        scene->bounds_rule, "background", background, "digest", digest, "camera_distance",
+        cln_json_real(distance), "cube_share", cln_json_real(scene->cube_share), "spread",
+        cln_json_real(scene->spread), "apart_share", cln_json_real(scene->apart_share),
+        "intrinsics", describe_intrinsics(scene), "cameras", describe_views(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;
