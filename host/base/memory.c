@@ -12,15 +12,13 @@
 #include <sys/mman.h>
 #endif
 
-enum { HUGE_PAGE = 2 << 20 };
-
 /* Asks for huge pages in [p, p + bytes); they only affect speed. */
 static void ask_for_huge_pages(void *p, size_t bytes)
 {
 #ifdef MADV_HUGEPAGE
     const size_t page = (size_t)sysconf(_SC_PAGESIZE), skip = (page - (uintptr_t)p % page) % page;
 
-    if (bytes >= HUGE_PAGE + skip)
+    if (bytes >= CLN_HUGE_PAGE + skip)
         (void)madvise((char *)p + skip, (bytes - skip) / page * page, MADV_HUGEPAGE);
 #else
     (void)p;
@@ -33,7 +31,7 @@ void *cln_huge_pages(size_t bytes)
     void *p = NULL;
 
 #ifdef MADV_HUGEPAGE
-    if (bytes < HUGE_PAGE || posix_memalign(&p, HUGE_PAGE, bytes) != 0)
+    if (bytes < CLN_HUGE_PAGE || posix_memalign(&p, CLN_HUGE_PAGE, bytes) != 0)
         return NULL;
     ask_for_huge_pages(p, bytes);
 #else

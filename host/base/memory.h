@@ -20,6 +20,7 @@ cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(
 
 /* Memory for a large array, not zeroed, aligned to a huge page; free() frees it. NULL if memory is
  * short, if bytes are less than a huge page, or if the system has none. */
+enum { CLN_HUGE_PAGE = 2 << 20 };
 void *cln_huge_pages(size_t bytes);
 
 /* Bytes of memory that this process may take: the machine's, or fewer in a control group (a

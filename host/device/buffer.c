@@ -5,35 +5,41 @@
 #include <string.h>
 
 #include "base/log.h"
-#include "base/memory.h"
+#include "device/blocks.h"
 #include "device/cl_error.h"
 #include "device/queue.h"
 
-static void CL_CALLBACK free_host(cl_mem buffer, void *memory)
+static void CL_CALLBACK give_back(cl_mem buffer, void *block)
 {
     (void)buffer;
-    free(memory);
+    cln_block_give_back(block);
 }
 
-/* A CPU device works in host memory, so it gets huge pages. */
+/* Frees what is kept but for as much as there was before, so that kept memory never counts. */
+static void trim(const cln_device *device)
+{
+    cln_blocks_trim(device->blocks, device->peak - device->allocated);
+}
+
+/* A CPU device works in host memory, so it gets huge pages, and keeps them (blocks.h). */
 static cl_mem make_mem(const cln_device *device, size_t bytes, cl_int *code)
 {
-    void *memory = NULL;
+    cln_block *block = NULL;
     cl_mem mem = NULL;
 
     if (strcmp(device->info.type, "cpu") == 0)
-        memory = cln_huge_pages(bytes);
-    if (!memory)
+        block = cln_blocks_take(device->blocks, bytes);
+    if (!block)
         return clCreateBuffer(device->context, CL_MEM_READ_WRITE, bytes, NULL, code);
-    mem = clCreateBuffer(device->context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes, memory,
-                         code);
+    mem = clCreateBuffer(device->context, CL_MEM_READ_WRITE | CL_MEM_USE_HOST_PTR, bytes,
+                         block->memory, code);
     if (*code == CL_SUCCESS)
-        *code = clSetMemObjectDestructorCallback(mem, free_host, memory);
+        *code = clSetMemObjectDestructorCallback(mem, give_back, block);
     if (*code == CL_SUCCESS)
         return mem;
     if (mem)
         clReleaseMemObject(mem);
-    free(memory);
+    cln_block_give_back(block);
     return NULL;
 }
 
@@ -69,6 +75,7 @@ static cln_status make(cln_device *device, size_t bytes, const char *what, cl_me
     device->allocated += bytes;
     if (device->allocated > device->peak)
         device->peak = device->allocated;
+    trim(device);
     if (device->spoil)
         CLN_CL(clEnqueueFillBuffer(device->queue, *out, &nan, sizeof nan, 0, bytes / 4 * 4, 0, NULL,
                                    NULL));
@@ -138,6 +145,7 @@ void cln_buffer_free(cln_device *device, cln_buffer *buffer)
         if (buffer->part[i]) {
             clReleaseMemObject(buffer->part[i]);
             device->allocated -= bytes_of(buffer, i);
+            trim(device);
         }
     memset(buffer, 0, sizeof *buffer);
 }

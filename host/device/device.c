@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
+#include "device/blocks.h"
 #include "device/cl_error.h"
 #include "device/kernel_dir.h"
 #include "ranks/ranks.h"
@@ -251,6 +252,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     CLN_TRY(cln_device_ids(&ids, &count));
     CLN_TRY(pick(desc->spec, ids, count, &index));
     CLN_TRY(cln_alloc(&device, 1, sizeof *device, "device"));
+    CLN_TRY(cln_blocks_create(&device->blocks));
     device->booked = CLN_STAGES;
     device->id = ids[index];
     cln_device_describe(device->id, &device->info);
@@ -298,6 +300,7 @@ void cln_device_close(cln_device *device)
     }
     if (device->context)
         clReleaseContext(device->context);
+    cln_blocks_close(device->blocks);
     cln_tune_rows_free(device->rows[0]);
     cln_tune_rows_free(device->rows[1]);
     free(device->pending);

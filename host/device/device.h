@@ -69,6 +69,7 @@ typedef struct cln_device {
     char *kernel_dir;
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
     size_t allocated, peak;                 /* bytes of live buffers, and the most so far */
+    struct cln_blocks *blocks;              /* memory of a CPU's buffers */
     bool spoil;   /* tests: new buffers start as NaN, to expose reads of unwritten elements */
     size_t limit; /* allocations beyond this fail; 0 = only the device's own limits */
     double stage_seconds[CLN_STAGES]; /* device time since cln_device_open */

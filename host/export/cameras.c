@@ -52,7 +52,7 @@ done:
     return st;
 }
 
-static json_t *frame_of(const cln_scene *scene, const cln_view *view, const char *name)
+static json_t *frame_of(const cln_view *view, const char *name)
 {
     static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
     const cln_camera c = camera_of(view);
@@ -106,7 +106,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         free(name);
         name = NULL;
         CLN_TRY(path_from(scene, view->path, &name));
-        frame = frame_of(scene, view, name);
+        frame = frame_of(view, name);
         json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
         CLN_TRY(put_path(scene, frame, "alpha_path", view->alpha_path));
@@ -196,7 +196,7 @@ static void put_number(FILE *to, double value)
     fputs(text, to);
 }
 
-static cln_status put_camera(FILE *to, int id, const cln_scene *scene, const cln_view *view)
+static cln_status put_camera(FILE *to, int id, const cln_view *view)
 {
     cln_status st = CLN_OK;
     const cln_camera c = camera_of(view);
@@ -272,7 +272,7 @@ static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
         name = NULL;
         CLN_TRY(name_of(scene, view, &name));
         if (i == 0 || !same_camera(view, &scene->views[i - 1]))
-            CLN_TRY(put_camera(to[CAMERAS], ++cameras, scene, view));
+            CLN_TRY(put_camera(to[CAMERAS], ++cameras, view));
         pose_of(view->camera.c2w, q, t);
         fprintf(to[IMAGES], "%d", i + 1);
         for (int k = 0; k < 4; k++)

@@ -417,7 +417,7 @@ static bool counts(const cln_view *view, const uint8_t *mask, int channels, int 
 }
 
 /* Reads the view's mask; the pixels that count become view->kept. */
-static cln_status add_mask(const cln_scene *scene, cln_view *view, bool wanted, uint64_t *digest)
+static cln_status add_mask(cln_view *view, bool wanted, uint64_t *digest)
 {
     cln_status st = CLN_OK;
     const size_t count = (size_t)view->camera.width * (size_t)view->camera.height;
@@ -498,7 +498,7 @@ static cln_status read_others(job *work, int index)
         digest = &ignored;
     }
     if (masks)
-        CLN_TRY(add_mask(work->scene, view, true, digest));
+        CLN_TRY(add_mask(view, true, digest));
 done:
     return st;
 }
@@ -527,7 +527,7 @@ static cln_status read_view(job *work, int index)
     else if (view->alpha_path)
         CLN_TRY(decode(view->alpha_path, false, digest, NULL, NULL, NULL, NULL));
     if (view->mask_path)
-        CLN_TRY(add_mask(work->scene, view, wanted, digest));
+        CLN_TRY(add_mask(view, wanted, digest));
     if (!wanted)
         goto done;
     if (channels != view->channels)
