@@ -169,7 +169,9 @@ static void put_zsh(void)
             put_words(operand_words(c));
             printf(")' ;;\n");
         } else {
-            printf("        '%s' ;;\n", c->operand ? "1:file:_files" : "*::");
+            printf("        '%s' ;;\n", c->bit == CLN_INFO ? "*:file:_files"
+                                        : c->operand       ? "1:file:_files"
+                                                           : "*::");
         }
     }
     printf("esac\n");

@@ -350,6 +350,8 @@ cln_status cln_cmd_info(const cln_options *options)
     json_t *document = NULL;
     bool is_run = false;
 
+    if (options->operand_count > 1)
+        return cln_info_runs(options);
     CLN_TRY(cln_path_join(&manifest, options->operand, "run.json"));
     is_run = cln_is_file(manifest) && !cln_run_is_of_others(options->operand);
     if (is_run && options->like)

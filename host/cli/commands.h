@@ -22,6 +22,9 @@ cln_status cln_cmd_tune(const struct cln_options *options);
 cln_status cln_cmd_bugreport(const struct cln_options *options);
 cln_status cln_cmd_completion(const struct cln_options *options);
 
+/* The table of several runs, of `info`. */
+cln_status cln_info_runs(const struct cln_options *options);
+
 /* A device as `devices` shows it. */
 void cln_print_device(FILE *to, int index, const cln_device_info *device);
 

@@ -36,10 +36,11 @@ const cln_command cln_commands[] = {
      "Prints an address for a browser on this machine, or elsewhere through ssh -L; Ctrl-C ends "
      "it. Nothing is loaded from elsewhere, and only films are written, while they are made.",
      cln_cmd_view},
-    {"info", CLN_INFO, "SCENE|RUN", true, "info SCENE|RUN [OPTIONS]",
-     "What is in a scene or a run",
+    {"info", CLN_INFO, "SCENE|RUN", true,
+     "info SCENE|RUN [OPTIONS]\n       cl-nascent info RUN RUN... [--json]",
+     "What is in a scene or a run, or differs between runs",
      "A folder with a run.json of ours is a run, anything else a scene, read as train would "
-     "read it.",
+     "read it. Several runs stand side by side: settings that differ, results, and which is best.",
      cln_cmd_info},
     {"poses", CLN_POSES, "PHOTOS", true, "poses PHOTOS -o SCENE [OPTIONS]",
      "Finds where photos were taken, with COLMAP's program",

@@ -10,9 +10,11 @@ struct cln_command;
 typedef struct cln_options {
     const struct cln_command *command; /* NULL with help or version of the whole program */
     bool help, version;
-    const char *operand; /* SCENE or RUN as given; NULL without */
-    char *line;          /* the whole command line, quoted for a shell */
-    char *tune_path;     /* file of the user's tuning rows, which may not exist; NULL = no home */
+    const char *operand;   /* SCENE or RUN as given; NULL without */
+    const char **operands; /* all that were given */
+    int operand_count;
+    char *line;      /* the whole command line, quoted for a shell */
+    char *tune_path; /* file of the user's tuning rows, which may not exist; NULL = no home */
 
     const char *output, *resume, *scene, *like, *preset, *split, *progress, *color;
     const char *dump_program, *match;

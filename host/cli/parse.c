@@ -291,7 +291,7 @@ static cln_status parse_operand(parser *p, const char *argument)
     if (!command->operand)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes only options", argument,
                         command->name);
-    if (p->out->operand)
+    if (p->out->operand && command->bit != CLN_INFO)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'%s",
                         argument, command->name, command->operand, p->out->operand,
                         cln_arg_find_letter(command, 'o') ? "; name the output with -o"
@@ -301,7 +301,8 @@ static cln_status parse_operand(parser *p, const char *argument)
                             : "");
     if (!*argument)
         return cln_fail(CLN_USAGE, "%s: the name of %s is empty", command->name, command->operand);
-    p->out->operand = argument;
+    p->out->operand = p->out->operand ? p->out->operand : argument;
+    p->out->operands[p->out->operand_count++] = argument;
     return CLN_OK;
 }
 
@@ -437,7 +438,7 @@ static cln_status apply_settings(parser *p)
         CLN_TRY(cln_settings_of_run(out->resume, &out->settings));
     else
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
-    if (out->conf && out->operand && !out->resume && out->command->bit != CLN_TUNE)
+    if (out->conf && out->operand_count == 1 && !out->resume && out->command->bit != CLN_TUNE)
         CLN_TRY(cln_conf_read(out->operand, overridden, is_given(p, "preset"), out->settings,
                               &out->conf_said));
     if (out->conf && out->resume)
@@ -639,6 +640,7 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
             goto done;
         }
     CLN_TRY(cln_alloc(&p.settings, (size_t)argc + 1, sizeof *p.settings, "options"));
+    CLN_TRY(cln_alloc(&out->operands, (size_t)argc + 1, sizeof *out->operands, "options"));
     CLN_TRY(quote_line(argc, argv, &out->line));
     CLN_TRY(parse_first(&p));
     if (!out->command || out->help)
@@ -664,10 +666,12 @@ bool cln_options_colour(const cln_options *options)
 
 void cln_options_free(cln_options *options)
 {
+    free(options->operands);
     free(options->line);
     free(options->tune_path);
     free(options->conf_said);
     cln_settings_free(options->settings);
     options->settings = NULL;
+    options->operands = NULL;
     options->line = options->tune_path = options->conf_said = NULL;
 }

@@ -5,6 +5,7 @@
 
 #include <stdbool.h>
 #include <stdio.h>
+#include "base/settings.h"
 #include "report/report_data.h"
 
 /* In the page's order: id (of its link), title, the function that writes what stands below the
@@ -46,6 +47,9 @@ void cln_report_number(FILE *to, double value, int decimals);
 
 /* Whether the run's leaves are voxels, which only split. */
 bool cln_report_of_voxels(const cln_report_data *data);
+
+/* Marks the rows of settings that have no effect in the run; none, if they cannot be read. */
+void cln_report_idle(const cln_report_data *data, bool idle[CLN_SETTINGS_MAX]);
 
 /* A stage's name, as texts for people have it for this run's leaves. */
 const char *cln_report_stage(const cln_report_data *data, const char *name);

@@ -46,8 +46,7 @@ static void put_row(FILE *to, const cln_config_row *row, const json_t *value,
     fputc('\n', to);
 }
 
-/* Marks the rows whose settings have no effect in this run; none, if they cannot be read. */
-static void find_idle(const cln_report_data *data, bool idle[CLN_SETTINGS_MAX])
+void cln_report_idle(const cln_report_data *data, bool idle[CLN_SETTINGS_MAX])
 {
     const cln_status before = cln_error_status();
     const json_t *dataset = json_object_get(data->run, "dataset");
@@ -93,7 +92,7 @@ cln_status cln_report_settings(FILE *to, const cln_report_data *data)
     json_t *standards = NULL;
     bool idle[CLN_SETTINGS_MAX];
 
-    find_idle(data, idle);
+    cln_report_idle(data, idle);
     if (!*preset || cln_config_preset(preset, &standard) != CLN_OK ||
         cln_config_to_json(&standard, &standards) != CLN_OK) {
         if (before == CLN_OK)

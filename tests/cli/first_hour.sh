@@ -715,6 +715,42 @@ section_edges() {
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }
 
+# Runs side by side: a run, and copies of it that say something else.
+section_runs() { # section_runs RUN
+    local r=$1 twin=$work/twin other=$work/other\ scene
+    cp -r "$r" "$twin"
+    sed -i -e 's/"rays": 256,/"rays": 512,/' -e 's/"psnr_train": [0-9.]*/"psnr_train": 77.125/' \
+        -e 's/\("name": "[^"]*\)"/\1, of another make with a name that is long"/' \
+        "$twin/run.json"
+    cp -r "$twin" "$other"
+    sed -i 's/"digest": "[0-9a-f]*"/"digest": "0123456789abcdef"/' "$other/run.json"
+    expect "two runs" 0 "" "$cln" info "$r" "$twin"
+    check "the names of the folders are above the columns" \
+        grep -qE "^ +run's 1 +twin$" "$work/out"
+    check "the setting that differs" grep -qE '^  rays +256 +512$' "$work/out"
+    check "no setting that does not" eval '! printed view-width'
+    check "the best is marked" grep -qE '^  PSNR train +[0-9.]+ +77.13 \*$' "$work/out"
+    check "a long name has a line of its own" \
+        grep -qE '^    twin +[^ ]' "$work/out"
+    check "devices differ: times do not compare" printed "times do not compare"
+    check "80 columns" [ -z "$(awk 'length > 80' "$work/out")" ]
+    on_terminal 50 "$cln" info "$r" "$twin"
+    check "50 columns" [ -z "$(tr -d '\r' <"$work/out" | awk 'length > 50')" ]
+    expect "three runs, one there twice, one of another scene" 0 "" \
+        "$cln" info "$r" "$twin" "$r/" "$other" --json
+    check "they have a document" [ "$(json schema)" = cl-nascent.runs/1 ]
+    check "with a value for each run" [ "$(json settings.rays.3)" = 512 ]
+    check "it has no best" [ "$(json comparable)" = false -a -z "$(json best.psnr_train.0)" ]
+    check "the same run is named" eval 'printed "are the same run"'
+    expect "a scene among the runs" 3 "~not.a.run ~info.SCENE" "$cln" info "$r" "$work/my scene"
+    expect "a run that does not exist" 3 "$work/none" "$cln" info "$r" "$work/none"
+    expect "--like with two runs" 2 "--like ~2.names" "$cln" info "$r" "$twin" --like "$r"
+    sed -i 's/"state": "done"/"state": "interrupted"/' "$twin/run.json"
+    expect "a run that was interrupted" 0 "" "$cln" info "$r" "$twin"
+    check "it says so" printed "twin: interrupted at step"
+    rm -rf "$twin" "$other"
+}
+
 # Pictures and files of a run.
 section_results() {
     local r="$work/run's 1" c
@@ -725,6 +761,7 @@ section_results() {
     check "and goes on under the value" grep -qE '^ {12,}[a-z]' "$work/out"
     expect "info into a pipe" 0 "" "$cln" info "$r"
     check "its lines are whole there" [ -n "$(awk 'length > 60 && NF > 2' "$work/out")" ]
+    section_runs "$r"
     expect "info of a run's file" 3 "~run.json:.*give.the.run.s.folder" "$cln" info "$r/run.json"
     expect "a file of a run instead of the run" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
     expect "export with run and file exchanged" 2 "~export.'.*run.*--mesh.a.glb" \

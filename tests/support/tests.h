@@ -90,6 +90,7 @@ int test_group_selftest(void);
 int test_group_settings(void);
 int test_group_shell(void);
 int test_group_shell_rays(void);
+int test_group_side_by_side(void);
 int test_group_space(void);
 int test_group_sight_rays(void);
 int test_group_sights(void);

@@ -1,0 +1,269 @@
+/* `cl-nascent info RUN RUN`: the runs' document (report/side_by_side.h), as it is or as a table
+ * with a column for each run. A row with a text too long for its column has a line for each run. */
+#include "cli/commands.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "cli/console.h"
+#include "report/side_by_side.h"
+
+enum { INDENT = 2, GAP = 2, NARROWEST = 9, COLUMNS = 80 };
+
+typedef struct table {
+    const json_t *names; /* of the runs, as columns have them */
+    int label, width;    /* columns of a row's name, and of a run */
+    int columns;         /* of the terminal */
+} table;
+
+typedef enum { TEXT, LIST, COUNT, DURATION, BYTES, REAL_2, REAL_3, REAL_4 } form; /* reals last */
+
+static const struct {
+    const char *key, *label;
+    form form;
+} labels[] = {
+    {"tune", "kernel parameters", LIST},
+    {"step", "steps", COUNT},
+    {"seconds", "training time", DURATION},
+    {"leaves", "leaves", COUNT},
+    {"psnr_train", "PSNR train", REAL_2},
+    {"psnr_test", "PSNR test", REAL_2},
+    {"ssim", "SSIM test", REAL_4},
+    {"psnr_fitted", "PSNR test, fitted", REAL_2},
+    {"psnr_exposed", "PSNR test, exposed", REAL_2},
+    {"eval_views", "test views measured", COUNT},
+    {"test_views", "of test views", COUNT},
+    {"eval_step", "measured at step", COUNT},
+    {"seconds_a_view", "seconds a view", REAL_3},
+    {"device_peak", "device memory", BYTES},
+    {"host_peak", "host memory", BYTES},
+};
+
+/* Rows that say nothing where they are as the other one. */
+static const char *const pairs[][2] = {{"test_views", "eval_views"}, {"eval_step", "step"}};
+
+/* "A=1,B=2" with spaces, at which a line may end. */
+static json_t *list_cell(const char *list)
+{
+    char text[512];
+    size_t used = 0;
+
+    for (; *list && used + 3 < sizeof text; list++) {
+        text[used++] = *list;
+        if (*list == ',')
+            text[used++] = ' ';
+    }
+    text[used] = 0;
+    return json_string(text);
+}
+
+static json_t *cell_of(form as, const json_t *value, bool best)
+{
+    const double number = json_number_value(value);
+    char text[32];
+
+    if (as == LIST && json_is_string(value))
+        return list_cell(json_string_value(value));
+    if (!json_is_number(value))
+        return json_string(json_is_string(value) ? json_string_value(value) : "-");
+    if (as == DURATION)
+        cln_format_duration(number, text);
+    else if (as == BYTES)
+        cln_format_bytes(number, text);
+    else if (as >= REAL_2)
+        cln_format_real(number, 2 + (int)(as - REAL_2), text);
+    else
+        cln_format_count(number, text);
+    return json_sprintf("%s%s", text, best ? " *" : "");
+}
+
+/* Rows of a member of the document as they are printed: label -> texts. */
+static json_t *shown(const json_t *document, const char *member)
+{
+    const json_t *rows = json_object_get(document, member);
+    json_t *out = json_object(), *values = NULL;
+    const char *key = NULL;
+
+    json_object_foreach((json_t *)rows, key, values)
+    {
+        const json_t *best = json_object_get(json_object_get(document, "best"), key);
+        const char *label = key;
+        form as = TEXT;
+        json_t *cells = NULL;
+        bool told = false;
+
+        for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++)
+            told |= strcmp(key, pairs[i][0]) == 0 &&
+                    (!json_object_get(rows, pairs[i][1]) ||
+                     json_equal(values, json_object_get(rows, pairs[i][1])));
+        if (told)
+            continue;
+        cells = json_array();
+        for (size_t i = 0; i < sizeof labels / sizeof labels[0]; i++)
+            if (strcmp(labels[i].key, key) == 0) {
+                label = labels[i].label;
+                as = labels[i].form;
+            }
+        for (size_t i = 0; i < json_array_size(values); i++) {
+            bool is_best = false;
+
+            for (size_t k = 0; k < json_array_size(best); k++)
+                is_best |= json_integer_value(json_array_get(best, k)) == (json_int_t)i;
+            json_array_append_new(cells, cell_of(as, json_array_get(values, i), is_best));
+        }
+        json_object_set_new(out, label, cells);
+    }
+    return out;
+}
+
+static int widest(const json_t *cells)
+{
+    int width = 0;
+
+    for (size_t i = 0; i < json_array_size(cells); i++) {
+        const int own = cln_name_width(json_string_value(json_array_get(cells, i)));
+
+        width = own > width ? own : width;
+    }
+    return width;
+}
+
+static void print_row(const table *t, const char *label, const json_t *cells)
+{
+    const size_t count = json_array_size(cells);
+    const int names = widest(t->names);
+
+    printf("%*s", INDENT, "");
+    if (widest(cells) > t->width) {
+        printf("%s\n", label);
+        for (size_t i = 0; i < count; i++) {
+            const int begin = 2 * INDENT + names + GAP;
+
+            printf("%*s", 2 * INDENT, "");
+            cln_print_name(json_string_value(json_array_get(t->names, i)), names + GAP);
+            cln_print_wrapped(begin, begin, t->columns,
+                              json_string_value(json_array_get(cells, i)));
+        }
+        return;
+    }
+    cln_print_name(label, t->label);
+    for (size_t i = 0; i < count; i++) {
+        printf("%*s", GAP, "");
+        cln_print_name(json_string_value(json_array_get(cells, i)), i + 1 < count ? t->width : 0);
+    }
+    putchar('\n');
+}
+
+static void print_rows(const table *t, const char *title, const json_t *rows)
+{
+    const char *label = NULL;
+    json_t *cells = NULL;
+
+    if (json_object_size(rows) > 0)
+        printf("%s\n", title);
+    json_object_foreach((json_t *)rows, label, cells) print_row(t, label, cells);
+}
+
+/* Makes columns as wide as the widest of the texts that fit, so that all runs do. */
+static void measure(int count, const json_t *const sections[3], table *t)
+{
+    const char *label = NULL;
+    json_t *cells = NULL;
+    int most = 0;
+
+    for (int s = 0; s < 3; s++)
+        json_object_foreach((json_t *)sections[s], label, cells)
+        {
+            const int own = cln_name_width(label);
+            t->label = own > t->label ? own : t->label;
+        }
+    most = (t->columns - INDENT - t->label) / count - GAP;
+    t->width = NARROWEST;
+    for (int s = 0; s < 3; s++)
+        json_object_foreach((json_t *)sections[s], label, cells)
+        {
+            const int own = widest(cells);
+            t->width = own > t->width && own <= most ? own : t->width;
+        }
+    if (widest(t->names) > t->width && widest(t->names) <= most)
+        t->width = widest(t->names);
+}
+
+static bool has_null(const json_t *rows)
+{
+    const char *key = NULL;
+    json_t *values = NULL;
+
+    json_object_foreach((json_t *)rows, key, values)
+    {
+        for (size_t i = 0; i < json_array_size(values); i++)
+            if (json_is_null(json_array_get(values, i)))
+                return true;
+    }
+    return false;
+}
+
+static void print_table(const json_t *document)
+{
+    json_t *settings = shown(document, "settings"), *facts = shown(document, "facts");
+    json_t *results = shown(document, "results"), *numbers = json_array();
+    const json_t *const sections[3] = {settings, facts, results};
+    const json_t *notes = json_object_get(document, "notes");
+    table t = {.names = json_object_get(document, "names"), .columns = cln_stdout_columns(COLUMNS)};
+    const int count = (int)json_array_size(t.names);
+    const char *key = NULL;
+    json_t *best = NULL;
+    bool starred = false, numbered = false;
+
+    measure(count, sections, &t);
+    numbered = widest(t.names) > t.width;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < i; k++)
+            numbered |=
+                json_equal(json_array_get(t.names, (size_t)i), json_array_get(t.names, (size_t)k));
+    for (int i = 0; i < count && numbered; i++) {
+        json_array_append_new(numbers, json_sprintf("(%d)", i + 1));
+        printf("(%d) ", i + 1);
+        cln_print_name(json_string_value(json_array_get(t.names, (size_t)i)), 0);
+        putchar('\n');
+    }
+    t.names = numbered ? numbers : t.names;
+    print_row(&t, "", t.names);
+    print_rows(&t, "settings that differ", settings);
+    print_rows(&t, "also different", facts);
+    print_rows(&t, "results", results);
+    putchar('\n');
+    json_object_foreach(json_object_get(document, "best"), key, best) starred |=
+        json_array_size(best) > 0;
+    if (starred)
+        puts("*: the best of its row");
+    if (has_null(json_object_get(document, "settings")))
+        puts("-: without effect there");
+    if (json_object_size(settings) == 0)
+        puts("No setting differs.");
+    for (size_t i = 0; i < json_array_size(notes); i++)
+        cln_print_wrapped(0, INDENT, t.columns, json_string_value(json_array_get(notes, i)));
+    json_decref(settings);
+    json_decref(facts);
+    json_decref(results);
+    json_decref(numbers);
+}
+
+cln_status cln_info_runs(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+
+    if (options->like)
+        CLN_TRY(cln_fail(CLN_USAGE, "--like requires one SCENE, but %d names are given",
+                         options->operand_count));
+    CLN_TRY(cln_side_by_side(options->operand_count, options->operands, &document));
+    if (options->json)
+        CLN_TRY(cln_print_json(json_incref(document)));
+    else
+        print_table(document);
+done:
+    json_decref(document);
+    return st;
+}

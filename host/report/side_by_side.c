@@ -1,0 +1,441 @@
+/* See side_by_side.h. Values of a row stand in the order of the runs. Settings and facts are listed
+ * only where runs differ in them. A setting counts by what it came to with the run's scene ("auto"
+ * is what was chosen), and is null in a run where it has no effect. */
+#include "report/side_by_side.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/config.h"
+#include "base/files.h"
+#include "base/memory.h"
+#include "base/number.h"
+#include "base/settings.h"
+#include "io/json.h"
+#include "io/run_folder.h"
+#include "report/report_data.h"
+#include "report/report_sections.h"
+
+typedef struct side {
+    const char *run;  /* as given */
+    char *path;       /* from the root */
+    const char *name; /* of the folder; `run` where two have the same */
+    cln_report_data data;
+    const json_t *dataset;
+    cln_config config;
+    bool readable; /* config; else it is another version's */
+    bool idle[CLN_SETTINGS_MAX];
+    json_t *facts;   /* by key: a text */
+    json_t *figures; /* by key: a number or null */
+} side;
+
+enum { VALUE_BYTES = CLN_TEXT_BYTES };
+
+/* Figures, and by how many decimals two of a figure of quality are equally good (0: no such). */
+static const struct {
+    const char *key;
+    bool test; /* of test views */
+    int quality;
+} rows[] = {{"step", false, 0},        {"seconds", false, 0},     {"leaves", false, 0},
+            {"psnr_train", false, 2},  {"psnr_test", true, 2},    {"ssim", true, 4},
+            {"psnr_fitted", true, 2},  {"psnr_exposed", true, 2}, {"eval_views", true, 0},
+            {"test_views", true, 0},   {"eval_step", true, 0},    {"seconds_a_view", true, 0},
+            {"device_peak", false, 0}, {"host_peak", false, 0}};
+enum { ROWS = sizeof rows / sizeof rows[0] };
+
+/* ---- reading ---- */
+
+/* The last evaluation of all test views as they are or, without one, the last of some; or NULL. */
+static const cln_report_eval *choose_eval(const side *s)
+{
+    const double tests = cln_json_number(json_object_get(s->dataset, "splits"), "test");
+    const cln_report_eval *chosen = NULL;
+    bool whole = false;
+
+    for (int i = 0; i < s->data.eval_count; i++) {
+        const cln_report_eval *e = &s->data.evals[i];
+
+        if (strcmp(e->split, "test") != 0 || e->how[0] || (whole && e->images < tests))
+            continue;
+        whole = e->images >= tests;
+        chosen = e;
+    }
+    return chosen;
+}
+
+static void put(side *s, const char *key, double value)
+{
+    json_object_set_new(s->figures, key,
+                        value == floor(value) && fabs(value) < 1e15
+                            ? json_integer((json_int_t)value)
+                            : cln_json_real(value));
+}
+
+/* The last number of a column of metrics.jsonl; NaN without. */
+static double last_of(const side *s, const double *column)
+{
+    int i = s->data.rows.count - 1;
+
+    while (i >= 0 && !isfinite(column[i]))
+        i--;
+    return i >= 0 ? column[i] : NAN;
+}
+
+/* Figures of the end or, before it, of metrics.jsonl; those of test views by an evaluation. */
+static void find_figures(side *s)
+{
+    static const char *const ends[] = {"step",      "seconds",    "leaves",      "psnr_train",
+                                       "psnr_test", "eval_views", "device_peak", "host_peak"};
+    const cln_report_rows *r = &s->data.rows;
+    const json_t *result = json_object_get(s->data.run, "result"), *mean = NULL;
+    const cln_report_eval *eval = choose_eval(s);
+
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++)
+        put(s, ends[i], cln_json_number(result, ends[i]));
+    if (!json_is_object(result)) {
+        put(s, "step", last_of(s, r->step));
+        put(s, "seconds", last_of(s, r->seconds));
+        put(s, "leaves", last_of(s, r->leaves));
+        put(s, "psnr_train", last_of(s, r->psnr_train));
+        put(s, "psnr_test", last_of(s, r->psnr_test));
+    }
+    put(s, "test_views", cln_json_number(json_object_get(s->dataset, "splits"), "test"));
+    if (!json_is_number(json_object_get(s->figures, "psnr_test")))
+        put(s, "eval_views", NAN);
+    if (!eval)
+        return;
+    mean = json_object_get(eval->document, "mean");
+    put(s, "psnr_test", eval->psnr);
+    put(s, "ssim", eval->ssim);
+    put(s, "psnr_fitted", cln_json_number(mean, "psnr_fitted"));
+    put(s, "psnr_exposed", cln_json_number(mean, "psnr_exposed"));
+    put(s, "seconds_a_view", cln_json_number(mean, "seconds"));
+    put(s, "eval_views", eval->images);
+    put(s, "eval_step", eval->step);
+}
+
+static void find_facts(side *s)
+{
+    const json_t *run = s->data.run, *device = json_object_get(run, "device");
+    const json_t *splits = json_object_get(s->dataset, "splits");
+    const char *path = cln_json_text(s->dataset, "path"), *driver = cln_json_text(device, "driver");
+
+    s->facts = json_pack(
+        "{s:s, s:s, s:o, s:s, s:i, s:s, s:o, s:s}", "preset", cln_json_text(run, "preset"),
+        "version", cln_json_text(run, "version"), "device",
+        json_sprintf("%s%s%s", cln_json_text(device, "name"), *driver ? ", driver " : "", driver),
+        "tune", cln_json_text(run, "tune"), "processes",
+        s->data.ranks.ranks > 1 ? (int)s->data.ranks.ranks : 1, "scene",
+        *path ? path : cln_json_text(s->dataset, "folder"), "views",
+        json_sprintf("%d train, %d val, %d test",
+                     (int)json_integer_value(json_object_get(splits, "train")),
+                     (int)json_integer_value(json_object_get(splits, "val")),
+                     (int)json_integer_value(json_object_get(splits, "test"))),
+        "digest", cln_json_text(s->dataset, "digest"));
+}
+
+static cln_status read_side(const char *run, side *s)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const char *slash = NULL;
+
+    s->run = run;
+    s->figures = json_object();
+    st = cln_run_read(run, &document); /* the report's reader takes anything */
+    if (st != CLN_OK)
+        cln_note("setting runs side by side; `cl-nascent info SCENE` describes a scene, alone");
+    CLN_TRY(st);
+    CLN_TRY(cln_path_absolute(&s->path, run));
+    slash = strrchr(s->path, '/');
+    s->name = slash && slash[1] ? slash + 1 : run;
+    CLN_TRY(cln_report_data_read(run, &s->data));
+    s->dataset = json_object_get(s->data.run, "dataset");
+    s->readable =
+        cln_config_from_json(json_object_get(s->data.run, "config"), &s->config) == CLN_OK;
+    cln_clear_error();
+    cln_report_idle(&s->data, s->idle);
+    find_facts(s);
+    find_figures(s);
+done:
+    json_decref(document);
+    return st;
+}
+
+/* ---- what differs ---- */
+
+static void add_note(json_t *notes, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+static void add_note(json_t *notes, const char *format, ...)
+{
+    char text[1024];
+    va_list args;
+
+    va_start(args, format);
+    cln_format_list(text, sizeof text, format, args);
+    va_end(args);
+    json_array_append_new(notes, json_string(text));
+}
+
+/* Whether the runs that tell this member of their scene tell different ones. */
+static bool scenes_differ(int count, const side *sides, const char *key)
+{
+    const json_t *first = NULL;
+
+    for (int i = 0; i < count; i++) {
+        const json_t *value = json_object_get(sides[i].dataset, key);
+
+        if (first && value && !json_equal(first, value))
+            return true;
+        first = first ? first : value;
+    }
+    return false;
+}
+
+/* What a setting of the scene came to; the setting itself where the run does not tell. */
+static void find_outcome(const side *s, const char *option, const char *setting,
+                         char out[VALUE_BYTES])
+{
+    static const char *const pairs[][2] = {{"space", "space"},
+                                           {"downscale", "downscale"},
+                                           {"background", "background"},
+                                           {"format", "dialect"}};
+    const json_t *value = NULL;
+
+    for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++)
+        if (strcmp(option, pairs[i][0]) == 0)
+            value = json_object_get(s->dataset, pairs[i][1]);
+    if (json_is_integer(value))
+        cln_format(out, VALUE_BYTES, "%d", (int)json_integer_value(value));
+    else if (json_array_size(value) == 3)
+        cln_format(out, VALUE_BYTES, "%.3g,%.3g,%.3g", json_number_value(json_array_get(value, 0)),
+                   json_number_value(json_array_get(value, 1)),
+                   json_number_value(json_array_get(value, 2)));
+    else
+        cln_format(out, VALUE_BYTES, "%s",
+                   json_is_string(value) ? json_string_value(value) : setting);
+}
+
+static void add_settings(int count, const side *sides, json_t *settings)
+{
+    for (int r = 0; r < cln_config_row_count; r++) {
+        const cln_config_row *row = &cln_config_rows[r];
+        char first[VALUE_BYTES] = "", outcome[VALUE_BYTES], text[CLN_TEXT_BYTES];
+        json_t *values = json_array();
+        bool any = false, differ = false, used = false;
+
+        for (int i = 0; i < count; i++) {
+            if (!sides[i].readable) {
+                json_array_append_new(values, json_null());
+                continue;
+            }
+            cln_config_text(&sides[i].config, row, text);
+            if (row->flags & CLN_ROW_AUTO && strcmp(text, "0") == 0)
+                cln_format(text, sizeof text, "auto");
+            find_outcome(&sides[i], row->option, text, outcome);
+            differ |= any && strcmp(first, outcome) != 0;
+            used |= !sides[i].idle[r];
+            cln_format(first, sizeof first, "%s", outcome);
+            any = true;
+            json_array_append_new(values, sides[i].idle[r] ? json_null()
+                                          : strcmp(outcome, text) == 0
+                                              ? json_string(text)
+                                              : json_sprintf("%s (%s)", outcome, text));
+        }
+        if (differ && used)
+            json_object_set(settings, row->option, values);
+        json_decref(values);
+    }
+}
+
+/* Adds a row for each of the facts that the runs do not have in common. */
+static void add_facts(int count, const side *sides, json_t *facts)
+{
+    const char *key = NULL;
+    json_t *first = NULL;
+
+    json_object_foreach(sides[0].facts, key, first)
+    {
+        json_t *values = json_array();
+        bool differ = false;
+
+        for (int i = 0; i < count; i++) {
+            json_t *value = json_object_get(sides[i].facts, key);
+
+            differ |= !json_equal(value, first);
+            json_array_append(values, value);
+        }
+        if (differ)
+            json_object_set(facts, key, values);
+        json_decref(values);
+    }
+    if (!scenes_differ(count, sides, "digest")) /* the same one, elsewhere */
+        json_object_del(facts, "scene");
+}
+
+/* ---- which one is better ---- */
+
+/* Whether figures of quality compare; if not, a note says why. */
+static bool check_comparable(int count, const side *sides, json_t *notes)
+{
+    static const char *const reasons[][2] = {
+        {"digest", "Scenes or their splits differ (scene, views, digest)"},
+        {"downscale", "Photos differ in size (downscale)"},
+        {"background", "Backgrounds differ, also behind test photos with alpha"},
+    };
+    bool alpha = false;
+
+    for (int i = 0; i < count; i++)
+        alpha |= json_is_true(json_object_get(sides[i].dataset, "alpha"));
+    for (size_t r = 0; r < 2 + (size_t)alpha; r++)
+        if (scenes_differ(count, sides, reasons[r][0])) {
+            add_note(notes, "%s, so figures of quality do not compare", reasons[r][1]);
+            return false;
+        }
+    return true;
+}
+
+/* The places of the greatest numbers, to so many decimals; none if all are equal, or one alone. */
+static json_t *best_of(const json_t *values, int decimals)
+{
+    const double unit = pow(10, decimals);
+    double most = -INFINITY, least = INFINITY;
+    json_t *best = json_array();
+
+    for (size_t i = 0; i < json_array_size(values); i++) {
+        const json_t *value = json_array_get(values, i);
+
+        if (json_is_number(value)) {
+            most = fmax(most, round(unit * json_number_value(value)));
+            least = fmin(least, round(unit * json_number_value(value)));
+        }
+    }
+    for (size_t i = 0; i < json_array_size(values) && most > least; i++) {
+        const json_t *value = json_array_get(values, i);
+
+        if (json_is_number(value) && round(unit * json_number_value(value)) == most)
+            json_array_append_new(best, json_integer((json_int_t)i));
+    }
+    return best;
+}
+
+/* Adds the rows that any run has a number for, and the best of those of quality. */
+static void add_results(int count, const side *sides, bool comparable, json_t *document)
+{
+    json_t *results = json_object_get(document, "results"),
+           *best = json_object_get(document, "best");
+    const json_t *views = NULL;
+    bool same_views = true;
+
+    for (int i = 0; i < count; i++) {
+        const json_t *own = json_object_get(sides[i].figures, "eval_views");
+
+        if (!json_is_number(json_object_get(sides[i].figures, "psnr_test")))
+            continue;
+        same_views &= !views || json_equal(views, own);
+        views = own;
+    }
+    if (comparable && !same_views)
+        add_note(json_object_get(document, "notes"),
+                 "Test figures are over different numbers of views, so they do not compare; "
+                 "`cl-nascent eval RUN` measures all views");
+    for (int r = 0; r < ROWS; r++) {
+        json_t *values = json_array();
+        bool any = false;
+
+        for (int i = 0; i < count; i++) {
+            json_t *value = json_object_get(sides[i].figures, rows[r].key);
+
+            any |= json_is_number(value);
+            json_array_append_new(values, value ? json_incref(value) : json_null());
+        }
+        if (any)
+            json_object_set(results, rows[r].key, values);
+        if (any && rows[r].quality)
+            json_object_set_new(best, rows[r].key,
+                                comparable && (same_views || !rows[r].test)
+                                    ? best_of(values, rows[r].quality)
+                                    : json_array());
+        json_decref(values);
+    }
+}
+
+/* Notes what a reader should know of a run, by itself and beside an earlier one. */
+static void note_run(const side *sides, int which, json_t *notes)
+{
+    const side *s = &sides[which];
+    const char *state = cln_run_state(s->run, s->data.run);
+    const char *digest = cln_json_text(json_object_get(s->data.run, "result"), "model_digest");
+    const double step = cln_json_number(s->figures, "step");
+    const double measured = cln_json_number(s->figures, "eval_step");
+
+    if (!s->readable)
+        add_note(notes, "%s: its settings are another version's and cannot be read", s->name);
+    if (!isfinite(step))
+        add_note(notes, "%s: it has no results yet (%s)", s->name, state);
+    else if (strcmp(state, "done") != 0)
+        add_note(notes, "%s: %s at step %.0f", s->name, state, step);
+    if (measured < step)
+        add_note(notes, "%s: test figures are of step %.0f; `cl-nascent eval` renews them", s->name,
+                 measured);
+    for (int k = 0; k < which; k++) {
+        const json_t *result = json_object_get(sides[k].data.run, "result");
+
+        if (strcmp(sides[k].path, s->path) == 0)
+            add_note(notes, "%s and %s are the same run", sides[k].name, s->name);
+        else if (*digest && strcmp(digest, cln_json_text(result, "model_digest")) == 0)
+            add_note(notes, "%s and %s ended with the same model, to the bit", sides[k].name,
+                     s->name);
+    }
+}
+
+cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
+{
+    cln_status st = CLN_OK;
+    side *sides = NULL;
+    json_t *document = json_pack("{s:s, s:[], s:[], s:{}, s:{}, s:{}, s:{}, s:b, s:[]}", "schema",
+                                 "cl-nascent.runs/1", "runs", "names", "settings", "facts",
+                                 "results", "best", "comparable", false, "notes");
+    json_t *settings = json_object_get(document, "settings"), *presets = NULL;
+    json_t *facts = json_object_get(document, "facts"), *notes = json_object_get(document, "notes");
+    bool same_names = false, comparable = false;
+
+    *out = NULL;
+    CLN_TRY(cln_alloc(&sides, (size_t)count, sizeof *sides, "runs side by side"));
+    for (int i = 0; i < count; i++) {
+        CLN_TRY(read_side(runs[i], &sides[i]));
+        for (int k = 0; k < i; k++)
+            same_names |= strcmp(sides[i].name, sides[k].name) == 0;
+    }
+    for (int i = 0; i < count; i++) {
+        sides[i].name = same_names ? runs[i] : sides[i].name;
+        json_array_append_new(json_object_get(document, "runs"), json_string(runs[i]));
+        json_array_append_new(json_object_get(document, "names"), json_string(sides[i].name));
+    }
+    add_facts(count, sides, facts);
+    presets = json_object_get(facts, "preset");
+    if (presets) { /* it is an option */
+        json_object_set(settings, "preset", presets);
+        json_object_del(facts, "preset");
+    }
+    add_settings(count, sides, settings);
+    comparable = check_comparable(count, sides, notes);
+    json_object_set_new(document, "comparable", json_boolean(comparable));
+    if (json_object_get(facts, "device"))
+        add_note(notes, "Devices or drivers differ, so times do not compare");
+    add_results(count, sides, comparable, document);
+    for (int i = 0; i < count; i++)
+        note_run(sides, i, notes);
+    *out = json_incref(document);
+done:
+    for (int i = 0; i < count && sides; i++) {
+        cln_report_data_free(&sides[i].data);
+        json_decref(sides[i].facts);
+        json_decref(sides[i].figures);
+        free(sides[i].path);
+    }
+    free(sides);
+    json_decref(document);
+    return st;
+}

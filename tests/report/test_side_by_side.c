@@ -1,0 +1,231 @@
+/* Runs side by side. Tested on hand-made run folders: which settings and facts are listed, which
+ * evaluation counts, which run is best, when figures do not compare, runs without results or with
+ * the same name or model. Oracle: literal texts and numbers. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <string.h>
+#include "base/config.h"
+#include "io/run_folder.h"
+#include "report/side_by_side.h"
+#include "scratch.h"
+#include "tests.h"
+
+static void put_json(const char *run, const char *name, json_t *document)
+{
+    assert_non_null(document);
+    assert_int_equal(cln_run_write_json(run, name, document), CLN_OK);
+    json_decref(document);
+}
+
+/* A run of 10 test views after 500 steps; `settings`: "option value" pairs, NULL at the end. Returns
+ * its folder. */
+static const char *put_run(const char *folder, const char *name, const char *digest,
+                           const char *const settings[][2])
+{
+    const char *run = scratch_path(folder, name);
+    json_t *values = NULL;
+    cln_config config;
+
+    assert_int_equal(cln_config_preset("voxel", &config), CLN_OK);
+    for (; settings && (*settings)[0]; settings++)
+        assert_int_equal(cln_config_set(&config, cln_config_find((*settings)[0]), (*settings)[1]),
+                         CLN_OK);
+    assert_int_equal(cln_config_to_json(&config, &values), CLN_OK);
+    put_json(run, "run.json",
+             json_pack("{s:s s:s s:s s:o s:{s:s} s:{s:s s:s s:s s:b s:{s:i s:i s:i}} s:s s:s "
+                       "s:{s:i s:f s:i s:f s:f s:i s:s}}",
+                       "schema", "cl-nascent.run/1", "version", "0.1.0", "preset", "voxel",
+                       "config", values, "device", "name", "A CPU", "dataset", "path", "/s/pot",
+                       "space", "cube", "digest", digest, "alpha", 0, "splits", "train", 90, "val",
+                       0, "test", 10, "state", "done", "tune", "VW=8", "result", "step", 500,
+                       "seconds", 20.5, "leaves", 64, "psnr_train", 30.001, "psnr_test", 27.5,
+                       "eval_views", 8, "model_digest", name));
+    return run;
+}
+
+static void put_eval(const char *run, const char *stem, int step, int images, double psnr,
+                     bool fast)
+{
+    json_t *list = json_array();
+    char name[64];
+
+    for (int i = 0; i < images; i++)
+        json_array_append_new(list, json_object());
+    snprintf(name, sizeof name, "eval/%s.json", stem);
+    put_json(run, name,
+             json_pack("{s:s s:i s:s s:b s:{s:f s:f s:f} s:o}", "schema", "cl-nascent.eval/1",
+                       "step", step, "split", "test", "fast", fast, "mean", "psnr", psnr, "ssim",
+                       0.9, "seconds", 0.25, "images", list));
+}
+
+static json_t *beside(const char *a, const char *b)
+{
+    const char *const runs[] = {a, b};
+    json_t *document = NULL;
+
+    assert_int_equal(cln_side_by_side(2, runs, &document), CLN_OK);
+    return document;
+}
+
+/* The row as compact JSON; "" if it is not there. */
+static void assert_row(const json_t *document, const char *member, const char *key,
+                       const char *wanted)
+{
+    char *text = json_dumps(json_object_get(json_object_get(document, member), key),
+                            JSON_COMPACT | JSON_REAL_PRECISION(6));
+
+    assert_string_equal(text ? text : "", wanted);
+    free(text);
+}
+
+static void assert_note(const json_t *document, const char *part, bool there)
+{
+    char *text = json_dumps(json_object_get(document, "notes"), 0);
+
+    assert_non_null(text);
+    if (!strstr(text, part) == there)
+        fail_msg("'%s' is %s %s", part, there ? "not in" : "in", text);
+    free(text);
+}
+
+static void what_differs_is_listed(void **state)
+{
+    const char *const black[][2] = {
+        {"rays", "1024"},      {"space", "cube"},   {"alpha-loss", "0.5"},  {"width", "64"},
+        {"time-limit", "90s"}, {"depth-loss", "0"}, {"depth-until", "0.5"}, {NULL}};
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d1", black);
+    json_t *document = beside(a, b), *settings = json_object_get(document, "settings");
+
+    assert_row(document, "settings", "rays", "[\"16384\",\"1024\"]");
+    assert_row(document, "settings", "time-limit", "[\"0\",\"90\"]");
+    assert_row(document, "settings", "depth-until", "[\"1\",null]"); /* no effect in one */
+    assert_row(document, "settings", "width", "");                   /* nor in any */
+    assert_row(document, "settings", "alpha-loss", "");
+    assert_row(document, "settings", "space", ""); /* auto came to the same */
+    assert_int_equal(json_object_size(settings), 4);
+    assert_int_equal(json_object_size(json_object_get(document, "facts")), 0);
+    assert_true(json_is_true(json_object_get(document, "comparable")));
+    assert_int_equal(json_array_size(json_object_get(document, "notes")), 0);
+    assert_row(document, "results", "step", "[500,500]");
+    assert_row(document, "results", "seconds", "[20.5,20.5]");
+    assert_row(document, "results", "ssim", ""); /* no run has one */
+    json_decref(document);
+}
+
+static void the_best_is_told(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d1", NULL);
+    json_t *document = NULL;
+
+    document = beside(a, b);
+    assert_row(document, "best", "psnr_test", "[]"); /* all the same */
+    assert_row(document, "results", "eval_views", "[8,8]");
+    json_decref(document);
+
+    /* all views at an earlier step count, more than some at the end; --fast does not */
+    put_eval(a, "00000400-test", 400, 10, 26.0, false);
+    put_eval(a, "00000500-test-8", 500, 8, 29.0, false);
+    put_eval(a, "00000500-test-fast", 500, 10, 25.0, true);
+    document = beside(a, b);
+    assert_row(document, "results", "psnr_test", "[26,27.5]");
+    assert_row(document, "results", "eval_views", "[10,8]");
+    assert_row(document, "results", "eval_step", "[400,null]");
+    assert_row(document, "best", "psnr_test", "[]"); /* of different views */
+    assert_note(document, "different numbers of views", true);
+    assert_note(document, "a: test figures are of step 400", true);
+    json_decref(document);
+
+    put_eval(b, "00000500-test", 500, 10, 25.996, false);
+    document = beside(b, a);
+    assert_row(document, "best", "psnr_test", "[]"); /* both print 26.00 */
+    json_decref(document);
+    put_eval(b, "00000500-test", 500, 10, 25.5, false);
+    document = beside(b, a);
+    assert_row(document, "best", "psnr_test", "[1]");
+    assert_row(document, "results", "seconds_a_view", "[0.25,0.25]");
+    assert_note(document, "different numbers of views", false);
+    json_decref(document);
+}
+
+static void other_scenes_do_not_compare(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d2", NULL);
+    json_t *run = NULL, *document = beside(a, b);
+
+    assert_false(json_is_true(json_object_get(document, "comparable")));
+    assert_note(document, "Scenes or their splits differ", true);
+    assert_row(document, "facts", "digest", "[\"d1\",\"d2\"]");
+    assert_row(document, "best", "psnr_train", "[]");
+    json_decref(document);
+
+    assert_int_equal(cln_run_read(b, &run), CLN_OK);
+    json_object_set_new(json_object_get(json_object_get(run, "dataset"), "splits"), "test",
+                        json_integer(9));
+    json_object_set_new(json_object_get(run, "result"), "psnr_train", json_real(31));
+    put_json(b, "run.json", json_incref(run));
+    document = beside(a, b);
+    assert_note(document, "Scenes or their splits differ", true);
+    assert_row(document, "facts", "views",
+               "[\"90 train, 0 val, 10 test\",\"90 train, 0 val, 9 test\"]");
+    assert_row(document, "best", "psnr_train", "[]");
+    json_decref(document);
+
+    json_object_set_new(json_object_get(run, "dataset"), "path", json_string("/s/cup"));
+    put_json(b, "run.json", run);
+    document = beside(a, b);
+    assert_note(document, "Scenes or their splits differ", true);
+    assert_row(document, "facts", "scene", "[\"/s/pot\",\"/s/cup\"]");
+    json_decref(document);
+}
+
+static void odd_runs_are_ordinary(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "x/a", "d1", NULL);
+    const char *const with_scene[] = {a, *state}, *row = "{\"step\":7,\"psnr_train\":12.5}\n";
+    json_t *run = NULL, *document = beside(a, a);
+
+    assert_note(document, "are the same run", true);
+    json_decref(document);
+
+    assert_int_equal(cln_run_read(b, &run), CLN_OK);
+    json_object_set_new(run, "state", json_string("interrupted"));
+    json_object_set_new(run, "result", json_null());
+    put_json(b, "run.json", json_incref(run));
+    document = beside(a, b);
+    assert_note(document, "x/a: it has no results yet (interrupted)", true);
+    assert_row(document, "results", "step", "[500,null]");
+    assert_row(document, "best", "psnr_train", "[]");
+    assert_string_equal(json_string_value(json_array_get(json_object_get(document, "names"), 1)),
+                        b); /* both folders are called a */
+    json_decref(document);
+
+    scratch_put(scratch_path(b, "metrics.jsonl"), row, strlen(row));
+    json_object_set_new(json_object_get(run, "config"), "novel", json_integer(1));
+    put_json(b, "run.json", run);
+    document = beside(b, a);
+    assert_note(document, "interrupted at step 7", true);
+    assert_note(document, "another version's", true);
+    assert_row(document, "results", "psnr_train", "[12.5,30.001]");
+    assert_row(document, "best", "psnr_train", "[1]");
+    assert_int_equal(json_object_size(json_object_get(document, "settings")), 0);
+    json_decref(document);
+
+    assert_int_equal(cln_side_by_side(2, with_scene, &document), CLN_INPUT);
+    assert_null(document);
+    assert_non_null(strstr(cln_error_text(), "not a run"));
+}
+
+int test_group_side_by_side(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(what_differs_is_listed, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(the_best_is_told, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(other_scenes_do_not_compare, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(odd_runs_are_ordinary, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("side by side", tests, NULL, NULL);
+}
