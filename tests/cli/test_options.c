@@ -283,6 +283,12 @@ static void every_other_option_is_read(void **state)
     assert_true(o->overwrite && o->z_depth);
     done(&l);
 
+    o = parsed(&l, "info a --json b c");
+    assert_int_equal(o->operand_count, 3);
+    assert_string_equal(o->operand, "a");
+    assert_string_equal(o->operands[2], "c");
+    done(&l);
+
     o = parsed(&l, "export run --octree tree.ply --colour error --overwrite");
     assert_string_equal(o->operand, "run");
     assert_string_equal(o->export_file, "tree.ply");

@@ -20,8 +20,8 @@ static void put_json(const char *run, const char *name, json_t *document)
     json_decref(document);
 }
 
-/* A run of 10 test views after 500 steps; `settings`: "option value" pairs, NULL at the end. Returns
- * its folder. */
+/* A run of 10 test views after 500 steps; settings: pairs of option and value, NULL at the end.
+ * Returns its folder. */
 static const char *put_run(const char *folder, const char *name, const char *digest,
                            const char *const settings[][2])
 {
