@@ -311,7 +311,7 @@ CLN_API void cln_eval_free(cln_eval_result *result);
 
 typedef struct cln_render_desc {
     const char *run, *out;
-    const char *scene; /* NULL = the run's own; an orbit needs none then */
+    const char *scene; /* NULL = the run's own, or else the cameras that RUN keeps */
     /* The poses: a file's (nerfstudio's camera_path.json, or transforms JSON), else the
      * poses of a split, else a spiral of so many frames within the training cameras' poses, else
      * an orbit. */
@@ -364,7 +364,7 @@ CLN_API cln_status cln_render(const cln_render_desc *desc, cln_render_result *re
 
 typedef struct cln_view_desc {
     const char *run;
-    const char *scene;  /* NULL = the run's own; without one there are no cameras and photos */
+    const char *scene;  /* NULL = the run's own; without one there are no photos */
     const char *listen; /* a numeric address, which then needs a token; NULL = 127.0.0.1, without */
     int port;           /* 0 = 7007, or a free one if that is taken */
     cln_device_desc device;
@@ -418,7 +418,7 @@ typedef struct cln_export_desc {
                            cameras the folder) */
     const char *colour; /* octree: "level" or "error"; NULL = "level" */
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
-    const char *scene;  /* NULL = the run's own; volume and octree need none */
+    const char *scene;  /* NULL = the run's own, or else the cameras that RUN keeps */
     /* Distance in scene units between points on the surface (0: by count), of the grid that a mesh
      * is made on (0: by leaves and views, wider where leaves are larger), or of a volume's grid (0:
      * a 256th of the cube). */

@@ -175,12 +175,12 @@ static cln_status check_space(const export_row *row, const cln_export_desc *desc
 static cln_status open_for(const export_row *row, const cln_export_desc *desc, cln_open_run *opened)
 {
     cln_status st = CLN_OK;
-    const bool pixels[CLN_SPLITS] = {false};
+    bool alike = false;
 
     if (row->needs & CLN_EXPORT_DEVICE)
         CLN_TRY(cln_device_check(&desc->device));
     if (row->needs & CLN_EXPORT_SCENE)
-        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, opened));
+        CLN_TRY(cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, opened));
     CLN_TRY(check_space(row, desc, &opened->model));

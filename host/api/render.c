@@ -481,7 +481,7 @@ done:
 cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 {
     cln_status st = CLN_OK;
-    const bool pixels[CLN_SPLITS] = {false};
+    bool alike = false;
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
     memset(result, 0, sizeof *result);
@@ -490,7 +490,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
     if (cln_frames_need_scene(desc, j.run))
-        CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &j.opened));
+        CLN_TRY(cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, &j.opened));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));

@@ -20,50 +20,21 @@
 
 static const double LOOK_SECONDS = 2; /* how often a newer model is looked for */
 
-/* Of several ranks: whether all find the run's scene, as loading one takes all of them. */
-static cln_status find_scene(const cln_view_desc *desc, bool *found)
-{
-    cln_status st = CLN_OK;
-    double missing = 0;
-    char *path = NULL;
-
-    if (!desc->scene)
-        st = cln_recorded_scene(desc->run, &path);
-    if (st != CLN_OK && st != CLN_INPUT)
-        goto done;
-    missing = st == CLN_INPUT;
-    cln_ranks_largest(&missing, 1);
-    *found = missing == 0;
-    if (st == CLN_OK && !*found)
-        st = cln_fail(CLN_INPUT,
-                      "another rank does not find the scene of %s; --scene tells all "
-                      "where it is",
-                      desc->run);
-done:
-    free(path);
-    return st;
-}
-
-/* Opens the run with its scene, which has the cameras and photos. If the scene is not here, the
- * orbit in run.json is enough to look at the run. */
+/* Opens the run with its cameras, and photos where the scene is here. If it is not, and the run is
+ * so old that it keeps no cameras, the orbit in run.json is enough to look at it. */
 static cln_status open_run(const cln_view_desc *desc, cln_open_run *opened, cln_orbit_frame *frame)
 {
     cln_status st = CLN_OK;
-    const bool pixels[CLN_SPLITS] = {false};
     json_t *document = NULL;
     const json_t *orbit = NULL;
-    const bool alone = cln_ranks_count() == 1;
-    bool found = true;
+    bool alike = false;
 
     CLN_TRY(cln_run_read(desc->run, &document));
     orbit = json_object_get(document, "orbit");
-    if (!alone)
-        st = find_scene(desc, &found);
-    if (found && st == CLN_OK)
-        st = cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, opened);
+    st = cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, opened);
     if (st == CLN_OK) {
         st = cln_orbit_frame_of(opened->scene, frame);
-    } else if (st == CLN_INPUT && !desc->scene && orbit && (alone || !found)) {
+    } else if (st == CLN_INPUT && !desc->scene && orbit && alike) {
         if (cln_ranks_me() == 0)
             cln_warn("no cameras and photos: %s", cln_error_text());
         cln_clear_error();

@@ -32,26 +32,6 @@ static cln_camera camera_of(const cln_view *view)
 
 /* ---- transforms JSON ---- */
 
-/* The path of a file of the scene from its folder. */
-static cln_status path_from(const cln_scene *scene, const char *path, char **out)
-{
-    cln_status st = CLN_OK;
-    size_t folder = strlen(scene->folder);
-    char *from = NULL, *to = NULL;
-
-    while (folder > 0 && scene->folder[folder - 1] == '/')
-        folder--;
-    if (strncmp(path, scene->folder, folder) == 0 && path[folder] == '/')
-        return cln_strdup(out, path + folder + strspn(path + folder, "/"));
-    CLN_TRY(cln_path_absolute(&from, scene->folder));
-    CLN_TRY(cln_path_absolute(&to, path));
-    CLN_TRY(cln_path_relative(out, from, to));
-done:
-    free(from);
-    free(to);
-    return st;
-}
-
 static json_t *frame_of(const cln_view *view, const char *name)
 {
     static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
@@ -81,7 +61,7 @@ static cln_status put_path(const cln_scene *scene, json_t *frame, const char *ke
 
     if (!path)
         return CLN_OK;
-    CLN_TRY(path_from(scene, path, &name));
+    CLN_TRY(cln_scene_path_from(scene, path, &name));
     json_object_set_new(frame, key, json_string(name));
 done:
     free(name);
@@ -105,7 +85,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
 
         free(name);
         name = NULL;
-        CLN_TRY(path_from(scene, view->path, &name));
+        CLN_TRY(cln_scene_path_from(scene, view->path, &name));
         frame = frame_of(view, name);
         json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
@@ -142,7 +122,7 @@ static cln_status name_of(const cln_scene *scene, const cln_view *view, char **n
     size_t bytes = 0;
 
     if (view->leads_out)
-        return path_from(scene, view->path, name);
+        return cln_scene_path_from(scene, view->path, name);
     last = last ? last + 1 : view->name;
     file = file ? file + 1 : view->path;
     bytes = strlen(last);
@@ -333,7 +313,8 @@ static cln_status say_where(const char *file, bool json, const cln_scene *scene)
     size_t bytes = 0;
 
     CLN_TRY(cln_path_absolute(&path, file));
-    CLN_TRY(cln_path_absolute(&folder, scene->folder));
+    CLN_TRY(cln_is_dir(scene->folder) ? cln_path_absolute(&folder, scene->folder)
+                                      : cln_strdup(&folder, scene->folder));
     end = strrchr(path, '/');
     if (json && end)
         *end = 0;

@@ -6,9 +6,10 @@
 #include "export/list.h"
 #include "render/open_run.h"
 
-/* The checkpoint is always read. DEVICE: the field on a device; SCENE: the scene, without its
- * images; VIEWS: both. BOXES: leaves that are boxes of the scene, as they are not in a forward or
- * shell space (scene/space.h); CELLS: the field on a grid of equal cells, likewise. */
+/* The checkpoint is always read. DEVICE: the field on a device; SCENE: the scene's cameras, its own
+ * or those that the run keeps; VIEWS: both. BOXES: leaves that are boxes of the scene, as they are
+ * not in a forward or shell space (scene/space.h); CELLS: the field on a grid of equal cells,
+ * likewise. */
 typedef enum {
     CLN_EXPORT_CHECKPOINT = 0,
     CLN_EXPORT_DEVICE = 1,

@@ -3,10 +3,13 @@
 #include "render/open_run.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/config.h"
+#include "base/files.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "pipeline/plan.h"
 #include "pipeline/share.h"
@@ -14,6 +17,7 @@
 #include "io/run_folder.h"
 #include "render/ray_batch.h"
 #include "render/recorded.h"
+#include "scene/cameras_file.h"
 #include "scene/motion.h"
 
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)
@@ -49,6 +53,19 @@ done:
     return st;
 }
 
+/* Brings the scene to what the model was trained with. */
+static void adapt_scene(cln_open_run *out)
+{
+    memcpy(out->scene->background, out->model.background, sizeof out->scene->background);
+    out->scene->background_known = true;
+    if (out->same_scene)
+        out->scene->space = out->model.space; /* as it was found when the run began */
+    out->refined = out->same_scene && out->model.motions &&
+                   out->model.motion_views == cln_scene_split_count(out->scene, CLN_SPLIT_TRAIN);
+    if (out->refined)
+        cln_motion_views(out->scene, (const float(*)[CLN_MOTION])out->model.motions);
+}
+
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              const cln_callbacks *callbacks, cln_open_run *out)
 {
@@ -66,17 +83,66 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
     memcpy(desc.pixels, pixels, sizeof desc.pixels);
     CLN_TRY(cln_open_run_model(run, out));
     CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
-    memcpy(out->scene->background, out->model.background, sizeof out->scene->background);
-    out->scene->background_known = true;
-    if (out->same_scene)
-        out->scene->space = out->model.space; /* as it was found when the run began */
-    out->refined = out->same_scene && out->model.motions &&
-                   out->model.motion_views == cln_scene_split_count(out->scene, CLN_SPLIT_TRAIN);
-    if (out->refined)
-        cln_motion_views(out->scene, (const float(*)[CLN_MOTION])out->model.motions);
+    adapt_scene(out);
 done:
     if (st != CLN_OK)
         cln_open_run_close(out);
+    return st;
+}
+
+/* Of several ranks: whether all find the run's scene, as loading one takes all of them. CLN_INPUT
+ * if not. */
+static cln_status find_scene(const char *run, bool *found)
+{
+    cln_status st = CLN_OK;
+    double missing = 0;
+    char *path = NULL;
+
+    st = cln_recorded_scene(run, &path);
+    if (st != CLN_OK && st != CLN_INPUT)
+        goto done;
+    missing = st == CLN_INPUT;
+    cln_ranks_largest(&missing, 1);
+    *found = missing == 0;
+    if (st == CLN_OK && !*found)
+        st = cln_fail(CLN_INPUT,
+                      "another rank does not find the scene of %s; --scene tells all "
+                      "where it is",
+                      run);
+done:
+    free(path);
+    return st;
+}
+
+cln_status cln_open_run_cameras(const char *run, const char *scene, const cln_callbacks *callbacks,
+                                bool *alike, cln_open_run *out)
+{
+    cln_status st = CLN_OK;
+    const bool alone = cln_ranks_count() == 1, pixels[CLN_SPLITS] = {false};
+    bool found = true;
+    char *why = NULL;
+
+    memset(out, 0, sizeof *out);
+    if (!alone && !scene)
+        st = find_scene(run, &found);
+    *alike = alone || !found;
+    if (st == CLN_OK)
+        st = cln_open_run_open(run, scene, pixels, callbacks, out);
+    if (st != CLN_INPUT || scene || !*alike || !cln_has_file(run, CLN_CAMERAS_FILE))
+        goto done;
+    CLN_TRY(cln_strdup(&why, cln_error_text()));
+    cln_clear_error();
+    *alike = alone; /* the file may be damaged on one of them */
+    CLN_TRY(cln_open_run_model(run, out));
+    CLN_TRY(cln_recorded_cameras(run, &out->scene));
+    out->same_scene = true;
+    adapt_scene(out);
+    if (cln_ranks_me() == 0)
+        cln_info("cameras: those that %s keeps, without photos: %s", run, why);
+done:
+    if (st != CLN_OK)
+        cln_open_run_close(out);
+    free(why);
     return st;
 }
 

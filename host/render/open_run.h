@@ -26,6 +26,12 @@ typedef struct cln_open_run {
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              const cln_callbacks *callbacks, cln_open_run *out);
 
+/* Opens the checkpoint and the scene's cameras, for what needs no photo. If the scene cannot be
+ * read and `scene` names no other, the cameras are those that the run keeps, if it does, which a
+ * line tells. *alike: after CLN_INPUT, whether all ranks got that. */
+cln_status cln_open_run_cameras(const char *run, const char *scene, const cln_callbacks *callbacks,
+                                bool *alike, cln_open_run *out);
+
 /* Opens the checkpoint alone, for what needs no scene. */
 cln_status cln_open_run_model(const char *run, cln_open_run *out);
 

@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/run_folder.h"
+#include "scene/cameras_file.h"
 
 cln_status cln_run_config(const char *run, cln_config *config)
 {
@@ -150,6 +151,32 @@ cln_status cln_recorded_scene(const char *run, char **path)
         *path = NULL;
     }
 done:
+    json_decref(document);
+    return st;
+}
+
+cln_status cln_recorded_cameras(const char *run, cln_scene **scene)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const char *saved = NULL;
+    char digest[CLN_DIGEST_TEXT];
+
+    *scene = NULL;
+    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_cameras_read(run, scene));
+    saved = text_of(json_object_get(document, "dataset"), "digest");
+    cln_digest_text((*scene)->digest, digest);
+    if (!saved || strcmp(saved, digest) != 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s/" CLN_CAMERAS_FILE ": it is of another scene than the run (digest %s, "
+                         "that has %s); copy the run again",
+                         run, digest, saved ? saved : "none"));
+done:
+    if (st != CLN_OK) {
+        cln_scene_free(*scene);
+        *scene = NULL;
+    }
     json_decref(document);
     return st;
 }

@@ -32,6 +32,10 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_sc
 cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene,
                                bool *same);
 
+/* The scene's views as the run keeps them, without photos (scene/cameras_file.h). CLN_INPUT if they
+ * are damaged, or not those of the scene in run.json. */
+cln_status cln_recorded_cameras(const char *run, cln_scene **scene);
+
 /* Checks the photos of a resumed run: CLN_INPUT if other frames are left out for missing images
  * than when it began; a warning if their size or background differs from before. */
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene);

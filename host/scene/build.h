@@ -30,6 +30,9 @@ int cln_natural_compare(const char *a, const char *b);
  * no training view remains. Called after the split, so that the others stay in theirs. */
 cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 
+/* load.c: fills in the views' `file`. CLN_MEMORY. */
+cln_status cln_scene_name_files(cln_scene *scene);
+
 /* turned.c: has the camera the shape of such an image? False if it has no size. */
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height);
 

@@ -37,6 +37,25 @@ done:
     return st;
 }
 
+cln_status cln_scene_path_from(const cln_scene *scene, const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    size_t folder = strlen(scene->folder);
+    char *from = NULL, *to = NULL;
+
+    while (folder > 0 && scene->folder[folder - 1] == '/')
+        folder--;
+    if (strncmp(path, scene->folder, folder) == 0 && path[folder] == '/')
+        return cln_strdup(out, path + folder + strspn(path + folder, "/"));
+    CLN_TRY(cln_path_absolute(&from, scene->folder));
+    CLN_TRY(cln_path_absolute(&to, path));
+    CLN_TRY(cln_path_relative(out, from, to));
+done:
+    free(from);
+    free(to);
+    return st;
+}
+
 static void free_views(cln_view *views, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -227,7 +246,7 @@ done:
     return st;
 }
 
-static cln_status name_files(cln_scene *scene)
+cln_status cln_scene_name_files(cln_scene *scene)
 {
     cln_status st = CLN_OK;
     const size_t count = (size_t)scene->view_count;
@@ -288,7 +307,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     cln_utf8_repair(scene->because); /* it names folders; JSON needs UTF-8 */
     CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config->holdout));
     CLN_TRY(cln_scene_leave_out(scene, desc->config->missing));
-    CLN_TRY(name_files(scene));
+    CLN_TRY(cln_scene_name_files(scene));
     digest_cameras(scene);
     CLN_TRY(cln_scene_size_views(scene, desc));
     CLN_TRY(cln_scene_find_kept(scene));

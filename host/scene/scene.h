@@ -162,6 +162,10 @@ typedef struct cln_scene_desc {
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
 void cln_scene_free(cln_scene *scene); /* accepts NULL */
 
+/* The path of a file of the scene from its folder; the caller frees *out. CLN_INPUT if a file
+ * outside of the folder is not there. */
+cln_status cln_scene_path_from(const cln_scene *scene, const char *path, char **out);
+
 /* Warns of what looks like a mistake in the poses, with its likely cause (doubts.c). */
 void cln_scene_warn_doubts(const cln_scene *scene);
 

@@ -17,6 +17,7 @@
 #include "render/quality.h"
 #include "render/recorded.h"
 #include "report/report.h"
+#include "scene/cameras_file.h"
 #include "scene/scene.h"
 
 static double tenths(double value)
@@ -176,6 +177,7 @@ cln_status cln_record_start(cln_trainer *t)
     }
     CLN_TRY(add_left_out(t));
     CLN_TRY(cln_run_write(t->desc->run, t->run));
+    CLN_TRY(cln_cameras_write(t->desc->run, t->scene, (const double(*)[12])t->refine.given));
 done:
     json_decref(config);
     json_decref(scene);

@@ -20,7 +20,8 @@ typedef struct cln_decision {
 /* Of the model's weights; by ranks, of the newest checkpoint's, as no rank has them all. */
 uint64_t cln_record_digest(const cln_trainer *t);
 
-/* Write run.json: at the start with state "running", at the end with state and result. */
+/* Write run.json: at the start with state "running", and then the scene's cameras
+ * (scene/cameras_file.h); at the end with state and result. */
 cln_status cln_record_start(cln_trainer *t);
 cln_status cln_record_end(cln_trainer *t, const char *state);
 

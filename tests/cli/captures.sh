@@ -179,23 +179,56 @@ section_second() {
     check "a training whose program file has no folder leaves no run" [ ! -e "$work/tiny" ]
 }
 
+# shown FOLDER WORDS: all that a run's cameras are for, into $work/FOLDER
+shown() {
+    local out=$work/$1
+    mkdir "$out"
+    expect "$1: a split's poses" 0 "$2" "$cln" render "$work/run" --split test -o "$out/test"
+    expect "$1: a spiral" 0 "$2" "$cln" render "$work/run" --spiral 2 -o "$out/spiral"
+    expect "$1: a mesh" 0 "$2" "$cln" export "$work/run" --mesh "$out/mesh.ply"
+    expect "$1: points" 0 "$2" "$cln" export "$work/run" --points "$out/points.ply" --count 500
+    expect "$1: cameras" 0 "$2" "$cln" export "$work/run" --cameras "$out/cameras.json"
+    expect "$1: COLMAP's cameras" 0 "$2" "$cln" export "$work/run" --cameras "$out/colmap"
+}
+
 section_orbit() {
+    local words damage
     baseline
+    shown "with photos" ""
     mv "$work/photos" "$work/elsewhere"
+    shown "without photos" "~cameras:.those.that.*run.keeps,.without.photos:.*photos"
+    check "without photos all is the same, bit by bit" \
+        diff -r "$work/with photos" "$work/without photos"
+    expect "eval needs the photos" 3 "photos --scene" "$cln" eval "$work/run"
+    cp -r "$work/run" "$work/broken"
+    while read -r words damage; do
+        sed "$damage" "$work/run/cameras.json" >"$work/broken/cameras.json"
+        expect "cameras.json after sed $damage" 3 "cameras.json $words" \
+            "$cln" render "$work/broken" -o "$work/broken/out"
+    done <<-'END'
+	~its.schema.is.*cameras/2,.not s,cameras/1,cameras/2,
+	~of.another.scene.*copy.the.run s/^"digest": "./&g/
+	line 9q
+	views[0] s/"pose":/"pole":/
+	END
     expect "an orbit without the photos" 0 "" "$cln" render "$work/run" --orbit 2 --json \
         -o "$work/orbit"
     check "an orbit without the photos leaves its frames" [ -s "$work/orbit/orbit_0001.png" ]
-    expect "a split's poses need them" 3 "photos --scene" "$cln" render "$work/run"
     expect "an orbit with the photos" 0 "" "$cln" render "$work/run" --orbit 2 \
         -o "$work/orbit with" --scene "$work/elsewhere"
     check "is the same, bit by bit" diff -r "$work/orbit" "$work/orbit with"
     cp -r "$work/run" "$work/old"
     sed -i '/^  "orbit": {/,/^  }/d' "$work/old/run.json"
     sed -i ':a;N;$!ba;s/,\n}/\n}/' "$work/old/run.json"
+    rm "$work/old/cameras.json"
     expect "a run from before asks for them" 3 "photos --scene" "$cln" render "$work/old" --orbit 2
     mv "$work/elsewhere" "$work/photos"
     expect "and renders with them" 0 "" "$cln" render "$work/old" --orbit 2 -o "$work/orbit old"
     check "an older run's orbit has the same bits" diff -r "$work/orbit" "$work/orbit old"
+    expect "an older run is resumed" 0 "" "$cln" train --resume "$work/old" --skip-selftest \
+        --progress none --steps +1
+    check "and keeps the cameras from then on" cmp "$work/run/cameras.json" \
+        "$work/old/cameras.json"
 }
 
 section_frames() {

@@ -581,6 +581,13 @@ section_resume() {
         check "$run: its poses are corrected" grep -q "poses that training corrected" "$work/out"
     done
     check "both export the same cameras" cmp -s "$work/refined.json" "$work/refined-stopped.json"
+    check "both keep the given ones" cmp -s "$work/refined/cameras.json" \
+        "$work/refined-stopped/cameras.json"
+    mv "$work/shaken" "$work/hidden"
+    expect "export of the corrected ones without the scene" 0 "~without.photos" \
+        "$cln" export "$work/refined" --cameras "$work/refined-alone.json"
+    check "they are the same" cmp -s "$work/refined.json" "$work/refined-alone.json"
+    mv "$work/hidden" "$work/shaken"
     expect "train without --refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/unrefined" \
         "${small[@]}" --steps 2
     expect "export of given poses" 0 "" "$cln" export "$work/unrefined" --cameras "$work/given.json"

@@ -692,7 +692,10 @@ section_view() {
     viewed 0
     check "ranks that do not all find the scene show the run" [ $rc = 0 ]
     check "without photos, as rank 0 alone says" \
-        [ "$(grep -c 'no cameras and photos: another rank' "$work/err")" = 1 ]
+        [ "$(grep -c 'keeps, without photos: another rank' "$work/err")" = 1 ]
+    rm "$work/lost/cameras.json"
+    expect "ranks of which one has neither scene nor cameras" 3 "~the.scene.of.*is.not.there" \
+        "${mpi[@]}" -n 1 "$ranked" render "$work/one" : -n 1 "$ranked" render "$work/lost"
     cp -r "$work/one" "$work/changed"
     run "$cln" train --resume "$work/changed" --skip-selftest --progress none --steps +1
     expect "viewers of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \

@@ -357,8 +357,7 @@ section_token() {
         "$cln" view "$work/run" --listen localhost
     mv "$work/photos" "$work/elsewhere"
     serve --listen 127.0.0.1
-    check "without photos: a warning" said "no cameras and photos"
-    mv "$work/elsewhere" "$work/photos"
+    check "without photos: it says so" said "~cameras:.those.that.*keeps,.without.photos"
     check "the address has a token" grep -qE '/\?token=[0-9a-f]{32}$' "$work/address"
     gets "the page without the token" 403 /
     gets "a picture without the token" 403 "/picture?view=0" "${me[@]}"
@@ -370,7 +369,9 @@ section_token() {
         has_header '^set-cookie: .*; HttpOnly; SameSite=Strict'
     gets "the cookie opens the page" 200 / -b "$work/cookies"
     gets "facts" 200 /facts -b "$work/cookies"
-    check "the facts have no cameras" [ -z "$(json cameras.0.name 2>/dev/null)" ]
+    check "the facts have the cameras that the run keeps" [ -n "$(json cameras.0.name)" ]
+    gets "a photo that is not here" 404 "/photo?view=0" "${me[@]}" -b "$work/cookies"
+    mv "$work/elsewhere" "$work/photos"
     cookie=$(sed -n 's/^[Ss]et-[Cc]ookie: \([^;]*\).*/\1/p' "$work/entered")
     gets "a numeric Host" 200 / -b "$cookie" -H "Host: 192.0.2.1:7007"
     gets "a Host of others" 403 / -b "$cookie" -H "Host: evil.example"

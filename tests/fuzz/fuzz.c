@@ -27,6 +27,7 @@
 #include "model/model.h"
 #include "render/frames.h"
 #include "report/report.h"
+#include "scene/cameras_file.h"
 #include "scene/dataset.h"
 #include "view/request.h"
 
@@ -271,6 +272,46 @@ static void make_transforms(void)
                                                              "\"images/view_02.png\"],\n"
                                                              "\"test_filenames\": "
                                                              "[\"images/view_01.png\"]}\n");
+}
+
+static void make_cameras(void)
+{
+    put("cameras.json",
+        "{\"schema\": \"cl-nascent.cameras/1\",\n\"digest\": \"0000000000000000\",\n"
+        "\"folder\": \"/scene\",\n\"split_rule\": \"as the dataset names them\",\n"
+        "\"box\": [-1, -1, -1, 1, 1, 0.5],\n\"cameras\": [\n"
+        "{\"width\":8,\"height\":6,\"file_width\":16,\"file_height\":12,\"downscale\":2,\"fx\":10,"
+        "\"fy\":10.25,\"cx\":4,\"cy\":3,\"lens\":\"OPENCV\",\"params\":[0.1,-0.01,0,0.001]},\n"
+        "{\"width\":9,\"height\":6,\"file_width\":9,\"file_height\":6,\"downscale\":1,\"fx\":10,"
+        "\"fy\":10,\"cx\":4.5,\"cy\":3,\"lens\":\"OPENCV_FISHEYE\",\"params\":[0,0.01,0,0]}\n],\n"
+        "\"views\": "
+        "[\n{\"name\":\"a\",\"split\":\"train\",\"camera\":0,\"pose\":[1,0,0,0,0,1,0,0,0,"
+        "0,1,4],\"file\":\"images/a.png\",\"mask\":\"masks/a.png\",\"mask_black\":true},\n"
+        "{\"name\":\"b.png\",\"split\":\"test\",\"camera\":1,\"pose\":[0,0,1,4,0,1,0,0,-1,0,0,0],"
+        "\"alpha\":\"b.alpha.png\",\"turned\":true,\"leads_out\":true}\n]}\n");
+}
+
+static void read_cameras(void)
+{
+    cln_scene *scene = NULL;
+
+    if (refused(cln_cameras_read(".", &scene))) {
+        require(!scene, "a scene although it was refused");
+        return;
+    }
+    require(cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > 0, "no training view");
+    for (int v = 0; v < scene->view_count; v++) {
+        const cln_view *view = &scene->views[v];
+        double origin[3], direction[3], norm = 0;
+
+        require(*view->name && view->file && !strchr(view->file, '/'), "a view's name");
+        require(view->camera.width > 0 && view->file_width > 0 && view->downscale > 0, "a size");
+        cln_camera_ray(&view->camera, 0.5 * view->camera.width, 0.5, origin, direction);
+        for (int i = 0; i < 3; i++)
+            norm += direction[i] * direction[i];
+        require(fabs(norm - 1) < 0.01, "a ray without direction");
+    }
+    cln_scene_free(scene);
 }
 
 /* ---- poses ---- */
@@ -659,6 +700,7 @@ static const target targets[] = {
     {"neus", {"cameras_sphere.npz"}, make_neus, read_scene, 2},
     {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
     {"opensfm", {"reconstruction.json", "tracks.csv"}, make_opensfm, read_scene, 2},
+    {"cameras", {"cameras.json"}, make_cameras, read_cameras, 1},
     {"poses", {"path.json", "transforms.json"}, make_poses, read_poses, 4},
     {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},
     {"image", {"a.png", "a.jpg", "b.jpg"}, make_images, read_images, 12},
