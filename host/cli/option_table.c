@@ -418,8 +418,8 @@ static void list_longer(const cln_command *command, const char *name, char *out,
             add_name(cln_config_rows[i].option, &count, out, bytes);
 }
 
-/* Our name of an option that other programs call `name`: an option, or in capitals an argument that
- * has none. */
+/* Our name of an option that other programs call `name`: an option, with a value where theirs has
+ * none, or in capitals an argument that has none. */
 static const char *name_elsewhere(const cln_command *command, const char *name)
 {
     static const struct {
@@ -451,6 +451,8 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"white-background", "background"},
                 {"aabb", "bbox"},
                 {"near-plane", "near"},
+                {"no-ndc", "space cube"},
+                {"ndc", "space ndc"},
                 {"camera-path", "poses"},
                 {"camera-path-filename", "poses"},
                 {"path", "interpolate"},
@@ -483,7 +485,7 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
         *c = *c == '_' ? '-' : *c;
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         const char *ours = rows[i].ours;
-        const size_t n = strlen(ours);
+        const size_t n = strcspn(ours, " ");
 
         if (strcmp(plain, rows[i].theirs) == 0 &&
             (cln_arg_find(command, ours, n) || cln_row_find(command, ours, n) ||

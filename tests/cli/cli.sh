@@ -825,6 +825,12 @@ section_damage() {
         "$cln" train --resume "$work/flipped" --skip-selftest --progress none
 }
 
+# read_only FOLDER COMMAND...: root may write anywhere but in a mount that nobody may write to
+read_only() {
+    [ "$(id -u)" = 0 ] || { chmod -R a-w "$1" && "${@:2}"; return; }
+    unshare -m sh -c 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"' "$@"
+}
+
 section_output() {
     local before
     baseline
@@ -841,12 +847,19 @@ section_output() {
         "$cln" train "$work/blender" -o "$work/foreign/file/run" "${small[@]}" --steps 1
     expect "output under a device" 7 "/dev/full" \
         "$cln" train "$work/blender" -o /dev/full/run "${small[@]}" --steps 1
-    if [ "$(id -u)" = 0 ]; then
-        skip "output in a read-only folder" "root may write there"
+    mkdir "$work/readonly" && cp -r "$work/whole" "$work/readonly/run"
+    if read_only "$work/readonly" true 2>/dev/null; then
+        expect "output in a read-only folder" 7 "readonly" read_only "$work/readonly" \
+            "$cln" train "$work/blender" -o "$work/readonly/new" "${small[@]}" --steps 1
+        expect "a read-only run goes on" 7 "readonly/run" read_only "$work/readonly" \
+            "$cln" train --resume "$work/readonly/run" --skip-selftest --steps +1
+        expect "its figures, and what could not be written" 7 "eval -o" read_only \
+            "$work/readonly" "$cln" eval "$work/readonly/run" --no-save-images --json
+        check "the figures are there" number_above "$(json mean.psnr)" 1
+        expect "its pictures go elsewhere" 0 "" read_only "$work/readonly" \
+            "$cln" render "$work/readonly/run" -o "$work/readonly views" --max-images 1
     else
-        mkdir -p "$work/readonly" && chmod 555 "$work/readonly"
-        expect "output in a read-only folder" 7 "readonly" \
-            "$cln" train "$work/blender" -o "$work/readonly/run" "${small[@]}" --steps 1
+        skip "output in a read-only folder" "root may write there, and nothing can be mounted"
     fi
     # no file may grow beyond 4 MiB, a checkpoint of this network is larger
     start "$cln" train "$work/blender" -o "$work/full" "${small[@]}" --width 64 --view-width 64 \

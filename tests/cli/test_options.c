@@ -626,6 +626,11 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"render r --spiral --interpolate", "--interpolate cannot be combined with --spiral"},
         {"train s -o r --tree", "did you mean --tree-from"},
         {"train s -o r --time 5", "did you mean --time-limit"},
+        {"train s -o r --no-ndc", "unknown option --no-ndc; did you mean --space cube?"},
+        {"info s --no_ndc", "unknown option --no_ndc; did you mean --space cube?"},
+        {"check s --ndc", "unknown option --ndc; did you mean --space ndc?"},
+        {"render r --no-ndc", "unknown option --no-ndc"}, /* the run has its space */
+        {"train s -o r --n_iters 5", "did you mean --steps?"},
         {"train s -o r -steps 5", "-steps|two dashes|--steps"},
         {"tune --budget 5d", "--budget|'5d'|90s"},
         {"bugreport r --json", "--json"},

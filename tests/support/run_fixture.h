@@ -136,6 +136,29 @@ static inline cln_config fixture_config(void)
     return config;
 }
 
+/* The default preset's, voxels, of the same kind; what a ray's samples are is the preset's. */
+static inline cln_config fixture_voxels(void)
+{
+    cln_config config;
+
+    memset(&config, 0, sizeof config);
+    assert_ok(cln_config_preset("voxel", &config));
+    config.start_level = 2;
+    config.level_at[0] = 0;
+    config.adaptive = false;
+    config.rays = 1024;
+    config.batch_samples = 32768;
+    config.refresh_every = 8;
+    config.steps = 100;
+    config.eval_images = TEST_VIEWS;
+    return config;
+}
+
+static inline const char *fixture_preset(const cln_config *config)
+{
+    return config->encoding == CLN_ENCODING_VOXEL ? "voxel" : "fast";
+}
+
 /* A test's callbacks: one signal after `step` steps, `photos` calls of work() for photos that are
  * read, or `pictures` other calls, then none. */
 typedef struct fixture_stop {
@@ -191,7 +214,7 @@ static inline cln_status fixture_train(const char *run, bool resume, const cln_c
                                        fixture_stop *stop, cln_train_result *result)
 {
     fixture_stop none = {0};
-    const cln_settings settings = {.config = *config, .preset = "fast"};
+    cln_settings settings = {.config = *config};
     const cln_train_desc desc = {.scene = resume ? NULL : fixture_path("scene"),
                                  .run = fixture_path(run),
                                  .resume = resume,
@@ -201,6 +224,7 @@ static inline cln_status fixture_train(const char *run, bool resume, const cln_c
                                  .command = "test",
                                  .callbacks = fixture_callbacks(stop ? stop : &none)};
 
+    snprintf(settings.preset, sizeof settings.preset, "%s", fixture_preset(config));
     return cln_train(&desc, result);
 }
 

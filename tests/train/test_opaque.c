@@ -1,6 +1,6 @@
-/* --opaque-loss in a training on photos without alpha, a ball before white: without it, rays that
- * pass the ball stay empty, as the white background explains them; with it, something must stand
- * there. On photos with alpha it changes nothing. */
+/* --opaque-loss and --random-background in a training on photos without alpha, a ball before white:
+ * without them, rays that pass the ball stay empty, as the white background explains them; with one
+ * of them, something must stand there. On photos with alpha the first changes nothing. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -45,10 +45,12 @@ static void put_photos(void)
     }
 }
 
-/* Mean opacity of the test views after a training with this weight. */
-static double opacity_after(const char *scene, const char *run, double loss)
+/* Mean opacity of the test views after a training before white. digest: the model's; may be
+ * NULL. */
+static double opacity_of(const char *scene, const char *run, const cln_config *config,
+                         uint64_t *digest)
 {
-    cln_settings settings = {.config = fixture_config(), .preset = "fast"};
+    cln_settings settings = {.config = *config};
     const cln_train_desc desc = {.scene = fixture_path(scene),
                                  .run = fixture_path(run),
                                  .skip_selftest = true,
@@ -65,8 +67,7 @@ static double opacity_after(const char *scene, const char *run, double loss)
     cln_render_result rendered;
     double sum = 0;
 
-    settings.config.opaque_loss = loss;
-    settings.config.steps = 150;
+    snprintf(settings.preset, sizeof settings.preset, "%s", fixture_preset(config));
     snprintf(settings.config.background, sizeof settings.config.background, "white");
     assert_ok(cln_train(&desc, &trained));
     assert_ok(cln_render(&pictures, &rendered));
@@ -80,7 +81,19 @@ static double opacity_after(const char *scene, const char *run, double loss)
             sum += pixels[k * channels] / 255.0 / (width * height * TEST_VIEWS);
         free(pixels);
     }
+    if (digest)
+        *digest = trained.digest;
     return sum;
+}
+
+/* The same with this weight. */
+static double opacity_after(const char *scene, const char *run, double loss)
+{
+    cln_config config = fixture_config();
+
+    config.opaque_loss = loss;
+    config.steps = 150;
+    return opacity_of(scene, run, &config, NULL);
 }
 
 static void photos_without_alpha_end_opaque(void **state)
@@ -103,11 +116,40 @@ static void photos_with_alpha_stay_as_they_are(void **state)
                 opacity_after("scene", "alpha with", 1));
 }
 
+/* Pale walls are no holes: before a background of any colour the photos' white is no air. */
+static void random_backgrounds_end_opaque(void **state)
+{
+    static const char *const leaves[] = {"networks", "voxels"};
+
+    NEED_DEVICE();
+    put_photos();
+    for (int voxels = 0; voxels < 2; voxels++) {
+        cln_config config = voxels ? fixture_voxels() : fixture_config();
+        uint64_t one = 0, any = 0;
+        double without = 0, with = 0;
+        char name[64];
+
+        config.opaque_loss = 0; /* it does the same */
+        config.steps = 150;
+        snprintf(name, sizeof name, "%s before white", leaves[voxels]);
+        without = opacity_of("photos", name, &config, &one);
+        config.random_background = true;
+        snprintf(name, sizeof name, "%s before any", leaves[voxels]);
+        with = opacity_of("photos", name, &config, &any);
+        print_message("    %s: opacity %.3f before white, %.3f before random colours\n",
+                      leaves[voxels], without, with);
+        assert_true(any != one);
+        assert_true(without < 0.65); /* 0.54 and 0.38 */
+        assert_true(with > 0.95);
+    }
+}
+
 int test_group_opaque(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(photos_without_alpha_end_opaque),
         cmocka_unit_test(photos_with_alpha_stay_as_they_are),
+        cmocka_unit_test(random_backgrounds_end_opaque),
     };
 
     return cmocka_run_group_tests_name("opaque", tests, fixture_setup, fixture_teardown);
