@@ -83,6 +83,9 @@ DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
             $(filter-out %/make_scene.o,$(DATA_OBJ)) $B/obj/bench/scale/model.o
+# programs stay built, see tests/support/kept_programs.c
+TEST_LINK := -Wl,--wrap=clCreateContext,--wrap=clCreateProgramWithSource,--wrap=clBuildProgram \
+             -lcmocka
 # the fuzz targets: digests and checksums are 0 in them, see tests/fuzz/fuzz.c
 FUZZ_OBJ := $B/obj/tests/fuzz/fuzz.o $(filter-out %/main.o,$(CLI_OBJ)) $B/libcl-nascent.a
 FUZZ_LINK := -Wl,--wrap=cln_digest,--wrap=crc32 -lcmocka
@@ -149,7 +152,7 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
 $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -lcmocka -o $@
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) $(TEST_LINK) -o $@
 
 $B/fuzz: $(FUZZ_OBJ)
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -fsanitize=fuzzer $(FUZZ_LINK) -o $@
