@@ -38,6 +38,8 @@ CLANG ?= $(firstword $(shell command -v clang-14 clang))
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
 # -g1: reports of sanitizers have lines; compiling takes three quarters of the time
 OPT := $(if $(DEBUG),-O0 -g,$(if $(SANITIZE),-O1 -g1,-O2 -g))
+# tests run once after they are compiled, which takes half the time so
+$B/obj/tests/%: OPT := $(if $(DEBUG),-O0 -g,-O1 -g1)
 VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)
 # The shared library's name for the linker; changes when a function or struct of cl_nascent.h does
 SONAME := libcl-nascent.so.0
@@ -83,6 +85,9 @@ DATA_OBJ := $(DATA_SRC:%.c=$B/obj/%.o)
 # the tests also see the option table and the ray tracer of the generator
 TEST_OBJ := $(TEST_SRC:%.c=$B/obj/%.o) $B/obj/test_groups.o $(filter-out %/main.o,$(CLI_OBJ)) \
             $(filter-out %/make_scene.o,$(DATA_OBJ)) $B/obj/bench/scale/model.o
+# programs stay built, see tests/support/kept_programs.c
+TEST_LINK := -Wl,--wrap=clCreateContext,--wrap=clCreateProgramWithSource,--wrap=clBuildProgram \
+             -lcmocka
 # the fuzz targets: digests and checksums are 0 in them, see tests/fuzz/fuzz.c
 FUZZ_OBJ := $B/obj/tests/fuzz/fuzz.o $(filter-out %/main.o,$(CLI_OBJ)) $B/libcl-nascent.a
 FUZZ_LINK := -Wl,--wrap=cln_digest,--wrap=crc32 -lcmocka
@@ -149,7 +154,7 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
 $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
-	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -lcmocka -o $@
+	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) $(TEST_LINK) -o $@
 
 $B/fuzz: $(FUZZ_OBJ)
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) -fsanitize=fuzzer $(FUZZ_LINK) -o $@

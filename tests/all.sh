@@ -102,16 +102,17 @@ part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,u
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests \
     build/sanitize/fuzz-alone
 wait
-# Long ones first. Under sanitizers later than without, as the driver keeps what it compiled.
+# Long ones first. Under sanitizers when those without have ended, as the driver keeps what it
+# compiled: side by side both would compile the same.
 beside "ranks: hangs" tests/cli/ranks.sh hangs
 part "unit: rest" groups build/tests rest
 part ranks tests/cli/ranks.sh -hangs
-# under sanitizers without the tests that build many kernels: they run the same host code
-part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"
 part "command line" tests/cli/cli.sh
-part captures tests/cli/captures.sh
 part devices tests/device/devices.sh -q
 part "unit: kernels" groups build/tests kernels
+part captures tests/cli/captures.sh
+# without the tests that build many kernels: they run the same host code
+part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
 part lint tests/lint.sh
 part faults env FAULTS=1 tests/faults.sh
