@@ -582,6 +582,11 @@ section_poses() {
     rm -r "$work/large"
     expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
         env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
+    for how in full killed; do
+        expect "no room on the disk is not said to be bad photos: $how" 7 \
+            "~hopeless:.no.room.*disk ~another.disk" env PATH="$path" STAND_IN=$how "$cln" poses \
+            "$work/photos/train" -o "$work/hopeless" --progress none
+    done
     expect "it can be tried again" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
         -o "$work/hopeless" --match next --progress none
     check "poses --match next matches in sequence" \
