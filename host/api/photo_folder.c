@@ -17,7 +17,7 @@
 #include "io/command.h"
 #include "scene/dataset.h"
 
-enum { FRAMES = 150 };
+enum { FRAMES = 150, FILTER = 256 };
 static const size_t FILE_MOST = (size_t)1 << 30;
 static const char frame_name[] = "frame_%05d.jpg"; /* ffmpeg's */
 
@@ -39,15 +39,22 @@ bool cln_photos_are_video(const char *path)
 typedef struct video {
     const cln_callbacks *callbacks;
     double duration; /* seconds */
+    double frames;   /* 0: the file does not tell */
 } video;
 
-static void read_duration(const char *line, void *user)
+static void read_probe(const char *line, void *user)
 {
-    double seconds = 0;
+    static const char duration[] = "duration=", frames[] = "nb_frames=";
+    video *v = user;
+    double value = 0;
     const char *end = NULL;
 
-    if (cln_number_read(line, &seconds, &end) && seconds > 0)
-        ((video *)user)->duration = seconds;
+    if (strncmp(line, duration, sizeof duration - 1) == 0 &&
+        cln_number_read(line + sizeof duration - 1, &value, &end) && value > 0)
+        v->duration = value;
+    if (strncmp(line, frames, sizeof frames - 1) == 0 &&
+        cln_number_read(line + sizeof frames - 1, &value, &end) && value > 0)
+        v->frames = value;
 }
 
 static int is_interrupted(void *user)
@@ -121,6 +128,33 @@ done:
     return st;
 }
 
+/* ffmpeg's filter that takes the first frame of each of `rate` spans a second, and none twice, as
+ * fps= does where the video has fewer. A frame a little before a span's beginning is in it, as
+ * times are rounded. The last two terms number frames anew, so that ffmpeg does not fill gaps. */
+static void write_filter(double rate, char out[FILTER])
+{
+    cln_format(out, FILTER,
+               "select='isnan(prev_selected_t)+gt(floor((t-start_t)*%.6f+0.05),"
+               "floor((prev_selected_t-start_t)*%.6f+0.05))',settb=1/25,setpts=N",
+               rate, rate);
+}
+
+/* How many frames were taken, which may be fewer than asked for. */
+static cln_status say_taken(const char *images, const video *v)
+{
+    cln_status st = CLN_OK;
+    cln_names taken = {0};
+
+    CLN_TRY(cln_dataset_images(images, &taken));
+    if (v->frames >= taken.count)
+        cln_info("%d of the video's %.0f frames are taken", taken.count, v->frames);
+    else
+        cln_info("%d of the video's frames are taken", taken.count);
+done:
+    cln_dataset_free_names(&taken);
+    return st;
+}
+
 cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const char *images,
                                   FILE *log, const char *log_path)
 {
@@ -128,8 +162,8 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const
     const int frames = desc->frames > 0 ? desc->frames : FRAMES;
     const cln_callbacks *c = &desc->callbacks;
     video v = {.callbacks = c};
-    cln_command_watch watch = {read_duration, is_interrupted, &v, log};
-    char *file = NULL, *names = NULL, *why = NULL, rate[64];
+    cln_command_watch watch = {read_probe, is_interrupted, &v, log};
+    char *file = NULL, *names = NULL, *why = NULL, filter[FILTER];
 
     if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
         CLN_TRY(cln_fail(CLN_FAILED,
@@ -138,8 +172,9 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const
                          "program and give their folder",
                          desc->photos));
     CLN_TRY(cln_asprintf(&file, "file:%s", desc->photos)); /* "12:30.mp4" would be an address */
-    st = cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-show_entries",
-                                               "format=duration", "-of", "csv=p=0", file, NULL},
+    st = cln_command_run((const char *const[]){"ffprobe", "-v", "error", "-select_streams", "V:0",
+                                               "-show_entries", "stream=nb_frames:format=duration",
+                                               "-of", "default=nw=1", file, NULL},
                          &watch);
     if (st == CLN_FAILED) {
         why = strdup(cln_error_text());
@@ -153,17 +188,20 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const
     if (!(v.duration > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?",
                          desc->photos));
-    cln_format(rate, sizeof rate, "fps=%.6f", frames / v.duration);
+    write_filter(frames / v.duration, filter);
     CLN_TRY(clear_frames(images, framed));
     CLN_TRY(frame_names(images, &names));
     if (c->work)
         c->work("poses: frames", 0, 0, c->user);
     watch.line = NULL;
     st = cln_command_run((const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i",
-                                               file, "-vf", rate, "-qscale:v", "2", names, NULL},
+                                               file, "-vf", filter, "-r", "25", "-qscale:v", "2",
+                                               names, NULL},
                          &watch);
     if (st == CLN_FAILED)
         cln_note("finding poses; %s has all that it said", log_path);
+    CLN_TRY(st);
+    CLN_TRY(say_taken(images, &v));
 done:
     free(file);
     free(names);

@@ -13,9 +13,11 @@
 #include <errno.h>
 #include <ftw.h>
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/callbacks.h"
@@ -36,6 +38,10 @@
 #include "scene/reader.h"
 
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST = 3 };
+/* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of room;
+ * what a photo's features need in the database: of so many pixels, and at most. */
+static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
+                    ROOM_PHOTO = 1 << 20;
 
 typedef struct work {
     const cln_poses_desc *desc;
@@ -45,6 +51,7 @@ typedef struct work {
     FILE *log;
     const char *stage; /* name of this step on the progress line */
     int done;
+    bool full;                         /* COLMAP found no room on the disk */
     const char *extraction, *matching; /* how this COLMAP calls its options */
 } work;
 
@@ -67,6 +74,9 @@ static void read_line(const char *line, void *user)
     const char *at = NULL;
     int a = 0, b = 0, of_a = 0, of_b = 0;
 
+    /* SQLite's words, and the system's; the commands of 3.8 may end with 0 all the same */
+    if (strstr(line, "database or disk is full") || strstr(line, "No space left on device"))
+        w->full = true;
     if (strstr(line, "(Prior)"))
         w->result->focal_lengths++;
     if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
@@ -94,6 +104,20 @@ static int is_interrupted(void *user)
     return cln_poll_signal(&((work *)user)->desc->callbacks);
 }
 
+/* After a command: was the disk full? A model that is cut off for it is no error of COLMAP's. */
+static cln_status check_room(const work *w, cln_status st, double least)
+{
+    if (st != CLN_OK && st != CLN_FAILED)
+        return st;
+    if (!w->full && cln_disk_room(w->desc->out) >= least)
+        return st;
+    cln_clear_error();
+    return cln_fail(CLN_OUTPUT,
+                    "%s: no room is left on the disk for what COLMAP writes (%s has all that it "
+                    "said); make room, or give a folder on another disk with -o",
+                    w->desc->out, w->log_path);
+}
+
 static cln_status run(work *w, const char *stage, const char *const *argv)
 {
     const cln_command_watch watch = {read_line, is_interrupted, w, w->log};
@@ -103,6 +127,8 @@ static cln_status run(work *w, const char *stage, const char *const *argv)
     w->done = 0;
     cln_show_work(&w->desc->callbacks, stage, 0, w->photos.count);
     st = cln_command_run(argv, &watch);
+    CLN_TRY(check_room(w, st, st == CLN_OK ? ROOM_LEAST : ROOM_FAILED));
+done:
     if (st == CLN_FAILED)
         cln_note("finding poses; %s has all that it said", w->log_path);
     return st;
@@ -209,8 +235,36 @@ done:
     return st;
 }
 
+/* Room for the photos' features, and for the photos where they are copied to another disk. */
+static cln_status check_photos_room(const char *folder, const cln_names *photos, const char *out)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *there = NULL, what[64];
+    double bytes = 0;
+    struct stat info, disk;
+
+    CLN_TRY(cln_disk_nearest(out, &there));
+    for (int i = 0; i < photos->count; i++) {
+        int width = 0, height = 0, channels = 0;
+
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, folder, photos->name[i]));
+        CLN_TRY(cln_image_info(path, &width, &height, &channels));
+        bytes += fmin(ROOM_PHOTO, ROOM_PIXEL * width * height);
+        if (stat(path, &info) == 0 && stat(there, &disk) == 0 && info.st_dev != disk.st_dev)
+            bytes += (double)info.st_size;
+    }
+    snprintf(what, sizeof what, "%d photos and their features", photos->count);
+    CLN_TRY(cln_disk_check(out, bytes, what));
+done:
+    free(path);
+    free(there);
+    return st;
+}
+
 /* Enough photos, before the folder is made. A folder that is a scene already needs no poses. */
-static cln_status check_photos(const char *folder)
+static cln_status check_photos(const char *folder, const char *out)
 {
     cln_status st = CLN_OK;
     const cln_reader *reader = NULL;
@@ -220,6 +274,7 @@ static cln_status check_photos(const char *folder)
     CLN_TRY(cln_dataset_images(folder, &photos));
     if (photos.count < PHOTOS_LEAST)
         CLN_TRY(fail_few(folder, photos.count, folder));
+    CLN_TRY(check_photos_room(folder, &photos, out));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
                  "them",
@@ -275,7 +330,7 @@ static cln_status check_folder(const work *w)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
                          w->desc->photos));
     if (cln_is_dir(w->desc->photos))
-        CLN_TRY(check_photos(w->desc->photos));
+        CLN_TRY(check_photos(w->desc->photos, out));
     CLN_TRY(check_out(w->desc->photos, out));
     if (!cln_command_found("colmap"))
         CLN_TRY(cln_fail(

@@ -615,6 +615,11 @@ section_poses() {
     rm -r "$work/large"
     expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
         env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
+    for how in full killed; do
+        expect "no room on the disk is not said to be bad photos: $how" 7 \
+            "~hopeless:.no.room.*disk ~another.disk" env PATH="$path" STAND_IN=$how "$cln" poses \
+            "$work/photos/train" -o "$work/hopeless" --progress none
+    done
     expect "it can be tried again" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
         -o "$work/hopeless" --match next --progress none
     check "poses --match next matches in sequence" \
@@ -637,15 +642,17 @@ section_poses() {
     expect "a file that is no video: it is named first, with the reason" 3 \
         "~cl-nascent:.[^:]*walk.mp4:.*video.*Invalid.data.*give" env PATH="$path" "$cln" poses \
         "$work/walk.mp4" -o "$work/walk" --progress none
-    printf '#!/bin/sh\necho 10.0\n' >"$work/bin/ffprobe"
+    printf '#!/bin/sh\necho nb_frames=99\necho duration=10.0\n' >"$work/bin/ffprobe"
     cat >"$work/bin/ffmpeg" <<END
 #!/bin/sh
-case "\$*" in *"-vf fps=1.200000 "*) ;; *) exit 1 ;; esac
-for i in 1 2 3 4; do cp "$work/photos/train/r_00\$i.png" "$work/walk/images/frame_0000\$i.png"; done
+case "\$*" in *"t)*1.200000+"*) ;; *) exit 1 ;; esac
+for i in 1 2 3 4; do
+    cp "$work/photos/train/r_00\$i.png" "$work/walk/images/frame_0000\$i.png"
+done
 END
     chmod +x "$work/bin/ffprobe" "$work/bin/ffmpeg"
-    expect "a video" 0 "" env PATH="$path" "$cln" poses "$work/walk.mp4" -o "$work/walk" \
-        --frames 12 --progress none --json
+    expect "a video" 0 "~4.of.the.video's.99.frames" env PATH="$path" "$cln" poses \
+        "$work/walk.mp4" -o "$work/walk" --frames 12 --progress none --json
     check "poses of a video take its frames" [ "$(json registered) $(json photos)" = "3 4" ]
     # a second attempt in a folder where photos were linked, which ffmpeg must not write through
     mkdir "$work/mine"
@@ -678,7 +685,7 @@ END
     expect "photos beside one that is none of them" 7 "~mine.png ~matched ~empty.folder" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/again" --progress none
     cp "$work/walk.mp4" "$work/12:30.mp4"
-    printf '#!/bin/sh\necho "$*" >"%s/probed"\necho 10.0\n' "$work" >"$work/bin/ffprobe"
+    printf '#!/bin/sh\necho "$*" >"%s/probed"\necho duration=10.0\n' "$work" >"$work/bin/ffprobe"
     printf '#!/bin/sh\nprintf "%%s\\n" "$@" >"%s/made"\nexit 1\n' "$work" >"$work/bin/ffmpeg"
     expect "a video and a folder whose names mean something to ffmpeg" 1 "" \
         bash -c 'cd "$1" && PATH=$2 exec "$3" poses 12:30.mp4 -o a%d --progress none' - \
@@ -687,6 +694,28 @@ END
     check "so does ffmpeg" grep -qx "file:12:30.mp4" "$work/made"
     check "its percent sign is no number of a frame" \
         grep -qx "file:a%%d/images/frame_%05d.jpg" "$work/made"
+    rm "$work/bin/ffmpeg" "$work/bin/ffprobe"
+    film_poses "$path"
+}
+
+# film_poses PATH: a video of 6 frames a second for 2 seconds, by the real ffmpeg
+film_poses() {
+    local path=$1 asked taken
+    if ! command -v ffmpeg >/dev/null || ! command -v ffprobe >/dev/null; then
+        skip "frames of a real video" "no ffmpeg"
+        return
+    fi
+    ffmpeg -nostdin -v error -framerate 6 -i "$work/photos/train/r_0%02d.png" -frames:v 12 \
+        -c:v mjpeg -q:v 2 "$work/film.mov" || bad "ffmpeg makes a film"
+    for asked in 150 4; do
+        taken=$((asked < 12 ? asked : 12))
+        expect "a film of 12 frames, of which $asked are asked for" 0 \
+            "~$taken.of.the.video's.12.frames" env PATH="$path" "$cln" poses "$work/film.mov" \
+            -o "$work/film $asked" --frames $asked --progress none
+        check "$taken are taken, and none twice" [ "$(md5sum "$work/film $asked/images/"* |
+            cut -d " " -f 1 | sort -u | wc -l) $(find "$work/film $asked/images" -type f |
+            wc -l)" = "$taken $taken" ]
+    done
 }
 
 # numbers FILE.npy: of float32, one a line
