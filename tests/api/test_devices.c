@@ -6,7 +6,6 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "run_fixture.h"
-#include "sanitized.h"
 #include "tests.h"
 
 typedef struct tally {
@@ -43,7 +42,8 @@ static void test_selftest_passes(void **state)
     free(devices);
 }
 
-/* The self-test detects and names a kernel that builds but computes something else. */
+/* The self-test detects and names a kernel that builds but computes something else; of others
+ * test_selftest.c shows it in smaller shapes, which build faster. */
 static void check_wrong_kernel(const char *file, const char *from, const char *to, const char *name)
 {
     cln_device_desc device = fixture_device();
@@ -62,10 +62,6 @@ static void test_selftest_notices(void **state)
     NEED_DEVICE();
     check_wrong_kernel("composite.cl", "behind[l] = EXP(-behind[l]);",
                        "behind[l] = EXP(-0.99f * behind[l]);", "composite");
-    if (SANITIZED) /* the others run the same host code */
-        return;
-    check_wrong_kernel("scan.cl", "at += value;", "at += value + 1u;", "scan");
-    check_wrong_kernel("adam.h", "(1.0f - BETA1) * g", "(1.0f - BETA1 * 0.9f) * g", "adam");
 }
 
 int test_group_devices(void)

@@ -95,11 +95,25 @@ static void test_notices(void **state)
     assert_fails(cln_selftest_extremes(&desc, true, NULL, NULL), CLN_CHECK, ": loops: turns: ");
 }
 
+/* A wrong scan by itself: nothing that needs its sums runs after it. */
+static void test_notices_scan(void **state)
+{
+    tally t = {0};
+
+    NEED_DEVICE();
+    assert_fails(
+        run(fixture_kernels_changed("wrong scan", "scan.cl", "at += value;", "at += value + 1u;"),
+            &t),
+        CLN_CHECK, "scan");
+    assert_non_null(strstr(t.failures, ": scan"));
+}
+
 int test_group_selftest(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_passes),
         cmocka_unit_test(test_notices),
+        cmocka_unit_test(test_notices_scan),
     };
 
     return cmocka_run_group_tests_name("selftest", tests, fixture_setup_folder, fixture_teardown);

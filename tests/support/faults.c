@@ -55,7 +55,7 @@ extern void *__libc_memalign(size_t alignment, size_t bytes);
 static unsigned wanted;
 static long fault_at, speed = 1;
 static const char *fault_do = "once";
-static char failed[64];
+static char failed[96];
 static atomic_long calls, ticks;
 static bool ticking;
 static struct {
