@@ -40,6 +40,7 @@ typedef struct video {
     const cln_callbacks *callbacks;
     double duration; /* seconds */
     double frames;   /* 0: the file does not tell */
+    bool full;       /* ffmpeg found no room on the disk */
 } video;
 
 static void read_probe(const char *line, void *user)
@@ -55,6 +56,12 @@ static void read_probe(const char *line, void *user)
     if (strncmp(line, frames, sizeof frames - 1) == 0 &&
         cln_number_read(line + sizeof frames - 1, &value, &end) && value > 0)
         v->frames = value;
+}
+
+static void read_ffmpeg(const char *line, void *user)
+{
+    if (strstr(line, "No space left on device"))
+        ((video *)user)->full = true;
 }
 
 static int is_interrupted(void *user)
@@ -193,11 +200,18 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const
     CLN_TRY(frame_names(images, &names));
     if (c->work)
         c->work("poses: frames", 0, 0, c->user);
-    watch.line = NULL;
+    watch.line = read_ffmpeg;
     st = cln_command_run((const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i",
                                                file, "-vf", filter, "-r", "25", "-qscale:v", "2",
                                                names, NULL},
                          &watch);
+    if (v.full && (st == CLN_OK || st == CLN_FAILED)) {
+        cln_clear_error();
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: no room is left on the disk for the video's frames; make room, take "
+                         "fewer with --frames, or give a folder on another disk with -o",
+                         desc->out));
+    }
     if (st == CLN_FAILED)
         cln_note("finding poses; %s has all that it said", log_path);
     CLN_TRY(st);

@@ -16,7 +16,7 @@ bool cln_photos_were_framed(const char *log);
 /* Puts frames of the video desc->photos into the folder `images`, and removes those of an earlier
  * attempt, if that was `framed`; log gets what ffmpeg says, log_path is its name. CLN_FAILED if
  * ffmpeg is not there or fails, CLN_INPUT if the file is no video, CLN_OUTPUT if there is anything
- * else in the folder, CLN_SIGINT and CLN_SIGTERM. */
+ * else in the folder or no room on its disk, CLN_SIGINT and CLN_SIGTERM. */
 cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const char *images,
                                   FILE *log, const char *log_path);
 

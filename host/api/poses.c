@@ -43,6 +43,9 @@ enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST =
 static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
                     ROOM_PHOTO = 1 << 20;
 
+/* Models of fewer photos than that are thrown away, and other beginnings tried, up to 200. */
+static const char SIZE[] = "--Mapper.min_model_size";
+
 typedef struct work {
     const cln_poses_desc *desc;
     cln_poses_result *result;
@@ -52,7 +55,9 @@ typedef struct work {
     const char *stage; /* name of this step on the progress line */
     int done;
     bool full;                         /* COLMAP found no room on the disk */
+    int together;                      /* most photos that a model had */
     const char *extraction, *matching; /* how this COLMAP calls its options */
+    bool sized;                        /* its mapper takes the least size of a model */
 } work;
 
 /* ---- COLMAP's words ---- */
@@ -82,6 +87,7 @@ static void read_line(const char *line, void *user)
     if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
         (sscanf(at, "(%d)", &a) == 1 || sscanf(at, "(num_reg_frames=%d)", &a) == 1)) {
         w->done = a;
+        w->together = a > w->together ? a : w->together;
     } else if ((at = behind(line, "Matching block [", "Processing block ["))) {
         const int found = sscanf(at, "%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
 
@@ -143,19 +149,20 @@ static void learn_names(const char *line, void *user)
         w->extraction = "--FeatureExtraction.use_gpu";
     if (strstr(line, "--FeatureMatching.use_gpu"))
         w->matching = "--FeatureMatching.use_gpu";
+    w->sized = w->sized || strstr(line, SIZE);
 }
 
 static void ask_names(work *w)
 {
+    static const char *const commands[] = {"feature_extractor", "exhaustive_matcher", "mapper"};
     const cln_command_watch watch = {learn_names, NULL, w, NULL};
 
     w->extraction = "--SiftExtraction.use_gpu";
     w->matching = "--SiftMatching.use_gpu";
-    if (cln_command_run((const char *const[]){"colmap", "feature_extractor", "-h", NULL}, &watch) !=
-            CLN_OK ||
-        cln_command_run((const char *const[]){"colmap", "exhaustive_matcher", "-h", NULL},
-                        &watch) != CLN_OK)
-        cln_clear_error(); /* some versions end help with another code than 0 */
+    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+        if (cln_command_run((const char *const[]){"colmap", commands[i], "-h", NULL}, &watch) !=
+            CLN_OK)
+            cln_clear_error(); /* some versions end help with another code than 0 */
 }
 
 /* ---- photos ---- */
@@ -462,7 +469,7 @@ static int images_of(const char *model)
 static cln_status choose_model(work *w)
 {
     cln_status st = CLN_OK;
-    char *model[2] = {0}, *kept = NULL, *final = NULL;
+    char *model[2] = {0}, *kept = NULL, *final = NULL, most_text[64] = "";
     int best = -1, most = 0, models = 0;
 
     for (int i = 0; i < MODELS; i++) {
@@ -480,12 +487,15 @@ static cln_status choose_model(work *w)
             best = i;
         }
     }
+    if (w->together > 0)
+        snprintf(most_text, sizeof most_text, " (at most %d of %d hung together)", w->together,
+                 w->photos.count);
     if (best < 0)
         CLN_TRY(cln_fail(CLN_FAILED,
-                         "%s: COLMAP found no poses: the photos show too little in common. Take "
+                         "%s: COLMAP found no poses: the photos show too little in common%s. Take "
                          "more, at most 20 degrees apart, sharp, of something with texture that "
                          "does not move (%s)",
-                         w->desc->photos, w->log_path));
+                         w->desc->photos, most_text, w->log_path));
     if (models > 1)
         cln_warn("the photos fall into %d groups that share nothing: the largest is used; the "
                  "others are beside it in sparse",
@@ -516,11 +526,15 @@ done:
 static cln_status map(work *w)
 {
     cln_status st = CLN_OK;
+    char least[16];
 
+    snprintf(least, sizeof least, "%d", PHOTOS_LEAST);
     CLN_TRY(cln_make_dirs(w->sparse));
+    /* COLMAP's ten is much of a few photos; where there are many, a good start has more */
     st = run(w, "poses: registered photos",
              (const char *const[]){"colmap", "mapper", "--database_path", w->database,
-                                   "--image_path", w->images, "--output_path", w->sparse, NULL});
+                                   "--image_path", w->images, "--output_path", w->sparse,
+                                   w->sized && w->photos.count < PLAIN ? SIZE : NULL, least, NULL});
     if (st == CLN_FAILED && strstr(cln_error_text(), "failed to create sparse model")) {
         cln_clear_error(); /* a better sentence follows below */
         st = CLN_OK;

@@ -615,6 +615,17 @@ section_poses() {
     rm -r "$work/large"
     expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
         env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
+    mkdir "$work/many" "$work/two"
+    for i in $(seq 1000 1121); do
+        ln "$work/photos/train/r_000.png" "$work/many/IMG_$i.png"
+    done
+    expect "8 of 24 photos are better than none" 0 "~16.of.24.images.have.no.pose" env \
+        PATH="$path" STAND_IN=eight "$cln" poses "$work/photos/train" -o "$work/eight" \
+        --progress none --json
+    check "they are registered" [ "$(json registered)" = 8 ]
+    expect "of many photos 8 are a bad beginning, and it is said that there were so many" 1 \
+        "~at.most.8.of.122.hung.together" env PATH="$path" STAND_IN=eight "$cln" poses \
+        "$work/many" -o "$work/eight of many" --match next --progress none
     for how in full killed; do
         expect "no room on the disk is not said to be bad photos: $how" 7 \
             "~hopeless:.no.room.*disk ~another.disk" env PATH="$path" STAND_IN=$how "$cln" poses \
@@ -624,10 +635,6 @@ section_poses() {
         -o "$work/hopeless" --match next --progress none
     check "poses --match next matches in sequence" \
         grep -q sequential_matcher "$work/hopeless/colmap.log"
-    mkdir "$work/many" "$work/two"
-    for i in $(seq 1000 1121); do
-        ln "$work/photos/train/r_000.png" "$work/many/IMG_$i.png"
-    done
     expect "many in a row: each with the next" 0 "~next.12" \
         env PATH="$path" "$cln" poses "$work/many" -o "$work/row" --progress none
     cp "$work/photos/train/r_000.png" "$work/photos/train/r_001.png" "$work/two"
