@@ -751,17 +751,28 @@ hidden_share() {
 }
 
 # A village from the air: its cube begins at two thirds of the way to the ground, so that a model
-# that paints the photos on its face is a third off. 1 % of the distance, in the median over all
-# pixels that show something, silhouettes included: 0.8 % after 400 steps, 0.3 % after 1,500. That
-# units and places of scenes do not matter is tests/api/test_units.c's.
+# that paints the photos on its face is a third off. Of the distance, in the median over all pixels
+# that show something, silhouettes included, voxels are 0.44 % off (three seeds: 0.43 to 0.44), half
+# as many steps of them 0.8 %, and these networks 0.84 %. That units and places of scenes do not
+# matter is tests/api/test_units.c's.
 section_depth() {
+    local leaves off most
     "$make_scene" "$work/air" --kind terrain --size 40 --train 30 --test 1 --depth >/dev/null
-    expect "train on a village from the air" 0 "" "$cln" train "$work/air" -o "$work/air run" \
+    expect "train on a village from the air" 0 "" "$cln" train "$work/air" -o "$work/air voxels" \
+        --skip-selftest --progress none --rays 2048 --batch-samples 65536 --steps 200
+    expect "by networks" 0 "" "$cln" train "$work/air" -o "$work/air networks" \
         "${small[@]}" --bands 4 --start-level 2 --level-at 3:0.3 --rays 2048 \
-        --batch-samples 32768 --n1 16 --steps 700
-    expect "render a test view" 0 "" "$cln" render "$work/air run" -o "$work/air views"
-    check "its depth is the exact one to 1 % in the median" number_above 0.01 \
-        "$(depth_error "$work/air views/test_r_000.depth.npy" "$work/air/test/r_000.depth.npy")"
+        --batch-samples 32768 --n1 16 --steps 350
+    for leaves in voxels networks; do
+        most=0.006
+        [ $leaves = voxels ] || most=0.015
+        expect "render a test view" 0 "" "$cln" render "$work/air $leaves" \
+            -o "$work/air views $leaves"
+        off=$(depth_error "$work/air views $leaves/test_r_000.depth.npy" \
+            "$work/air/test/r_000.depth.npy")
+        check "the depth of $leaves is the exact one to $most in the median: $off" \
+            number_above $most "$off"
+    done
 }
 
 # The same village by few photos, with the points of a sparse model: what these tell of depths. 14
@@ -852,34 +863,47 @@ section_forward() {
 }
 
 # A fountain from around, with a town, hills and a sky up to 200 half sides away: what lies beyond
-# the cube is in a shell, and a cube alone paints it onto air.
+# the cube is in a shell, and a cube alone paints it onto air, after more steps, too. Depth is off
+# and pixels hidden: of voxels 3.8 %, 13 % (another seed: 2.3 %, 3 %), after half of it 5.1 %, 35 %;
+# of networks 6.7 %, 31 %; in a cube 25 %, 58 %.
 section_beyond() {
-    local run="$work/street run" net test colour shell cube
+    local run="$work/street run" net own test truth colour shell cube networks
     net=("${small[@]}" --bands 4 --start-level 2 --rays 1024 --batch-samples 32768 --n1 12
-        --no-view-dependence --level-at 3:0.3 --steps 300)
+        --no-view-dependence --level-at 3:0.3 --steps 200)
+    own=(--skip-selftest --progress none)
     "$make_scene" "$work/street" --kind street --format nerfstudio --size 40 --train 30 --test 1 \
         --depth >/dev/null
-    expect "train with a shell" 0 "" "$cln" train "$work/street" -o "$run" "${net[@]}" --space shell
+    expect "train with a shell" 0 "" "$cln" train "$work/street" -o "$run" "${own[@]}" \
+        --rays 2048 --batch-samples 65536 --steps 200 --space shell
     check "run.json says so" [ "$("$query" dataset.space <"$run/run.json")" = shell ]
     colour=$("$query" dataset.background.1 <"$run/run.json")
     check "behind all is the photos' mean colour, no white" number_above 0.9 "$colour"
     expect "info of the scene, whose pixels it does not read" 0 "" \
         "$cln" info "$work/street" --json
     check "it says which colour that is" [ "$(json background)" = mean ]
-    expect "train without one" 0 "" "$cln" train "$work/street" -o "$work/street cube" "${net[@]}" \
-        --space cube
+    expect "train without one" 0 "" "$cln" train "$work/street" -o "$work/street cube" "${own[@]}" \
+        --rays 1024 --batch-samples 32768 --steps 100 --space cube
+    expect "train networks with a shell" 0 "" "$cln" train "$work/street" \
+        -o "$work/street networks" "${net[@]}" --space shell
     check "a street without a shell is worse" \
         number_above "$("$query" result.psnr_test <"$run/run.json")" \
         "$("$query" result.psnr_test <"$work/street cube/run.json")"
     expect "render the test view" 0 "" "$cln" render "$run" -o "$work/street views"
     test=$(basename "$work/street views"/*.depth.npy)
-    check "depth is the exact one to 10 % in the median, up to the trees" number_above 0.1 \
-        "$(depth_error "$work/street views/$test" "$work/street/${test/images_/images/}" 6)"
+    truth=$work/street/${test/images_/images/}
+    check "depth is the exact one to 8 % in the median, up to the trees" number_above 0.08 \
+        "$(depth_error "$work/street views/$test" "$truth" 6)"
     expect "render it in the cube" 0 "" "$cln" render "$work/street cube" -o "$work/cube views"
-    shell=$(hidden_share "$work/street views/$test" "$work/street/${test/images_/images/}" 6)
-    cube=$(hidden_share "$work/cube views/$test" "$work/street/${test/images_/images/}" 6)
-    check "few floaters hide what is there: $shell of the pixels, $cube in the cube" \
-        awk -v s="$shell" -v c="$cube" 'BEGIN { exit !(s + 0 < 0.6 && c + 0 > 0.6) }'
+    expect "render it by networks" 0 "" "$cln" render "$work/street networks" -o "$work/net views"
+    check "depth of networks is the exact one to 12 % in the median" number_above 0.12 \
+        "$(depth_error "$work/net views/$test" "$truth" 6)"
+    shell=$(hidden_share "$work/street views/$test" "$truth" 6)
+    cube=$(hidden_share "$work/cube views/$test" "$truth" 6)
+    networks=$(hidden_share "$work/net views/$test" "$truth" 6)
+    check "few floaters hide what is there: $shell of the pixels, $networks of networks', $cube in \
+the cube" \
+        awk -v s="$shell" -v n="$networks" -v c="$cube" \
+        'BEGIN { exit !(s + 0 < 0.3 && n + 0 < 0.5 && c + 0 > 0.45) }'
     expect "only what is in a box" 0 "" "$cln" render "$run" -o "$work/street crop" \
         --crop=-1.5,-1.5,-1.5,1.5,1.5,1.5
     check "which is another picture" [ "$(cmp -s "$work/street views/$test" \
@@ -892,11 +916,11 @@ section_beyond() {
     done
     check "their smoothness is by squares in both" \
         same_model "$work/street v1" "$work/street v0"
-    expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 302
+    expect "it goes on" 0 "" "$cln" train --resume "$run" --skip-selftest --steps 202
     expect "eval" 0 "" "$cln" eval "$run" --json
     check "on that colour" [ "$(json background.1)" = "$colour" ]
     expect "it goes on with smaller photos" 0 "~--downscale" \
-        "$cln" train --resume "$run" --skip-selftest --steps 303 --downscale 2
+        "$cln" train --resume "$run" --skip-selftest --steps 203 --downscale 2
     check "and with the same colour" eval '! said "--background"'
     check "which run.json keeps" [ "$("$query" dataset.background.1 <"$run/run.json")" = "$colour" ]
     expect "info" 0 "" "$cln" info "$run" --json

@@ -144,8 +144,8 @@ static double *dense_gradient(void)
     return sum;
 }
 
-/* Distance of the mean gradient of AVERAGED steps from `want`, as a share of its length. samples: of
- * an opaque ray; 0: as the run has them. */
+/* Distance of the mean gradient of AVERAGED steps from `want`, as a share of its length. samples:
+ * of an opaque ray; 0: as the run has them. */
 static double error_of(double uniform_share, int samples, const double *want)
 {
     cln_config config = config_of_run();
