@@ -242,6 +242,47 @@ done:
     return st;
 }
 
+/* Those in formats that are not read, beside others, are told; a photo that is cut off, as copies
+ * are, would be found after hours of COLMAP's work. */
+static cln_status check_readable(const char *folder, const cln_names *photos)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *unread = NULL, *first = NULL;
+    int others = 0, bad = 0;
+
+    CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
+    if (unread)
+        cln_warn("%s: %d photo%s in formats that are not read %s left out (the first is '%s'); "
+                 "convert them to JPEG to have them, too",
+                 folder, others, cln_plural(others, "", "s"), cln_plural(others, "is", "are"),
+                 unread);
+    for (int i = 0; i < photos->count; i++) {
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, folder, photos->name[i]));
+        st = cln_image_check_ends(path);
+        if (st == CLN_INPUT) {
+            if (bad++ == 0)
+                CLN_TRY(cln_strdup(&first, cln_error_text()));
+            cln_clear_error();
+            st = CLN_OK;
+        }
+        CLN_TRY(st);
+    }
+    if (bad)
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: %d of %d photos cannot be read; mend %s or move %s out of the folder. "
+                     "The first is %s",
+                     folder, bad, photos->count, cln_plural(bad, "it", "them"),
+                     cln_plural(bad, "it", "them"), first));
+done:
+    free(path);
+    free(unread);
+    free(first);
+    return st;
+}
+
 /* Room for the photos' features, and for the photos where they are copied to another disk. */
 static cln_status check_photos_room(const char *folder, const cln_names *photos, const char *out)
 {
@@ -281,6 +322,7 @@ static cln_status check_photos(const char *folder, const char *out)
     CLN_TRY(cln_dataset_images(folder, &photos));
     if (photos.count < PHOTOS_LEAST)
         CLN_TRY(fail_few(folder, photos.count, folder));
+    CLN_TRY(check_readable(folder, &photos));
     CLN_TRY(check_photos_room(folder, &photos, out));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "

@@ -537,6 +537,18 @@ section_poses() {
     expect "photos in formats that are not read" 3 \
         "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
+    cp -r "$work/photos/train" "$work/mixed"
+    touch "$work/mixed/"{a.HEIC,b.webp}
+    expect "a few in such formats among others are told, too" 1 \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap" \
+        env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
+    for how in r_004 r_007; do
+        truncate -s 100 "$work/mixed/$how.png"
+    done
+    expect "photos that are cut off, before COLMAP works" 3 \
+        "~mixed:.2.of.24.photos.cannot.be.read.*move.them.*r_004.png:.truncated" \
+        env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
+    check "they write nothing" [ ! -e "$work/posed" ]
     expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
     expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \
