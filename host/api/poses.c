@@ -354,7 +354,7 @@ static cln_status check_out(const char *photos, const char *out)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "-o %s: it lies in the folder of photos, where another try would take its "
                          "images for photos; give a folder beside %s",
-                         out, photos));
+                         out, there));
 done:
     free(there);
     free(around);
@@ -381,6 +381,7 @@ static cln_status check_folder(const work *w)
     if (cln_is_dir(w->desc->photos))
         CLN_TRY(check_photos(w->desc->photos, out));
     CLN_TRY(check_out(w->desc->photos, out));
+    CLN_TRY(cln_photos_check_out(w->desc->photos, out));
     if (!cln_command_found("colmap"))
         CLN_TRY(cln_fail(
             CLN_FAILED,
@@ -403,8 +404,15 @@ static int remove_one(const char *path, const struct stat *info, int kind, struc
 static void remove_rest(const work *w)
 {
     enum { OPEN = 8 };
+    static const char *const beside[] = {"", "-wal", "-shm", "-journal"}; /* SQLite's */
 
-    (void)unlink(w->database);
+    for (size_t i = 0; i < sizeof beside / sizeof *beside; i++) {
+        char *path = NULL;
+
+        if (cln_asprintf(&path, "%s%s", w->database, beside[i]) == CLN_OK)
+            (void)unlink(path);
+        free(path);
+    }
     if (cln_is_dir(w->sparse))
         (void)nftw(w->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS);
 }
@@ -419,6 +427,9 @@ static cln_status set_up(work *w)
     CLN_TRY(cln_path_join(&w->log_path, w->desc->out, "colmap.log"));
     CLN_TRY(cln_path_join(&w->sparse, w->desc->out, "sparse.new"));
     CLN_TRY(cln_make_dirs(w->images));
+    if (!cln_photos_are_video(
+            w->desc->photos)) /* before the log, which means an attempt was here */
+        CLN_TRY(cln_photos_link(w->desc->photos, w->images));
     remove_rest(w);
     framed = cln_photos_were_framed(w->log_path); /* by the log that is written over now */
     w->log = fopen(w->log_path, "w");
@@ -426,8 +437,6 @@ static cln_status set_up(work *w)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));
     if (cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_photos_take_frames(w->desc, framed, w->images, w->log, w->log_path));
-    else
-        CLN_TRY(cln_photos_link(w->desc->photos, w->images));
     CLN_TRY(cln_dataset_images(w->images, &w->photos));
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;
@@ -633,6 +642,8 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(map(&w));
     CLN_TRY(count_registered(&w));
 done:
+    if (st == CLN_SIGINT || st == CLN_SIGTERM)
+        cln_note("finding poses; the same command begins anew");
     if (w.log)
         fclose(w.log);
     cln_dataset_free_names(&w.photos);

@@ -529,6 +529,27 @@ section_poses() {
     expect "poses without COLMAP: what to install" 1 "apt colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/posed"
     check "poses without COLMAP write nothing" [ ! -e "$work/posed" ]
+    mkdir -p "$work/home/images" "$work/own"
+    cp "$work/photos/train/r_000.png" "$work/home/images/holiday.png"
+    touch "$work/own/letter.txt"
+    expect "a folder that has other things" 7 "~own:.*letter.txt ~empty.folder" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/own"
+    for how in 1 2; do
+        expect "a folder with images of another kind" 7 \
+            "~holiday.png:.is.none.of.the.photos ~empty.folder" \
+            env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/home" --progress none
+    done
+    check "it is what it was" [ "$(ls -R "$work/home" "$work/own" | grep -c "r_0\|colmap")" = 0 ]
+    check "the way out is not to remove one's photo" eval '! said "remove"'
+    cp -r "$work/photos/train" "$work/home/mine"
+    rm -r "$work/home/images"
+    touch "$work/home/colmap.db"
+    expect "a database of another program" 7 "~home:.*colmap.db ~replaced" \
+        env PATH="$path" "$cln" poses "$work/home/mine" -o "$work/home" --progress none
+    rm "$work/home/colmap.db"
+    expect "photos in a folder of the scene, which may have other things" 0 "" \
+        env PATH="$path" "$cln" poses "$work/home/mine" -o "$work/home" --progress none
+    rm -r "$work/home" "$work/own"
     mkdir "$work/no photos"
     expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
