@@ -26,6 +26,7 @@
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/settings.h"
 #include "base/text.h"
 #include "api/photo_folder.h"
@@ -38,6 +39,7 @@
 #include "scene/reader.h"
 
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST = 3 };
+enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64 };
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of room;
  * what a photo's features need in the database: of so many pixels, and at most. */
 static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
@@ -45,6 +47,8 @@ static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
 
 /* Models of fewer photos than that are thrown away, and other beginnings tried, up to 200. */
 static const char SIZE[] = "--Mapper.min_model_size";
+/* Photos matched before it says how far it is; its own is 50. */
+static const char BLOCK[] = "--ExhaustiveMatching.block_size";
 
 typedef struct work {
     const cln_poses_desc *desc;
@@ -57,7 +61,10 @@ typedef struct work {
     bool full;                         /* COLMAP found no room on the disk */
     int together;                      /* most photos that a model had */
     const char *extraction, *matching; /* how this COLMAP calls its options */
-    bool sized;                        /* its mapper takes the least size of a model */
+    bool sized, blocks;                /* it takes a model's least size; a block's size */
+    int from_here;                     /* photos of the model that grows now */
+    bool anew;                         /* it is said that another model was begun */
+    double focal_least, focal_most;    /* by EXIF data, pixels */
 } work;
 
 /* ---- COLMAP's words ---- */
@@ -68,6 +75,45 @@ static const char *behind(const char *line, const char *phrase, const char *newe
     const char *at = strstr(line, phrase), *other = strstr(line, newer);
 
     return at ? at + strlen(phrase) : other ? other + strlen(newer) : NULL;
+}
+
+/* "  Focal Length:    882.17px (Prior)" */
+static void take_focal_length(work *w, const char *line)
+{
+    static const char name[] = "Focal Length:";
+    const char *at = strstr(line, name), *end = NULL;
+    double pixels = 0;
+
+    w->result->focal_lengths++;
+    if (!at)
+        return;
+    at += sizeof name - 1;
+    at += strspn(at, " ");
+    if (!cln_number_read(at, &pixels, &end) || !(pixels > 0))
+        return;
+    w->focal_least = w->focal_least > 0 ? fmin(w->focal_least, pixels) : pixels;
+    w->focal_most = fmax(w->focal_most, pixels);
+}
+
+/* COLMAP may begin many models, of which it keeps some: the second one is told. */
+static void begin_model(work *w)
+{
+    if (w->from_here > 0 && !w->anew) {
+        cln_info("one start led to %d of %d photos; COLMAP begins anew from others", w->from_here,
+                 w->photos.count);
+        w->anew = true;
+    }
+    w->from_here = 0;
+}
+
+/* "882", or "850 to 900". */
+static const char *range(double least, double most, char out[RANGE])
+{
+    if (round(least) == round(most))
+        cln_format(out, RANGE, "%.0f", least);
+    else
+        cln_format(out, RANGE, "%.0f to %.0f", least, most);
+    return out;
 }
 
 /* Progress: "Processed file [3/14]", "Matching block [1/2, 1/2]", "Matching image [3/14]",
@@ -83,11 +129,14 @@ static void read_line(const char *line, void *user)
     if (strstr(line, "database or disk is full") || strstr(line, "No space left on device"))
         w->full = true;
     if (strstr(line, "(Prior)"))
-        w->result->focal_lengths++;
+        take_focal_length(w, line);
+    if (behind(line, "Initializing with image pair", "Registering initial image pair"))
+        begin_model(w);
     if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
         (sscanf(at, "(%d)", &a) == 1 || sscanf(at, "(num_reg_frames=%d)", &a) == 1)) {
-        w->done = a;
+        w->from_here = a;
         w->together = a > w->together ? a : w->together;
+        w->done = w->together; /* another model begins small */
     } else if ((at = behind(line, "Matching block [", "Processing block ["))) {
         const int found = sscanf(at, "%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
 
@@ -150,6 +199,7 @@ static void learn_names(const char *line, void *user)
     if (strstr(line, "--FeatureMatching.use_gpu"))
         w->matching = "--FeatureMatching.use_gpu";
     w->sized = w->sized || strstr(line, SIZE);
+    w->blocks = w->blocks || strstr(line, BLOCK);
 }
 
 static void ask_names(work *w)
@@ -375,9 +425,14 @@ static cln_status check_folder(const work *w)
     if (access(w->desc->photos, F_OK) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not there; give a folder of photos, or a video",
                          w->desc->photos));
-    if (!cln_is_dir(w->desc->photos) && !cln_photos_are_video(w->desc->photos))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
+    if (!cln_is_dir(w->desc->photos) && cln_dataset_is_image(w->desc->photos))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: a single photo; give the folder that it is in with others",
                          w->desc->photos));
+    if (!cln_is_dir(w->desc->photos) && !cln_photos_are_video(w->desc->photos))
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            "%s: neither a folder of photos nor a video; give one of these (an archive: unpack it)",
+            w->desc->photos));
     if (cln_is_dir(w->desc->photos))
         CLN_TRY(check_photos(w->desc->photos, out));
     CLN_TRY(check_out(w->desc->photos, out));
@@ -450,6 +505,7 @@ static cln_status find_features(work *w)
 {
     cln_status st = CLN_OK;
     bool same = false;
+    char focal[RANGE];
 
     CLN_TRY(same_sizes(w, &same));
     cln_info("%d photos, %s", w->photos.count,
@@ -462,8 +518,9 @@ static cln_status find_features(work *w)
                                       "--ImageReader.single_camera", same ? "1" : "0",
                                       w->extraction, "0", NULL}));
     if (w->result->focal_lengths)
-        cln_info("EXIF tells the focal length of %d photo%s", w->result->focal_lengths,
-                 cln_plural(w->result->focal_lengths, "", "s"));
+        cln_info("EXIF tells the focal length of %d photo%s: %s pixels", w->result->focal_lengths,
+                 cln_plural(w->result->focal_lengths, "", "s"),
+                 range(w->focal_least, w->focal_most, focal));
     else
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
@@ -476,8 +533,12 @@ static cln_status match(work *w)
     const bool automatic = strcmp(how, "auto") == 0;
     const bool ordered = cln_photos_are_video(w->desc->photos) || in_sequence(&w->photos);
     const bool next = automatic ? w->photos.count > FEW && ordered : strcmp(how, "next") == 0;
-    char overlap[16];
+    char overlap[16], block[16];
 
+    snprintf(block, sizeof block, "%d",
+             w->photos.count < 10 * BLOCK_LEAST  ? BLOCK_LEAST
+             : w->photos.count > 10 * BLOCK_MOST ? BLOCK_MOST
+                                                 : w->photos.count / 10);
     snprintf(overlap, sizeof overlap, "%d", NEXT);
     if (next) {
         cln_info("matching each photo with the next %d%s", NEXT,
@@ -495,7 +556,7 @@ static cln_status match(work *w)
                  w->photos.count);
     return run(w, "poses: matches",
                (const char *const[]){"colmap", "exhaustive_matcher", "--database_path", w->database,
-                                     w->matching, "0", NULL});
+                                     w->matching, "0", w->blocks ? BLOCK : NULL, block, NULL});
 }
 
 /* Number of images of a model: the first number of images.bin, which may have gigabytes. */
@@ -596,6 +657,24 @@ done:
     return st;
 }
 
+/* What COLMAP made of the focal length, which a person may know. */
+static void say_focal_length(const cln_scene *scene)
+{
+    double least = INFINITY, most = 0;
+    char focal[RANGE];
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const double pixels = view->camera.fx * view->file_width / view->camera.width;
+
+        least = fmin(least, pixels);
+        most = fmax(most, pixels);
+    }
+    if (scene->view_count > 0)
+        cln_info("COLMAP's focal length: %s pixels, of photos %d pixels wide",
+                 range(least, most, focal), scene->views[0].file_width);
+}
+
 /* Reads the scene as train will, which warns of photos without a pose. */
 static cln_status count_registered(work *w)
 {
@@ -610,6 +689,7 @@ static cln_status count_registered(work *w)
         &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
         &scene));
     w->result->registered = scene->view_count;
+    say_focal_length(scene);
 done:
     cln_scene_free(scene);
     cln_settings_free(settings);

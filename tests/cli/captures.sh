@@ -551,9 +551,13 @@ section_poses() {
         env PATH="$path" "$cln" poses "$work/home/mine" -o "$work/home" --progress none
     rm -r "$work/home" "$work/own"
     mkdir "$work/no photos"
+    touch "$work/text.zip"
     expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     check "poses of no photos write nothing" [ ! -e "$work/posed" ]
+    expect "one photo" 3 "~r_001.png:.*give.the.folder" "$cln" poses \
+        "$work/photos/train/r_001.png" -o "$work/posed"
+    expect "an archive" 3 "~text.zip:.*unpack" "$cln" poses "$work/text.zip" -o "$work/posed"
     touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
     expect "photos in formats that are not read" 3 \
         "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
@@ -587,6 +591,10 @@ section_poses() {
     check "it is said once" [ "$(grep -c "no pose" "$work/err")" = 1 ]
     check "poses count the registered photos" grep -q "registered  23 of 24" "$work/out"
     check "it ends with the next command" grep -q "cl-nascent train .*posed'* -o" "$work/out"
+    check "EXIF's focal length and COLMAP's" eval 'said "of 23 photos: 30 pixels" &&
+        said "COLMAP'"'"'s focal length: 30 pixels, of photos 24 pixels wide"'
+    check "it matches in small blocks, after each of which it says how far it is" \
+        grep -q "ExhaustiveMatching.block_size 4$" "$work/posed/colmap.log"
     check "all are matched with all" grep -q "colmap exhaustive_matcher" "$work/posed/colmap.log"
     check "the scene that poses wrote is read" \
         [ "$("$cln" info "$work/posed" --json | "$query" views)" = 23 ]
@@ -609,6 +617,7 @@ section_poses() {
 
     expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
         poses "$work/photos/train" -o "$work/parts" --progress none --json
+    check "that there are parts is said on the way" said "one start led to 23 of 24 photos"
     check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
     expect "a model of more than 1 GiB is counted" 0 "~2.groups" env PATH="$path" STAND_IN=large \
         "$cln" poses "$work/photos/train" -o "$work/large" --progress none --json
