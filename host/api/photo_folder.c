@@ -2,7 +2,9 @@
 #include "api/photo_folder.h"
 
 #include <ctype.h>
+#include <dirent.h>
 #include <errno.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -266,14 +268,62 @@ static cln_status refuse_others(const char *from, const char *images, const cln_
     cln_names there = {0};
 
     CLN_TRY(cln_dataset_images(images, &there));
-    for (int i = 0; there.count > photos->count && i < there.count; i++)
+    for (int i = 0; i < there.count; i++)
         if (!has_name(photos, there.name[i]))
             CLN_TRY(cln_fail(CLN_OUTPUT,
                              "%s/%s: is none of the photos in %s, and would be matched with them; "
-                             "remove it, or give an empty folder with -o",
+                             "give an empty folder with -o",
                              images, there.name[i], from));
 done:
     cln_dataset_free_names(&there);
+    return st;
+}
+
+/* The folder that a path is in, as cln_path_absolute makes it. */
+static cln_status parent_of(const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *slash = NULL;
+
+    CLN_TRY(cln_path_absolute(out, path));
+    slash = strrchr(*out, '/');
+    if (slash)
+        slash[slash == *out] = 0; /* "/x" is in "/" */
+done:
+    return st;
+}
+
+cln_status cln_photos_check_out(const char *photos, const char *out)
+{
+    cln_status st = CLN_OK;
+    char *scene = NULL, *around = NULL, other[NAME_MAX + 1] = "";
+    DIR *dir = NULL;
+    bool within = false;
+
+    if (!cln_is_dir(out) || cln_has_file(out, "colmap.log"))
+        goto done;
+    if (cln_has_file(out, "colmap.db"))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: has a colmap.db that is of no earlier attempt, and that would be "
+                         "replaced; give another folder with -o",
+                         out));
+    CLN_TRY(cln_path_absolute(&scene, out));
+    CLN_TRY(parent_of(photos, &around));
+    within = strcmp(scene, around) == 0;
+    dir = within ? NULL : opendir(out);
+    for (struct dirent *entry = dir ? readdir(dir) : NULL; entry; entry = readdir(dir))
+        if (entry->d_name[0] != '.' && strcmp(entry->d_name, "images") != 0)
+            snprintf(other, sizeof other, "%s", entry->d_name);
+    if (*other)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: this folder has other things in it ('%s'); give a new or an empty "
+                         "folder with -o",
+                         out, other));
+done:
+    if (dir)
+        closedir(dir);
+    free(scene);
+    free(around);
     return st;
 }
 
@@ -288,6 +338,7 @@ cln_status cln_photos_link(const char *folder, const char *images)
     if (strcmp(there, here) == 0)
         goto done;
     CLN_TRY(cln_dataset_images(there, &photos));
+    CLN_TRY(refuse_others(folder, images, &photos));
     for (int i = 0; i < photos.count; i++) {
         char *slash = NULL;
 
@@ -302,7 +353,6 @@ cln_status cln_photos_link(const char *folder, const char *images)
         *slash = '/';
         CLN_TRY(copy_file(from, to));
     }
-    CLN_TRY(refuse_others(folder, images, &photos));
 done:
     cln_dataset_free_names(&photos);
     free(from);

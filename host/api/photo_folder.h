@@ -13,6 +13,10 @@ bool cln_photos_are_video(const char *path);
 /* Whether the log of an earlier attempt has a command that made frames. */
 bool cln_photos_were_framed(const char *log);
 
+/* Whether a scene may be made in the folder `out`: CLN_OUTPUT if it has things of no earlier
+ * attempt beside images, unless the photos, a folder or a video, are in it, too. */
+cln_status cln_photos_check_out(const char *photos, const char *out);
+
 /* Puts frames of the video desc->photos into the folder `images`, and removes those of an earlier
  * attempt, if that was `framed`; log gets what ffmpeg says, log_path is its name. CLN_FAILED if
  * ffmpeg is not there or fails, CLN_INPUT if the file is no video, CLN_OUTPUT if there is anything

@@ -26,6 +26,7 @@
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/settings.h"
 #include "base/text.h"
 #include "api/photo_folder.h"
@@ -38,6 +39,7 @@
 #include "scene/reader.h"
 
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST = 3 };
+enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64 };
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of room;
  * what a photo's features need in the database: of so many pixels, and at most. */
 static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
@@ -45,6 +47,8 @@ static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
 
 /* Models of fewer photos than that are thrown away, and other beginnings tried, up to 200. */
 static const char SIZE[] = "--Mapper.min_model_size";
+/* Photos matched before it says how far it is; its own is 50. */
+static const char BLOCK[] = "--ExhaustiveMatching.block_size";
 
 typedef struct work {
     const cln_poses_desc *desc;
@@ -57,7 +61,10 @@ typedef struct work {
     bool full;                         /* COLMAP found no room on the disk */
     int together;                      /* most photos that a model had */
     const char *extraction, *matching; /* how this COLMAP calls its options */
-    bool sized;                        /* its mapper takes the least size of a model */
+    bool sized, blocks;                /* it takes a model's least size; a block's size */
+    int from_here;                     /* photos of the model that grows now */
+    bool anew;                         /* it is said that another model was begun */
+    double focal_least, focal_most;    /* by EXIF data, pixels */
 } work;
 
 /* ---- COLMAP's words ---- */
@@ -68,6 +75,45 @@ static const char *behind(const char *line, const char *phrase, const char *newe
     const char *at = strstr(line, phrase), *other = strstr(line, newer);
 
     return at ? at + strlen(phrase) : other ? other + strlen(newer) : NULL;
+}
+
+/* "  Focal Length:    882.17px (Prior)" */
+static void take_focal_length(work *w, const char *line)
+{
+    static const char name[] = "Focal Length:";
+    const char *at = strstr(line, name), *end = NULL;
+    double pixels = 0;
+
+    w->result->focal_lengths++;
+    if (!at)
+        return;
+    at += sizeof name - 1;
+    at += strspn(at, " ");
+    if (!cln_number_read(at, &pixels, &end) || !(pixels > 0))
+        return;
+    w->focal_least = w->focal_least > 0 ? fmin(w->focal_least, pixels) : pixels;
+    w->focal_most = fmax(w->focal_most, pixels);
+}
+
+/* COLMAP may begin many models, of which it keeps some: the second one is told. */
+static void begin_model(work *w)
+{
+    if (w->from_here > 0 && !w->anew) {
+        cln_info("one start led to %d of %d photos; COLMAP begins anew from others", w->from_here,
+                 w->photos.count);
+        w->anew = true;
+    }
+    w->from_here = 0;
+}
+
+/* "882", or "850 to 900". */
+static const char *range(double least, double most, char out[RANGE])
+{
+    if (round(least) == round(most))
+        cln_format(out, RANGE, "%.0f", least);
+    else
+        cln_format(out, RANGE, "%.0f to %.0f", least, most);
+    return out;
 }
 
 /* Progress: "Processed file [3/14]", "Matching block [1/2, 1/2]", "Matching image [3/14]",
@@ -83,11 +129,14 @@ static void read_line(const char *line, void *user)
     if (strstr(line, "database or disk is full") || strstr(line, "No space left on device"))
         w->full = true;
     if (strstr(line, "(Prior)"))
-        w->result->focal_lengths++;
+        take_focal_length(w, line);
+    if (behind(line, "Initializing with image pair", "Registering initial image pair"))
+        begin_model(w);
     if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
         (sscanf(at, "(%d)", &a) == 1 || sscanf(at, "(num_reg_frames=%d)", &a) == 1)) {
-        w->done = a;
+        w->from_here = a;
         w->together = a > w->together ? a : w->together;
+        w->done = w->together; /* another model begins small */
     } else if ((at = behind(line, "Matching block [", "Processing block ["))) {
         const int found = sscanf(at, "%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
 
@@ -150,6 +199,7 @@ static void learn_names(const char *line, void *user)
     if (strstr(line, "--FeatureMatching.use_gpu"))
         w->matching = "--FeatureMatching.use_gpu";
     w->sized = w->sized || strstr(line, SIZE);
+    w->blocks = w->blocks || strstr(line, BLOCK);
 }
 
 static void ask_names(work *w)
@@ -242,6 +292,47 @@ done:
     return st;
 }
 
+/* Those in formats that are not read, beside others, are told; a photo that is cut off, as copies
+ * are, would be found after hours of COLMAP's work. */
+static cln_status check_readable(const char *folder, const cln_names *photos)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *unread = NULL, *first = NULL;
+    int others = 0, bad = 0;
+
+    CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
+    if (unread)
+        cln_warn("%s: %d photo%s in formats that are not read %s left out (the first is '%s'); "
+                 "convert them to JPEG to have them, too",
+                 folder, others, cln_plural(others, "", "s"), cln_plural(others, "is", "are"),
+                 unread);
+    for (int i = 0; i < photos->count; i++) {
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, folder, photos->name[i]));
+        st = cln_image_check_ends(path);
+        if (st == CLN_INPUT) {
+            if (bad++ == 0)
+                CLN_TRY(cln_strdup(&first, cln_error_text()));
+            cln_clear_error();
+            st = CLN_OK;
+        }
+        CLN_TRY(st);
+    }
+    if (bad)
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: %d of %d photos cannot be read; mend %s or move %s out of the folder. "
+                     "The first is %s",
+                     folder, bad, photos->count, cln_plural(bad, "it", "them"),
+                     cln_plural(bad, "it", "them"), first));
+done:
+    free(path);
+    free(unread);
+    free(first);
+    return st;
+}
+
 /* Room for the photos' features, and for the photos where they are copied to another disk. */
 static cln_status check_photos_room(const char *folder, const cln_names *photos, const char *out)
 {
@@ -281,6 +372,7 @@ static cln_status check_photos(const char *folder, const char *out)
     CLN_TRY(cln_dataset_images(folder, &photos));
     if (photos.count < PHOTOS_LEAST)
         CLN_TRY(fail_few(folder, photos.count, folder));
+    CLN_TRY(check_readable(folder, &photos));
     CLN_TRY(check_photos_room(folder, &photos, out));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
@@ -312,7 +404,7 @@ static cln_status check_out(const char *photos, const char *out)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "-o %s: it lies in the folder of photos, where another try would take its "
                          "images for photos; give a folder beside %s",
-                         out, photos));
+                         out, there));
 done:
     free(there);
     free(around);
@@ -333,12 +425,18 @@ static cln_status check_folder(const work *w)
     if (access(w->desc->photos, F_OK) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not there; give a folder of photos, or a video",
                          w->desc->photos));
-    if (!cln_is_dir(w->desc->photos) && !cln_photos_are_video(w->desc->photos))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: neither a folder of photos nor a video; give one of these",
+    if (!cln_is_dir(w->desc->photos) && cln_dataset_is_image(w->desc->photos))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: a single photo; give the folder that it is in with others",
                          w->desc->photos));
+    if (!cln_is_dir(w->desc->photos) && !cln_photos_are_video(w->desc->photos))
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            "%s: neither a folder of photos nor a video; give one of these (an archive: unpack it)",
+            w->desc->photos));
     if (cln_is_dir(w->desc->photos))
         CLN_TRY(check_photos(w->desc->photos, out));
     CLN_TRY(check_out(w->desc->photos, out));
+    CLN_TRY(cln_photos_check_out(w->desc->photos, out));
     if (!cln_command_found("colmap"))
         CLN_TRY(cln_fail(
             CLN_FAILED,
@@ -361,8 +459,15 @@ static int remove_one(const char *path, const struct stat *info, int kind, struc
 static void remove_rest(const work *w)
 {
     enum { OPEN = 8 };
+    static const char *const beside[] = {"", "-wal", "-shm", "-journal"}; /* SQLite's */
 
-    (void)unlink(w->database);
+    for (size_t i = 0; i < sizeof beside / sizeof *beside; i++) {
+        char *path = NULL;
+
+        if (cln_asprintf(&path, "%s%s", w->database, beside[i]) == CLN_OK)
+            (void)unlink(path);
+        free(path);
+    }
     if (cln_is_dir(w->sparse))
         (void)nftw(w->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS);
 }
@@ -377,6 +482,9 @@ static cln_status set_up(work *w)
     CLN_TRY(cln_path_join(&w->log_path, w->desc->out, "colmap.log"));
     CLN_TRY(cln_path_join(&w->sparse, w->desc->out, "sparse.new"));
     CLN_TRY(cln_make_dirs(w->images));
+    if (!cln_photos_are_video(
+            w->desc->photos)) /* before the log, which means an attempt was here */
+        CLN_TRY(cln_photos_link(w->desc->photos, w->images));
     remove_rest(w);
     framed = cln_photos_were_framed(w->log_path); /* by the log that is written over now */
     w->log = fopen(w->log_path, "w");
@@ -384,8 +492,6 @@ static cln_status set_up(work *w)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));
     if (cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_photos_take_frames(w->desc, framed, w->images, w->log, w->log_path));
-    else
-        CLN_TRY(cln_photos_link(w->desc->photos, w->images));
     CLN_TRY(cln_dataset_images(w->images, &w->photos));
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;
@@ -399,6 +505,7 @@ static cln_status find_features(work *w)
 {
     cln_status st = CLN_OK;
     bool same = false;
+    char focal[RANGE];
 
     CLN_TRY(same_sizes(w, &same));
     cln_info("%d photos, %s", w->photos.count,
@@ -411,8 +518,9 @@ static cln_status find_features(work *w)
                                       "--ImageReader.single_camera", same ? "1" : "0",
                                       w->extraction, "0", NULL}));
     if (w->result->focal_lengths)
-        cln_info("EXIF tells the focal length of %d photo%s", w->result->focal_lengths,
-                 cln_plural(w->result->focal_lengths, "", "s"));
+        cln_info("EXIF tells the focal length of %d photo%s: %s pixels", w->result->focal_lengths,
+                 cln_plural(w->result->focal_lengths, "", "s"),
+                 range(w->focal_least, w->focal_most, focal));
     else
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
@@ -425,8 +533,12 @@ static cln_status match(work *w)
     const bool automatic = strcmp(how, "auto") == 0;
     const bool ordered = cln_photos_are_video(w->desc->photos) || in_sequence(&w->photos);
     const bool next = automatic ? w->photos.count > FEW && ordered : strcmp(how, "next") == 0;
-    char overlap[16];
+    char overlap[16], block[16];
 
+    snprintf(block, sizeof block, "%d",
+             w->photos.count < 10 * BLOCK_LEAST  ? BLOCK_LEAST
+             : w->photos.count > 10 * BLOCK_MOST ? BLOCK_MOST
+                                                 : w->photos.count / 10);
     snprintf(overlap, sizeof overlap, "%d", NEXT);
     if (next) {
         cln_info("matching each photo with the next %d%s", NEXT,
@@ -444,7 +556,7 @@ static cln_status match(work *w)
                  w->photos.count);
     return run(w, "poses: matches",
                (const char *const[]){"colmap", "exhaustive_matcher", "--database_path", w->database,
-                                     w->matching, "0", NULL});
+                                     w->matching, "0", w->blocks ? BLOCK : NULL, block, NULL});
 }
 
 /* Number of images of a model: the first number of images.bin, which may have gigabytes. */
@@ -545,6 +657,24 @@ done:
     return st;
 }
 
+/* What COLMAP made of the focal length, which a person may know. */
+static void say_focal_length(const cln_scene *scene)
+{
+    double least = INFINITY, most = 0;
+    char focal[RANGE];
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const double pixels = view->camera.fx * view->file_width / view->camera.width;
+
+        least = fmin(least, pixels);
+        most = fmax(most, pixels);
+    }
+    if (scene->view_count > 0)
+        cln_info("COLMAP's focal length: %s pixels, of photos %d pixels wide",
+                 range(least, most, focal), scene->views[0].file_width);
+}
+
 /* Reads the scene as train will, which warns of photos without a pose. */
 static cln_status count_registered(work *w)
 {
@@ -559,6 +689,7 @@ static cln_status count_registered(work *w)
         &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
         &scene));
     w->result->registered = scene->view_count;
+    say_focal_length(scene);
 done:
     cln_scene_free(scene);
     cln_settings_free(settings);
@@ -591,6 +722,8 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(map(&w));
     CLN_TRY(count_registered(&w));
 done:
+    if (st == CLN_SIGINT || st == CLN_SIGTERM)
+        cln_note("finding poses; the same command begins anew");
     if (w.log)
         fclose(w.log);
     cln_dataset_free_names(&w.photos);

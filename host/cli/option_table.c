@@ -132,10 +132,10 @@ const cln_arg cln_args[] = {
     TEXT(CLN_POSES, "output", output, "SCENE",
          "folder of the scene; made if it is not there", .letter = 'o'),
     WORD(CLN_POSES, "match", match, "auto|all|next",
-         "which photos to compare: all with all, or each with the next ones; auto: next for frames "
-         "of a video, or more than 120 numbered photos", .standard = "auto"),
+         "which photos to compare: all with all, or each with the next ones; auto: next for more "
+         "than 120 frames of a video or numbered photos", .standard = "auto"),
     INT(CLN_POSES, "frames", frames, "N", 3, 10000,
-        "frames to take from a video", .standard = "150"),
+        "frames to take from a video; all, if it has fewer", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE | CLN_INFO, "preset", preset, CLN_PRESETS,
          "defaults of the options below: leaves of voxels; of networks, chosen for a CPU (fast) or "
          "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones)",

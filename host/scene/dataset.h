@@ -12,7 +12,7 @@ enum { CLN_MAX_VIEWS = 100000, CLN_IMAGE_FOLDERS = 4 };
 extern const char *const cln_image_folders[CLN_IMAGE_FOLDERS];
 
 /* Endings of videos, in lower case. */
-#define CLN_VIDEO_ENDINGS " mp4 mov m4v mkv webm avi mts 3gp insv "
+#define CLN_VIDEO_ENDINGS " mp4 mov m4v mkv webm avi mts m2ts ts mpg mpeg wmv ogv 3gp insv "
 
 /* `path` relative to the scene, for messages; unchanged if it lies elsewhere. */
 const char *cln_dataset_within(const char *scene, const char *path);

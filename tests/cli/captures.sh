@@ -562,14 +562,51 @@ section_poses() {
     expect "poses without COLMAP: what to install" 1 "apt colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/posed"
     check "poses without COLMAP write nothing" [ ! -e "$work/posed" ]
+    mkdir -p "$work/home/images" "$work/own"
+    cp "$work/photos/train/r_000.png" "$work/home/images/holiday.png"
+    touch "$work/own/letter.txt"
+    expect "a folder that has other things" 7 "~own:.*letter.txt ~empty.folder" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/own"
+    for how in 1 2; do
+        expect "a folder with images of another kind" 7 \
+            "~holiday.png:.is.none.of.the.photos ~empty.folder" \
+            env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/home" --progress none
+    done
+    check "it is what it was" [ "$(ls -R "$work/home" "$work/own" | grep -c "r_0\|colmap")" = 0 ]
+    check "the way out is not to remove one's photo" eval '! said "remove"'
+    cp -r "$work/photos/train" "$work/home/mine"
+    rm -r "$work/home/images"
+    touch "$work/home/colmap.db"
+    expect "a database of another program" 7 "~home:.*colmap.db ~replaced" \
+        env PATH="$path" "$cln" poses "$work/home/mine" -o "$work/home" --progress none
+    rm "$work/home/colmap.db"
+    expect "photos in a folder of the scene, which may have other things" 0 "" \
+        env PATH="$path" "$cln" poses "$work/home/mine" -o "$work/home" --progress none
+    rm -r "$work/home" "$work/own"
     mkdir "$work/no photos"
+    touch "$work/text.zip"
     expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     check "poses of no photos write nothing" [ ! -e "$work/posed" ]
+    expect "one photo" 3 "~r_001.png:.*give.the.folder" "$cln" poses \
+        "$work/photos/train/r_001.png" -o "$work/posed"
+    expect "an archive" 3 "~text.zip:.*unpack" "$cln" poses "$work/text.zip" -o "$work/posed"
     touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
     expect "photos in formats that are not read" 3 \
         "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
+    cp -r "$work/photos/train" "$work/mixed"
+    touch "$work/mixed/"{a.HEIC,b.webp}
+    expect "a few in such formats among others are told, too" 1 \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap" \
+        env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
+    for how in r_004 r_007; do
+        truncate -s 100 "$work/mixed/$how.png"
+    done
+    expect "photos that are cut off, before COLMAP works" 3 \
+        "~mixed:.2.of.24.photos.cannot.be.read.*move.them.*r_004.png:.truncated" \
+        env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
+    check "they write nothing" [ ! -e "$work/posed" ]
     expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
     expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \
@@ -587,6 +624,10 @@ section_poses() {
     check "it is said once" [ "$(grep -c "no pose" "$work/err")" = 1 ]
     check "poses count the registered photos" grep -q "registered  23 of 24" "$work/out"
     check "it ends with the next command" grep -q "cl-nascent train .*posed'* -o" "$work/out"
+    check "EXIF's focal length and COLMAP's" eval 'said "of 23 photos: 30 pixels" &&
+        said "COLMAP'"'"'s focal length: 30 pixels, of photos 24 pixels wide"'
+    check "it matches in small blocks, after each of which it says how far it is" \
+        grep -q "ExhaustiveMatching.block_size 4$" "$work/posed/colmap.log"
     check "all are matched with all" grep -q "colmap exhaustive_matcher" "$work/posed/colmap.log"
     check "the scene that poses wrote is read" \
         [ "$("$cln" info "$work/posed" --json | "$query" views)" = 23 ]
@@ -609,6 +650,7 @@ section_poses() {
 
     expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
         poses "$work/photos/train" -o "$work/parts" --progress none --json
+    check "that there are parts is said on the way" said "one start led to 23 of 24 photos"
     check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
     expect "a model of more than 1 GiB is counted" 0 "~2.groups" env PATH="$path" STAND_IN=large \
         "$cln" poses "$work/photos/train" -o "$work/large" --progress none --json
