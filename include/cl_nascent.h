@@ -477,7 +477,7 @@ typedef struct cln_poses_desc {
     const char *photos; /* a folder of PNG and JPEG photos, or a video */
     const char *out;    /* the scene's folder; made if it is not there */
     const char *match;  /* "auto", "all" pairs, or each with the "next" ones; NULL = "auto" */
-    int frames;         /* of a video; 0 = 150 */
+    int frames;         /* of a video, none twice; 0 = 150 */
     cln_callbacks callbacks;
 } cln_poses_desc;
 
@@ -488,7 +488,8 @@ typedef struct cln_poses_result {
 
 /* Finds where photos were taken, by COLMAP's own program (`colmap`, and `ffmpeg` for a video), if
  * it is installed: CLN_FAILED if not, or if it finds nothing, with what it said in out/colmap.log.
- * CLN_OUTPUT if the folder has poses already. */
+ * CLN_INPUT if a photo cannot be read. CLN_OUTPUT if the folder has poses already or other things,
+ * or its disk has too little room. */
 CLN_API cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result);
 
 /* ---- tuning ---- */

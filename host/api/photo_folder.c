@@ -40,9 +40,8 @@ bool cln_photos_are_video(const char *path)
 
 typedef struct video {
     const cln_callbacks *callbacks;
-    double duration; /* seconds */
-    double frames;   /* 0: the file does not tell */
-    bool full;       /* ffmpeg found no room on the disk */
+    cln_film film;
+    bool full; /* ffmpeg found no room on the disk */
 } video;
 
 static void read_probe(const char *line, void *user)
@@ -54,10 +53,10 @@ static void read_probe(const char *line, void *user)
 
     if (strncmp(line, duration, sizeof duration - 1) == 0 &&
         cln_number_read(line + sizeof duration - 1, &value, &end) && value > 0)
-        v->duration = value;
+        v->film.duration = value;
     if (strncmp(line, frames, sizeof frames - 1) == 0 &&
         cln_number_read(line + sizeof frames - 1, &value, &end) && value > 0)
-        v->frames = value;
+        v->film.frames = value;
 }
 
 static void read_ffmpeg(const char *line, void *user)
@@ -149,14 +148,14 @@ static void write_filter(double rate, char out[FILTER])
 }
 
 /* How many frames were taken, which may be fewer than asked for. */
-static cln_status say_taken(const char *images, const video *v)
+static cln_status say_taken(const char *images, const cln_film *film)
 {
     cln_status st = CLN_OK;
     cln_names taken = {0};
 
     CLN_TRY(cln_dataset_images(images, &taken));
-    if (v->frames >= taken.count)
-        cln_info("%d of the video's %.0f frames are taken", taken.count, v->frames);
+    if (film->frames >= taken.count)
+        cln_info("%d of the video's %.0f frames are taken", taken.count, film->frames);
     else
         cln_info("%d of the video's frames are taken", taken.count);
 done:
@@ -164,15 +163,12 @@ done:
     return st;
 }
 
-cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const char *images,
-                                  FILE *log, const char *log_path)
+cln_status cln_photos_probe(const cln_poses_desc *desc, cln_film *out)
 {
     cln_status st = CLN_OK;
-    const int frames = desc->frames > 0 ? desc->frames : FRAMES;
-    const cln_callbacks *c = &desc->callbacks;
-    video v = {.callbacks = c};
-    cln_command_watch watch = {read_probe, is_interrupted, &v, log};
-    char *file = NULL, *names = NULL, *why = NULL, filter[FILTER];
+    video v = {.callbacks = &desc->callbacks};
+    const cln_command_watch watch = {read_probe, is_interrupted, &v, NULL};
+    char *file = NULL, *why = NULL;
 
     if (!cln_command_found("ffmpeg") || !cln_command_found("ffprobe"))
         CLN_TRY(cln_fail(CLN_FAILED,
@@ -194,15 +190,32 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const
                          desc->photos, why ? why : "out of memory"));
     }
     CLN_TRY(st);
-    if (!(v.duration > 0))
+    if (!(v.film.duration > 0))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: ffprobe finds no duration in it; is it a video?",
                          desc->photos));
-    write_filter(frames / v.duration, filter);
+    *out = v.film;
+done:
+    free(file);
+    free(why);
+    return st;
+}
+
+cln_status cln_photos_take_frames(const cln_poses_desc *desc, const cln_film *film, bool framed,
+                                  const char *images, FILE *log, const char *log_path)
+{
+    cln_status st = CLN_OK;
+    const int frames = desc->frames > 0 ? desc->frames : FRAMES;
+    const cln_callbacks *c = &desc->callbacks;
+    video v = {.callbacks = c};
+    const cln_command_watch watch = {read_ffmpeg, is_interrupted, &v, log};
+    char *file = NULL, *names = NULL, filter[FILTER];
+
+    CLN_TRY(cln_asprintf(&file, "file:%s", desc->photos));
+    write_filter(frames / film->duration, filter);
     CLN_TRY(clear_frames(images, framed));
     CLN_TRY(frame_names(images, &names));
     if (c->work)
         c->work("poses: frames", 0, 0, c->user);
-    watch.line = read_ffmpeg;
     st = cln_command_run((const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i",
                                                file, "-vf", filter, "-r", "25", "-qscale:v", "2",
                                                names, NULL},
@@ -217,11 +230,10 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const
     if (st == CLN_FAILED)
         cln_note("finding poses; %s has all that it said", log_path);
     CLN_TRY(st);
-    CLN_TRY(say_taken(images, &v));
+    CLN_TRY(say_taken(images, film));
 done:
     free(file);
     free(names);
-    free(why);
     return st;
 }
 

@@ -17,12 +17,21 @@ bool cln_photos_were_framed(const char *log);
  * attempt beside images, unless the photos, a folder or a video, are in it, too. */
 cln_status cln_photos_check_out(const char *photos, const char *out);
 
-/* Puts frames of the video desc->photos into the folder `images`, and removes those of an earlier
- * attempt, if that was `framed`; log gets what ffmpeg says, log_path is its name. CLN_FAILED if
- * ffmpeg is not there or fails, CLN_INPUT if the file is no video, CLN_OUTPUT if there is anything
- * else in the folder or no room on its disk, CLN_SIGINT and CLN_SIGTERM. */
-cln_status cln_photos_take_frames(const cln_poses_desc *desc, bool framed, const char *images,
-                                  FILE *log, const char *log_path);
+typedef struct cln_film {
+    double duration; /* seconds */
+    double frames;   /* 0: the file does not tell */
+} cln_film;
+
+/* Asks ffprobe about the video desc->photos, before anything is written. CLN_FAILED if it or ffmpeg
+ * is not there, CLN_INPUT if the file is no video, CLN_SIGINT and CLN_SIGTERM. */
+cln_status cln_photos_probe(const cln_poses_desc *desc, cln_film *out);
+
+/* Puts frames of the video into the folder `images`, and removes those of an earlier attempt, if
+ * that was `framed`; log gets what ffmpeg says, log_path is its name. CLN_FAILED if ffmpeg fails,
+ * CLN_OUTPUT if there is anything else in the folder or no room on its disk, CLN_SIGINT and
+ * CLN_SIGTERM. */
+cln_status cln_photos_take_frames(const cln_poses_desc *desc, const cln_film *film, bool framed,
+                                  const char *images, FILE *log, const char *log_path);
 
 /* Links or copies the photos in a folder to the folder `images`, unless it is the same. CLN_OUTPUT
  * if that has other photos, or another one of a name. */

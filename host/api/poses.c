@@ -54,6 +54,7 @@ typedef struct work {
     const cln_poses_desc *desc;
     cln_poses_result *result;
     cln_names photos;
+    cln_film film; /* where the photos come from a video */
     char *images, *database, *sparse, *log_path;
     FILE *log;
     const char *stage; /* name of this step on the progress line */
@@ -412,7 +413,7 @@ done:
     return st;
 }
 
-static cln_status check_folder(const work *w)
+static cln_status check_folder(work *w)
 {
     const char *out = w->desc->out;
     cln_status st = CLN_OK;
@@ -443,6 +444,8 @@ static cln_status check_folder(const work *w)
             "finding poses needs COLMAP, which is not installed; install it "
             "(Debian: apt install colmap; others: https://colmap.github.io), "
             "or bring poses of another program (transforms JSON, LLFF, NeuS, NSVF, OpenSfM)"));
+    if (cln_photos_are_video(w->desc->photos))
+        CLN_TRY(cln_photos_probe(w->desc, &w->film));
 done:
     return st;
 }
@@ -491,7 +494,7 @@ static cln_status set_up(work *w)
     if (!w->log)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));
     if (cln_photos_are_video(w->desc->photos))
-        CLN_TRY(cln_photos_take_frames(w->desc, framed, w->images, w->log, w->log_path));
+        CLN_TRY(cln_photos_take_frames(w->desc, &w->film, framed, w->images, w->log, w->log_path));
     CLN_TRY(cln_dataset_images(w->images, &w->photos));
     qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
     w->result->photos = w->photos.count;

@@ -691,6 +691,7 @@ section_poses() {
     expect "a file that is no video: it is named first, with the reason" 3 \
         "~cl-nascent:.[^:]*walk.mp4:.*video.*Invalid.data.*give" env PATH="$path" "$cln" poses \
         "$work/walk.mp4" -o "$work/walk" --progress none
+    check "neither writes a folder" [ ! -e "$work/walk" ]
     printf '#!/bin/sh\necho nb_frames=99\necho duration=10.0\n' >"$work/bin/ffprobe"
     cat >"$work/bin/ffmpeg" <<END
 #!/bin/sh
