@@ -40,6 +40,7 @@
 
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST = 3 };
 enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64 };
+static const double LENGTHS_ALIKE = 1.02; /* times: EXIF data are rounded */
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of room;
  * what a photo's features need in the database: of so many pixels, and at most. */
 static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
@@ -247,24 +248,27 @@ static bool in_sequence(const cln_names *photos)
     return steps >= 0.9 * (photos->count - 1);
 }
 
-static cln_status same_sizes(const work *w, bool *same)
+/* Whether photos have several sizes; whether EXIF data tell several focal lengths, of a zoom lens or
+ * of two cameras. */
+static cln_status find_cameras(const work *w, bool *sizes, bool *lengths)
 {
     cln_status st = CLN_OK;
-    int first[2] = {0}, width = 0, height = 0, channels = 0;
+    cln_image_head first = {0}, head;
+    double least = INFINITY, most = 0;
     char *path = NULL;
 
-    *same = true;
+    *sizes = false;
     for (int i = 0; i < w->photos.count; i++) {
         free(path);
         path = NULL;
         CLN_TRY(cln_path_join(&path, w->images, w->photos.name[i]));
-        CLN_TRY(cln_image_info(path, &width, &height, &channels));
-        if (i == 0) {
-            first[0] = width;
-            first[1] = height;
-        }
-        *same = *same && width == first[0] && height == first[1];
+        CLN_TRY(cln_image_read_head(path, &head));
+        first = i == 0 ? head : first;
+        *sizes = *sizes || head.width != first.width || head.height != first.height;
+        least = head.focal > 0 ? fmin(least, head.focal) : least;
+        most = fmax(most, head.focal);
     }
+    *lengths = most > LENGTHS_ALIKE * least;
 done:
     free(path);
     return st;
@@ -507,18 +511,20 @@ done:
 static cln_status find_features(work *w)
 {
     cln_status st = CLN_OK;
-    bool same = false;
+    bool sizes = false, lengths = false;
     char focal[RANGE];
 
-    CLN_TRY(same_sizes(w, &same));
+    CLN_TRY(find_cameras(w, &sizes, &lengths));
     cln_info("%d photos, %s", w->photos.count,
-             same ? "all of one size: one camera" : "of several sizes: a camera for each");
+             sizes     ? "of several sizes: a camera for each"
+             : lengths ? "of several focal lengths, by EXIF: a camera for each"
+                       : "all of one size: one camera");
     /* a few photos cannot tell four parameters of a lens */
     CLN_TRY(run(w, "poses: features",
                 (const char *const[]){"colmap", "feature_extractor", "--database_path", w->database,
                                       "--image_path", w->images, "--ImageReader.camera_model",
                                       w->photos.count < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
-                                      "--ImageReader.single_camera", same ? "1" : "0",
+                                      "--ImageReader.single_camera", sizes || lengths ? "0" : "1",
                                       w->extraction, "0", NULL}));
     if (w->result->focal_lengths)
         cln_info("EXIF tells the focal length of %d photo%s: %s pixels", w->result->focal_lengths,

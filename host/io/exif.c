@@ -1,53 +1,81 @@
 /* EXIF is a TIFF file in a JPEG's APP1 segment, or in a PNG's eXIf chunk: a header with the byte
  * order and the place of the first directory, whose entries of 12 bytes are tag, type, count and
- * value. See exif.h. */
+ * value. One of them has the place of a second directory, of how the picture was taken. See
+ * exif.h. */
 #include "io/exif.h"
 
 #include <stdbool.h>
 #include <string.h>
 
-enum { HEADER = 8, ENTRY = 12, ORIENTATION = 0x112, SHORT = 3 };
+enum { HEADER = 8, ENTRY = 12 };
+enum { SHORT = 3, LONG = 4, RATIONAL = 5 };
+enum { ORIENTATION = 0x112, TAKEN = 0x8769, FOCAL_LENGTH = 0x920A, FOCAL_LENGTH_FILM = 0xA405 };
 
-static uint32_t number(const uint8_t *p, int bytes, bool little)
+typedef struct tiff {
+    const uint8_t *data;
+    size_t bytes; /* at least HEADER */
+    bool little;
+} tiff;
+
+static uint32_t number(const tiff *t, size_t at, int bytes)
 {
     uint32_t value = 0;
 
     for (int i = 0; i < bytes; i++)
-        value = value << 8 | p[little ? bytes - 1 - i : i];
+        value = value << 8 | t->data[at + (size_t)(t->little ? bytes - 1 - i : i)];
     return value;
 }
 
-int cln_exif_orientation(const uint8_t *data, size_t bytes)
+/* The value of the first entry of a directory with this tag, if it is one number of this type: of a
+ * rational, its place. */
+static bool find(const tiff *t, size_t at, uint32_t tag, uint32_t type, uint32_t *value)
 {
-    if (bytes < 6 || memcmp(data, "Exif\0", 6) != 0)
-        return 1;
-    return cln_exif_tiff_orientation(data + 6, bytes - 6);
+    size_t entries = 0;
+
+    if (at > t->bytes - 2)
+        return false;
+    entries = number(t, at, 2);
+    at += 2;
+    for (size_t i = 0; i < entries && t->bytes - at >= ENTRY; i++, at += ENTRY)
+        if (number(t, at, 2) == tag) {
+            *value = number(t, at + 8, type == SHORT ? 2 : 4);
+            return number(t, at + 2, 2) == type && number(t, at + 4, 4) == 1;
+        }
+    return false;
 }
 
-int cln_exif_tiff_orientation(const uint8_t *tiff, size_t bytes)
+static double read_focal(const tiff *t, size_t directory)
 {
-    size_t at = 0, entries = 0;
-    bool little = false;
+    uint32_t value = 0, below = 0;
 
-    if (bytes < HEADER)
-        return 1;
-    little = tiff[0] == 'I';
-    if (tiff[0] != tiff[1] || (tiff[0] != 'I' && tiff[0] != 'M') ||
-        number(tiff + 2, 2, little) != 42)
-        return 1;
-    at = number(tiff + 4, 4, little);
-    if (at > bytes - 2)
-        return 1;
-    entries = number(tiff + at, 2, little);
-    at += 2;
-    for (size_t i = 0; i < entries && bytes - at >= ENTRY; i++, at += ENTRY) {
-        const uint32_t value = number(tiff + at + 8, 2, little);
+    if (find(t, directory, FOCAL_LENGTH_FILM, SHORT, &value) && value > 0)
+        return value;
+    if (!find(t, directory, FOCAL_LENGTH, RATIONAL, &value) || value > t->bytes - 8)
+        return 0;
+    below = number(t, value + (size_t)4, 4);
+    return below > 0 ? (double)number(t, value, 4) / below : 0;
+}
 
-        if (number(tiff + at, 2, little) == ORIENTATION)
-            return number(tiff + at + 2, 2, little) == SHORT &&
-                           number(tiff + at + 4, 4, little) == 1 && value >= 1 && value <= 8
-                       ? (int)value
-                       : 1;
-    }
-    return 1;
+cln_exif cln_exif_read(const uint8_t *data, size_t bytes)
+{
+    if (bytes < 6 || memcmp(data, "Exif\0", 6) != 0)
+        return (cln_exif){1, 0};
+    return cln_exif_read_tiff(data + 6, bytes - 6);
+}
+
+cln_exif cln_exif_read_tiff(const uint8_t *data, size_t bytes)
+{
+    tiff t = {data, bytes, bytes > 0 && data[0] == 'I'};
+    cln_exif out = {1, 0};
+    uint32_t first = 0, value = 0;
+
+    if (bytes < HEADER || data[0] != data[1] || (data[0] != 'I' && data[0] != 'M') ||
+        number(&t, 2, 2) != 42)
+        return out;
+    first = number(&t, 4, 4);
+    if (find(&t, first, ORIENTATION, SHORT, &value) && value >= 1 && value <= 8)
+        out.orientation = (int)value;
+    if (find(&t, first, TAKEN, LONG, &value))
+        out.focal = read_focal(&t, value);
+    return out;
 }

@@ -81,10 +81,20 @@ static unsigned char *compress_png(unsigned char *data, int length, int *out_len
  * the header does (in a whole walk: before the image does). */
 typedef struct header {
     int64_t width, height;
-    int channels, orientation;
+    int channels;
+    cln_exif exif;
     bool png, cut;
     const char *problem;
 } header;
+
+/* The first that tells it counts. */
+static void add_exif(header *head, cln_exif found)
+{
+    if (head->exif.orientation == 1)
+        head->exif.orientation = found.orientation;
+    if (head->exif.focal == 0)
+        head->exif.focal = found.focal;
+}
 
 static uint32_t big_endian(const uint8_t *p, int bytes)
 {
@@ -135,8 +145,8 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
             head->cut = true;
             return;
         }
-        if (!memcmp(type, "eXIf", 4) && head->orientation == 1)
-            head->orientation = cln_exif_tiff_orientation(type + 4, length);
+        if (!memcmp(type, "eXIf", 4))
+            add_exif(head, cln_exif_read_tiff(type + 4, length));
         /* Capital first letter: critical chunk. A bad text chunk or profile harms no pixel. */
         if (whole && (!(type[0] & 32) || !memcmp(type, "tRNS", 4)) &&
             crc32(0, type, (uInt)length + 4) != big_endian(type + 4 + length, 4)) {
@@ -233,8 +243,8 @@ static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *hea
             if (!whole)
                 return;
         }
-        if (marker == 0xE1 && head->orientation == 1)
-            head->orientation = cln_exif_orientation(data + at + 2, length - 2);
+        if (marker == 0xE1)
+            add_exif(head, cln_exif_read(data + at + 2, length - 2));
         if (marker == 0xC4 && !huffman_tables_fit(data + at + 2, length - 2)) {
             head->problem = "damaged JPEG (Huffman tables); copy it again";
             return;
@@ -264,7 +274,7 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
 #undef OTHER
 
     memset(head, 0, sizeof *head);
-    head->orientation = 1;
+    head->exif.orientation = 1;
     if (bytes == 0)
         head->problem = "empty file; copy it again";
     else if (bytes >= 8 && !memcmp(data, png, 8))
@@ -327,8 +337,8 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
         walk((const uint8_t *)all, bytes, false, &head);
     }
     CLN_TRY(check_header(path, &head));
-    *out = (cln_image_head){(int)head.width, (int)head.height, head.channels, head.orientation,
-                            !head.png};
+    *out = (cln_image_head){(int)head.width,       (int)head.height, head.channels,
+                            head.exif.orientation, head.exif.focal,  !head.png};
 done:
     free(all);
     if (file)

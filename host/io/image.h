@@ -13,10 +13,11 @@ enum { CLN_IMAGE_MAX_SIDE = 1 << 17, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 /* Reads size and channels (3, or 4 with alpha; grey counts as 3 or 4) from the header. */
 cln_status cln_image_info(const char *path, int *width, int *height, int *channels);
 
-/* The same, and how EXIF data tell viewers to turn it (io/exif.h; 1: as it is), which decoding does
- * not do. */
+/* The same, and what EXIF data tell (io/exif.h): how viewers turn it (1: as it is), which decoding
+ * does not do, and a focal length (mm; 0: none). */
 typedef struct cln_image_head {
     int width, height, channels, orientation;
+    double focal;
     bool jpeg; /* else PNG */
 } cln_image_head;
 cln_status cln_image_read_head(const char *path, cln_image_head *out);

@@ -24,7 +24,8 @@ static void test_exif(void **state)
             uint8_t data[EXIF_BYTES];
 
             exif_write(data, little, o);
-            assert_int_equal(cln_exif_orientation(data, sizeof data), o >= 1 && o <= 8 ? o : 1);
+            assert_int_equal(cln_exif_read(data, sizeof data).orientation,
+                             o >= 1 && o <= 8 ? o : 1);
         }
 }
 
@@ -42,7 +43,7 @@ static void test_damaged_exif(void **state)
         assert_non_null(cut);
         exif_write(data, true, 6);
         memcpy(cut, data, bytes);
-        assert_int_equal(cln_exif_orientation(cut, bytes), bytes > (size_t)last + 2 ? 6 : 1);
+        assert_int_equal(cln_exif_read(cut, bytes).orientation, bytes > (size_t)last + 2 ? 6 : 1);
         free(cut);
     }
     for (size_t at = 0; at < EXIF_BYTES; at++)
@@ -52,9 +53,60 @@ static void test_damaged_exif(void **state)
             assert_non_null(changed);
             exif_write(changed, true, 6);
             changed[at] = (uint8_t)value;
-            assert_in_range(cln_exif_orientation(changed, EXIF_BYTES), 1, 8);
+            assert_in_range(cln_exif_read(changed, EXIF_BYTES).orientation, 1, 8);
             free(changed);
         }
+}
+
+/* A TIFF file whose second directory has a focal length of `tenths` / 10 mm, and one as on 35 mm
+ * film. */
+enum { TAKEN_AT = 26, RATIONAL_AT = 56, FOCAL_BYTES = 64 };
+
+static void write_focal(uint8_t out[FOCAL_BYTES], bool little, uint32_t tenths, uint32_t film)
+{
+    const uint32_t entries[3][4] = {{0x8769, 4, 4, TAKEN_AT}, /* LONG */
+                                    {0x920A, 5, 4, RATIONAL_AT},
+                                    {0xA405, 3, 2, film}}; /* SHORT */
+
+    memset(out, 0, FOCAL_BYTES);
+    memcpy(out, little ? "II" : "MM", 2);
+    exif_number(out + 2, 2, little, 42);
+    exif_number(out + 4, 4, little, 8);
+    exif_number(out + 8, 2, little, 1);
+    exif_number(out + TAKEN_AT, 2, little, 2);
+    for (int i = 0; i < 3; i++) {
+        uint8_t *entry = out + (i == 0 ? 10 : TAKEN_AT + 2 + 12 * (i - 1));
+
+        exif_number(entry, 2, little, entries[i][0]);
+        exif_number(entry + 2, 2, little, entries[i][1]);
+        exif_number(entry + 4, 4, little, 1);
+        exif_number(entry + 8, (int)entries[i][2], little, entries[i][3]);
+    }
+    exif_number(out + RATIONAL_AT, 4, little, tenths);
+    exif_number(out + RATIONAL_AT + 4, 4, little, 10);
+}
+
+static void test_focal_length(void **state)
+{
+    uint8_t data[FOCAL_BYTES];
+
+    (void)state;
+    for (int little = 0; little < 2; little++) {
+        write_focal(data, little, 413, 62);
+        assert_true(cln_exif_read_tiff(data, sizeof data).focal == 62);
+        write_focal(data, little, 413, 0); /* not told */
+        assert_true(cln_exif_read_tiff(data, sizeof data).focal == 41.3);
+        for (size_t bytes = 0; bytes < FOCAL_BYTES; bytes++) {
+            uint8_t *cut = malloc(bytes + !bytes);
+
+            assert_non_null(cut);
+            memcpy(cut, data, bytes);
+            assert_true(cln_exif_read_tiff(cut, bytes).focal == 0);
+            free(cut);
+        }
+        memset(data + RATIONAL_AT + 4, 0, 4);
+        assert_true(cln_exif_read_tiff(data, sizeof data).focal == 0);
+    }
 }
 
 /* A PNG's chunk, before its pixels: the same without "Exif" and two zeros; its CRC is not looked
@@ -593,6 +645,7 @@ int test_group_orientation(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_exif),
         cmocka_unit_test(test_damaged_exif),
+        cmocka_unit_test(test_focal_length),
         cmocka_unit_test_setup_teardown(test_png_exif, scratch_make, scratch_remove),
         cmocka_unit_test(test_turn),
         cmocka_unit_test_setup_teardown(test_scenes, scratch_make, scratch_remove),
