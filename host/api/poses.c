@@ -248,8 +248,8 @@ static bool in_sequence(const cln_names *photos)
     return steps >= 0.9 * (photos->count - 1);
 }
 
-/* Whether photos have several sizes; whether EXIF data tell several focal lengths, of a zoom lens or
- * of two cameras. */
+/* Whether photos have several sizes; whether EXIF data tell several focal lengths, of a zoom lens
+ * or of two cameras. */
 static cln_status find_cameras(const work *w, bool *sizes, bool *lengths)
 {
     cln_status st = CLN_OK;

@@ -5,9 +5,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* orientation: 1 to 8, how viewers turn the stored picture (3: by half a turn; 6 and 8: by a quarter
- * turn, clockwise and back; 2, 4, 5, 7 also mirror it); 1 if it is not told. focal: mm, as on 35 mm
- * film, or the lens's own where only that is told; 0 without. */
+/* orientation: 1 to 8, how viewers turn the stored picture (3: by half a turn; 6 and 8: by a
+ * quarter turn, clockwise and back; 2, 4, 5, 7 also mirror it); 1 if it is not told. focal: mm, as
+ * on 35 mm film, or the lens's own where only that is told; 0 without. */
 typedef struct cln_exif {
     int orientation;
     double focal;
