@@ -40,6 +40,22 @@ void *cln_huge_pages(size_t bytes)
     return p;
 }
 
+bool cln_address_space_is_free(void)
+{
+    struct rlimit limit;
+    FILE *file = NULL;
+    int mode = '0';
+
+    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur != RLIM_INFINITY)
+        return false;
+    file = fopen("/proc/sys/vm/overcommit_memory", "r");
+    if (file) {
+        mode = fgetc(file);
+        fclose(file);
+    }
+    return mode != '2';
+}
+
 cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *what)
 {
     void *p = NULL;

@@ -4,6 +4,7 @@
 #ifndef CLN_MEMORY_H
 #define CLN_MEMORY_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "base/status.h"
@@ -22,6 +23,10 @@ cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(
  * short, if bytes are less than a huge page, or if the system has none. */
 enum { CLN_HUGE_PAGE = 2 << 20 };
 void *cln_huge_pages(size_t bytes);
+
+/* Whether memory that is never touched costs nothing: no limit on the process's addresses (ulimit
+ * -v), and a system that does not count what is only reserved (vm.overcommit_memory 2). */
+bool cln_address_space_is_free(void);
 
 /* Bytes of memory that this process may take: the machine's, or fewer in a control group (a
  * container, a batch job). */

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include "base/memory.h"
 
-/* A block can grow to GROWTH times its first buffer: trees grow, and address space is free. */
+/* A block can grow to GROWTH times its first buffer, as trees grow. */
 enum { GROWTH = 8 };
 
 struct cln_blocks {
@@ -63,7 +63,8 @@ static cln_block *take_kept(cln_blocks *blocks, size_t bytes)
 static cln_block *make_block(cln_blocks *blocks, size_t bytes)
 {
     cln_block *block = malloc(sizeof *block);
-    size_t capacity = bytes <= SIZE_MAX / GROWTH ? bytes * GROWTH : bytes;
+    const bool grows = bytes <= SIZE_MAX / GROWTH && cln_address_space_is_free();
+    const size_t capacity = grows ? bytes * GROWTH : bytes;
 
     if (!block)
         return NULL;

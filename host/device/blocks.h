@@ -1,6 +1,7 @@
 /* Host memory of a CPU device's buffers, in huge pages. A block that a buffer gives up is kept for
- * a later one: its pages are there already, while the system clears every new one, which took most
- * of the time of a change of the tree. Safe to use from several threads. */
+ * a later one: its pages are there already, while the system clears every new one, which took a
+ * sixth of a minute's processor time on a capture (docs/devices.md). Safe to use from several
+ * threads. */
 #ifndef CLN_BLOCKS_H
 #define CLN_BLOCKS_H
 
@@ -11,7 +12,8 @@ typedef struct cln_blocks cln_blocks;
 typedef struct cln_block {
     cln_blocks *owner;
     void *memory;    /* [capacity] bytes, aligned to a huge page, not zeroed */
-    size_t capacity; /* what it may grow to without moving: costs nothing while it is not used */
+    size_t capacity; /* what it may grow to without moving; more than a buffer's bytes only where
+                        address space costs nothing (cln_address_space_is_free) */
     size_t used;     /* bytes that had a buffer so far, so that their pages are there */
     struct cln_block *next;
 } cln_block;
