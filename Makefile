@@ -227,7 +227,7 @@ $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 	   for f in $(TUNE_ROWS); do \
 	     n=$$(basename $$f); echo "{\"$$n\", $$(echo $$n | tr . _)},"; \
 	   done; \
-	   echo '{0, 0}};'; } > $@
+	   echo '{0, 0}};'; } > $@.new && mv $@.new $@
 
 $B/obj/mpi/ranks.o: host/ranks/ranks.c
 	@mkdir -p $(@D)
@@ -242,7 +242,7 @@ $B/pages_embed.c: $(PAGES) Makefile
 	     echo "const char *const cln_$$(basename $$f | tr . _)[] = {"; \
 	     $(AS_STRINGS) $$f; \
 	     echo '0};'; \
-	   done; } > $@
+	   done; } > $@.new && mv $@.new $@
 
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \

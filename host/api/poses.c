@@ -7,6 +7,8 @@
  *   SCENE/colmap.db     COLMAP's features and matches
  *   SCENE/colmap.log    every command with its output
  *
+ * Photos of one size and, by EXIF data, focal length are one camera's (photo_cameras.c).
+ *
  * Photos are matched all with all, or each with the next ones where there are many and their
  * names are numbered without many gaps, as cameras and videos number them. */
 #include <ctype.h>
@@ -29,6 +31,7 @@
 #include "base/number.h"
 #include "base/settings.h"
 #include "base/text.h"
+#include "api/photo_cameras.h"
 #include "api/photo_folder.h"
 #include "cl_nascent.h"
 #include "io/command.h"
@@ -39,8 +42,7 @@
 #include "scene/reader.h"
 
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST = 3 };
-enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64 };
-static const double LENGTHS_ALIKE = 1.02; /* times: EXIF data are rounded */
+enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of room;
  * what a photo's features need in the database: of so many pixels, and at most. */
 static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
@@ -50,6 +52,8 @@ static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
 static const char SIZE[] = "--Mapper.min_model_size";
 /* Photos matched before it says how far it is; its own is 50. */
 static const char BLOCK[] = "--ExhaustiveMatching.block_size";
+/* A file with the names of the photos to take, from which one run makes one camera. */
+static const char LIST[] = "--image_list_path";
 
 typedef struct work {
     const cln_poses_desc *desc;
@@ -58,15 +62,15 @@ typedef struct work {
     cln_film film; /* where the photos come from a video */
     char *images, *database, *sparse, *log_path;
     FILE *log;
-    const char *stage; /* name of this step on the progress line */
-    int done;
+    const char *stage;                 /* name of this step on the progress line */
+    int done, before;                  /* photos of this run; of runs before it */
     bool full;                         /* COLMAP found no room on the disk */
     int together;                      /* most photos that a model had */
     const char *extraction, *matching; /* how this COLMAP calls its options */
-    bool sized, blocks;                /* it takes a model's least size; a block's size */
-    int from_here;                     /* photos of the model that grows now */
-    bool anew;                         /* it is said that another model was begun */
-    double focal_least, focal_most;    /* by EXIF data, pixels */
+    bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
+    int from_here;             /* photos of the model that grows now */
+    bool anew;                 /* it is said that another model was begun */
+    double focal_least, focal_most; /* by EXIF data, pixels */
 } work;
 
 /* ---- COLMAP's words ---- */
@@ -146,7 +150,7 @@ static void read_line(const char *line, void *user)
             w->done = (int)((double)((a - 1) * of_b + b - 1) / (of_a * of_b) * w->photos.count);
     } else if ((at = strstr(line, "Processed file [")) &&
                sscanf(at, "Processed file [%d", &a) == 1) {
-        w->done = a;
+        w->done = w->before + a;
     } else if ((at = behind(line, "Matching image [", "Processing image [")) &&
                sscanf(at, "%d", &a) == 1) {
         w->done = a;
@@ -181,8 +185,8 @@ static cln_status run(work *w, const char *stage, const char *const *argv)
     cln_status st = CLN_OK;
 
     w->stage = stage;
-    w->done = 0;
-    cln_show_work(&w->desc->callbacks, stage, 0, w->photos.count);
+    w->done = w->before;
+    cln_show_work(&w->desc->callbacks, stage, w->done, w->photos.count);
     st = cln_command_run(argv, &watch);
     CLN_TRY(check_room(w, st, st == CLN_OK ? ROOM_LEAST : ROOM_FAILED));
 done:
@@ -202,6 +206,7 @@ static void learn_names(const char *line, void *user)
         w->matching = "--FeatureMatching.use_gpu";
     w->sized = w->sized || strstr(line, SIZE);
     w->blocks = w->blocks || strstr(line, BLOCK);
+    w->lists = w->lists || strstr(line, LIST);
 }
 
 static void ask_names(work *w)
@@ -246,32 +251,6 @@ static bool in_sequence(const cln_names *photos)
         steps += before >= 0 && now > before && now <= before + 3;
     }
     return steps >= 0.9 * (photos->count - 1);
-}
-
-/* Whether photos have several sizes; whether EXIF data tell several focal lengths, of a zoom lens
- * or of two cameras. */
-static cln_status find_cameras(const work *w, bool *sizes, bool *lengths)
-{
-    cln_status st = CLN_OK;
-    cln_image_head first = {0}, head;
-    double least = INFINITY, most = 0;
-    char *path = NULL;
-
-    *sizes = false;
-    for (int i = 0; i < w->photos.count; i++) {
-        free(path);
-        path = NULL;
-        CLN_TRY(cln_path_join(&path, w->images, w->photos.name[i]));
-        CLN_TRY(cln_image_read_head(path, &head));
-        first = i == 0 ? head : first;
-        *sizes = *sizes || head.width != first.width || head.height != first.height;
-        least = head.focal > 0 ? fmin(least, head.focal) : least;
-        most = fmax(most, head.focal);
-    }
-    *lengths = most > LENGTHS_ALIKE * least;
-done:
-    free(path);
-    return st;
 }
 
 /* ---- the scene ---- */
@@ -508,24 +487,59 @@ done:
     return st;
 }
 
+/* Finds the features of photos that a camera took, or of all, each with a camera of its own. list:
+ * their names, NULL for all. A few photos cannot tell four parameters of a lens. */
+static cln_status extract(work *w, int photos, bool one_camera, const char *list)
+{
+    return run(w, "poses: features",
+               (const char *const[]){"colmap", "feature_extractor", "--database_path", w->database,
+                                     "--image_path", w->images, "--ImageReader.camera_model",
+                                     photos < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
+                                     "--ImageReader.single_camera", one_camera ? "1" : "0",
+                                     w->extraction, "0", list ? LIST : NULL, list, NULL});
+}
+
+/* A run for each camera: its photos, and no others, get one in the database. */
+static cln_status extract_by_camera(work *w, const cln_photo_cameras *cameras)
+{
+    cln_status st = CLN_OK;
+    char *list = NULL;
+
+    CLN_TRY(cln_path_join(&list, w->desc->out, "colmap.photos"));
+    for (int c = 0; c < cameras->count; c++) {
+        CLN_TRY(cln_photo_cameras_list(cameras, &w->photos, c, list));
+        CLN_TRY(extract(w, cameras->photos[c], true, list));
+        w->before += cameras->photos[c];
+    }
+done:
+    w->before = 0;
+    if (list)
+        (void)unlink(list);
+    free(list);
+    return st;
+}
+
 static cln_status find_features(work *w)
 {
     cln_status st = CLN_OK;
-    bool sizes = false, lengths = false;
-    char focal[RANGE];
+    cln_photo_cameras cameras = {0};
+    char focal[RANGE], several[96];
 
-    CLN_TRY(find_cameras(w, &sizes, &lengths));
-    cln_info("%d photos, %s", w->photos.count,
-             sizes     ? "of several sizes: a camera for each"
-             : lengths ? "of several focal lengths, by EXIF: a camera for each"
-                       : "all of one size: one camera");
-    /* a few photos cannot tell four parameters of a lens */
-    CLN_TRY(run(w, "poses: features",
-                (const char *const[]){"colmap", "feature_extractor", "--database_path", w->database,
-                                      "--image_path", w->images, "--ImageReader.camera_model",
-                                      w->photos.count < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
-                                      "--ImageReader.single_camera", sizes || lengths ? "0" : "1",
-                                      w->extraction, "0", NULL}));
+    CLN_TRY(cln_photo_cameras_find(w->images, &w->photos, &cameras));
+    cln_format(several, sizeof several, "of several %s",
+               !cameras.lengths ? "sizes"
+               : cameras.sizes  ? "sizes and, by EXIF, focal lengths"
+                                : "focal lengths, by EXIF");
+    if (cameras.count == 1) {
+        cln_info("%d photos, all of one size: one camera", w->photos.count);
+        CLN_TRY(extract(w, w->photos.count, true, NULL));
+    } else if (cameras.count > CAMERAS || !w->lists || !cln_photo_cameras_listable(&w->photos)) {
+        cln_info("%d photos, %s: a camera for each photo", w->photos.count, several);
+        CLN_TRY(extract(w, w->photos.count, false, NULL));
+    } else {
+        cln_info("%d photos, %s: %d cameras", w->photos.count, several, cameras.count);
+        CLN_TRY(extract_by_camera(w, &cameras));
+    }
     if (w->result->focal_lengths)
         cln_info("EXIF tells the focal length of %d photo%s: %s pixels", w->result->focal_lengths,
                  cln_plural(w->result->focal_lengths, "", "s"),
@@ -533,6 +547,7 @@ static cln_status find_features(work *w)
     else
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
+    cln_photo_cameras_free(&cameras);
     return st;
 }
 

@@ -635,6 +635,27 @@ section_poses() {
     expect "a second time: nothing is replaced" 7 "posed sparse -o" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed"
 
+    # photos of two sizes: a camera for each, which a run of COLMAP's program each makes
+    "$make_scene" "$work/large photos" --size 32 --train 4 --test 1 >/dev/null || bad "make-scene"
+    mkdir "$work/sizes"
+    cp "$work/photos/train"/r_00[0-4].png "$work/sizes"
+    for i in 0 1 2 3; do
+        cp "$work/large photos/train/r_00$i.png" "$work/sizes/a large one $i.png"
+    done
+    expect "photos of two sizes: a camera for each size" 0 "~9.photos,.of.several.sizes:.2.cameras" \
+        env PATH="$path" "$cln" poses "$work/sizes" -o "$work/two sizes" --progress none
+    check "each photo comes once" eval '[ "$(sort "$work/two sizes/colmap.db" |
+        uniq | wc -l)" = 9 ] && [ "$(wc -l <"$work/two sizes/colmap.db")" = 9 ]'
+    check "first those of one size" \
+        [ "$(head -n 4 "$work/two sizes/colmap.db" | grep -c "a large one")" = 4 ]
+    check "each run makes one camera, and its list is gone" eval '[ "$(grep -c \
+        "single_camera 1.*image_list_path" "$work/two sizes/colmap.log")" = 2 ] &&
+        [ ! -e "$work/two sizes/colmap.photos" ]'
+    ln -s "r_001.png" "$work/sizes/ blank.png"
+    expect "a name that no list can have: a camera for each photo" 0 \
+        "~several.sizes:.a.camera.for.each.photo" \
+        env PATH="$path" "$cln" poses "$work/sizes" -o "$work/each" --progress none
+
     expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
         "$work/photos/train" -o "$work/posed next" --match next --progress none
     check "no reason is given for what was asked for" eval '! said "as there are many"'

@@ -1,0 +1,29 @@
+/* Which photos one camera took with one focal length, as far as their sizes and EXIF data tell. */
+#ifndef CLN_PHOTO_CAMERAS_H
+#define CLN_PHOTO_CAMERAS_H
+
+#include <stdbool.h>
+#include "scene/dataset.h"
+
+typedef struct cln_photo_cameras {
+    int count;
+    int *camera;         /* [photo] from 0, in the order in which they come */
+    int *photos;         /* [camera] how many photos it has */
+    bool sizes, lengths; /* photos differ in size; those of one size in focal length */
+} cln_photo_cameras;
+
+/* Photos of one size whose focal lengths differ by less than 2 % are one camera's; so are those of
+ * one size without any. CLN_INPUT for a photo that cannot be read, CLN_MEMORY. Free *out either
+ * way. */
+cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
+                                  cln_photo_cameras *out);
+void cln_photo_cameras_free(cln_photo_cameras *cameras);
+
+/* Whether every name can be a line of a list as COLMAP reads it. */
+bool cln_photo_cameras_listable(const cln_names *photos);
+
+/* Writes the names of a camera's photos to a file, a line each. CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_photo_cameras_list(const cln_photo_cameras *cameras, const cln_names *photos,
+                                  int camera, const char *path);
+
+#endif
