@@ -22,6 +22,7 @@
 #include "cli/option_table.h"
 #include "export/list.h"
 #include "io/film.h"
+#include "scene/dataset.h"
 
 /* "--points FILE.ply", ..., a line each. */
 #define X(what, needs, form, help) "\n  --" #what " " form
@@ -291,6 +292,12 @@ static cln_status parse_operand(parser *p, const char *argument)
     if (!command->operand)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes only options", argument,
                         command->name);
+    /* "poses *.jpg" */
+    if (p->out->operand && cln_dataset_is_image(p->out->operand) && cln_dataset_is_image(argument))
+        return cln_fail(CLN_USAGE,
+                        "unexpected argument '%s' beside '%s': give the folder that the "
+                        "photos are in",
+                        argument, p->out->operand);
     if (p->out->operand && command->bit != CLN_INFO)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes one %s, and has '%s'%s",
                         argument, command->name, command->operand, p->out->operand,

@@ -1,0 +1,257 @@
+#!/bin/bash
+# `cl-nascent poses`: photos and videos without poses, by a stand-in for COLMAP's program
+# (tests/support/colmap) and, where it is installed, the real ffmpeg. On tiny generated photos,
+# without a device.
+#   tests/cli/poses.sh                 all of it
+#   BUILD=build/sanitize               the programs to test
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+BUILD=${BUILD:-build}
+cln=$PWD/$BUILD/cl-nascent
+make_scene=$PWD/$BUILD/make-scene
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln poses XXXXXX")
+trap 'rm -rf "$work"' EXIT
+. tests/support/checks.sh
+
+section_photos() {
+    local path how
+    "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null || bad "make-scene"
+    mkdir "$work/bin" "$work/none"
+    cp tests/support/colmap "$work/bin/colmap"
+    path=$work/bin:$PATH
+    expect "poses without COLMAP: what to install" 1 "apt colmap" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/posed"
+    check "poses without COLMAP write nothing" [ ! -e "$work/posed" ]
+    mkdir -p "$work/home/images" "$work/own"
+    cp "$work/photos/train/r_000.png" "$work/home/images/holiday.png"
+    touch "$work/own/letter.txt"
+    expect "a folder that has other things" 7 "~own:.*letter.txt ~empty.folder" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/own"
+    for how in 1 2; do
+        expect "a folder with images of another kind" 7 \
+            "~holiday.png:.is.none.of.the.photos ~empty.folder" \
+            env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/home" --progress none
+    done
+    check "it is what it was" \
+        [ -z "$(find "$work/home" "$work/own" -name "r_0*" -o -name "colmap*")" ]
+    check "the way out is not to remove one's photo" eval '! said "remove"'
+    cp -r "$work/photos/train" "$work/home/mine"
+    rm -r "$work/home/images"
+    touch "$work/home/colmap.db"
+    expect "a database of another program" 7 "~home:.*colmap.db ~replaced" \
+        env PATH="$path" "$cln" poses "$work/home/mine" -o "$work/home" --progress none
+    rm "$work/home/colmap.db"
+    expect "photos in a folder of the scene, which may have other things" 0 "" \
+        env PATH="$path" "$cln" poses "$work/home/mine" -o "$work/home" --progress none
+    rm -r "${work:?}/home" "$work/own"
+    mkdir "$work/no photos"
+    touch "$work/text.zip"
+    expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
+        env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
+    check "poses of no photos write nothing" [ ! -e "$work/posed" ]
+    expect "one photo" 3 "~r_001.png:.*give.the.folder" "$cln" poses \
+        "$work/photos/train/r_001.png" -o "$work/posed"
+    expect "photos instead of their folder" 2 "~r_001.png.*give.the.folder" "$cln" poses \
+        "$work/photos/train/r_000.png" "$work/photos/train/r_001.png" -o "$work/posed"
+    expect "an archive" 3 "~text.zip:.*unpack" "$cln" poses "$work/text.zip" -o "$work/posed"
+    touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
+    expect "photos in formats that are not read" 3 \
+        "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
+        env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
+    cp -r "$work/photos/train" "$work/mixed"
+    touch "$work/mixed/"{a.HEIC,b.webp}
+    expect "a few in such formats among others are told, too" 1 \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap" \
+        env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
+    for how in r_004 r_007; do
+        truncate -s 100 "$work/mixed/$how.png"
+    done
+    expect "photos that are cut off, before COLMAP works" 3 \
+        "~mixed:.2.of.24.photos.cannot.be.read.*move.them.*r_004.png:.truncated" \
+        env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
+    check "they write nothing" [ ! -e "$work/posed" ]
+    expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
+        env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
+    expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/photos/train/a/b"
+    expect "that folder itself" 2 "~beside" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/photos/train/"
+    touch "$work/no folder"
+    expect "a scene that is a file, before COLMAP is missed" 7 "~no.folder: ~folder" \
+        env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/no folder"
+    expect "no folder to write" 2 "-o" "$cln" poses "$work/photos/train"
+    expect "poses of nothing" 3 "not there folder" "$cln" poses "$work/nowhere" -o "$work/x"
+    expect "poses: who has none, and what EXIF tells" 0 \
+        "~1.of.24.images.has.no.pose.and.is.left.out:.*r_023 ~of.23.photos" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed" --progress none
+    check "it is said once" [ "$(grep -c "no pose" "$work/err")" = 1 ]
+    check "poses count the registered photos" grep -q "registered  23 of 24" "$work/out"
+    check "it ends with the next command" grep -q "cl-nascent train .*posed'* -o" "$work/out"
+    check "EXIF's focal length and COLMAP's" eval 'said "of 23 photos: 30 pixels" &&
+        said "COLMAP'"'"'s focal length: 30 pixels, of photos 24 pixels wide"'
+    check "it matches in small blocks, after each of which it says how far it is" \
+        grep -q "ExhaustiveMatching.block_size 4$" "$work/posed/colmap.log"
+    check "all are matched with all" grep -q "colmap exhaustive_matcher" "$work/posed/colmap.log"
+    check "the scene that poses wrote is read" \
+        [ "$("$cln" info "$work/posed" --json | "$query" views)" = 23 ]
+    expect "a second time: nothing is replaced" 7 "posed sparse -o" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed"
+
+    # photos of two sizes: a camera for each, which a run of COLMAP's program each makes
+    "$make_scene" "$work/large photos" --size 32 --train 4 --test 1 >/dev/null || bad "make-scene"
+    mkdir "$work/sizes"
+    cp "$work/photos/train"/r_00[0-4].png "$work/sizes"
+    for i in 0 1 2 3; do
+        cp "$work/large photos/train/r_00$i.png" "$work/sizes/a large one $i.png"
+    done
+    expect "photos of two sizes: a camera for each size" 0 \
+        "~9.photos,.of.several.sizes:.2.cameras" \
+        env PATH="$path" "$cln" poses "$work/sizes" -o "$work/two sizes" --progress none
+    check "each photo comes once" eval '[ "$(sort "$work/two sizes/colmap.db" |
+        uniq | wc -l)" = 9 ] && [ "$(wc -l <"$work/two sizes/colmap.db")" = 9 ]'
+    check "first those of one size" \
+        [ "$(head -n 4 "$work/two sizes/colmap.db" | grep -c "a large one")" = 4 ]
+    check "each run makes one camera, and its list is gone" eval '[ "$(grep -c \
+        "single_camera 1.*image_list_path" "$work/two sizes/colmap.log")" = 2 ] &&
+        [ ! -e "$work/two sizes/colmap.photos" ]'
+    ln -s "r_001.png" "$work/sizes/ blank.png"
+    expect "a name that no list can have: a camera for each photo" 0 \
+        "~several.sizes:.a.camera.for.each.photo" \
+        env PATH="$path" "$cln" poses "$work/sizes" -o "$work/each" --progress none
+
+    expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/posed next" --match next --progress none
+    check "no reason is given for what was asked for" eval '! said "as there are many"'
+    expect "how far it is" 0 "~registered.photos.23/24" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/posed 2" --progress line
+    for how in all next; do
+        expect "COLMAP 3.13: other names of options, other lines; matched: $how" 0 \
+            "~registered.photos.23/24 ~EXIF.*of.23.photos" env PATH="$path" STAND_IN=newer \
+            "$cln" poses "$work/photos/train" -o "$work/newer $how" --match $how --progress line
+        check "its options" eval 'grep -q -- "--FeatureExtraction.use_gpu 0" \
+            "$work/newer $how/colmap.log" && grep -q -- "--FeatureMatching.use_gpu 0" \
+            "$work/newer $how/colmap.log"'
+    done
+
+    expect "two parts: the larger one" 0 "~2.groups" env PATH="$path" STAND_IN=parts "$cln" \
+        poses "$work/photos/train" -o "$work/parts" --progress none --json
+    check "that there are parts is said on the way" said "one start led to 23 of 24 photos"
+    check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
+    expect "a model of more than 1 GiB is counted" 0 "~2.groups" env PATH="$path" STAND_IN=large \
+        "$cln" poses "$work/photos/train" -o "$work/large" --progress none --json
+    rm -r "$work/large"
+    expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
+        env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
+    mkdir "$work/many" "$work/two"
+    for i in $(seq 1000 1121); do
+        ln "$work/photos/train/r_000.png" "$work/many/IMG_$i.png"
+    done
+    expect "8 of 24 photos are better than none" 0 "~16.of.24.images.have.no.pose" env \
+        PATH="$path" STAND_IN=eight "$cln" poses "$work/photos/train" -o "$work/eight" \
+        --progress none --json
+    check "they are registered" [ "$(json registered)" = 8 ]
+    expect "of many photos 8 are a bad beginning, and it is said that there were so many" 1 \
+        "~at.most.8.of.122.hung.together" env PATH="$path" STAND_IN=eight "$cln" poses \
+        "$work/many" -o "$work/eight of many" --match next --progress none
+    for how in full killed; do
+        expect "no room on the disk is not said to be bad photos: $how" 7 \
+            "~hopeless:.no.room.*disk ~another.disk" env PATH="$path" STAND_IN=$how "$cln" poses \
+            "$work/photos/train" -o "$work/hopeless" --progress none
+    done
+    expect "it can be tried again" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
+        -o "$work/hopeless" --match next --progress none
+    check "poses --match next matches in sequence" \
+        grep -q sequential_matcher "$work/hopeless/colmap.log"
+    expect "many in a row: each with the next" 0 "~next.12" \
+        env PATH="$path" "$cln" poses "$work/many" -o "$work/row" --progress none
+    cp "$work/photos/train/r_000.png" "$work/photos/train/r_001.png" "$work/two"
+    expect "two photos" 3 "three" env PATH="$path" "$cln" poses "$work/two" -o "$work/of two"
+
+    echo >"$work/walk.mp4"
+    expect "a video without ffmpeg" 1 "apt ffmpeg" env PATH="$work/bin:$work/perl" "$cln" poses \
+        "$work/walk.mp4" -o "$work/walk"
+    printf '#!/bin/sh\necho "walk.mp4: Invalid data" >&2\nexit 1\n' >"$work/bin/ffmpeg"
+    chmod +x "$work/bin/ffmpeg"
+    cp "$work/bin/ffmpeg" "$work/bin/ffprobe"
+    expect "a file that is no video: it is named first, with the reason" 3 \
+        "~cl-nascent:.[^:]*walk.mp4:.*video.*Invalid.data.*give" env PATH="$path" "$cln" poses \
+        "$work/walk.mp4" -o "$work/walk" --progress none
+    check "neither writes a folder" [ ! -e "$work/walk" ]
+    printf '#!/bin/sh\necho nb_frames=99\necho duration=10.0\n' >"$work/bin/ffprobe"
+    cat >"$work/bin/ffmpeg" <<END
+#!/bin/sh
+case "\$*" in *"t)*1.200000+"*) ;; *) exit 1 ;; esac
+for i in 1 2 3 4; do
+    cp "$work/photos/train/r_00\$i.png" "$work/walk/images/frame_0000\$i.png"
+done
+END
+    chmod +x "$work/bin/ffprobe" "$work/bin/ffmpeg"
+    expect "a video" 0 "~4.of.the.video's.99.frames" env PATH="$path" "$cln" poses \
+        "$work/walk.mp4" -o "$work/walk" --frames 12 --progress none --json
+    check "poses of a video take its frames" [ "$(json registered) $(json photos)" = "3 4" ]
+    # a second attempt in a folder where photos were linked, which ffmpeg must not write through
+    mkdir "$work/mine"
+    for i in 1 2 3 4; do cp "$work/photos/train/r_00$i.png" "$work/mine/frame_0000$i.jpg"; done
+    cat >"$work/bin/ffmpeg" <<END
+#!/bin/sh
+for i in 1 2 3; do
+    cat "$work/photos/train/r_01\$i.png" >"$work/again/images/frame_0000\$i.jpg"
+done
+END
+    expect "photos that show too little" 1 "" env PATH="$path" STAND_IN=nothing "$cln" poses \
+        "$work/mine" -o "$work/again" --progress none
+    for i in 1 2; do # the second time, the first one's log is there
+        expect "then a video: photos are no frames" 7 "~frame_0000.*no.frame ~empty.folder" \
+            env PATH="$path" "$cln" poses "$work/walk.mp4" -o "$work/again" --progress none
+    done
+    check "the photos are what they were" cmp "$work/mine/frame_00001.jpg" \
+        "$work/photos/train/r_001.png"
+    check "and all there" [ "$(find "$work/again/images" -type f | wc -l)" = 4 ]
+    rm -r "$work/again"
+    for i in 1 2; do
+        expect "a video, of which the second attempt removes the first one's frames" 1 \
+            "~too.little.in.common" env PATH="$path" STAND_IN=nothing "$cln" poses \
+            "$work/walk.mp4" -o "$work/again" --progress none
+    done
+    check "there are its frames alone" [ "$(find "$work/again/images" -type f | wc -l)" = 3 ]
+    cp "$work/photos/train/r_001.png" "$work/again/images/mine.png"
+    expect "a photo there that may be the only copy" 7 "~mine.png ~empty.folder" env PATH="$path" \
+        "$cln" poses "$work/walk.mp4" -o "$work/again" --progress none
+    expect "photos beside one that is none of them" 7 "~mine.png ~matched ~empty.folder" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/again" --progress none
+    cp "$work/walk.mp4" "$work/12:30.mp4"
+    printf '#!/bin/sh\necho "$*" >"%s/probed"\necho duration=10.0\n' "$work" >"$work/bin/ffprobe"
+    printf '#!/bin/sh\nprintf "%%s\\n" "$@" >"%s/made"\nexit 1\n' "$work" >"$work/bin/ffmpeg"
+    expect "a video and a folder whose names mean something to ffmpeg" 1 "" \
+        bash -c 'cd "$1" && PATH=$2 exec "$3" poses 12:30.mp4 -o a%d --progress none' - \
+        "$work" "$path" "$cln"
+    check "ffprobe gets a file, not an address" grep -q " file:12:30.mp4$" "$work/probed"
+    check "so does ffmpeg" grep -qx "file:12:30.mp4" "$work/made"
+    check "its percent sign is no number of a frame" \
+        grep -qx "file:a%%d/images/frame_%05d.jpg" "$work/made"
+    rm "$work/bin/ffmpeg" "$work/bin/ffprobe"
+    film_poses "$path"
+}
+
+# film_poses PATH: a video of 6 frames a second for 2 seconds, by the real ffmpeg
+film_poses() {
+    local path=$1 asked taken
+    if ! command -v ffmpeg >/dev/null || ! command -v ffprobe >/dev/null; then
+        skip "frames of a real video" "no ffmpeg"
+        return
+    fi
+    ffmpeg -nostdin -v error -framerate 6 -i "$work/photos/train/r_0%02d.png" -frames:v 12 \
+        -c:v mjpeg -q:v 2 "$work/film.mov" || bad "ffmpeg makes a film"
+    for asked in 150 4; do
+        taken=$((asked < 12 ? asked : 12))
+        expect "a film of 12 frames, of which $asked are asked for" 0 \
+            "~$taken.of.the.video's.12.frames" env PATH="$path" "$cln" poses "$work/film.mov" \
+            -o "$work/film $asked" --frames $asked --progress none
+        check "$taken are taken, and none twice" [ "$(md5sum "$work/film $asked/images/"* |
+            cut -d " " -f 1 | sort -u | wc -l) $(find "$work/film $asked/images" -type f |
+            wc -l)" = "$taken $taken" ]
+    done
+}
+
+run_sections "photos" "$@"
