@@ -11,14 +11,20 @@
 
 static const double ALIKE = 1.02; /* times: EXIF data are rounded */
 
-/* A camera's size and focal length are those of its first photo. */
+/* A camera's size and focal length are those of its first photo. On 35 mm film, the length tells
+ * what was cut off, too, but programs that change photos may drop it. */
 static bool took(const cln_image_head *first, const cln_image_head *photo)
 {
+    const bool film = first->focal_film > 0 && photo->focal_film > 0;
+    const double a = film ? first->focal_film : first->focal;
+    const double b = film ? photo->focal_film : photo->focal;
+
     if (first->width != photo->width || first->height != photo->height)
         return false;
-    if (!(first->focal > 0) || !(photo->focal > 0))
-        return !(first->focal > 0) && !(photo->focal > 0);
-    return fmax(first->focal, photo->focal) <= ALIKE * fmin(first->focal, photo->focal);
+    if (!film && (!(a > 0) || !(b > 0))) /* they cannot be compared: both without any? */
+        return fmax(first->focal, first->focal_film) == 0 &&
+               fmax(photo->focal, photo->focal_film) == 0;
+    return fmax(a, b) <= ALIKE * fmin(a, b);
 }
 
 cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,

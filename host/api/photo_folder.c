@@ -4,6 +4,7 @@
 #include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,7 +29,7 @@ bool cln_photos_are_video(const char *path)
     const char *dot = strrchr(path, '.');
     char word[16];
 
-    if (!dot || strlen(dot) > 6)
+    if (!dot || strlen(dot) > 6 || cln_is_dir(path)) /* folders of frames are called so, too */
         return false;
     snprintf(word, sizeof word, " %s ", dot + 1);
     for (char *c = word; *c; c++)
@@ -239,14 +240,15 @@ done:
 
 /* ---- photos ---- */
 
-/* Links or copies a photo; one that is there already must be the same. */
+/* Links or copies a photo, not the symbolic link that it may be; one that is there already must be
+ * the same. */
 static cln_status copy_file(const char *from, const char *to)
 {
     cln_status st = CLN_OK;
     char *data = NULL, *there = NULL;
     size_t bytes = 0, there_bytes = 0;
 
-    if (link(from, to) == 0)
+    if (linkat(AT_FDCWD, from, AT_FDCWD, to, AT_SYMLINK_FOLLOW) == 0)
         return CLN_OK;
     CLN_TRY(cln_read_file(from, FILE_MOST, &data, &bytes));
     if (cln_is_file(to)) {
@@ -265,12 +267,16 @@ done:
     return st;
 }
 
+static int by_bytes(const void *name, const void *other)
+{
+    return strcmp(name, *(const char *const *)other);
+}
+
+/* Of names in the order of cln_dataset_images. */
 static bool has_name(const cln_names *names, const char *name)
 {
-    for (int i = 0; i < names->count; i++)
-        if (strcmp(names->name[i], name) == 0)
-            return true;
-    return false;
+    return names->count &&
+           bsearch(name, names->name, (size_t)names->count, sizeof *names->name, by_bytes) != NULL;
 }
 
 /* COLMAP would match what an earlier attempt left in the scene, too. */
@@ -324,7 +330,8 @@ cln_status cln_photos_check_out(const char *photos, const char *out)
     within = strcmp(scene, around) == 0;
     dir = within ? NULL : opendir(out);
     for (struct dirent *entry = dir ? readdir(dir) : NULL; entry; entry = readdir(dir))
-        if (entry->d_name[0] != '.' && strcmp(entry->d_name, "images") != 0)
+        if (entry->d_name[0] != '.' && strcmp(entry->d_name, "images") != 0 &&
+            (!*other || strcmp(entry->d_name, other) < 0))
             snprintf(other, sizeof other, "%s", entry->d_name);
     if (*other)
         CLN_TRY(cln_fail(CLN_OUTPUT,

@@ -7,14 +7,14 @@
 #include <stdio.h>
 #include "cl_nascent.h"
 
-/* Whether a file is a video, by its name. */
+/* Whether a path is a video: no folder, by its name. */
 bool cln_photos_are_video(const char *path);
 
 /* Whether the log of an earlier attempt has a command that made frames. */
 bool cln_photos_were_framed(const char *log);
 
 /* Whether a scene may be made in the folder `out`: CLN_OUTPUT if it has things of no earlier
- * attempt beside images, unless the photos, a folder or a video, are in it, too. */
+ * attempt beside images, unless the photos, a folder or a video, are directly in it. */
 cln_status cln_photos_check_out(const char *photos, const char *out);
 
 typedef struct cln_film {

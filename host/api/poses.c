@@ -147,7 +147,7 @@ static void read_line(const char *line, void *user)
         const int found = sscanf(at, "%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
 
         if (found == 4 && of_a > 0 && of_b > 0)
-            w->done = (int)((double)((a - 1) * of_b + b - 1) / (of_a * of_b) * w->photos.count);
+            w->done = (int)((a - 1 + (b - 1) / (double)of_b) / of_a * w->photos.count);
     } else if ((at = strstr(line, "Processed file [")) &&
                sscanf(at, "Processed file [%d", &a) == 1) {
         w->done = w->before + a;
@@ -321,7 +321,7 @@ done:
 static cln_status check_photos_room(const char *folder, const cln_names *photos, const char *out)
 {
     cln_status st = CLN_OK;
-    char *path = NULL, *there = NULL, what[64];
+    char *path = NULL, *there = NULL, *copy = NULL, what[64];
     double bytes = 0;
     struct stat info, disk;
 
@@ -334,13 +334,18 @@ static cln_status check_photos_room(const char *folder, const cln_names *photos,
         CLN_TRY(cln_path_join(&path, folder, photos->name[i]));
         CLN_TRY(cln_image_info(path, &width, &height, &channels));
         bytes += fmin(ROOM_PHOTO, ROOM_PIXEL * width * height);
-        if (stat(path, &info) == 0 && stat(there, &disk) == 0 && info.st_dev != disk.st_dev)
+        CLN_TRY(cln_asprintf(&copy, "%s/images/%s", out, photos->name[i]));
+        if (stat(path, &info) == 0 && stat(there, &disk) == 0 && info.st_dev != disk.st_dev &&
+            !cln_is_file(copy))
             bytes += (double)info.st_size;
+        free(copy);
+        copy = NULL;
     }
     snprintf(what, sizeof what, "%d photos and their features", photos->count);
     CLN_TRY(cln_disk_check(out, bytes, what));
 done:
     free(path);
+    free(copy);
     free(there);
     return st;
 }
@@ -441,21 +446,33 @@ static int remove_one(const char *path, const struct stat *info, int kind, struc
     return remove(path);
 }
 
-/* Removes what an earlier attempt left, which found no poses. */
-static void remove_rest(const work *w)
+/* Removes what an earlier attempt left, which found no poses: features of other photos, and models
+ * that would be taken for this one's. */
+static cln_status remove_rest(const work *w)
 {
     enum { OPEN = 8 };
     static const char *const beside[] = {"", "-wal", "-shm", "-journal"}; /* SQLite's */
+    cln_status st = CLN_OK;
+    char *path = NULL;
 
     for (size_t i = 0; i < sizeof beside / sizeof *beside; i++) {
-        char *path = NULL;
-
-        if (cln_asprintf(&path, "%s%s", w->database, beside[i]) == CLN_OK)
-            (void)unlink(path);
         free(path);
+        path = NULL;
+        CLN_TRY(cln_asprintf(&path, "%s%s", w->database, beside[i]));
+        if (unlink(path) != 0 && errno != ENOENT)
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s: of an earlier attempt, and cannot be removed: %s; remove it, or "
+                             "give another folder with -o",
+                             path, strerror(errno)));
     }
-    if (cln_is_dir(w->sparse))
-        (void)nftw(w->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS);
+    if (cln_is_dir(w->sparse) && nftw(w->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: of an earlier attempt, and cannot be removed: %s; remove it, or give "
+                         "another folder with -o",
+                         w->sparse, strerror(errno)));
+done:
+    free(path);
+    return st;
 }
 
 static cln_status set_up(work *w)
@@ -471,7 +488,7 @@ static cln_status set_up(work *w)
     if (!cln_photos_are_video(
             w->desc->photos)) /* before the log, which means an attempt was here */
         CLN_TRY(cln_photos_link(w->desc->photos, w->images));
-    remove_rest(w);
+    CLN_TRY(remove_rest(w));
     framed = cln_photos_were_framed(w->log_path); /* by the log that is written over now */
     w->log = fopen(w->log_path, "w");
     if (!w->log)

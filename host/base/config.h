@@ -26,6 +26,7 @@ extern const int cln_config_row_count;
 
 /* The groups of rows in the order of help and report, with their titles. */
 enum { CLN_CONFIG_GROUPS = 5 };
+enum { CLN_MOST_DOWNSCALE = 64 }; /* of --downscale */
 extern const char *const cln_config_groups[CLN_CONFIG_GROUPS][2];
 
 /* Returns whether the first `length` characters of name are the row's option or alias. */

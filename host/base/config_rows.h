@@ -341,7 +341,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "auto|transforms|colmap|llff|neus|nsvf|opensfm",                                          \
          "what the scene is read as; auto: the first of the others that is there",                 \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
-    INT(downscale, "downscale", 0, 0, 0, 64,                                                       \
+    INT(downscale, "downscale", 0, 0, 0, CLN_MOST_DOWNSCALE,                                       \
         "divide the image size by N with an area filter (0 or auto: each so that its longest "     \
         "side "                                                                                    \
         "is <= 1600)",                                                                             \

@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <sys/mman.h>
 #include "base/memory.h"
 
 /* A block can grow to GROWTH times its first buffer, as trees grow. */
@@ -44,19 +45,30 @@ static void free_block(cln_block *block)
     free(block);
 }
 
+/* Gives the system what a buffer of so many bytes does not need, as it is counted nowhere. */
+static void give_up_pages(cln_block *block, size_t bytes)
+{
+    const size_t begin = (bytes + CLN_HUGE_PAGE - 1) / CLN_HUGE_PAGE * CLN_HUGE_PAGE;
+
+    if (block->used > begin)
+        (void)madvise((char *)block->memory + begin, block->used - begin, MADV_DONTNEED);
+    block->used = block->used < bytes ? block->used : bytes;
+}
+
 /* Takes a kept block out that holds so many bytes, the one with the most pages that they use. */
 static cln_block *take_kept(cln_blocks *blocks, size_t bytes)
 {
     cln_block **best = NULL, *block = NULL;
 
     for (cln_block **at = &blocks->kept; *at; at = &(*at)->next)
-        if ((*at)->capacity >= bytes && (*at)->used / 3 <= bytes / 2) /* else pages lie idle */
+        if ((*at)->capacity >= bytes && (*at)->used / 3 <= bytes / 2) /* else many pages are lost */
             best = !best || (*best)->used < bytes ? at : best;
     if (!best)
         return NULL;
     block = *best;
     *best = block->next;
     blocks->kept_bytes -= block->used;
+    give_up_pages(block, bytes);
     return block;
 }
 
@@ -91,7 +103,7 @@ cln_block *cln_blocks_take(cln_blocks *blocks, size_t bytes)
     if (!block)
         block = make_block(blocks, bytes);
     if (block) {
-        block->used = bytes > block->used ? bytes : block->used;
+        block->used = bytes;
         blocks->lent++;
     }
     pthread_mutex_unlock(&blocks->lock);
@@ -121,11 +133,9 @@ void cln_block_give_back(cln_block *block)
         free_blocks(blocks);
 }
 
-size_t cln_blocks_trim(cln_blocks *blocks, size_t most)
+/* Its caller has the lock. */
+static void trim(cln_blocks *blocks, size_t most)
 {
-    size_t kept = 0;
-
-    pthread_mutex_lock(&blocks->lock);
     while (blocks->kept && blocks->kept_bytes > most) {
         cln_block *block = blocks->kept;
 
@@ -133,6 +143,14 @@ size_t cln_blocks_trim(cln_blocks *blocks, size_t most)
         blocks->kept_bytes -= block->used;
         free_block(block);
     }
+}
+
+size_t cln_blocks_trim(cln_blocks *blocks, size_t most)
+{
+    size_t kept = 0;
+
+    pthread_mutex_lock(&blocks->lock);
+    trim(blocks, most);
     kept = blocks->kept_bytes;
     pthread_mutex_unlock(&blocks->lock);
     return kept;
@@ -144,8 +162,8 @@ void cln_blocks_close(cln_blocks *blocks)
 
     if (!blocks)
         return;
-    cln_blocks_trim(blocks, 0);
     pthread_mutex_lock(&blocks->lock);
+    trim(blocks, 0); /* at once with `closed`: one that is given back in between would be kept */
     blocks->closed = true;
     last = blocks->lent == 0;
     pthread_mutex_unlock(&blocks->lock);

@@ -14,7 +14,7 @@ typedef struct cln_block {
     void *memory;    /* [capacity] bytes, aligned to a huge page, not zeroed */
     size_t capacity; /* what it may grow to without moving; more than a buffer's bytes only where
                         address space costs nothing (cln_address_space_is_free) */
-    size_t used;     /* bytes that had a buffer so far, so that their pages are there */
+    size_t used;     /* bytes of the buffer that has it, or had it last: their pages are there */
     struct cln_block *next;
 } cln_block;
 

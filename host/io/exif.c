@@ -44,29 +44,29 @@ static bool find(const tiff *t, size_t at, uint32_t tag, uint32_t type, uint32_t
     return false;
 }
 
-static double read_focal(const tiff *t, size_t directory)
+static void read_focal(const tiff *t, size_t directory, cln_exif *out)
 {
     uint32_t value = 0, below = 0;
 
-    if (find(t, directory, FOCAL_LENGTH_FILM, SHORT, &value) && value > 0)
-        return value;
+    if (find(t, directory, FOCAL_LENGTH_FILM, SHORT, &value))
+        out->focal_film = value;
     if (!find(t, directory, FOCAL_LENGTH, RATIONAL, &value) || value > t->bytes - 8)
-        return 0;
+        return;
     below = number(t, value + (size_t)4, 4);
-    return below > 0 ? (double)number(t, value, 4) / below : 0;
+    out->focal = below > 0 ? (double)number(t, value, 4) / below : 0;
 }
 
 cln_exif cln_exif_read(const uint8_t *data, size_t bytes)
 {
     if (bytes < 6 || memcmp(data, "Exif\0", 6) != 0)
-        return (cln_exif){1, 0};
+        return (cln_exif){.orientation = 1};
     return cln_exif_read_tiff(data + 6, bytes - 6);
 }
 
 cln_exif cln_exif_read_tiff(const uint8_t *data, size_t bytes)
 {
     tiff t = {data, bytes, bytes > 0 && data[0] == 'I'};
-    cln_exif out = {1, 0};
+    cln_exif out = {.orientation = 1};
     uint32_t first = 0, value = 0;
 
     if (bytes < HEADER || data[0] != data[1] || (data[0] != 'I' && data[0] != 'M') ||
@@ -76,6 +76,6 @@ cln_exif cln_exif_read_tiff(const uint8_t *data, size_t bytes)
     if (find(&t, first, ORIENTATION, SHORT, &value) && value >= 1 && value <= 8)
         out.orientation = (int)value;
     if (find(&t, first, TAKEN, LONG, &value))
-        out.focal = read_focal(&t, value);
+        read_focal(&t, value, &out);
     return out;
 }

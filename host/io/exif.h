@@ -6,14 +6,14 @@
 #include <stdint.h>
 
 /* orientation: 1 to 8, how viewers turn the stored picture (3: by half a turn; 6 and 8: by a
- * quarter turn, clockwise and back; 2, 4, 5, 7 also mirror it); 1 if it is not told. focal: mm, as
- * on 35 mm film, or the lens's own where only that is told; 0 without. */
+ * quarter turn, clockwise and back; 2, 4, 5, 7 also mirror it); 1 if it is not told. focal: the
+ * lens's own, mm; focal_film: that of the same view on 35 mm film; each 0 if it is not told. */
 typedef struct cln_exif {
     int orientation;
-    double focal;
+    double focal, focal_film;
 } cln_exif;
 
-/* Of the contents of an APP1 segment. What they do not say, or is damaged, is 1 and 0. */
+/* Of the contents of an APP1 segment. What they do not say, or is damaged, is 1 and zeros. */
 cln_exif cln_exif_read(const uint8_t *data, size_t bytes);
 
 /* The same of the TIFF file in it, which is all of a PNG's eXIf chunk. */

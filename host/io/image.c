@@ -94,6 +94,8 @@ static void add_exif(header *head, cln_exif found)
         head->exif.orientation = found.orientation;
     if (head->exif.focal == 0)
         head->exif.focal = found.focal;
+    if (head->exif.focal_film == 0)
+        head->exif.focal_film = found.focal_film;
 }
 
 static uint32_t big_endian(const uint8_t *p, int bytes)
@@ -337,8 +339,13 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
         walk((const uint8_t *)all, bytes, false, &head);
     }
     CLN_TRY(check_header(path, &head));
-    *out = (cln_image_head){(int)head.width,       (int)head.height, head.channels,
-                            head.exif.orientation, head.exif.focal,  !head.png};
+    *out = (cln_image_head){.width = (int)head.width,
+                            .height = (int)head.height,
+                            .channels = head.channels,
+                            .orientation = head.exif.orientation,
+                            .focal = head.exif.focal,
+                            .focal_film = head.exif.focal_film,
+                            .jpeg = !head.png};
 done:
     free(all);
     if (file)

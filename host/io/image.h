@@ -14,10 +14,10 @@ enum { CLN_IMAGE_MAX_SIDE = 1 << 17, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 cln_status cln_image_info(const char *path, int *width, int *height, int *channels);
 
 /* The same, and what EXIF data tell (io/exif.h): how viewers turn it (1: as it is), which decoding
- * does not do, and a focal length (mm; 0: none). */
+ * does not do, and focal lengths (mm; 0: none). */
 typedef struct cln_image_head {
     int width, height, channels, orientation;
-    double focal;
+    double focal, focal_film;
     bool jpeg; /* else PNG */
 } cln_image_head;
 cln_status cln_image_read_head(const char *path, cln_image_head *out);
@@ -46,8 +46,8 @@ cln_status cln_image_downscale(int n, int *width, int *height, int channels, uin
  * replaced. CLN_MEMORY. */
 cln_status cln_image_turn(int orientation, int *width, int *height, int channels, uint8_t **pixels);
 
-/* Gives an image of `count` pixels the alpha of another: the largest of its three colours, as it
- * may be a coloured mask. *pixels is replaced and has 4 channels. CLN_MEMORY. */
+/* Gives an image of `count` pixels the alpha of another of 3 or 4 channels: the largest of its three
+ * colours, as it may be a coloured mask. *pixels is replaced and has 4 channels. CLN_MEMORY. */
 cln_status cln_image_put_alpha(size_t count, const uint8_t *alpha, int alpha_channels,
                                int *channels, uint8_t **pixels);
 

@@ -581,7 +581,7 @@ static bool plan_batches(const cln_plan_desc *d, int batches, cln_plan *out)
  * none, with half of --rays, and so on. */
 static void fit_batch(const cln_plan_desc *d, cln_plan *out)
 {
-    enum { LEAST = 4096, LEAST_RAYS = 64 };
+    enum { LEAST = 4096, LEAST_RAYS = 16 };
     cln_pipeline smaller = *d->pipeline;
     cln_config *c = &smaller.config;
     cln_plan_desc desc = *d;

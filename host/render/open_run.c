@@ -134,7 +134,10 @@ cln_status cln_open_run_cameras(const char *run, const char *scene, const cln_ca
     cln_clear_error();
     *alike = alone; /* the file may be damaged on one of them */
     CLN_TRY(cln_open_run_model(run, out));
-    CLN_TRY(cln_recorded_cameras(run, &out->scene));
+    st = cln_recorded_cameras(run, &out->scene);
+    if (st == CLN_INPUT)
+        cln_note("looking for cameras without the scene: %s", why);
+    CLN_TRY(st);
     out->same_scene = true;
     adapt_scene(out);
     if (cln_ranks_me() == 0)

@@ -236,7 +236,7 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     dataset = json_object_get(document, "dataset");
     if (config.space == CLN_SPACE_AUTO && same_text(dataset, "space", "cube"))
         config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
-    if (config.downscale == 0 && !json_object_get(dataset, "downscale_least")) /* all by one then */
+    if (config.downscale == 0 && !differs(dataset)) /* runs began when all were divided by one */
         config.downscale = (int)json_integer_value(json_object_get(dataset, "downscale"));
     desc.config = &config;
     desc.keep_alpha = json_is_true(json_object_get(dataset, "alpha"));

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
@@ -17,7 +18,6 @@
 
 #define SCHEMA "cl-nascent.cameras/1"
 static const size_t TEXT = JSON_COMPACT | JSON_ENCODE_ANY | JSON_REAL_PRECISION(17);
-enum { MOST_DOWNSCALE = 64 };
 
 /* ---- writing ---- */
 
@@ -228,7 +228,7 @@ static cln_status read_camera(const char *path, const json_t *row, size_t i, cln
                  {"height", &c->height, CLN_IMAGE_MAX_SIDE},
                  {"file_width", &out->file_width, CLN_IMAGE_MAX_SIDE},
                  {"file_height", &out->file_height, CLN_IMAGE_MAX_SIDE},
-                 {"downscale", &out->downscale, MOST_DOWNSCALE}};
+                 {"downscale", &out->downscale, CLN_MOST_DOWNSCALE}};
     const struct {
         const char *key;
         double *value;
@@ -302,18 +302,20 @@ done:
 static cln_status read_head(const char *path, const json_t *document, cln_scene *scene)
 {
     cln_status st = CLN_OK;
-    const char *schema = cln_json_text(document, "schema"), *folder = NULL;
+    const char *schema = cln_json_text(document, "schema"), *folder = NULL, *digest = NULL;
     const json_t *box = json_object_get(document, "box");
 
     if (strcmp(schema, SCHEMA) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: its schema is %s, not %s; another program wrote it", path,
                          *schema ? schema : "not named", SCHEMA));
     folder = cln_json_text(document, "folder");
-    scene->digest = strtoull(cln_json_text(document, "digest"), NULL, 16);
+    digest = cln_json_text(document, "digest");
+    scene->digest = strtoull(digest, NULL, 16);
     scene->has_box = box != NULL;
-    if (!*folder || (box && !get_numbers(box, 6, scene->box)))
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: its %s is damaged; copy the run again", path,
-                         *folder ? "box" : "folder"));
+    if (!*folder || strspn(digest, "0123456789abcdef") != CLN_DIGEST_TEXT - 1 ||
+        digest[CLN_DIGEST_TEXT - 1] || (box && !get_numbers(box, 6, scene->box)))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: its folder, digest or box is damaged; copy the run again",
+                         path));
     CLN_TRY(cln_strdup(&scene->path, folder));
     CLN_TRY(cln_strdup(&scene->folder, folder));
     CLN_TRY(cln_strdup(&scene->split_rule, cln_json_text(document, "split_rule")));
@@ -334,7 +336,7 @@ static cln_status read_views(const char *path, const json_t *document, cln_scene
                          path, count, camera_count));
     CLN_TRY(cln_alloc(&list, camera_count, sizeof *list, "cameras"));
     CLN_TRY(cln_alloc(&scene->views, count, sizeof *scene->views, "views"));
-    scene->downscale_least = MOST_DOWNSCALE;
+    scene->downscale_least = CLN_MOST_DOWNSCALE;
     for (size_t i = 0; i < camera_count; i++) {
         CLN_TRY(read_camera(path, json_array_get(cameras, i), i, &list[i]));
         scene->lenses |= cln_camera_lenses(&list[i].camera);

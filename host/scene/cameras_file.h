@@ -8,7 +8,7 @@
 #define CLN_CAMERAS_FILE "cameras.json"
 
 /* Writes it. given: [training view] 3x4 poses in place of the scene's, which training may have
- * moved; NULL: the scene's. CLN_OUTPUT, CLN_MEMORY. */
+ * moved; NULL: the scene's. CLN_INPUT if the scene's folder is gone, CLN_OUTPUT, CLN_MEMORY. */
 cln_status cln_cameras_write(const char *run, const cln_scene *scene, const double (*given)[12]);
 
 /* Reads it as a scene without photos: its views in their order, the numbers of their cameras to the

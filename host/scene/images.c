@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/callbacks.h"
+#include "base/config.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -156,12 +157,13 @@ static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
 }
 
 /* What divides a photo's size by itself: its longest side has at most AUTO_LONGEST_SIDE pixels
- * then, its shortest at least one. */
+ * then, or as few as --downscale allows, its shortest at least one. */
 static int own_downscale(const cln_view *v)
 {
     const int longest = v->file_width > v->file_height ? v->file_width : v->file_height;
     const int shortest = v->file_width + v->file_height - longest;
-    const int n = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
+    const int needed = (longest + AUTO_LONGEST_SIDE - 1) / AUTO_LONGEST_SIDE;
+    const int n = needed < CLN_MOST_DOWNSCALE ? needed : CLN_MOST_DOWNSCALE;
 
     return n < shortest ? n : shortest;
 }

@@ -78,7 +78,7 @@ typedef struct cln_view {
     double near, far;            /* depths that the scene lies between; both 0 = not told */
     int number;                  /* among the views as its reader gave them */
     int file_width, file_height; /* size before --downscale; of the turned picture, if turned */
-    int downscale;               /* what divided them, 1..64 */
+    int downscale;               /* what divided them, 1..CLN_MOST_DOWNSCALE */
     int orientation;             /* EXIF's (io/exif.h); 1: none */
     cln_by_file by_file;
     bool turned;               /* `pixels` are turned as it says; else as stored */
@@ -200,8 +200,8 @@ double cln_scene_training_pixels(const cln_scene *scene);
  * parallel. */
 bool cln_scene_focus(const cln_scene *scene, double point[3]);
 
-/* Gives a decoded photo, turned as it is in the scene, the alpha of the view's other file, which is
- * that one's first channel: *pixels is another array then, *channels 4. That file's bytes go into
+/* Gives a decoded photo, turned as it is in the scene, the alpha of the view's other file
+ * (cln_image_put_alpha): *pixels is another array then, *channels 4. That file's bytes go into
  * *digest, unless it is NULL. CLN_INPUT if its size is another; the photo then stays as it is. */
 cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint64_t *digest,
                               int *channels, uint8_t **pixels);

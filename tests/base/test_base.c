@@ -546,8 +546,6 @@ static void test_folders(void **state)
     free(under_file);
 }
 
-/* The digest depends on every bit and the length, not on the data's address or the pieces that they
- * come in. */
 static void test_ends(void **state)
 {
     (void)state;
@@ -556,6 +554,8 @@ static void test_ends(void **state)
     assert_false(cln_ends_with("otal", "total") || cln_ends_with("total.", "total"));
 }
 
+/* The digest depends on every bit and the length, not on the data's address or the pieces that they
+ * come in. */
 static void test_digest(void **state)
 {
     unsigned char data[48] = {0}, shifted[49] = {0};

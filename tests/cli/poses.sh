@@ -120,6 +120,39 @@ section_photos() {
         "~several.sizes:.a.camera.for.each.photo" \
         env PATH="$path" "$cln" poses "$work/sizes" -o "$work/each" --progress none
 
+    # EXIF data of a PNG: the lens's own focal length in tenths of mm, and that on 35 mm film
+    exif() { # exif FROM TO TENTHS FILM
+        perl -e 'local $/; my $png = <STDIN>;
+            my $tiff = pack("A2 v V  v v v V V V  v  v v V V  v v V V  V  V V", "II", 42, 8,
+                1, 0x8769, 4, 1, 26, 0,  2,  0x920A, 5, 1, 56,  0xA405, 3, 1, $ARGV[1],  0,
+                $ARGV[0], 10);
+            print substr($png, 0, 33), pack("N", length $tiff), "eXIf", $tiff, "\0" x 4,
+                substr($png, 33);' "$3" "$4" <"$1" >"$2"
+    }
+    mkdir "$work/lenses"
+    for i in 0 1 2 3 4; do
+        # the third one's length on film was lost, the last two were taken with another lens
+        exif "$work/photos/train/r_00$i.png" "$work/lenses/r_00$i.png" $((i < 3 ? 43 : 86)) \
+            $((i == 2 ? 0 : i < 3 ? 26 : 52))
+    done
+    expect "photos of two focal lengths: a camera for each" 0 \
+        "~5.photos,.of.several.focal.lengths,.by.EXIF:.2.cameras" \
+        env PATH="$path" "$cln" poses "$work/lenses" -o "$work/two lenses" --progress none
+    check "whose photos are those of the lens" \
+        [ "$(tr '\n' ' ' <"$work/two lenses/colmap.db")" = "r_000.png r_001.png r_002.png r_003.png \
+r_004.png " ]
+
+    # a selection of photos, as links beside each other
+    mkdir "$work/links"
+    for i in 0 1 2 3; do ln -s "../photos/train/r_00$i.png" "$work/links"; done
+    expect "links to photos" 0 "~4.photos" env PATH="$path" "$cln" poses "$work/links" \
+        -o "$work/linked" --progress none
+    check "the photos are linked, not their links" eval '[ ! -L "$work/linked/images/r_003.png" ] &&
+        cmp -s "$work/linked/images/r_003.png" "$work/photos/train/r_003.png"'
+    mv "$work/links" "$work/taken from a film.mp4"
+    expect "a folder that is called like a video" 0 "~4.photos" env PATH="$path" "$cln" poses \
+        "$work/taken from a film.mp4" -o "$work/of a film" --progress none
+
     expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
         "$work/photos/train" -o "$work/posed next" --match next --progress none
     check "no reason is given for what was asked for" eval '! said "as there are many"'

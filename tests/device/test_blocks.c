@@ -34,6 +34,7 @@ static void test_blocks_are_kept(void **state)
 
     other = cln_blocks_take(blocks, 3 * MIB); /* the large one's pages would lie idle */
     assert_ptr_equal(other, small);
+    assert_int_equal(other->used, 3 * MIB); /* what it does not need counts nowhere */
     large = cln_blocks_take(blocks, cln_address_space_is_free() ? 40 * MIB : 32 * MIB);
     assert_ptr_equal(large->memory, memory); /* grows where it is */
     memset(large->memory, 2, 32 * MIB);

@@ -93,9 +93,10 @@ static void test_focal_length(void **state)
     (void)state;
     for (int little = 0; little < 2; little++) {
         write_focal(data, little, 413, 62);
-        assert_true(cln_exif_read_tiff(data, sizeof data).focal == 62);
-        write_focal(data, little, 413, 0); /* not told */
+        assert_true(cln_exif_read_tiff(data, sizeof data).focal_film == 62);
         assert_true(cln_exif_read_tiff(data, sizeof data).focal == 41.3);
+        write_focal(data, little, 413, 0); /* not told */
+        assert_true(cln_exif_read_tiff(data, sizeof data).focal_film == 0);
         for (size_t bytes = 0; bytes < FOCAL_BYTES; bytes++) {
             uint8_t *cut = malloc(bytes + !bytes);
 

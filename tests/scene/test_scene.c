@@ -365,6 +365,11 @@ static void test_downscale_of_each(void **state)
     assert_true(scene->downscale == 2 && scene->downscale_least == 2);
     assert_true(scene->views[0].camera.width == 1600 && scene->views[1].camera.width == 800);
     cln_scene_free(scene);
+    config.downscale = 0; /* by no more than could be asked for, as cameras.json says it, too */
+    put_image(folder, "0.png", 104001, 70, 1, 0);
+    scene = load(folder, &config);
+    assert_int_equal(scene->downscale, CLN_MOST_DOWNSCALE);
+    cln_scene_free(scene);
 }
 
 static void test_downscale(void **state)
