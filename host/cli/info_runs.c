@@ -255,9 +255,6 @@ cln_status cln_info_runs(const cln_options *options)
     cln_status st = CLN_OK;
     json_t *document = NULL;
 
-    if (options->like)
-        CLN_TRY(cln_fail(CLN_USAGE, "--like requires one SCENE, but %d names are given",
-                         options->operand_count));
     CLN_TRY(cln_side_by_side(options->operand_count, options->operands, &document));
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));
