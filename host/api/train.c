@@ -739,13 +739,10 @@ done:
 /* Says of a training whose test views stayed far behind what can be done. */
 static void say_doubt(const cln_trainer *t)
 {
-    char quoted[CLN_QUOTED_BYTES];
+    char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
-    if (t->writes && cln_report_is_doubtful(t->psnr_train, t->psnr_test))
-        cln_warn("test views are %.1f dB below training views, at %.1f dB: poses or lenses are "
-                 "wrong, or the photos are few, or look elsewhere; `cl-nascent check %s` looks for "
-                 "what is wrong",
-                 t->psnr_train - t->psnr_test, t->psnr_test,
+    if (t->writes && cln_report_doubt(t->psnr_train, t->psnr_test, doubt))
+        cln_warn("%s; `cl-nascent check %s` looks for what is wrong", doubt,
                  cln_shell_quote(t->scene->folder, quoted, sizeof quoted));
 }
 

@@ -334,13 +334,11 @@ static void say_broken_off(const char *run, const json_t *about)
         return;
     cln_shell_quote(run, quoted, sizeof quoted);
     if (json_is_integer(json_object_get(about, "step")))
-        cln_warn("%s: its process ended without a word (killed, or the machine went down); "
-                 "`cl-nascent train --resume %s` goes on from step %lld",
+        cln_warn("%s: " CLN_RUN_BROKEN_OFF
+                 "; `cl-nascent train --resume %s` goes on from step %lld",
                  run, quoted, (long long)step);
     else
-        cln_warn("%s: its process ended without a word (killed, or the machine went down), before "
-                 "the first checkpoint, so nothing of it can be used; remove the folder",
-                 run);
+        cln_warn("%s: " CLN_RUN_BROKEN_OFF CLN_RUN_NO_CHECKPOINT, run);
 }
 
 cln_status cln_cmd_info(const cln_options *options)

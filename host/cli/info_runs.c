@@ -82,6 +82,8 @@ static json_t *cell_of(form as, const json_t *value, bool best)
 static json_t *shown(const json_t *document, const char *member)
 {
     const json_t *rows = json_object_get(document, member);
+    const json_t *readable =
+        strcmp(member, "settings") == 0 ? json_object_get(document, "readable") : NULL;
     json_t *out = json_object(), *values = NULL;
     const char *key = NULL;
 
@@ -106,11 +108,15 @@ static json_t *shown(const json_t *document, const char *member)
                 as = labels[i].form;
             }
         for (size_t i = 0; i < json_array_size(values); i++) {
+            const json_t *value = json_array_get(values, i);
             bool is_best = false;
 
             for (size_t k = 0; k < json_array_size(best); k++)
                 is_best |= json_integer_value(json_array_get(best, k)) == (json_int_t)i;
-            json_array_append_new(cells, cell_of(as, json_array_get(values, i), is_best));
+            json_array_append_new(cells,
+                                  json_is_null(value) && json_is_false(json_array_get(readable, i))
+                                      ? json_string("?")
+                                      : cell_of(as, value, is_best));
         }
         json_object_set_new(out, label, cells);
     }
@@ -190,15 +196,18 @@ static void measure(int count, const json_t *const sections[3], table *t)
         t->width = widest(t->names);
 }
 
-static bool has_null(const json_t *rows)
+/* Whether a setting has no effect in one of the runs. */
+static bool has_idle(const json_t *document)
 {
+    const json_t *readable = json_object_get(document, "readable");
     const char *key = NULL;
     json_t *values = NULL;
 
-    json_object_foreach((json_t *)rows, key, values)
+    json_object_foreach(json_object_get(document, "settings"), key, values)
     {
         for (size_t i = 0; i < json_array_size(values); i++)
-            if (json_is_null(json_array_get(values, i)))
+            if (json_is_null(json_array_get(values, i)) &&
+                json_is_true(json_array_get(readable, i)))
                 return true;
     }
     return false;
@@ -214,14 +223,16 @@ static void print_table(const json_t *document)
     const int count = (int)json_array_size(t.names);
     const char *key = NULL;
     json_t *best = NULL;
-    bool starred = false, numbered = false;
+    bool starred = false, numbered = false, all_read = true;
 
     measure(count, sections, &t);
     numbered = widest(t.names) > t.width;
-    for (int i = 0; i < count; i++)
+    for (int i = 0; i < count; i++) {
+        all_read &= json_is_true(json_array_get(json_object_get(document, "readable"), (size_t)i));
         for (int k = 0; k < i; k++)
             numbered |=
                 json_equal(json_array_get(t.names, (size_t)i), json_array_get(t.names, (size_t)k));
+    }
     for (int i = 0; i < count && numbered; i++) {
         json_array_append_new(numbers, json_sprintf("(%d)", i + 1));
         printf("(%d) ", i + 1);
@@ -238,9 +249,9 @@ static void print_table(const json_t *document)
         json_array_size(best) > 0;
     if (starred)
         puts("*: the best of its row");
-    if (has_null(json_object_get(document, "settings")))
+    if (has_idle(document))
         puts("-: without effect there");
-    if (json_object_size(settings) == 0)
+    if (all_read && json_object_size(settings) == 0)
         puts("No setting differs.");
     for (size_t i = 0; i < json_array_size(notes); i++)
         cln_print_wrapped(0, INDENT, t.columns, json_string_value(json_array_get(notes, i)));
@@ -255,9 +266,6 @@ cln_status cln_info_runs(const cln_options *options)
     cln_status st = CLN_OK;
     json_t *document = NULL;
 
-    if (options->like)
-        CLN_TRY(cln_fail(CLN_USAGE, "--like requires one SCENE, but %d names are given",
-                         options->operand_count));
     CLN_TRY(cln_side_by_side(options->operand_count, options->operands, &document));
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));

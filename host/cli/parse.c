@@ -485,6 +485,25 @@ static cln_status check_train(const parser *p)
     return CLN_OK;
 }
 
+/* Runs side by side: what describes a scene would do nothing there. */
+static cln_status check_info(const parser *p)
+{
+    static const char *const of_scene[] = {"preset", "like", "conf"};
+    const cln_options *out = p->out;
+    const char *name = p->setting_count > 0 ? p->settings[0].row->option : NULL;
+
+    if (out->operand_count < 2)
+        return CLN_OK;
+    for (size_t i = 0; i < sizeof of_scene / sizeof of_scene[0]; i++)
+        if (is_given(p, of_scene[i]))
+            name = of_scene[i];
+    if (!out->conf)
+        name = "no-conf";
+    return name ? cln_fail(CLN_USAGE, "--%s requires one SCENE, but %d names are given", name,
+                           out->operand_count)
+                : CLN_OK;
+}
+
 /* A film has only colours, and a folder must not be named like a film or a picture. */
 static cln_status check_render_output(const parser *p)
 {
@@ -596,6 +615,8 @@ static cln_status settle(parser *p)
         CLN_TRY(check_train(p));
     else if (bit == CLN_RENDER)
         CLN_TRY(check_render(p));
+    else if (bit == CLN_INFO)
+        CLN_TRY(check_info(p));
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(p->dashed ? fail_dashed(p->dashed)
                           : cln_fail(CLN_USAGE, "%s: %s is missing: `cl-nascent %s %s`",

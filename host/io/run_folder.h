@@ -29,6 +29,12 @@ bool cln_run_is_held(const char *run);
  * process holds RUN: it was killed, or the machine went down. "" without one. */
 const char *cln_run_state(const char *run, const json_t *document);
 
+/* What became of a run that is broken off, in the middle of a sentence, and what goes on from there
+ * if it has no checkpoint. */
+#define CLN_RUN_BROKEN_OFF "its process ended without a word (killed, or the machine went down)"
+#define CLN_RUN_NO_CHECKPOINT \
+    ", before the first checkpoint, so nothing of it can be used; remove the folder"
+
 /* run.json, written atomically, and read; the reader checks "schema" ("cl-nascent.run/1") and gives
  * the document to the caller. */
 cln_status cln_run_write(const char *run, const json_t *document);

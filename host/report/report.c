@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "io/json.h"
 #include "report/html.h"
@@ -56,38 +57,62 @@ static void put_title(FILE *to, const char *run)
  * less. */
 static const double FEW_DB = 20, GAP_DB = 1.5;
 
-bool cln_report_is_doubtful(double psnr_train, double psnr_test)
+bool cln_report_doubt(double psnr_train, double psnr_test, char out[CLN_DOUBT_BYTES])
 {
-    return psnr_test < FEW_DB && psnr_train - psnr_test > GAP_DB;
+    const bool doubtful = psnr_test < FEW_DB && psnr_train - psnr_test > GAP_DB;
+
+    out[0] = 0;
+    if (doubtful)
+        cln_format(out, CLN_DOUBT_BYTES,
+                   "test views are %.1f dB below training views, at %.1f dB: poses or lenses are "
+                   "wrong, or the photos are few, or look elsewhere",
+                   psnr_train - psnr_test, psnr_test);
+    return doubtful;
 }
 
 /* The line that proposes a check of the scene. */
 static void put_doubt(FILE *to, const json_t *document)
 {
     const json_t *result = json_object_get(document, "result");
-    const double train = cln_json_number(result, "psnr_train");
-    const double test = cln_json_number(result, "psnr_test");
     const char *path = cln_json_text(json_object_get(document, "dataset"), "path");
-    char quoted[CLN_QUOTED_BYTES];
+    char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
-    if (!cln_report_is_doubtful(train, test))
+    if (!cln_report_doubt(cln_json_number(result, "psnr_train"),
+                          cln_json_number(result, "psnr_test"), doubt))
         return;
-    fprintf(to,
-            "<p>Test views are %.1f dB below training views, at %.1f dB: poses or lenses are "
-            "wrong, or the photos are few, or look elsewhere. <code>cl-nascent check ",
-            train - test, test);
+    fprintf(to, "<p>Doubtful: %s. <code>cl-nascent check ", doubt);
     cln_html_text(to, *path ? cln_shell_quote(path, quoted, sizeof quoted) : "SCENE");
     fputs("</code> looks for what is wrong.</p>\n", to);
 }
 
-static void put_head(FILE *to, const char *run, const json_t *document)
+/* The line that says what became of a run whose process is gone, and the way on. */
+static cln_status put_broken_off(FILE *to, const char *run)
 {
+    cln_status st = CLN_OK;
+    char *latest = NULL, quoted[CLN_QUOTED_BYTES];
+
+    CLN_TRY(cln_path_join(&latest, run, "checkpoint/latest")); /* names the newest one */
+    fputs("<p>Broken off: " CLN_RUN_BROKEN_OFF, to);
+    if (cln_is_file(latest)) {
+        fputs("; <code>cl-nascent train --resume ", to);
+        cln_html_text(to, cln_shell_quote(run, quoted, sizeof quoted));
+        fputs("</code> goes on from its last checkpoint.</p>\n", to);
+    } else {
+        fputs(CLN_RUN_NO_CHECKPOINT ".</p>\n", to);
+    }
+done:
+    free(latest);
+    return st;
+}
+
+static cln_status put_head(FILE *to, const char *run, const json_t *document)
+{
+    cln_status st = CLN_OK;
     const char *state = cln_run_state(run, document);
     const char *started = cln_json_text(document, "started");
     const char *ended = cln_json_text(document, "ended");
     const char *command = cln_json_text(document, "command");
     const char *path = cln_json_text(json_object_get(document, "dataset"), "path");
-    char quoted[CLN_QUOTED_BYTES];
 
     fputs("<!doctype html>\n<html lang=en>\n<meta charset=utf-8>\n"
           "<meta name=viewport content=\"width=device-width,initial-scale=1\">\n<title>",
@@ -117,15 +142,12 @@ static void put_head(FILE *to, const char *run, const json_t *document)
         cln_html_text(to, command);
         fputs("</code></p>\n", to);
     }
-    if (strcmp(state, "broken off") == 0) {
-        fputs("<p>Its process ended without a word (killed, or the machine went down); <code>"
-              "cl-nascent train --resume ",
-              to);
-        cln_html_text(to, cln_shell_quote(run, quoted, sizeof quoted));
-        fputs("</code> goes on from its last checkpoint.</p>\n", to);
-    }
+    if (strcmp(state, "broken off") == 0)
+        CLN_TRY(put_broken_off(to, run));
     if (json_object_size(document) == 0)
         fputs("<p class=soft>There is no readable run.json in this folder.</p>\n", to);
+done:
+    return st;
 }
 
 static void open_card(FILE *to, bool main_one)
@@ -225,7 +247,7 @@ static cln_status put_page(FILE *to, const cln_report_data *data)
 {
     cln_status st = CLN_OK;
 
-    put_head(to, data->folder, data->run);
+    CLN_TRY(put_head(to, data->folder, data->run));
     put_doubt(to, data->run);
     put_headline(to, data);
     put_contents(to, data);

@@ -8,9 +8,10 @@
 #include "base/status.h"
 
 /* Do held-out views look wrong (few dB) where training views look better? Poses or lenses are
- * wrong, or photos are few or look elsewhere: more training does not mend it. false if a PSNR is
- * not finite. */
-bool cln_report_is_doubtful(double psnr_train, double psnr_test);
+ * wrong, or photos are few or look elsewhere: more training does not mend it. `out` says so, in the
+ * middle of a sentence; "" if not, or if a PSNR is not finite. */
+enum { CLN_DOUBT_BYTES = 256 };
+bool cln_report_doubt(double psnr_train, double psnr_test, char out[CLN_DOUBT_BYTES]);
 
 /* Writes it anew, atomically. Files that are missing or damaged are left out; CLN_OUTPUT if the
  * page cannot be written. */

@@ -72,12 +72,12 @@ static void put(side *s, const char *key, double value)
                             : cln_json_real(value));
 }
 
-/* The last number of a column of metrics.jsonl; NaN without. */
-static double last_of(const side *s, const double *column)
+/* What a column of metrics.jsonl has in the last row with a number in `where`; NaN without. */
+static double last_of(const side *s, const double *column, const double *where)
 {
     int i = s->data.rows.count - 1;
 
-    while (i >= 0 && !isfinite(column[i]))
+    while (i >= 0 && !isfinite(where[i]))
         i--;
     return i >= 0 ? column[i] : NAN;
 }
@@ -90,17 +90,21 @@ static void find_figures(side *s)
     const cln_report_rows *r = &s->data.rows;
     const json_t *result = json_object_get(s->data.run, "result"), *mean = NULL;
     const cln_report_eval *eval = choose_eval(s);
+    const double tests = cln_json_number(json_object_get(s->dataset, "splits"), "test");
 
     for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++)
         put(s, ends[i], cln_json_number(result, ends[i]));
     if (!json_is_object(result)) {
-        put(s, "step", last_of(s, r->step));
-        put(s, "seconds", last_of(s, r->seconds));
-        put(s, "leaves", last_of(s, r->leaves));
-        put(s, "psnr_train", last_of(s, r->psnr_train));
-        put(s, "psnr_test", last_of(s, r->psnr_test));
+        put(s, "step", last_of(s, r->step, r->step));
+        put(s, "seconds", last_of(s, r->seconds, r->seconds));
+        put(s, "leaves", last_of(s, r->leaves, r->leaves));
+        put(s, "psnr_train", last_of(s, r->psnr_train, r->psnr_train));
+        put(s, "psnr_test", last_of(s, r->psnr_test, r->psnr_test));
+        put(s, "eval_views",
+            s->readable && isfinite(tests) ? fmin(s->config.eval_images, tests) : NAN);
+        put(s, "eval_step", last_of(s, r->step, r->psnr_test));
     }
-    put(s, "test_views", cln_json_number(json_object_get(s->dataset, "splits"), "test"));
+    put(s, "test_views", tests);
     if (!json_is_number(json_object_get(s->figures, "psnr_test")))
         put(s, "eval_views", NAN);
     if (!eval)
@@ -178,19 +182,25 @@ static void add_note(json_t *notes, const char *format, ...)
     json_array_append_new(notes, json_string(text));
 }
 
-/* Whether the runs that tell this member of their scene tell different ones. */
-static bool scenes_differ(int count, const side *sides, const char *key)
+typedef enum { SAME, UNTOLD, DIFFERENT } likeness;
+
+/* Of a member of the runs' scenes. UNTOLD: not all have it, and those that do have the same. */
+static likeness compare_scenes(int count, const side *sides, const char *key)
 {
     const json_t *first = NULL;
+    likeness found = SAME;
 
     for (int i = 0; i < count; i++) {
         const json_t *value = json_object_get(sides[i].dataset, key);
 
-        if (first && value && !json_equal(first, value))
-            return true;
-        first = first ? first : value;
+        if (!value)
+            found = UNTOLD;
+        else if (first && !json_equal(first, value))
+            return DIFFERENT;
+        else
+            first = value;
     }
-    return false;
+    return found;
 }
 
 /* What a setting of the scene came to; the setting itself where the run does not tell. */
@@ -270,7 +280,7 @@ static void add_facts(int count, const side *sides, json_t *facts)
             json_object_set(facts, key, values);
         json_decref(values);
     }
-    if (!scenes_differ(count, sides, "digest")) /* the same one, elsewhere */
+    if (compare_scenes(count, sides, "digest") == SAME) /* the same one, elsewhere */
         json_object_del(facts, "scene");
 }
 
@@ -279,20 +289,29 @@ static void add_facts(int count, const side *sides, json_t *facts)
 /* Whether figures of quality compare; if not, a note says why. */
 static bool check_comparable(int count, const side *sides, json_t *notes)
 {
-    static const char *const reasons[][2] = {
-        {"digest", "Scenes or their splits differ (scene, views, digest)"},
-        {"downscale", "Photos differ in size (downscale)"},
-        {"background", "Backgrounds differ, also behind test photos with alpha"},
+    static const struct {
+        const char *key, *differ, *untold;
+    } reasons[] = {
+        {"digest", "Scenes or their splits differ (scene, views, digest)",
+         "Not every run tells which scene it is of (digest)"},
+        {"downscale", "Photos differ in size (downscale)",
+         "Not every run tells the size of its photos (downscale)"},
+        {"background", "Backgrounds differ, also behind test photos with alpha",
+         "Not every run tells its background, which is also behind test photos with alpha"},
     };
     bool alpha = false;
 
     for (int i = 0; i < count; i++)
         alpha |= json_is_true(json_object_get(sides[i].dataset, "alpha"));
-    for (size_t r = 0; r < 2 + (size_t)alpha; r++)
-        if (scenes_differ(count, sides, reasons[r][0])) {
-            add_note(notes, "%s, so figures of quality do not compare", reasons[r][1]);
+    for (size_t r = 0; r < 2 + (size_t)alpha; r++) {
+        const likeness found = compare_scenes(count, sides, reasons[r].key);
+
+        if (found != SAME) {
+            add_note(notes, "%s, so figures of quality do not compare",
+                     found == UNTOLD ? reasons[r].untold : reasons[r].differ);
             return false;
         }
+    }
     return true;
 }
 
@@ -326,20 +345,25 @@ static void add_results(int count, const side *sides, bool comparable, json_t *d
     json_t *results = json_object_get(document, "results"),
            *best = json_object_get(document, "best");
     const json_t *views = NULL;
-    bool same_views = true;
+    bool same_views = true, told = true;
+    int tested = 0;
 
     for (int i = 0; i < count; i++) {
         const json_t *own = json_object_get(sides[i].figures, "eval_views");
 
         if (!json_is_number(json_object_get(sides[i].figures, "psnr_test")))
             continue;
+        told &= json_is_number(own);
         same_views &= !views || json_equal(views, own);
         views = own;
+        tested++;
     }
+    same_views &= told || tested < 2;
     if (comparable && !same_views)
         add_note(json_object_get(document, "notes"),
-                 "Test figures are over different numbers of views, so they do not compare; "
-                 "`cl-nascent eval RUN` measures all views");
+                 "Test figures %s over different numbers of views, so they do not compare; "
+                 "`cl-nascent eval RUN` measures all views",
+                 told ? "are" : "may be");
     for (int r = 0; r < ROWS; r++) {
         json_t *values = json_array();
         bool any = false;
@@ -394,9 +418,10 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
 {
     cln_status st = CLN_OK;
     side *sides = NULL;
-    json_t *document = json_pack("{s:s, s:[], s:[], s:{}, s:{}, s:{}, s:{}, s:b, s:[]}", "schema",
-                                 "cl-nascent.runs/1", "runs", "names", "settings", "facts",
-                                 "results", "best", "comparable", false, "notes");
+    json_t *document =
+        json_pack("{s:s, s:[], s:[], s:[], s:{}, s:{}, s:{}, s:{}, s:b, s:[]}", "schema",
+                  "cl-nascent.runs/1", "runs", "names", "readable", "settings", "facts", "results",
+                  "best", "comparable", false, "notes");
     json_t *settings = json_object_get(document, "settings"), *presets = NULL;
     json_t *facts = json_object_get(document, "facts"), *notes = json_object_get(document, "notes");
     bool same_names = false, comparable = false;
@@ -412,6 +437,8 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
         sides[i].name = same_names ? runs[i] : sides[i].name;
         json_array_append_new(json_object_get(document, "runs"), json_string(runs[i]));
         json_array_append_new(json_object_get(document, "names"), json_string(sides[i].name));
+        json_array_append_new(json_object_get(document, "readable"),
+                              json_boolean(sides[i].readable));
     }
     add_facts(count, sides, facts);
     presets = json_object_get(facts, "preset");

@@ -113,7 +113,9 @@ section_doubtful() {
     expect "poses that are wrong: the next step" 0 "~warning:.test.views.are ~poses check" \
         "$cln" train "$work/shifted ones" -o "$work/wrong" "${learn[@]}" --steps 160 --json
     check "its command is quoted" said "\`cl-nascent check '$work/shifted ones'\`"
-    check "the report has it" grep -q "<code>cl-nascent check .*/shifted ones.*</code> looks" \
+    check "the report says the same" grep -qF -- "$(advice "test views are .* look elsewhere")" \
+        "$work/wrong/report.html"
+    check "with the command" grep -q "<code>cl-nascent check .*/shifted ones.*</code> looks" \
         "$work/wrong/report.html"
     expect "after a few steps nothing is known" 0 "" \
         "$cln" train "$work/shifted ones" -o "$work/early" "${learn[@]}" --steps 4

@@ -748,6 +748,13 @@ section_runs() { # section_runs RUN
     sed -i 's/"state": "done"/"state": "interrupted"/' "$twin/run.json"
     expect "a run that was interrupted" 0 "" "$cln" info "$r" "$twin"
     check "it says so" printed "twin: interrupted at step"
+    sed -i 's/"rays": 512,/"rays": 512, "novel": 1,/' "$twin/run.json"
+    expect "a run with settings of another version" 0 "" "$cln" info "$r" "$twin"
+    check "it is named" printed "twin: its settings are another version's"
+    check "whether settings differ is not known" eval '! printed "No setting differs"'
+    expect "such a run beside two others" 0 "" "$cln" info "$r" "$twin" "$other"
+    check "its settings are not known" grep -qE '^  rays +256 +[?] +512$' "$work/out"
+    check "nothing is said of their effect" eval '! printed "without effect"'
     rm -rf "$twin" "$other"
 }
 

@@ -1,6 +1,6 @@
 /* Runs side by side. Tested on hand-made run folders: which settings and facts are listed, which
  * evaluation counts, which run is best, when figures do not compare, runs without results or with
- * the same name or model. Oracle: literal texts and numbers. */
+ * the same name or model, runs that do not tell all. Oracle: literal texts and numbers. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -35,14 +35,14 @@ static const char *put_run(const char *folder, const char *name, const char *dig
                          CLN_OK);
     assert_int_equal(cln_config_to_json(&config, &values), CLN_OK);
     put_json(run, "run.json",
-             json_pack("{s:s s:s s:s s:o s:{s:s} s:{s:s s:s s:s s:b s:{s:i s:i s:i}} s:s s:s "
+             json_pack("{s:s s:s s:s s:o s:{s:s} s:{s:s s:s s:s s:b s:i s:{s:i s:i s:i}} s:s s:s "
                        "s:{s:i s:f s:i s:f s:f s:i s:s}}",
                        "schema", "cl-nascent.run/1", "version", "0.1.0", "preset", "voxel",
                        "config", values, "device", "name", "A CPU", "dataset", "path", "/s/pot",
-                       "space", "cube", "digest", digest, "alpha", 0, "splits", "train", 90, "val",
-                       0, "test", 10, "state", "done", "tune", "VW=8", "result", "step", 500,
-                       "seconds", 20.5, "leaves", 64, "psnr_train", 30.001, "psnr_test", 27.5,
-                       "eval_views", 8, "model_digest", name));
+                       "space", "cube", "digest", digest, "alpha", 0, "downscale", 1, "splits",
+                       "train", 90, "val", 0, "test", 10, "state", "done", "tune", "VW=8", "result",
+                       "step", 500, "seconds", 20.5, "leaves", 64, "psnr_train", 30.001,
+                       "psnr_test", 27.5, "eval_views", 8, "model_digest", name));
     return run;
 }
 
@@ -181,6 +181,93 @@ static void other_scenes_do_not_compare(void **state)
     json_decref(document);
 }
 
+/* Changes a member of a run's run.json or, if `object` is not NULL, of its object; NULL: takes it
+ * out. */
+static void change_run(const char *run, const char *object, const char *key, json_t *value)
+{
+    json_t *document = NULL, *of = NULL;
+
+    assert_int_equal(cln_run_read(run, &document), CLN_OK);
+    of = object ? json_object_get(document, object) : document;
+    assert_int_equal(value ? json_object_set_new(of, key, value) : json_object_del(of, key), 0);
+    put_json(run, "run.json", document);
+}
+
+static void untold_scenes_do_not_compare(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d1", NULL);
+    json_t *document = NULL;
+
+    change_run(a, "result", "psnr_test", json_real(20));
+    change_run(a, "dataset", "alpha", json_true());
+    document = beside(a, b);
+    assert_note(document, "tells its background", true);
+    assert_row(document, "best", "psnr_test", "[]");
+    json_decref(document);
+
+    change_run(b, "dataset", "downscale", NULL);
+    document = beside(a, b);
+    assert_note(document, "tells the size of its photos", true);
+    json_decref(document);
+
+    change_run(b, "dataset", "path", json_string("/s/cup"));
+    change_run(b, "dataset", "digest", NULL);
+    for (int i = 0; i < 2; i++) { /* one tells, none does */
+        document = beside(a, b);
+        assert_false(json_is_true(json_object_get(document, "comparable")));
+        assert_note(document, "tells which scene it is of", true);
+        assert_row(document, "facts", "scene", "[\"/s/pot\",\"/s/cup\"]");
+        assert_row(document, "best", "psnr_test", "[]");
+        json_decref(document);
+        if (i == 0)
+            change_run(a, "dataset", "digest", NULL);
+    }
+}
+
+/* Runs without a result: their test views are told by settings. */
+static void unfinished_runs_compare_by_the_same_views(void **state)
+{
+    const char *const one[][2] = {{"eval-images", "1"}, {NULL}};
+    const char *const all[][2] = {{"eval-images", "99"}, {NULL}};
+    const char *a = put_run(*state, "a", "d1", one), *b = put_run(*state, "b", "d1", all);
+    const char *const runs[] = {a, b};
+    json_t *document = NULL;
+
+    for (int i = 0; i < 2; i++) {
+        char rows[128];
+
+        snprintf(rows, sizeof rows, "{\"step\":7,\"psnr_test\":%d}\n{\"step\":9}\n", 20 + i);
+        scratch_put(scratch_path(runs[i], "metrics.jsonl"), rows, strlen(rows));
+    }
+    document = beside(a, b);
+    assert_row(document, "results", "eval_step", ""); /* a result's evaluation has no row */
+    json_decref(document);
+
+    change_run(a, NULL, "result", json_null());
+    change_run(b, NULL, "result", json_null());
+    document = beside(a, b);
+    assert_row(document, "results", "psnr_test", "[20,21]");
+    assert_row(document, "results", "eval_views", "[1,10]");
+    assert_row(document, "results", "eval_step", "[7,7]");
+    assert_row(document, "best", "psnr_test", "[]");
+    assert_note(document, "are over different numbers of views", true);
+    json_decref(document);
+
+    change_run(a, "config", "eval_images", json_integer(10));
+    document = beside(a, b);
+    assert_row(document, "best", "psnr_test", "[1]");
+    assert_note(document, "different numbers of views", false);
+    json_decref(document);
+
+    change_run(a, "config", "novel", json_integer(1)); /* nor does it tell its views then */
+    change_run(b, "config", "novel", json_integer(1));
+    document = beside(a, b);
+    assert_row(document, "results", "eval_views", "");
+    assert_row(document, "best", "psnr_test", "[]");
+    assert_note(document, "may be over different numbers of views", true);
+    json_decref(document);
+}
+
 static void odd_runs_are_ordinary(void **state)
 {
     const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "x/a", "d1", NULL);
@@ -208,6 +295,8 @@ static void odd_runs_are_ordinary(void **state)
     document = beside(b, a);
     assert_note(document, "interrupted at step 7", true);
     assert_note(document, "another version's", true);
+    assert_true(json_is_false(json_array_get(json_object_get(document, "readable"), 0)));
+    assert_true(json_is_true(json_array_get(json_object_get(document, "readable"), 1)));
     assert_row(document, "results", "psnr_train", "[12.5,30.001]");
     assert_row(document, "best", "psnr_train", "[1]");
     assert_int_equal(json_object_size(json_object_get(document, "settings")), 0);
@@ -224,6 +313,9 @@ int test_group_side_by_side(void)
         cmocka_unit_test_setup_teardown(what_differs_is_listed, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(the_best_is_told, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(other_scenes_do_not_compare, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(untold_scenes_do_not_compare, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(unfinished_runs_compare_by_the_same_views, scratch_make,
+                                        scratch_remove),
         cmocka_unit_test_setup_teardown(odd_runs_are_ordinary, scratch_make, scratch_remove),
     };
 

@@ -77,6 +77,7 @@ int test_group_regrow(void);
 int test_group_regularise(void);
 int test_group_report(void);
 int test_group_report_clock(void);
+int test_group_report_state(void);
 int test_group_results(void);
 int test_group_roulette(void);
 int test_group_run_folder(void);
