@@ -398,8 +398,8 @@ done:
 }
 
 /* CLN_OUTPUT if the disk has no room for a checkpoint of the first tree, or one more of the resumed
- * one; a warning if it has none for all that a run with the largest tree writes, as few trees become
- * that large. */
+ * one; a warning if it has none for all that a run with the largest tree writes, as few trees
+ * become that large. */
 static cln_status check_disk(const cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;

@@ -46,7 +46,8 @@ bool cln_address_space_is_free(void)
     FILE *file = NULL;
     int mode = '0';
 
-    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur != RLIM_INFINITY)
+    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur != RLIM_INFINITY ||
+        getrlimit(RLIMIT_DATA, &limit) != 0 || limit.rlim_cur != RLIM_INFINITY)
         return false;
     file = fopen("/proc/sys/vm/overcommit_memory", "r");
     if (file) {

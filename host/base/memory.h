@@ -24,8 +24,9 @@ cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(
 enum { CLN_HUGE_PAGE = 2 << 20 };
 void *cln_huge_pages(size_t bytes);
 
-/* Whether memory that is never touched costs nothing: no limit on the process's addresses (ulimit
- * -v), and a system that does not count what is only reserved (vm.overcommit_memory 2). */
+/* Whether memory that is never touched costs nothing: no limit on the process's addresses or data
+ * (ulimit -v, -d), and a system that does not count what is only reserved (vm.overcommit_memory
+ * 2). */
 bool cln_address_space_is_free(void);
 
 /* Bytes of memory that this process may take: the machine's, or fewer in a control group (a

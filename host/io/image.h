@@ -46,8 +46,9 @@ cln_status cln_image_downscale(int n, int *width, int *height, int channels, uin
  * replaced. CLN_MEMORY. */
 cln_status cln_image_turn(int orientation, int *width, int *height, int channels, uint8_t **pixels);
 
-/* Gives an image of `count` pixels the alpha of another of 3 or 4 channels: the largest of its three
- * colours, as it may be a coloured mask. *pixels is replaced and has 4 channels. CLN_MEMORY. */
+/* Gives an image of `count` pixels the alpha of another of 3 or 4 channels: the largest of its
+ * three colours, as it may be a coloured mask. *pixels is replaced and has 4 channels.
+ * CLN_MEMORY. */
 cln_status cln_image_put_alpha(size_t count, const uint8_t *alpha, int alpha_channels,
                                int *channels, uint8_t **pixels);
 

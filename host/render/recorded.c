@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "io/run_folder.h"
 #include "scene/cameras_file.h"
@@ -220,6 +221,15 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
     return CLN_OK;
 }
 
+/* Whether each photo was divided by its own number. All were divided by one in runs of older
+ * programs, which do not tell the least. */
+static bool divides_each(const json_t *dataset)
+{
+    const json_t *least = json_object_get(dataset, "downscale_least");
+
+    return least && !json_equal(least, json_object_get(dataset, "downscale"));
+}
+
 static cln_status load(const char *run, const cln_scene_desc *given, bool resumes,
                        cln_scene **scene, bool *same)
 {
@@ -236,7 +246,8 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     dataset = json_object_get(document, "dataset");
     if (config.space == CLN_SPACE_AUTO && same_text(dataset, "space", "cube"))
         config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
-    if (config.downscale == 0 && !differs(dataset)) /* runs began when all were divided by one */
+    if (config.downscale == 0 && !divides_each(dataset)) /* and still are, resumed any number of
+                                                             times */
         config.downscale = (int)json_integer_value(json_object_get(dataset, "downscale"));
     desc.config = &config;
     desc.keep_alpha = json_is_true(json_object_get(dataset, "alpha"));
@@ -274,11 +285,22 @@ cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_
     return load(run, desc, true, scene, same);
 }
 
+enum { DIVISORS = 32 };
+
+static void write_divisors(int least, int most, char out[DIVISORS])
+{
+    if (least == most)
+        cln_format(out, DIVISORS, "%d", most);
+    else
+        cln_format(out, DIVISORS, "%d to %d", least, most);
+}
+
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
-    const json_t *dataset = NULL, *saved = NULL, *before = NULL;
+    const json_t *dataset = NULL, *saved = NULL, *least = NULL, *before = NULL;
+    char now[DIVISORS], then[DIVISORS];
     bool other = false;
 
     CLN_TRY(cln_run_read(run, &document));
@@ -292,10 +314,16 @@ cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
                      scene->folder, scene->missing, cln_plural(scene->missing, " is", "s are"),
                      (int)json_integer_value(saved), run));
     saved = json_object_get(dataset, "downscale");
-    if (json_is_integer(saved) && json_integer_value(saved) != scene->downscale)
-        cln_warn("--downscale: photos are divided by %d now, by %d before; figures of quality do "
+    least = json_object_get(dataset, "downscale_least");
+    least = least ? least : saved;
+    if (json_is_integer(saved) && (json_integer_value(saved) != scene->downscale ||
+                                   json_integer_value(least) != scene->downscale_least)) {
+        write_divisors(scene->downscale_least, scene->downscale, now);
+        write_divisors((int)json_integer_value(least), (int)json_integer_value(saved), then);
+        cln_warn("--downscale: photos are divided by %s now, by %s before; figures of quality do "
                  "not compare with earlier ones, as test photos change in size, too",
-                 scene->downscale, (int)json_integer_value(saved));
+                 now, then);
+    }
     before = json_object_get(dataset, "background");
     for (size_t i = 0; i < 3 && json_array_size(before) == 3; i++)
         other |= fabs(json_number_value(json_array_get(before, i)) - scene->background[i]) > 1e-6;

@@ -142,7 +142,7 @@ static void find_facts(side *s)
 static cln_status read_side(const char *run, side *s)
 {
     cln_status st = CLN_OK;
-    json_t *document = NULL;
+    json_t *document = NULL, *dataset = NULL;
     const char *slash = NULL;
 
     s->run = run;
@@ -155,7 +155,9 @@ static cln_status read_side(const char *run, side *s)
     slash = strrchr(s->path, '/');
     s->name = slash && slash[1] ? slash + 1 : run;
     CLN_TRY(cln_report_data_read(run, &s->data));
-    s->dataset = json_object_get(s->data.run, "dataset");
+    s->dataset = dataset = json_object_get(s->data.run, "dataset");
+    if (!json_object_get(dataset, "downscale_least")) /* an older run: one for all */
+        json_object_set(dataset, "downscale_least", json_object_get(dataset, "downscale"));
     s->readable =
         cln_config_from_json(json_object_get(s->data.run, "config"), &s->config) == CLN_OK;
     cln_clear_error();
@@ -216,7 +218,12 @@ static void find_outcome(const side *s, const char *option, const char *setting,
     for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++)
         if (strcmp(option, pairs[i][0]) == 0)
             value = json_object_get(s->dataset, pairs[i][1]);
-    if (json_is_integer(value))
+    if (strcmp(option, "downscale") == 0 && value &&
+        !json_equal(value, json_object_get(s->dataset, "downscale_least")))
+        cln_format(out, VALUE_BYTES, "%d to %d",
+                   (int)json_integer_value(json_object_get(s->dataset, "downscale_least")),
+                   (int)json_integer_value(value));
+    else if (json_is_integer(value))
         cln_format(out, VALUE_BYTES, "%d", (int)json_integer_value(value));
     else if (json_array_size(value) == 3)
         cln_format(out, VALUE_BYTES, "%.3g,%.3g,%.3g", json_number_value(json_array_get(value, 0)),
@@ -296,6 +303,8 @@ static bool check_comparable(int count, const side *sides, json_t *notes)
          "Not every run tells which scene it is of (digest)"},
         {"downscale", "Photos differ in size (downscale)",
          "Not every run tells the size of its photos (downscale)"},
+        {"downscale_least", "Photos differ in size (downscale)",
+         "Not every run tells the size of its photos (downscale)"},
         {"background", "Backgrounds differ, also behind test photos with alpha",
          "Not every run tells its background, which is also behind test photos with alpha"},
     };
@@ -303,7 +312,7 @@ static bool check_comparable(int count, const side *sides, json_t *notes)
 
     for (int i = 0; i < count; i++)
         alpha |= json_is_true(json_object_get(sides[i].dataset, "alpha"));
-    for (size_t r = 0; r < 2 + (size_t)alpha; r++) {
+    for (size_t r = 0; r < 3 + (size_t)alpha; r++) {
         const likeness found = compare_scenes(count, sides, reasons[r].key);
 
         if (found != SAME) {

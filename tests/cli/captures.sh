@@ -207,7 +207,8 @@ section_orbit() {
             "$cln" render "$work/broken" -o "$work/broken/out"
     done <<-'END'
 	~its.schema.is.*cameras/2,.not s,cameras/1,cameras/2,
-	~of.another.scene.*copy.the.run s/^"digest": "./&g/
+	~of.another.scene.*copy.the.run s/^"digest": "..../"digest": "0123/
+	~digest.*damaged.*copy.the.run.again;.*the.scene.of.*--scene s/^"digest": "./&g/
 	line 9q
 	views[0] s/"pose":/"pole":/
 	END
@@ -229,6 +230,17 @@ section_orbit() {
         --progress none --steps +1
     check "and keeps the cameras from then on" cmp "$work/run/cameras.json" \
         "$work/old/cameras.json"
+    # one from when photos without --downscale were all divided by the same number, here 2
+    "$cln" train "$work/photos" -o "$work/halved" "${small[@]}" --downscale 2 >/dev/null 2>&1
+    sed -i -e '0,/"downscale": 2/s//"downscale": 0/' -e '/"downscale_least"/d' \
+        "$work/halved/run.json"
+    for i in once twice; do
+        expect "it is resumed $i" 0 "" "$cln" train --resume "$work/halved" --skip-selftest \
+            --progress none --steps +1
+        check "its photos keep their size" \
+            [ "$("$query" dataset.downscale <"$work/halved/run.json")" = 2 ]
+        check "no word of other sizes" eval '! said "do not compare"'
+    done
 }
 
 section_frames() {

@@ -205,7 +205,17 @@ static void untold_scenes_do_not_compare(void **state)
     assert_row(document, "best", "psnr_test", "[]");
     json_decref(document);
 
+    /* each photo by its own number beside all by the largest */
+    change_run(a, "dataset", "downscale", json_integer(3));
+    change_run(b, "dataset", "downscale", json_integer(3));
+    change_run(b, "dataset", "downscale_least", json_integer(1));
+    document = beside(a, b);
+    assert_note(document, "Photos differ in size", true);
+    assert_row(document, "settings", "downscale", "[\"3 (auto)\",\"1 to 3 (auto)\"]");
+    json_decref(document);
+
     change_run(b, "dataset", "downscale", NULL);
+    change_run(b, "dataset", "downscale_least", NULL);
     document = beside(a, b);
     assert_note(document, "tells the size of its photos", true);
     json_decref(document);
