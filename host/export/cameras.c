@@ -30,27 +30,62 @@ static cln_camera camera_of(const cln_view *view)
     return c;
 }
 
+static bool same_camera(const cln_view *a, const cln_view *b)
+{
+    return a->file_width == b->file_width && a->file_height == b->file_height &&
+           cln_camera_is_like(&a->camera, &b->camera);
+}
+
 /* ---- transforms JSON ---- */
+
+static void put_intrinsics(json_t *to, const cln_view *view)
+{
+    const cln_camera c = camera_of(view);
+    const cln_lens_model *lens = &cln_lens_models[c.lens];
+    const struct {
+        const char *key;
+        double value;
+    } numbers[] = {{"fl_x", c.fx}, {"fl_y", c.fy}, {"cx", c.cx}, {"cy", c.cy}};
+
+    json_object_set_new(to, "w", json_integer(c.width));
+    json_object_set_new(to, "h", json_integer(c.height));
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+        json_object_set_new(to, numbers[i].key, json_real(numbers[i].value));
+    for (int i = 0; i < lens->count; i++)
+        json_object_set_new(to, lens->params[i], json_real(c.distortion[i]));
+}
 
 static json_t *frame_of(const cln_view *view, const char *name)
 {
     static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
-    const cln_camera c = camera_of(view);
-    const cln_lens_model *lens = &cln_lens_models[c.lens];
     json_t *rows = json_array();
-    json_t *frame = json_pack("{s:s, s:i, s:i, s:f, s:f, s:f, s:f, s:s, s:o}", "file_path", name,
-                              "w", c.width, "h", c.height, "fl_x", c.fx, "fl_y", c.fy, "cx", c.cx,
-                              "cy", c.cy, "camera_model", lens->name, "transform_matrix", rows);
+    json_t *frame = json_pack("{s:s, s:o}", "file_path", name, "transform_matrix", rows);
 
-    for (int i = 0; i < lens->count; i++)
-        json_object_set_new(frame, lens->params[i], json_real(c.distortion[i]));
     for (int r = 0; r < 4; r++) {
-        const double *row = r < 3 ? c.c2w + 4 * r : (const double[4]){0, 0, 0, 1};
+        const double *row = r < 3 ? view->camera.c2w + 4 * r : (const double[4]){0, 0, 0, 1};
 
         json_array_append_new(rows, json_pack("[f,f,f,f]", row[0] * flip[0], row[1] * flip[1],
                                               row[2] * flip[2], row[3] * flip[3]));
     }
     return frame;
+}
+
+static const char *lens_name(const cln_view *view)
+{
+    return cln_lens_models[view->camera.lens].name;
+}
+
+/* Whether all views have one camera; *lens: whether all have one lens model. */
+static bool have_one_camera(const cln_scene *scene, bool *lens)
+{
+    bool one = true;
+
+    *lens = true;
+    for (int i = 1; i < scene->view_count; i++) {
+        one = one && same_camera(&scene->views[0], &scene->views[i]);
+        *lens = *lens && scene->views[i].camera.lens == scene->views[0].camera.lens;
+    }
+    return one;
 }
 
 /* Adds the path of a file, if there is one. */
@@ -74,11 +109,18 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
                                                  "test_filenames"};
     cln_status st = CLN_OK;
     json_t *frames = json_array(), *lists[CLN_SPLITS] = {NULL};
-    json_t *document = json_pack("{s:o}", "frames", frames);
+    json_t *document = json_object();
     char *text = NULL, *name = NULL;
+    bool one_lens = false;
+    const bool one_camera = have_one_camera(scene, &one_lens);
 
     for (int split = 0; split < CLN_SPLITS; split++)
         lists[split] = json_array();
+    if (one_lens && scene->view_count > 0) /* nerfstudio looks for it nowhere else */
+        json_object_set_new(document, "camera_model", json_string(lens_name(&scene->views[0])));
+    if (one_camera && scene->view_count > 0)
+        put_intrinsics(document, &scene->views[0]);
+    json_object_set_new(document, "frames", frames);
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         json_t *frame = NULL;
@@ -87,12 +129,18 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         name = NULL;
         CLN_TRY(cln_scene_path_from(scene, view->path, &name));
         frame = frame_of(view, name);
+        if (!one_lens)
+            json_object_set_new(frame, "camera_model", json_string(lens_name(view)));
+        if (!one_camera)
+            put_intrinsics(frame, view);
         json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
         CLN_TRY(put_path(scene, frame, "alpha_path", view->alpha_path));
         if (!view->mask_black) /* where black counts, no key says so */
             CLN_TRY(put_path(scene, frame, "mask_path", view->mask_path));
     }
+    if (json_array_size(lists[CLN_SPLIT_VAL]) == 0) /* nerfstudio refuses lists without it */
+        json_array_extend(lists[CLN_SPLIT_VAL], lists[CLN_SPLIT_TEST]);
     for (int split = 0; split < CLN_SPLITS; split++)
         if (json_array_size(lists[split]) > 0)
             json_object_set(document, keys[split], lists[split]);
@@ -225,12 +273,6 @@ static void pose_of(const double c2w[12], double q[4], double t[3])
 
         q[other + 1] = (r[k][other] + r[other][k]) / (4 * most);
     }
-}
-
-static bool same_camera(const cln_view *a, const cln_view *b)
-{
-    return a->file_width == b->file_width && a->file_height == b->file_height &&
-           cln_camera_is_like(&a->camera, &b->camera);
 }
 
 /* Writes all three files; successive views with the same camera share its entry. */
