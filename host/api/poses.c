@@ -702,7 +702,8 @@ done:
 static void say_focal_length(const cln_scene *scene)
 {
     double least = INFINITY, most = 0;
-    char focal[RANGE];
+    bool one_width = true;
+    char focal[RANGE], wide[64] = "";
 
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
@@ -710,10 +711,12 @@ static void say_focal_length(const cln_scene *scene)
 
         least = fmin(least, pixels);
         most = fmax(most, pixels);
+        one_width &= view->file_width == scene->views[0].file_width;
     }
+    if (scene->view_count > 0 && one_width)
+        cln_format(wide, sizeof wide, ", of photos %d pixels wide", scene->views[0].file_width);
     if (scene->view_count > 0)
-        cln_info("COLMAP's focal length: %s pixels, of photos %d pixels wide",
-                 range(least, most, focal), scene->views[0].file_width);
+        cln_info("COLMAP's focal length: %s pixels%s", range(least, most, focal), wide);
 }
 
 /* Reads the scene as train will, which warns of photos without a pose. */

@@ -182,6 +182,21 @@ bool cln_run_is_held(const char *run)
     return held && strcmp(holder, ours) != 0;
 }
 
+/* Takes the lock; 0, or errno. A command that only looks who has it (cln_run_state) is in the way
+ * for a moment. */
+static int take_lock(int file)
+{
+    enum { TRIES = 100 };
+    static const struct timespec moment = {.tv_nsec = 5000000};
+
+    for (int i = 1; flock(file, LOCK_EX | LOCK_NB) != 0; i++) {
+        if (errno != EWOULDBLOCK || i == TRIES)
+            return errno;
+        (void)nanosleep(&moment, NULL);
+    }
+    return 0;
+}
+
 cln_status cln_run_hold(const char *run, int *lock)
 {
     cln_status st = CLN_OK;
@@ -193,7 +208,7 @@ cln_status cln_run_hold(const char *run, int *lock)
     file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     if (file < 0)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
-    refused = flock(file, LOCK_EX | LOCK_NB) != 0 ? errno : 0;
+    refused = take_lock(file);
     if (refused == EWOULDBLOCK) {
         read_holder(file, text, sizeof text);
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s trains this run; wait for its end, or stop it", run,

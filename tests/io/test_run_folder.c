@@ -7,9 +7,13 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <fcntl.h>
 #include <math.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 #include "base/memory.h"
 #include "io/disk.h"
@@ -406,6 +410,36 @@ static void test_disk_check_new(void **state)
     cln_clear_error();
 }
 
+/* A command that looks who trains a run has its lock for a moment; a training keeps it. */
+static void test_hold(void **state)
+{
+    const char *run = *state, *path = scratch_path(*state, "lock");
+    const struct timespec moment = {.tv_nsec = 10000000};
+    int ready[2], lock = -1, second = -1, file = -1;
+    char byte = 0;
+    pid_t child = 0;
+
+    scratch_put(path, "", 0);
+    assert_int_equal(pipe(ready), 0);
+    child = fork();
+    if (child == 0) {
+        file = open(path, O_RDONLY);
+        if (flock(file, LOCK_SH) == 0 && write(ready[1], "x", 1) == 1)
+            nanosleep(&moment, NULL);
+        _exit(0);
+    }
+    assert_true(child > 0);
+    assert_int_equal(read(ready[0], &byte, 1), 1);
+    assert_ok(cln_run_hold(run, &lock));
+    assert_int_equal(waitpid(child, NULL, 0), child);
+    assert_fails(cln_run_hold(run, &second), CLN_OUTPUT, "trains this run");
+    cln_run_release(lock);
+    assert_ok(cln_run_hold(run, &second));
+    cln_run_release(second);
+    close(ready[0]);
+    close(ready[1]);
+}
+
 int test_group_run_folder(void)
 {
     const struct CMUnitTest tests[] = {
@@ -417,6 +451,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_metrics_resume, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_hold, scratch_make, scratch_remove),
         cmocka_unit_test(test_machine),
         cmocka_unit_test(test_view_file_name),
         cmocka_unit_test(test_view_file_names),
