@@ -93,24 +93,10 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
     CLN_TRY(make_part(f));
     CLN_TRY(cln_asprintf(&url, "file:%s", f->part)); /* "a:1.mp4" would be a protocol's */
     {
-        const char *argv[40] = {"ffmpeg",
-                                "-nostdin",
-                                "-y",
-                                "-v",
-                                "error",
-                                "-xerror",
-                                "-f",
-                                "rawvideo",
-                                "-pix_fmt",
-                                "rgb24",
-                                "-s",
-                                size,
-                                "-r",
-                                rate,
-                                "-i",
-                                "pipe:0",
-                                "-vf",
-                                gif ? palette : even};
+        const char *argv[40] = {
+            "ffmpeg", "-nostdin", "-y",       "-v",     "error", "-xerror",
+            "-f",     "rawvideo", "-pix_fmt", "rgb24",  "-s",    size,
+            "-r",     rate,       "-i",       "pipe:0", "-vf",   gif ? palette : even};
         int n = 18;
 
         if (!gif) {

@@ -108,8 +108,8 @@ static void test_ffmpeg(void **state)
     assert_int_equal(make(path, true), CLN_FAILED);
     assert_non_null(strstr(cln_error_text(), "code 3: no such encoder"));
     cln_clear_error();
-    assert_int_equal(count_files(*state), 3);      /* a.y4m, a.mp4, ffmpeg: no part */
-    assert_bytes(path, sent, sizeof sent); /* the film before stays */
+    assert_int_equal(count_files(*state), 3); /* a.y4m, a.mp4, ffmpeg: no part */
+    assert_bytes(path, sent, sizeof sent);    /* the film before stays */
     setenv("PATH", own, 1);
     free(own);
 }
@@ -121,8 +121,9 @@ static void test_full_disk(void **state)
     char *own = strdup(getenv("PATH"));
 
     assert_int_equal(setenv("PATH", *state, 1), 0);
-    put_ffmpeg(state, FFMPEG "/bin/cat >/dev/null\n"
-                             "echo \"Error writing trailer of $to: No space left on device\" >&2\n");
+    put_ffmpeg(state,
+               FFMPEG "/bin/cat >/dev/null\n"
+                      "echo \"Error writing trailer of $to: No space left on device\" >&2\n");
     assert_int_equal(make(path, false), CLN_OUTPUT);
     assert_non_null(strstr(cln_error_text(), "a.mkv: no room is left"));
     cln_clear_error();
@@ -216,8 +217,9 @@ int test_group_film(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
     const struct CMUnitTest tests[] = {
-        ON_DISK(test_y4m), ON_DISK(test_ffmpeg), ON_DISK(test_ffmpeg_names), ON_DISK(test_full_disk), ON_DISK(test_odd_sides),
-        ON_DISK(test_rate_in_other_locale), cmocka_unit_test(test_names)};
+        ON_DISK(test_y4m),           ON_DISK(test_ffmpeg),    ON_DISK(test_ffmpeg_names),
+        ON_DISK(test_full_disk),     ON_DISK(test_odd_sides), ON_DISK(test_rate_in_other_locale),
+        cmocka_unit_test(test_names)};
 
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }
