@@ -474,6 +474,8 @@ static cln_status render_folder(cln_render_job *j, cln_render_result *result)
     }
     if (j->writes && (j->there < j->count || j->pictured < j->count))
         CLN_TRY(cln_render_draw_depths(j));
+    else if (j->writes && j->earlier > 0)
+        CLN_TRY(cln_render_write_about(j, NULL));
 done:
     return st;
 }

@@ -79,6 +79,40 @@ static bool is_wanted(const cln_render_job *j, int file)
     }
 }
 
+/* Frames of earlier renders that stay: counts those whose pictures are there, forgets the others. */
+static cln_status find_earlier(cln_render_job *j)
+{
+    cln_status st = CLN_OK;
+    json_t *known = json_object_get(j->before, "frames"), *now = json_object();
+    const char *name = NULL;
+    json_t *digest = NULL;
+    void *next = NULL;
+    bool there = false;
+
+    for (int i = 0; i < j->count; i++)
+        json_object_set_new(now, j->frames[i].name, json_true());
+    json_object_foreach_safe(known, next, name, digest)
+    {
+        const cln_render_frame frame = {.name = name};
+
+        if (json_object_get(now, name))
+            continue;
+        CLN_TRY(has_file(j, &frame, COLOUR_PNG, &there));
+        if (there)
+            j->earlier++;
+        else
+            json_object_del(known, name);
+    }
+    if (j->earlier > 0)
+        cln_info("%s: %d other frame%s of an earlier render stay%s in it beside the %d of this "
+                 "one; for these alone, choose another folder with -o",
+                 j->desc->out, j->earlier, cln_plural(j->earlier, "", "s"),
+                 cln_plural(j->earlier, "s", ""), j->count);
+done:
+    json_decref(now);
+    return st;
+}
+
 cln_status cln_render_find_there(cln_render_job *j)
 {
     cln_status st = CLN_OK;
@@ -97,6 +131,7 @@ cln_status cln_render_find_there(cln_render_job *j)
         j->there += f->there;
         j->pictured += pictured;
     }
+    CLN_TRY(find_earlier(j));
 done:
     return st;
 }
@@ -120,6 +155,8 @@ static json_t *describe(const cln_render_job *j)
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
                       "depth_of", d->mean_depth ? "mean" : "median", "poses", j->cameras.poses,
                       "frames", frames);
+    if (about && j->earlier > 0)
+        json_object_set_new(about, "earlier_frames", json_integer(j->earlier));
     if (about && d->depth_unit > 0)
         json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
     if (about && d->antialias > 1)
@@ -236,6 +273,8 @@ cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale
     if (scale && low > 0)
         json_object_set_new(about, "depth_picture",
                             json_pack("{s:f, s:f}", "near", 1 / high, "far", 1 / low));
+    if (!scale && j->there == j->count && json_object_get(j->before, "depth_picture"))
+        json_object_set(about, "depth_picture", json_object_get(j->before, "depth_picture"));
     CLN_TRY(cln_run_write_json(j->desc->out, "render.json", about));
 done:
     json_decref(about);

@@ -28,6 +28,7 @@ typedef struct cln_render_job {
     cln_render_frame *frames;
     cln_camera *eyes;           /* [count][1 or 2] what is rendered */
     int count, there, pictured; /* frames; those that are there; those with a depth picture */
+    int earlier;                /* frames of other names that stay in the folder */
     json_t *run;                /* run.json */
     json_t *before;             /* the folder's render.json; NULL if there is none */
 } cln_render_job;
@@ -42,7 +43,8 @@ int cln_render_width(const cln_render_job *j, const cln_render_frame *f);
 cln_status cln_render_check_folder(const char *out, json_t **before);
 
 /* Finds the frames in the folder that are as they would be made now, by j->before: sets
- * frame.there, j->there and j->pictured. */
+ * frame.there, j->there and j->pictured. Counts in j->earlier, and tells, how many others stay;
+ * those whose pictures are gone leave j->before. */
 cln_status cln_render_find_there(cln_render_job *j);
 
 /* CLN_OUTPUT if the disk has no room for the frames that are not there yet. */
@@ -52,7 +54,8 @@ cln_status cln_render_check_disk(const cln_render_job *j);
  * now: the folder then has what render.json says. */
 cln_status cln_render_drop_stale(const cln_render_job *j);
 
-/* Writes render.json. scale: of the depth pictures, NULL before they are drawn. */
+/* Writes render.json. scale: of the depth pictures, NULL before they are drawn, or if all frames
+ * are there: then as before. */
 cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale *scale);
 
 /* Writes a frame's files except its depth picture. p has depths in scene units; normals: NULL or

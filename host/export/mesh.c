@@ -35,6 +35,8 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
     const char *file = job->desc->file;
     char *comment = NULL;
 
+    if (job->opened.model.space.shell)
+        cln_info("%s: what lies beyond the cube, in its shell, is left out", what);
     CLN_TRY(cln_export_comment(job, what, &comment));
     mesh->comment = comment;
     mesh->fine = cln_space_distance_to_scene(space, cln_surface_cell(&job->opened.model));

@@ -9,7 +9,7 @@
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices);
 void cln_export_mesh_free(cln_mesh *mesh); /* not its faces */
 
-/* Writes the job's file, in the format of its ending (PLY without one), and sets the result's
+/* Writes the job's file, in the format of its ending (else PLY), and sets the result's
  * counts. what: the mesh's name in the file's comment (cln_export_comment). */
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh);
 

@@ -179,19 +179,21 @@ static void free_feed(cln_command_feed *f)
 static cln_status reap(cln_command_feed *f, bool early)
 {
     char line[LINE] = "", last[LINE] = "";
+    bool wrong = early;
     int code = 0;
 
     while (waitpid(f->pid, &code, 0) < 0 && errno == EINTR)
         ;
     f->pid = 0;
-    if (!early && WIFEXITED(code) && WEXITSTATUS(code) == 0)
-        return CLN_OK;
     rewind(f->said);
     while (fgets(line, sizeof line, f->said)) {
         line[strcspn(line, "\r\n")] = 0;
+        wrong = wrong || strcasestr(line, "error") || strstr(line, "No space left");
         if (line[strspn(line, " \t")])
             memcpy(last, line, sizeof last);
     }
+    if (!wrong && WIFEXITED(code) && WEXITSTATUS(code) == 0)
+        return CLN_OK;
     return cln_fail(CLN_FAILED, "%s: ended with code %d: %s", f->name,
                     WIFEXITED(code) ? WEXITSTATUS(code) : 128 + WTERMSIG(code), last);
 }

@@ -21,7 +21,8 @@ cln_status cln_command_run(const char *const *argv, const cln_command_watch *wat
 
 /* A program that reads what is written to it: open, write, then either end (closes its input and
  * waits) or kill; both free it. Write and end: CLN_FAILED with the last line that it printed if it
- * ended early or with another code than 0. */
+ * ended early, with another code than 0, or spoke of an error: ffmpeg ends with 0 after some writes
+ * that failed. */
 typedef struct cln_command_feed cln_command_feed;
 cln_status cln_command_open(const char *const *argv, cln_command_feed **out);
 cln_status cln_command_write(cln_command_feed *feed, const void *data, size_t bytes);

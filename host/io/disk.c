@@ -137,8 +137,8 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
     cln_format_bytes(bytes, need);
     cln_format_bytes(room, have);
     CLN_TRY(cln_fail(CLN_OUTPUT,
-                     "%s: the disk has too little room: %s need up to %s, %s are free; make room, "
-                     "or choose another folder",
+                     "%s: the disk has too little room for %s: up to %s, and %s are free; make "
+                     "room, or choose another folder",
                      subject, what, need, have));
 done:
     free(there);

@@ -25,6 +25,8 @@ struct cln_film {
     cln_command_feed *feed;
     cln_atomic_file *file;
     uint8_t *planes; /* y4m: [3][height][width] */
+    int wide, high;  /* of the pictures that ffmpeg gets */
+    uint8_t *even;   /* [high][wide][3], where those are larger */
 };
 
 static const char *ending(const char *path)
@@ -74,38 +76,28 @@ done:
 
 static cln_status start_ffmpeg(cln_film *f, double fps)
 {
-    /* most players need even sides and subsampled colours */
-    static const char even[] = "pad=ceil(iw/2)*2:ceil(ih/2)*2,"
-                               "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
+    static const char even[] = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
     static const char palette[] = "split[a][b];[a]palettegen[p];[b][p]paletteuse";
     cln_status st = CLN_OK;
     const bool gif = strcasecmp(ending(f->path), ".gif") == 0;
     const bool webm = strcasecmp(ending(f->path), ".webm") == 0;
     char size[32], rate[32], *url = NULL;
 
-    snprintf(size, sizeof size, "%dx%d", f->width, f->height);
+    /* most players need even sides and subsampled colours */
+    f->wide = f->width + (gif ? 0 : f->width % 2);
+    f->high = f->height + (gif ? 0 : f->height % 2);
+    if (f->wide > f->width || f->high > f->height)
+        CLN_TRY(cln_alloc(&f->even, (size_t)f->wide * (size_t)f->high, 3, "film"));
+    snprintf(size, sizeof size, "%dx%d", f->wide, f->high);
     cln_format(rate, sizeof rate, "%.6f", fps);
     CLN_TRY(make_part(f));
     CLN_TRY(cln_asprintf(&url, "file:%s", f->part)); /* "a:1.mp4" would be a protocol's */
     {
-        const char *argv[40] = {"ffmpeg",
-                                "-nostdin",
-                                "-y",
-                                "-v",
-                                "error",
-                                "-f",
-                                "rawvideo",
-                                "-pix_fmt",
-                                "rgb24",
-                                "-s",
-                                size,
-                                "-r",
-                                rate,
-                                "-i",
-                                "pipe:0",
-                                "-vf",
-                                gif ? palette : even};
-        int n = 17;
+        const char *argv[40] = {
+            "ffmpeg", "-nostdin", "-y",       "-v",     "error", "-xerror",
+            "-f",     "rawvideo", "-pix_fmt", "rgb24",  "-s",    size,
+            "-r",     rate,       "-i",       "pipe:0", "-vf",   gif ? palette : even};
+        int n = 18;
 
         if (!gif) {
             static const char *const about[] = {"-colorspace", "bt709",      "-color_primaries",
@@ -199,13 +191,47 @@ static void to_planes(const cln_film *f, const uint8_t *rgb)
     }
 }
 
+/* Repeats the last column and row, as far as the sides are odd. */
+static void make_even(cln_film *f, const uint8_t *rgb)
+{
+    const size_t row = 3 * (size_t)f->width, whole = 3 * (size_t)f->wide;
+
+    for (int y = 0; y < f->high; y++) {
+        const uint8_t *from = rgb + (size_t)(y < f->height ? y : f->height - 1) * row;
+        uint8_t *to = f->even + (size_t)y * whole;
+
+        memcpy(to, from, row);
+        if (whole > row)
+            memcpy(to + row, from + row - 3, 3);
+    }
+}
+
+/* Of a failure of ffmpeg: whether the disk was full decides about the code and the way out. */
+static cln_status explain(const cln_film *f, cln_status st)
+{
+    char said[1024];
+
+    if (st != CLN_FAILED || (!strstr(cln_error_text(), "No space left") &&
+                             !strstr(cln_error_text(), "quota") && cln_disk_room(f->part) >= 4096))
+        return st;
+    snprintf(said, sizeof said, "%s", cln_error_text());
+    cln_clear_error();
+    return cln_fail(CLN_OUTPUT,
+                    "%s: no room is left on the disk for the film; make room, or choose another "
+                    "folder (%s)",
+                    f->path, said);
+}
+
 cln_status cln_film_add(cln_film *f, const uint8_t *rgb)
 {
     cln_status st = CLN_OK;
     const size_t bytes = (size_t)f->width * (size_t)f->height * 3;
 
+    if (f->even)
+        make_even(f, rgb);
     if (f->feed)
-        return cln_command_write(f->feed, rgb, bytes);
+        return explain(f, cln_command_write(f->feed, f->even ? f->even : rgb,
+                                            3 * (size_t)f->wide * (size_t)f->high));
     to_planes(f, rgb);
     CLN_TRY(cln_atomic_write(f->file, "FRAME\n", 6));
     CLN_TRY(cln_atomic_write(f->file, f->planes, bytes));
@@ -224,7 +250,7 @@ cln_status cln_film_end(cln_film *f)
     if (file)
         CLN_TRY(cln_atomic_commit(&file));
     if (feed)
-        CLN_TRY(cln_command_end(feed));
+        CLN_TRY(explain(f, cln_command_end(feed)));
     if (f->part && rename(f->part, f->path) != 0)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", f->path, strerror(errno)));
     free(f->part);
@@ -245,5 +271,6 @@ void cln_film_abandon(cln_film *f)
     free(f->part);
     free(f->path);
     free(f->planes);
+    free(f->even);
     free(f);
 }

@@ -184,7 +184,7 @@ section_points() {
 # A disk that the largest tree would not fit: a warning that names what fits. In a file system of 48
 # MiB; only root can mount one, in a name space of its own.
 section_disk() {
-    local leaves
+    local leaves i
     scene
     mkdir -p "$work/small"
     if ! unshare -m mount -t tmpfs -o size=48m none "$work/small" 2>/dev/null; then
@@ -207,7 +207,7 @@ section_disk() {
         on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
         --skip-selftest --progress none --steps 10 --max-leaves "$leaves"
     check "nothing of the disk" not_said "too little room"
-    expect "a first tree that does not fit" 7 "~too.little.room ~first.checkpoint need free" \
+    expect "a first tree that does not fit" 7 "~too.little.room ~first.checkpoint:.up.to free" \
         on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
         --skip-selftest --progress none --steps 10 --start-level 5 --level-at ""
     "$cln" train "$work/scene" -o "$work/large" --preset voxel --rays 512 --skip-selftest \
@@ -218,6 +218,19 @@ section_disk() {
             fallocate -l "$(($(df --output=avail -B1 "$0" | tail -1) - 1000000))" "$0/full" &&
             shift && exec "$@"' "$work/small" "$work/large" \
         "$cln" train --resume "$work/small/run" --skip-selftest --progress none --steps 20
+    if ! command -v ffmpeg >/dev/null; then
+        skip "films on a full disk" "there is no ffmpeg"
+        return
+    fi
+    for i in gif mkv mp4; do
+        expect "a .$i film on a full disk" 7 "~no.room.is.left ~make.room" \
+            unshare -m sh -c 'mount -t tmpfs -o size=100k none "$0" &&
+                fallocate -l "$(($(df --output=avail -B1 "$0" | tail -1) - 4096))" "$0/full" &&
+                "$@"; code=$?; ls "$0" | grep -v full >"$0.left"; exit $code' "$work/small" \
+            "$cln" render "$work/large" --orbit 4 --width 128 -o "$work/small/f.$i" \
+            --progress none
+        check "nothing of it is left" [ -e "$work/small.left" -a ! -s "$work/small.left" ]
+    done
 }
 
 # The demo on a machine that makes a few steps in its time.

@@ -882,6 +882,18 @@ section_results() {
         "$cln" render "$r" -o "$work/a.avi"
     expect "--fps without a film" 2 "fps" "$cln" render "$r" --fps 30 -o "$work/fps"
     expect "depths of a film" 2 "pfm" "$cln" render "$r" --pfm -o "$work/a.gif"
+    expect "their kind" 2 "z-depth" "$cln" render "$r" --orbit 2 --z-depth -o "$work/a.gif"
+    expect "a mesh whose name does not tell its format" 2 "~end.the.name .ply" \
+        "$cln" export "$r" --mesh "$work/a"
+    expect "a mesh for a slicer" 2 "~slicers.read.\.obj" "$cln" export "$r" --mesh "$work/a.stl"
+    run "$cln" render "$r" --orbit 3 --width 16 -o "$work/circle" --progress none
+    expect "a shorter path in the folder of a longer one: what stays is told" 0 \
+        "~2.other.frames.*stay" "$cln" render "$r" --orbit 1 --width 16 -o "$work/circle"
+    check "and recorded" [ "$("$query" earlier_frames <"$work/circle/render.json")" = 2 ]
+    rm "$work/circle/orbit_0002.png"
+    expect "a frame that was removed" 0 "~1.other.frame.*stays" \
+        "$cln" render "$r" --orbit 1 --elevation 5 --width 16 -o "$work/circle"
+    check "is not named any more" eval '! grep -q orbit_0002 "$work/circle/render.json"'
     "$make_scene" "$work/cut" --size 16 --train 2 --test 1 >/dev/null
     echo broken >"$work/cut/test/r_000.png"
     expect "poses whose photo is broken" 3 "r_000.png" "$cln" render "$r" \

@@ -17,6 +17,10 @@
 /* black, white; red, blue */
 static const uint8_t pictures[2][6] = {{0, 0, 0, 255, 255, 255}, {255, 0, 0, 0, 0, 255}};
 
+/* what ffmpeg gets: even sides, by the last row again */
+static const uint8_t sent[24] = {0,   0, 0, 255, 255, 255, 0,   0, 0, 255, 255, 255,
+                                 255, 0, 0, 0,   0,   255, 255, 0, 0, 0,   0,   255};
+
 static void assert_bytes(const char *path, const void *want, size_t bytes)
 {
     char *text = NULL;
@@ -96,7 +100,7 @@ static void test_ffmpeg(void **state)
     assert_false(cln_is_file(path));
     put_ffmpeg(state, FFMPEG "/bin/cat >\"${to#file:}\"\n");
     assert_int_equal(make(path, false), CLN_OK);
-    assert_bytes(path, pictures, sizeof pictures);
+    assert_bytes(path, sent, sizeof sent);
     assert_int_equal(make(path, false), CLN_OUTPUT);
     cln_clear_error();
     put_ffmpeg(state, FFMPEG "echo part >\"${to#file:}\"\n/bin/cat >/dev/null\n"
@@ -104,8 +108,58 @@ static void test_ffmpeg(void **state)
     assert_int_equal(make(path, true), CLN_FAILED);
     assert_non_null(strstr(cln_error_text(), "code 3: no such encoder"));
     cln_clear_error();
-    assert_int_equal(count_files(*state), 3);      /* a.y4m, a.mp4, ffmpeg: no part */
-    assert_bytes(path, pictures, sizeof pictures); /* the film before stays */
+    assert_int_equal(count_files(*state), 3); /* a.y4m, a.mp4, ffmpeg: no part */
+    assert_bytes(path, sent, sizeof sent);    /* the film before stays */
+    setenv("PATH", own, 1);
+    free(own);
+}
+
+/* ffmpeg 5.1 says what it could not write, and ends with 0. */
+static void test_full_disk(void **state)
+{
+    const char *path = scratch_path(*state, "a.mkv");
+    char *own = strdup(getenv("PATH"));
+
+    assert_int_equal(setenv("PATH", *state, 1), 0);
+    put_ffmpeg(state,
+               FFMPEG "/bin/cat >/dev/null\n"
+                      "echo \"Error writing trailer of $to: No space left on device\" >&2\n");
+    assert_int_equal(make(path, false), CLN_OUTPUT);
+    assert_non_null(strstr(cln_error_text(), "a.mkv: no room is left"));
+    cln_clear_error();
+    assert_int_equal(count_files(*state), 1); /* ffmpeg */
+    put_ffmpeg(state, FFMPEG "/bin/cat >/dev/null\necho \"Error closing file $to\" >&2\n");
+    assert_int_equal(make(path, false), CLN_FAILED); /* there is room: another reason */
+    cln_clear_error();
+    assert_int_equal(count_files(*state), 1);
+    put_ffmpeg(state, FFMPEG "/bin/cat >\"${to#file:}\"\necho a remark >&2\n");
+    assert_int_equal(make(path, false), CLN_OK);
+    setenv("PATH", own, 1);
+    free(own);
+}
+
+/* A last column is repeated, too; pictures of even sides, and a GIF's, go as they are. */
+static void test_odd_sides(void **state)
+{
+    static const uint8_t column[2 * 3] = {1, 2, 3, 4, 5, 6};
+    static const uint8_t even[2 * 2 * 3] = {1, 2, 3, 1, 2, 3, 4, 5, 6, 4, 5, 6};
+    static const char *const names[] = {"a.mp4", "a.gif"};
+    char *own = strdup(getenv("PATH"));
+
+    assert_int_equal(setenv("PATH", *state, 1), 0);
+    put_ffmpeg(state, FFMPEG "/bin/cat >\"${to#file:}\"\n");
+    for (int i = 0; i < 2; i++) {
+        const char *path = scratch_path(*state, names[i]);
+        cln_film *film = NULL;
+
+        assert_int_equal(cln_film_begin(path, 1, 2, 25, false, &film), CLN_OK);
+        assert_int_equal(cln_film_add(film, column), CLN_OK);
+        assert_int_equal(cln_film_end(film), CLN_OK);
+        if (i == 0)
+            assert_bytes(path, even, sizeof even);
+        else
+            assert_bytes(path, column, sizeof column);
+    }
     setenv("PATH", own, 1);
     free(own);
 }
@@ -144,8 +198,8 @@ static void test_ffmpeg_names(void **state)
     assert_int_equal(make("-a.mp4", false), CLN_OK);
     assert_int_equal(chdir(here), 0);
     assert_bytes(part, "mine", 4);
-    assert_bytes(scratch_path(*state, "take:1.mp4"), pictures, sizeof pictures);
-    assert_bytes(scratch_path(*state, "-a.mp4"), pictures, sizeof pictures);
+    assert_bytes(scratch_path(*state, "take:1.mp4"), sent, sizeof sent);
+    assert_bytes(scratch_path(*state, "-a.mp4"), sent, sizeof sent);
     setenv("PATH", own, 1);
     free(own);
     free(here);
@@ -163,8 +217,9 @@ int test_group_film(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
     const struct CMUnitTest tests[] = {
-        ON_DISK(test_y4m), ON_DISK(test_ffmpeg), ON_DISK(test_ffmpeg_names),
-        ON_DISK(test_rate_in_other_locale), cmocka_unit_test(test_names)};
+        ON_DISK(test_y4m),           ON_DISK(test_ffmpeg),    ON_DISK(test_ffmpeg_names),
+        ON_DISK(test_full_disk),     ON_DISK(test_odd_sides), ON_DISK(test_rate_in_other_locale),
+        cmocka_unit_test(test_names)};
 
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }
