@@ -106,7 +106,7 @@ EXAMPLES := $(wildcard examples/*.c)
 
 SAY = $(if $V,,@echo "  $1";)
 
-all: $P/cl-nascent $P/libcl-nascent.a $P/$(SONAME) $P/cl-nascent.pc
+all: $P/cl-nascent $P/libcl-nascent.a $P/$(SONAME) $P/cl-nascent.pc $P/texts
 
 # Programs of objects and the library, all linked in one way.
 PROGRAMS := $P/cl-nascent $P/bench-scale \
@@ -152,6 +152,16 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	   echo 'Libs.private: $(LIBS_PRIVATE)'; \
 	   echo 'Cflags: -I$${includedir}'; } > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+
+# What the program writes about itself: a manual page per command, completion of three shells.
+$P/texts: $P/cl-nascent docs/cl-nascent.1 packaging/man-pages.sh
+	@rm -rf $@ $@.new
+	@mkdir -p $@.new
+	@packaging/man-pages.sh $P/cl-nascent $@.new
+	@for shell in bash zsh fish; do \
+	   $P/cl-nascent completion $$shell >$@.new/completion.$$shell || exit 1; \
+	 done
+	@mv $@.new $@
 
 $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) $(TEST_LINK) -o $@
@@ -362,15 +372,15 @@ install: all
 	install -m 644 $P/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
 	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
 	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
-	packaging/man-pages.sh $P/cl-nascent "$(DESTDIR)$(PREFIX)/share/man/man1"
+	install -m 644 $P/texts/*.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
 	install -m 644 docs/*.md docs/*.png "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
-	$P/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"
-	$P/cl-nascent completion zsh >"$(DESTDIR)$(ZSHDIR)/_cl-nascent"
-	$P/cl-nascent completion fish >"$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
+	install -m 644 $P/texts/completion.bash "$(DESTDIR)$(BASHDIR)/cl-nascent"
+	install -m 644 $P/texts/completion.zsh "$(DESTDIR)$(ZSHDIR)/_cl-nascent"
+	install -m 644 $P/texts/completion.fish "$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
 
 # The same variables as for install. Folders that others use, too, stay.
 uninstall:

@@ -138,6 +138,15 @@ check "make uninstall leaves only others' files" \
     [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
     ./usr/bin/other ]
 
+(umask 077 && "${MAKE:-make}" --no-print-directory install DESTDIR="$work/strict" PREFIX=/usr) \
+    >"$work/out" 2>&1
+check "make install under a strict umask" [ $? = 0 ]
+# the folders above /usr are the system's
+find "$work/strict/usr" ! -type l ! -perm -444 -o -type d ! -perm -555 >"$work/out"
+check "under a strict umask everybody can read what is installed" \
+    [ -d "$work/strict/usr" -a ! -s "$work/out" ]
+rm -rf "$work/strict"
+
 # From here on nothing of the source tree is used but the examples' text.
 cp "$sources"/*.c "$work"
 cd "$work" || exit 1
