@@ -177,6 +177,9 @@ exported >exported.txt
 check "functions are declared for export" [ "$(wc -l <declared.txt)" -gt 20 ]
 run diff declared.txt exported.txt
 check "the shared library exports what the header declares, and nothing else" [ $rc = 0 ]
+nm -g --defined-only "$lib/libcl-nascent.a" | awk 'NF == 3 { print $3 }' | sort >exported.txt
+run diff declared.txt exported.txt
+check "so does the static library, which goes with others' stb_image, say" [ $rc = 0 ]
 readelf -d "$lib/libcl-nascent.so.0" >dynamic.txt
 check "the shared library has its soname" grep -q 'SONAME.*\[libcl-nascent\.so\.0\]' dynamic.txt
 check "the linker's name leads to it" [ "$(readlink "$lib/libcl-nascent.so")" = libcl-nascent.so.0 ]
