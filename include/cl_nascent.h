@@ -164,7 +164,8 @@ CLN_API cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_
 
 /* ---- training ---- */
 
-/* Numbers of a running training, for a progress display. */
+/* Numbers of a running training, for a progress display. The results of a step arrive with the
+ * next one: after the first step, rays_per_s, samples_per_ray, loss and psnr_train are NaN. */
 typedef struct cln_train_progress {
     int64_t step, steps; /* steps 0: the budget is time */
     double fraction;     /* of the budget, 0..1 */
@@ -176,7 +177,8 @@ typedef struct cln_train_progress {
     double psnr_test;        /* dB, of the last evaluation; NaN before the first */
     int leaves;
     double params, device_bytes; /* learned numbers; bytes of device buffers */
-    double unmeasured_seconds;   /* estimate for those, from rays_per_s: off by up to 2 times */
+    /* Estimate for those, from rays_per_s: off by up to 2 times; NaN if that is. */
+    double unmeasured_seconds;
 } cln_train_progress;
 
 typedef struct cln_callbacks {
