@@ -58,7 +58,8 @@ typedef enum cln_status {
 #undef X
 } cln_status;
 
-/* Exit code and fixed phrase of a status. */
+/* Exit code and fixed phrase of a status; of one that this library does not know, 1 and "unknown
+ * status". */
 CLN_API int cln_status_exit_code(cln_status st);
 CLN_API const char *cln_status_phrase(cln_status st);
 
