@@ -143,7 +143,7 @@ typedef struct cln_device_desc {
      * own. */
     const char *max_alloc;
     /* eval, render: the device memory that they stay under ("512M"), CLN_MEMORY if it is not
-     * enough. NULL = the run's own setting. Training has it as a setting. */
+     * enough. NULL = the run's own setting. Training has it as a setting and does not read this. */
     const char *device_mem;
 } cln_device_desc;
 
@@ -412,7 +412,8 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 
 /* ---- exports and facts ---- */
 
-/* What to write, and where. Fields that the export does not read must be 0. */
+/* What to write, and where. Of colour, spacing, count, closed and triangles, those that the export
+ * does not read must be 0; scene and device are not looked at where they are not needed. */
 typedef struct cln_export_desc {
     const char *run;
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
@@ -450,7 +451,7 @@ typedef struct cln_export_result {
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
  * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
- * for fields that it does not read, and for a grid that is too fine; CLN_FAILED for `triangles` in
+ * for options that it does not read, and for a grid that is too fine; CLN_FAILED for `triangles` in
  * a library that was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
