@@ -28,6 +28,7 @@ FISHDIR ?= $(PREFIX)/share/fish/vendor_completions.d
 B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
 CC ?= gcc
+OBJCOPY ?= objcopy
 # the viewer's server; without it `view` says what is missing
 MICROHTTPD := $(shell pkg-config --exists libmicrohttpd && echo libmicrohttpd)
 PKGS := OpenCL jansson zlib $(MICROHTTPD)
@@ -106,7 +107,8 @@ EXAMPLES := $(wildcard examples/*.c)
 
 SAY = $(if $V,,@echo "  $1";)
 
-all: $P/cl-nascent $P/libcl-nascent.a $P/$(SONAME) $P/cl-nascent.pc
+all: $P/cl-nascent $P/libcl-nascent.a $P/$(SONAME) $P/cl-nascent.pc $P/texts \
+     $P/public/libcl-nascent.a
 
 # Programs of objects and the library, all linked in one way.
 PROGRAMS := $P/cl-nascent $P/bench-scale \
@@ -129,7 +131,19 @@ $(PROGRAMS):
 $P/libcl-nascent.a: $(LIB_OBJ)
 	@mkdir -p $(@D)
 	@rm -f $@
-	$(call SAY,AR $@)ar rcs $@ $^
+	$(call SAY,AR $@)$(AR) rcs $@ $^
+
+# What is installed: one object whose inner names are its own, so that a program may have stb_image,
+# or other functions of these names, too. Tests and benches link with the one above. Under
+# sanitizers names stay, as their tables need some. With gcc's -flto it is compiled here.
+$P/public/libcl-nascent.a: $(LIB_OBJ)
+	@mkdir -p $(@D)
+	@rm -f $@
+	$(call SAY,AR $@)$(if $(SANITIZE),$(AR) rcs $@ $^, \
+	    $(CC) -r -nostdlib $(if $(findstring -flto,$(CFLAGS)),-flinker-output=nolto-rel) $^ \
+	        -o $(@D)/cl-nascent.o && \
+	    $(OBJCOPY) --localize-hidden $(@D)/cl-nascent.o && \
+	    $(AR) rcs $@ $(@D)/cl-nascent.o && rm $(@D)/cl-nascent.o)
 
 # It exports only what cl_nascent.h marks CLN_API.
 $P/$(SONAME): $(LIB_OBJ)
@@ -152,6 +166,16 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	   echo 'Libs.private: $(LIBS_PRIVATE)'; \
 	   echo 'Cflags: -I$${includedir}'; } > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
+
+# What the program writes about itself: a manual page per command, completion of three shells.
+$P/texts: $P/cl-nascent docs/cl-nascent.1 packaging/man-pages.sh
+	@rm -rf $@ $@.new
+	@mkdir -p $@.new
+	@packaging/man-pages.sh $P/cl-nascent $@.new
+	@for shell in bash zsh fish; do \
+	   $P/cl-nascent completion $$shell >$@.new/completion.$$shell || exit 1; \
+	 done
+	@mv $@.new $@
 
 $B/tests: $(TEST_OBJ) $B/libcl-nascent.a
 	$(call SAY,LINK $@)$(CC) $^ $(LDLIBS_ALL) $(TEST_LINK) -o $@
@@ -356,21 +380,21 @@ install: all
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs"
 	install -m 755 $P/cl-nascent "$(DESTDIR)$(PREFIX)/bin/"
 	install -m 644 include/cl_nascent.h "$(DESTDIR)$(PREFIX)/include/"
-	install -m 644 $P/libcl-nascent.a "$(DESTDIR)$(LIBDIR)/"
+	install -m 644 $P/public/libcl-nascent.a "$(DESTDIR)$(LIBDIR)/"
 	install -m 755 $P/$(SONAME) "$(DESTDIR)$(LIBDIR)/"
 	ln -sf $(SONAME) "$(DESTDIR)$(LIBDIR)/libcl-nascent.so"
 	install -m 644 $P/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
 	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
 	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
-	packaging/man-pages.sh $P/cl-nascent "$(DESTDIR)$(PREFIX)/share/man/man1"
+	install -m 644 $P/texts/*.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
 	install -m 644 docs/*.md docs/*.png "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
-	$P/cl-nascent completion bash >"$(DESTDIR)$(BASHDIR)/cl-nascent"
-	$P/cl-nascent completion zsh >"$(DESTDIR)$(ZSHDIR)/_cl-nascent"
-	$P/cl-nascent completion fish >"$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
+	install -m 644 $P/texts/completion.bash "$(DESTDIR)$(BASHDIR)/cl-nascent"
+	install -m 644 $P/texts/completion.zsh "$(DESTDIR)$(ZSHDIR)/_cl-nascent"
+	install -m 644 $P/texts/completion.fish "$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
 
 # The same variables as for install. Folders that others use, too, stay.
 uninstall:

@@ -8,10 +8,11 @@
  * stay the caller's and need only live during the call. One process at a time trains into a run
  * folder: cln_train holds RUN/lock; if another process does, CLN_OUTPUT names it.
  *
- * Any call may return CLN_MEMORY, and CLN_USAGE for a member that is missing or out of range; one
- * that reads a scene or a run, CLN_INPUT or CLN_CHECKPOINT; one that works on a device,
- * CLN_NO_DEVICE, CLN_CL or CLN_BUILD; one that writes, CLN_OUTPUT; one with callbacks, CLN_SIGINT
- * or CLN_SIGTERM. The comments below have the others, and what is special. */
+ * Any call may return CLN_MEMORY, and CLN_USAGE for a member that is missing or out of range, or
+ * for a desc, result or object that is NULL; one that reads a scene or a run, CLN_INPUT or
+ * CLN_CHECKPOINT; one that works on a device, CLN_NO_DEVICE, CLN_CL or CLN_BUILD; one that writes,
+ * CLN_OUTPUT; one with callbacks, CLN_SIGINT or CLN_SIGTERM. The comments below have the others, and
+ * what is special. */
 #ifndef CL_NASCENT_H
 #define CL_NASCENT_H
 
@@ -58,7 +59,8 @@ typedef enum cln_status {
 #undef X
 } cln_status;
 
-/* Exit code and fixed phrase of a status. */
+/* Exit code and fixed phrase of a status; of one that this library does not know, 1 and "unknown
+ * status". */
 CLN_API int cln_status_exit_code(cln_status st);
 CLN_API const char *cln_status_phrase(cln_status st);
 
@@ -119,7 +121,8 @@ typedef struct cln_setting_info {
     double min, max;   /* int, real */
 } cln_setting_info;
 
-/* Describes setting number `index`, from 0; false after the last one. The texts live forever. */
+/* Describes setting number `index`, from 0; false after the last one, or if info is NULL. The texts
+ * live forever. */
 CLN_API bool cln_setting_describe(int index, cln_setting_info *info);
 
 /* ---- devices ---- */
@@ -140,7 +143,7 @@ typedef struct cln_device_desc {
      * own. */
     const char *max_alloc;
     /* eval, render: the device memory that they stay under ("512M"), CLN_MEMORY if it is not
-     * enough. NULL = the run's own setting. Training has it as a setting. */
+     * enough. NULL = the run's own setting. Training has it as a setting and does not read this. */
     const char *device_mem;
 } cln_device_desc;
 
@@ -164,7 +167,8 @@ CLN_API cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_
 
 /* ---- training ---- */
 
-/* Numbers of a running training, for a progress display. */
+/* Numbers of a running training, for a progress display. The results of a step arrive with the
+ * next one: after the first step, rays_per_s, samples_per_ray, loss and psnr_train are NaN. */
 typedef struct cln_train_progress {
     int64_t step, steps; /* steps 0: the budget is time */
     double fraction;     /* of the budget, 0..1 */
@@ -176,7 +180,8 @@ typedef struct cln_train_progress {
     double psnr_test;        /* dB, of the last evaluation; NaN before the first */
     int leaves;
     double params, device_bytes; /* learned numbers; bytes of device buffers */
-    double unmeasured_seconds;   /* estimate for those, from rays_per_s: off by up to 2 times */
+    /* Estimate for those, from rays_per_s: off by up to 2 times; NaN if that is. */
+    double unmeasured_seconds;
 } cln_train_progress;
 
 typedef struct cln_callbacks {
@@ -307,7 +312,7 @@ typedef struct cln_eval_desc {
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);
-CLN_API void cln_eval_free(cln_eval_result *result);
+CLN_API void cln_eval_free(cln_eval_result *result); /* accepts NULL */
 
 typedef struct cln_render_desc {
     const char *run, *out;
@@ -380,8 +385,8 @@ CLN_API cln_status cln_view_run(const cln_view_desc *desc);
 
 /* ---- the field itself ---- */
 
-/* A trained run, opened for evaluation at points: its newest checkpoint on a device. Needs neither
- * scene nor, once open, run folder. One thread at a time; close frees it. */
+/* A trained run, opened for evaluation at points: its newest checkpoint on a device (NULL: as
+ * "auto"). Needs neither scene nor, once open, run folder. One thread at a time; close frees it. */
 typedef struct cln_field cln_field;
 
 CLN_API cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out);
@@ -389,7 +394,7 @@ CLN_API void cln_field_close(cln_field *field); /* accepts NULL */
 
 /* The cube that holds the scene, in scene units; it is empty outside, unless the run has a shell
  * (--space shell). Of a run in normalised device coordinates: a box around what its cameras see as
- * far as 1,000 near planes; the scene continues beyond it. */
+ * far as 1,000 near planes; the scene continues beyond it. Writes nothing if a pointer is NULL. */
 CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3]);
 
 /* Evaluates colour and density at n points, as in pictures.
@@ -407,7 +412,8 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 
 /* ---- exports and facts ---- */
 
-/* What to write, and where. Fields that the export does not read must be 0. */
+/* What to write, and where. Of colour, spacing, count, closed and triangles, those that the export
+ * does not read must be 0; scene and device are not looked at where they are not needed. */
 typedef struct cln_export_desc {
     const char *run;
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
@@ -445,7 +451,7 @@ typedef struct cln_export_result {
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
  * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
- * for fields that it does not read, and for a grid that is too fine; CLN_FAILED for `triangles` in
+ * for options that it does not read, and for a grid that is too fine; CLN_FAILED for `triangles` in
  * a library that was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
@@ -460,7 +466,7 @@ typedef struct cln_check_desc {
     const cln_settings *settings; /* for reading it, and for the training to come; NULL = the
                                      default preset's */
     cln_device_desc device;
-    double probe;            /* seconds to measure the time of a step in; 0 = not */
+    double probe;            /* seconds to measure the time of a step in, up to 600; 0 = not */
     const char *page;        /* an HTML file that shows it; NULL = none */
     bool overwrite;          /* else an existing file is CLN_OUTPUT */
     cln_callbacks callbacks; /* work: of the photos and pairs of them, then of the timed trees */
@@ -517,7 +523,7 @@ typedef struct cln_tune_desc {
     cln_device_desc device; /* tune: start of the search; NULL = the device class's defaults */
     const cln_settings *settings; /* their leaves, sampling and batch count; NULL = the default
                                      preset's */
-    double budget;                /* seconds; 0 = 60 */
+    double budget;                /* seconds, up to 1e6; 0 = 60 */
     int max_tries;                /* most sets tried; 0 = as many as the budget allows */
     const char *file;             /* gets the row, instead of an older one; NULL = none */
     cln_callbacks callbacks;
@@ -539,7 +545,7 @@ typedef struct cln_tune_result {
  * only after it has passed the self-test's checks with these leaves. CLN_CHECK if even the plain
  * set fails. */
 CLN_API cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result);
-CLN_API void cln_tune_free(cln_tune_result *result);
+CLN_API void cln_tune_free(cln_tune_result *result); /* accepts NULL */
 
 /* ---- self-test ---- */
 
@@ -547,7 +553,7 @@ typedef void cln_check_sink(const char *name, bool passed, bool skipped, const c
                             void *user);
 
 /* Checks kernels against the float64 reference on a device, on small shapes; CLN_CHECK if any check
- * fails. quick: about a second. */
+ * fails. quick: about a second. device: NULL = as "auto". */
 CLN_API cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink,
                                 void *user);
 

@@ -1,6 +1,6 @@
 #!/bin/sh
 # A manual page per command, cut out of docs/cl-nascent.1: what the command does, its options, exit
-# status. Names and purposes are those of `cl-nascent --help`. Called by `make install`.
+# status. Names and purposes are those of `cl-nascent --help`. Called by make.
 #   packaging/man-pages.sh PROGRAM FOLDER
 set -eu
 page=$(dirname "$0")/../docs/cl-nascent.1

@@ -78,8 +78,11 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
     const cln_settings *settings = NULL;
     cln_settings *own = NULL;
 
+    CLN_TRY(cln_given("cln_check", "json", json));
     *json = NULL;
+    CLN_TRY(cln_given("cln_check", "desc", desc));
     CLN_TRY(cln_given("cln_check", "scene", desc->scene));
+    CLN_TRY(cln_given_number("cln_check", "probe", desc->probe, 0, 600));
     CLN_TRY(cln_given_settings(desc->settings, &own, &settings));
     st = check(desc, settings, json);
 done:

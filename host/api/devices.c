@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "base/config.h"
+#include "base/given.h"
 #include "base/memory.h"
 #include "device/tune.h"
 #include "check/selftest.h"
@@ -63,6 +64,8 @@ cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_device_i
     cl_device_id *ids = NULL;
     cln_device_info *list = NULL;
 
+    CLN_TRY(cln_given("cln_devices_list", "out", out));
+    CLN_TRY(cln_given("cln_devices_list", "count", count));
     *out = NULL;
     *count = 0;
     CLN_TRY(cln_device_ids(&ids, count));
@@ -77,7 +80,7 @@ cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_device_i
 done:
     free(list);
     free(ids);
-    if (st != CLN_OK)
+    if (st != CLN_OK && count)
         *count = 0;
     return st;
 }

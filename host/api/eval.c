@@ -112,14 +112,17 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
 {
     cln_status st = CLN_OK;
     cln_open_run opened = {0};
-    const bool writes = cln_ranks_me() == 0, saves = desc->save_images && writes;
+    const bool writes = cln_ranks_me() == 0;
     cln_split split = CLN_SPLIT_TEST;
     bool pixels[CLN_SPLITS] = {false}, measured = false;
-    const char *name = desc->split ? desc->split : cln_split_names[CLN_SPLIT_TEST];
+    const char *name = cln_split_names[CLN_SPLIT_TEST];
     int *views = NULL, count = 0;
     char *place = NULL;
 
+    CLN_TRY(cln_given("cln_eval", "result", result));
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_eval", "desc", desc));
+    name = desc->split ? desc->split : name;
     CLN_TRY(cln_given("cln_eval", "run", desc->run));
     CLN_TRY(cln_given_number("cln_eval", "max_images", desc->max_images, 0, INT_MAX));
     CLN_TRY(cln_given_number("cln_eval", "antialias", desc->antialias, 0, 8));
@@ -150,7 +153,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     opened.pipeline.antialias = desc->antialias;
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
     CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
-                                saves ? place : NULL, &desc->callbacks, result));
+                                desc->save_images && writes ? place : NULL, &desc->callbacks,
+                                result));
     if (desc->seams)
         CLN_TRY(cln_seams_measure(&opened.pipeline, &opened.model, opened.scene, &desc->callbacks,
                                   &result->seams));
@@ -181,7 +185,9 @@ cln_status cln_eval_json(const cln_eval_result *result, char **json)
     cln_status st = CLN_OK;
     json_t *document = NULL;
 
+    CLN_TRY(cln_given("cln_eval_json", "json", json));
     *json = NULL;
+    CLN_TRY(cln_given("cln_eval_json", "result", result));
     CLN_TRY(cln_quality_json(result, &document));
     *json = json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17));
     if (!*json)

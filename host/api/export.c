@@ -114,6 +114,7 @@ static cln_status check_options(const cln_export_desc *desc)
                 {"closed", "points mesh"},
                 {"triangles", "mesh"},
                 {"colour", "octree"}};
+    cln_status st = CLN_OK;
     const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed, desc->triangles != 0,
                           desc->colour && strcmp(desc->colour, "level") != 0};
 
@@ -126,11 +127,13 @@ static cln_status check_options(const cln_export_desc *desc)
     if (desc->spacing != 0 && desc->count != 0)
         return cln_fail(CLN_USAGE,
                         "--spacing and --count: each sets the number of points; leave one out");
-    if (!(desc->spacing >= 0) || desc->count < 0 || desc->triangles < 0)
-        return cln_fail(CLN_USAGE,
-                        "export: spacing %g, count %lld and triangles %lld must not be below 0",
-                        desc->spacing, (long long)desc->count, (long long)desc->triangles);
-    return desc->triangles ? cln_mesh_reduce_possible() : CLN_OK;
+    CLN_TRY(cln_given_number("cln_export", "spacing", desc->spacing, 0, 1e12));
+    CLN_TRY(cln_given_number("cln_export", "count", (double)desc->count, 0, 1e12));
+    CLN_TRY(cln_given_number("cln_export", "triangles", (double)desc->triangles, 0, 1e12));
+    if (desc->triangles)
+        CLN_TRY(cln_mesh_reduce_possible());
+done:
+    return st;
 }
 
 /* ---- the work ---- */
@@ -203,7 +206,9 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     const cln_model *model = &job.opened.model;
     json_t *run = NULL;
 
+    CLN_TRY(cln_given("cln_export", "result", result));
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_export", "desc", desc));
     CLN_TRY(cln_given("cln_export", "run", desc->run));
     CLN_TRY(cln_given("cln_export", "file", desc->file));
     CLN_TRY(find_export(desc->what, &row));

@@ -24,6 +24,7 @@ cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_fi
     const cln_device_desc any = {0};
     cln_field *field = NULL;
 
+    CLN_TRY(cln_given("cln_field_open", "out", out));
     *out = NULL;
     CLN_TRY(cln_given("cln_field_open", "run", run));
     CLN_TRY(cln_alloc(&field, 1, sizeof *field, "field"));
@@ -47,8 +48,10 @@ void cln_field_close(cln_field *field)
 
 void cln_field_box(const cln_field *field, double min[3], double max[3])
 {
-    const cln_space *space = &field->opened.model.space;
+    const cln_space *space = field ? &field->opened.model.space : NULL;
 
+    if (!space || !min || !max)
+        return;
     if (space->forward) { /* around the part of the cube up to FARTHEST near planes away */
         for (int k = 0; k < 8; k++) {
             const double cube[3] = {k & 1 ? 1 : -1, k & 2 ? 1 : -1,
@@ -121,11 +124,14 @@ cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3]
                         const float (*directions)[3], float (*rgb)[3], float *sigma)
 {
     cln_status st = CLN_OK;
-    const cln_model *model = &field->opened.model;
+    const cln_model *model = field ? &field->opened.model : NULL;
     const size_t most = n < CHUNK ? n : CHUNK;
     float(*at)[4] = NULL, (*towards)[4] = NULL, (*out)[4] = NULL;
     double(*looks)[3] = NULL;
 
+    CLN_TRY(cln_given("cln_field_at", "field", field));
+    if (n > 0)
+        CLN_TRY(cln_given("cln_field_at", "positions", positions));
     if (rgb && !directions)
         CLN_TRY(cln_fail(CLN_USAGE, "colour depends on the direction: give directions, or no rgb"));
     CLN_TRY(cln_alloc(&at, most, sizeof *at, "points"));

@@ -55,6 +55,7 @@ cln_status cln_info_scene(const char *scene, const cln_settings *settings, char 
     const cln_settings *use = NULL;
     cln_settings *own = NULL;
 
+    CLN_TRY(cln_given("cln_info_scene", "json", json));
     *json = NULL;
     CLN_TRY(cln_given("cln_info_scene", "scene", scene));
     CLN_TRY(cln_given_settings(settings, &own, &use));
@@ -112,6 +113,7 @@ cln_status cln_info_run(const char *run, char **json)
     cln_status st = CLN_OK;
     json_t *about = json_object(), *document = NULL;
 
+    CLN_TRY(cln_given("cln_info_run", "json", json));
     *json = NULL;
     CLN_TRY(cln_given("cln_info_run", "run", run));
     CLN_TRY(cln_run_read(run, &document));

@@ -486,7 +486,9 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     bool alike = false;
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
+    CLN_TRY(cln_given("cln_render", "result", result));
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_render", "desc", desc));
     CLN_TRY(check_given(desc));
     CLN_TRY(read_crop(&j));
     CLN_TRY(cln_run_read(desc->run, &j.run));

@@ -50,6 +50,7 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
     json_t *document = NULL;
     const json_t *result = NULL;
 
+    CLN_TRY(cln_given("cln_settings_of_run", "out", out));
     *out = NULL;
     CLN_TRY(cln_given("cln_settings_of_run", "run", run));
     CLN_TRY(cln_settings_create(NULL, &settings));
@@ -814,10 +815,13 @@ done:
 cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
 {
     cln_status st = CLN_OK;
-    cln_train_desc whole = *desc;
+    cln_train_desc whole;
     cln_settings *own = NULL;
 
+    CLN_TRY(cln_given("cln_train", "result", result));
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_train", "desc", desc));
+    whole = *desc;
     CLN_TRY(cln_given("cln_train", "run", desc->run));
     if (!desc->resume)
         CLN_TRY(cln_given("cln_train", "scene", desc->scene));

@@ -115,9 +115,11 @@ cln_status cln_view_run(const cln_view_desc *desc)
     cln_camera first;
     char *text = NULL;
     newest last = {0};
-    cln_facts facts = {.run = desc->run, .model = &opened.model, .frame = &frame, .start = &first};
+    cln_facts facts = {.model = &opened.model, .frame = &frame, .start = &first};
 
+    CLN_TRY(cln_given("cln_view_run", "desc", desc));
     CLN_TRY(cln_given("cln_view_run", "run", desc->run));
+    facts.run = desc->run;
     CLN_TRY(cln_serve_possible());
     CLN_TRY(cln_device_check(&desc->device));
     if (serves)

@@ -1,9 +1,9 @@
 /* See given.h. */
 #include "base/given.h"
 
-cln_status cln_given(const char *call, const char *what, const char *text)
+cln_status cln_given(const char *call, const char *what, const void *pointer)
 {
-    return text ? CLN_OK : cln_fail(CLN_USAGE, "%s: %s is missing (NULL); give it", call, what);
+    return pointer ? CLN_OK : cln_fail(CLN_USAGE, "%s: %s is missing (NULL); give it", call, what);
 }
 
 cln_status cln_given_number(const char *call, const char *what, double value, double least,

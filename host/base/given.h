@@ -5,8 +5,8 @@
 #include "base/settings.h"
 #include "base/status.h"
 
-/* CLN_USAGE if the text is NULL: "CALL: WHAT is missing; give it". */
-cln_status cln_given(const char *call, const char *what, const char *text);
+/* CLN_USAGE if the pointer is NULL: "CALL: WHAT is missing (NULL); give it". */
+cln_status cln_given(const char *call, const char *what, const void *pointer);
 
 /* CLN_USAGE if the number is outside its range, or none. */
 cln_status cln_given_number(const char *call, const char *what, double value, double least,

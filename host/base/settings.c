@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/given.h"
 #include "base/memory.h"
 #include "base/number.h"
 
@@ -15,6 +16,7 @@ cln_status cln_settings_create(const char *preset, cln_settings **out)
     cln_status st = CLN_OK;
     cln_settings *settings = NULL;
 
+    CLN_TRY(cln_given("cln_settings_create", "out", out));
     *out = NULL;
     preset = preset ? preset : CLN_DEFAULT_PRESET;
     CLN_ASSERT(cln_config_row_count <= CLN_SETTINGS_MAX);
@@ -135,9 +137,9 @@ cln_status cln_settings_set(cln_settings *settings, const char *name, const char
     cln_status st = CLN_OK;
     const cln_config_row *row = NULL;
 
+    CLN_TRY(cln_given("cln_settings_set", "settings", settings));
     CLN_TRY(find_row(name, &row));
-    if (!value)
-        CLN_TRY(cln_fail(CLN_USAGE, "cln_settings_set: value is missing (NULL); give it"));
+    CLN_TRY(cln_given("cln_settings_set", "value", value));
     if (row->flags & CLN_ROW_BUDGET && value[0] == '+')
         CLN_TRY(extend(settings, row, value + 1));
     else
@@ -154,7 +156,9 @@ cln_status cln_settings_get(const cln_settings *settings, const char *name, char
     const cln_config_row *row = NULL;
     char text[CLN_TEXT_BYTES];
 
+    CLN_TRY(cln_given("cln_settings_get", "settings", settings));
     CLN_TRY(find_row(name, &row));
+    CLN_TRY(cln_given("cln_settings_get", "value", value));
     cln_config_text(&settings->config, row, text);
     if (strlen(text) >= bytes)
         return cln_fail(CLN_USAGE, "'%s': its value needs %zu bytes, the buffer has %zu", name,
@@ -166,6 +170,8 @@ done:
 
 cln_status cln_settings_check(const cln_settings *settings)
 {
+    if (!settings)
+        return cln_given("cln_settings_check", "settings", settings);
     if (settings->preset[0] && settings->base.encoding == CLN_ENCODING_VOXEL &&
         settings->config.encoding != CLN_ENCODING_VOXEL && !is_given(settings, "lr"))
         return cln_fail(CLN_USAGE,
@@ -199,7 +205,7 @@ bool cln_setting_describe(int index, cln_setting_info *info)
                                         [CLN_ROW_TEXT] = "text"};
     const cln_config_row *row = NULL;
 
-    if (index < 0 || index >= cln_config_row_count)
+    if (!info || index < 0 || index >= cln_config_row_count)
         return false;
     row = &cln_config_rows[index];
     *info = (cln_setting_info){.name = row->option,

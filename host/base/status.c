@@ -29,14 +29,20 @@ const char *cln_version(void)
     return CLN_VERSION;
 }
 
+/* A program may be linked with an older library than it was compiled for. */
+static bool is_known(cln_status st)
+{
+    return (size_t)st < sizeof table / sizeof table[0];
+}
+
 int cln_status_exit_code(cln_status st)
 {
-    return table[st].code;
+    return is_known(st) ? table[st].code : 1;
 }
 
 const char *cln_status_phrase(cln_status st)
 {
-    return table[st].phrase;
+    return is_known(st) ? table[st].phrase : "unknown status";
 }
 
 cln_status cln_fail(cln_status st, const char *fmt, ...)

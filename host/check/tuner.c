@@ -13,6 +13,7 @@
  * budget. Parameters that trade accuracy for speed are no part of it. */
 #include "check/tuner.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -440,10 +441,15 @@ done:
 cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
 {
     cln_status st = CLN_OK;
-    cln_tune_desc whole = *desc;
+    cln_tune_desc whole;
     cln_settings *own = NULL;
 
+    CLN_TRY(cln_given("cln_tune_search", "result", result));
     memset(result, 0, sizeof *result);
+    CLN_TRY(cln_given("cln_tune_search", "desc", desc));
+    CLN_TRY(cln_given_number("cln_tune_search", "budget", desc->budget, 0, 1e6));
+    CLN_TRY(cln_given_number("cln_tune_search", "max_tries", desc->max_tries, 0, INT_MAX));
+    whole = *desc;
     whole.budget = desc->budget > 0 ? desc->budget : BUDGET;
     CLN_TRY(cln_given_settings(desc->settings, &own, &whole.settings));
     st = search_for(&whole, result);
@@ -454,6 +460,8 @@ done:
 
 void cln_tune_free(cln_tune_result *result)
 {
+    if (!result)
+        return;
     free(result->tries);
     memset(result, 0, sizeof *result);
 }

@@ -117,6 +117,8 @@ static void show_train(const cln_train_progress *progress, void *user)
     cln_console *console = user;
     char line[512];
 
+    if (!(progress->rays_per_s > 0))
+        return;
     cln_train_line(progress, line, sizeof line);
     cln_progress_show(console->progress, progress->fraction, line);
 }

@@ -24,6 +24,8 @@ enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
 
 void cln_eval_free(cln_eval_result *result)
 {
+    if (!result)
+        return;
     for (int i = 0; result->images && i < result->count; i++) {
         free(result->images[i].name);
         free(result->images[i].file);

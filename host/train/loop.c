@@ -285,8 +285,10 @@ static void report_progress(cln_trainer *t, double fraction)
     cln_train_progress *p = &t->shown;
 
     keep_window(t);
-    if ((!callbacks->train && !t->watch) || !(p->rays_per_s > 0))
+    if (!callbacks->train && !t->watch)
         return;
+    if (!(p->rays_per_s > 0)) /* after the first step, whose results arrive with the second */
+        p->rays_per_s = p->samples_per_ray = p->loss = p->psnr_train = NAN;
     p->step = t->model.step;
     p->steps = t->steps;
     p->fraction = fraction;
@@ -302,7 +304,7 @@ static void report_progress(cln_trainer *t, double fraction)
             p->eta += left * t->eval_seconds;
         else
             p->unmeasured = left;
-        p->unmeasured_seconds = p->unmeasured * guess_evaluation(t);
+        p->unmeasured_seconds = p->unmeasured > 0 ? p->unmeasured * guess_evaluation(t) : 0;
     }
     p->psnr_test = t->psnr_test;
     p->leaves = t->pipeline.leaves;

@@ -227,6 +227,12 @@ static void test_exit_codes(void **state)
         assert_int_equal(cln_status_exit_code(promised[i].st), promised[i].code);
         assert_true(strlen(cln_status_phrase(promised[i].st)) > 1);
     }
+    for (int i = 0; i < 3; i++) { /* of a newer or a broken library */
+        static const int unknown[] = {CLN_SIGTERM + 1, 999, -1};
+
+        assert_int_equal(cln_status_exit_code((cln_status)unknown[i]), 1);
+        assert_string_equal(cln_status_phrase((cln_status)unknown[i]), "unknown status");
+    }
 }
 
 static cln_status try_it(cln_status result, int *after)

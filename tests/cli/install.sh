@@ -138,6 +138,15 @@ check "make uninstall leaves only others' files" \
     [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
     ./usr/bin/other ]
 
+(umask 077 && "${MAKE:-make}" --no-print-directory install DESTDIR="$work/strict" PREFIX=/usr) \
+    >"$work/out" 2>&1
+check "make install under a strict umask" [ $? = 0 ]
+# the folders above /usr are the system's
+find "$work/strict/usr" ! -type l ! -perm -444 -o -type d ! -perm -555 >"$work/out"
+check "under a strict umask everybody can read what is installed" \
+    [ -d "$work/strict/usr" -a ! -s "$work/out" ]
+rm -rf "$work/strict"
+
 # From here on nothing of the source tree is used but the examples' text.
 cp "$sources"/*.c "$work"
 cd "$work" || exit 1
@@ -168,6 +177,9 @@ exported >exported.txt
 check "functions are declared for export" [ "$(wc -l <declared.txt)" -gt 20 ]
 run diff declared.txt exported.txt
 check "the shared library exports what the header declares, and nothing else" [ $rc = 0 ]
+nm -g --defined-only "$lib/libcl-nascent.a" | awk 'NF == 3 { print $3 }' | sort >exported.txt
+run diff declared.txt exported.txt
+check "so does the static library, which goes with others' stb_image, say" [ $rc = 0 ]
 readelf -d "$lib/libcl-nascent.so.0" >dynamic.txt
 check "the shared library has its soname" grep -q 'SONAME.*\[libcl-nascent\.so\.0\]' dynamic.txt
 check "the linker's name leads to it" [ "$(readlink "$lib/libcl-nascent.so")" = libcl-nascent.so.0 ]

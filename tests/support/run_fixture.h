@@ -165,7 +165,7 @@ typedef struct fixture_stop {
     int signal;
     int64_t step;
     int pictures, photos;
-    int64_t steps_seen;
+    int64_t steps_seen, train_calls;
     double psnr_seen;
     int pictures_seen, photos_seen;
 } fixture_stop;
@@ -175,6 +175,7 @@ static inline void fixture_on_train(const cln_train_progress *progress, void *us
     fixture_stop *s = user;
 
     s->steps_seen = progress->step;
+    s->train_calls++;
     s->psnr_seen = progress->psnr_train;
 }
 

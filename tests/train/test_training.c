@@ -96,6 +96,8 @@ static void test_seed_decides(void **state)
     NEED_DEVICE();
     assert_ok(fixture_train("again", false, &config, &seen, &again));
     assert_true(fabs(seen.psnr_seen - again.psnr_test) < 10);
+    assert_int_equal(seen.steps_seen, STEPS);
+    assert_int_equal(seen.train_calls, STEPS); /* after the first step, too */
     assert_int_equal(again.digest, fixture_whole.digest);
     config.seed = 7;
     assert_ok(fixture_train("other", false, &config, NULL, &other));

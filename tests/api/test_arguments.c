@@ -1,0 +1,119 @@
+/* Arguments that a caller of the library may get wrong (cl_nascent.h): pointers that are NULL and
+ * numbers out of range are CLN_USAGE with a sentence that names them, or are accepted where the
+ * header says so; never a crash. Needs no device. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <string.h>
+#include "cl_nascent.h"
+#include "outcome.h"
+#include "tests.h"
+
+static void test_missing_descs_and_results(void **state)
+{
+    cln_train_result trained;
+    cln_eval_result measured;
+    cln_render_result rendered;
+    cln_export_result exported;
+    cln_tune_result tuned;
+    cln_device_info *devices = NULL;
+    char *json = NULL;
+    int count = 0;
+
+    (void)state;
+    assert_fails(cln_train(NULL, &trained), CLN_USAGE, "cln_train: desc is missing");
+    assert_fails(cln_train(&(cln_train_desc){0}, NULL), CLN_USAGE, "cln_train: result is missing");
+    assert_fails(cln_eval(NULL, &measured), CLN_USAGE, "cln_eval: desc is missing");
+    assert_int_equal(measured.count, 0);
+    assert_fails(cln_eval(&(cln_eval_desc){0}, NULL), CLN_USAGE, "cln_eval: result is missing");
+    assert_fails(cln_eval_json(&measured, NULL), CLN_USAGE, "cln_eval_json: json is missing");
+    assert_fails(cln_eval_json(NULL, &json), CLN_USAGE, "cln_eval_json: result is missing");
+    assert_fails(cln_render(NULL, &rendered), CLN_USAGE, "cln_render: desc is missing");
+    assert_fails(cln_render(&(cln_render_desc){0}, NULL), CLN_USAGE, "render: result is missing");
+    assert_fails(cln_view_run(NULL), CLN_USAGE, "cln_view_run: desc is missing");
+    assert_fails(cln_export(NULL, &exported), CLN_USAGE, "cln_export: desc is missing");
+    assert_fails(cln_export(&(cln_export_desc){0}, NULL), CLN_USAGE, "export: result is missing");
+    assert_fails(cln_check(NULL, &json), CLN_USAGE, "cln_check: desc is missing");
+    assert_fails(cln_check(&(cln_check_desc){0}, NULL), CLN_USAGE, "cln_check: json is missing");
+    assert_fails(cln_info_scene(".", NULL, NULL), CLN_USAGE, "cln_info_scene: json is missing");
+    assert_fails(cln_info_run(".", NULL), CLN_USAGE, "cln_info_run: json is missing");
+    assert_fails(cln_tune_search(NULL, &tuned), CLN_USAGE, "cln_tune_search: desc is missing");
+    assert_fails(cln_tune_search(&(cln_tune_desc){0}, NULL), CLN_USAGE, "result is missing");
+    assert_fails(cln_devices_list(NULL, false, NULL, &count), CLN_USAGE, "out is missing");
+    assert_fails(cln_devices_list(NULL, false, &devices, NULL), CLN_USAGE, "count is missing");
+    assert_null(json);
+}
+
+static void test_missing_objects(void **state)
+{
+    cln_settings *settings = NULL;
+    cln_field *field = NULL;
+    double at[3] = {0}, box[3] = {7, 7, 7};
+    float sigma = 0;
+    char text[CLN_SETTING_BYTES];
+
+    (void)state;
+    assert_fails(cln_settings_create(NULL, NULL), CLN_USAGE, "cln_settings_create: out is missing");
+    assert_fails(cln_settings_of_run(".", NULL), CLN_USAGE, "cln_settings_of_run: out is missing");
+    assert_fails(cln_settings_set(NULL, "steps", "1"), CLN_USAGE, "settings is missing");
+    assert_fails(cln_settings_get(NULL, "steps", text, sizeof text), CLN_USAGE, "settings is miss");
+    assert_fails(cln_settings_check(NULL), CLN_USAGE, "cln_settings_check: settings is missing");
+    assert_ok(cln_settings_create(NULL, &settings));
+    assert_fails(cln_settings_set(settings, NULL, "1"), CLN_USAGE, "name is missing");
+    assert_fails(cln_settings_set(settings, "steps", NULL), CLN_USAGE, "value is missing");
+    assert_fails(cln_settings_get(settings, "steps", NULL, 9), CLN_USAGE, "value is missing");
+    cln_settings_free(settings);
+    assert_false(cln_setting_describe(0, NULL));
+    assert_fails(cln_field_open(".", NULL, NULL), CLN_USAGE, "cln_field_open: out is missing");
+    assert_fails(cln_field_open(NULL, NULL, &field), CLN_USAGE, "cln_field_open: run is missing");
+    assert_fails(cln_field_at(NULL, 1, (const double(*)[3]) & at, NULL, NULL, &sigma), CLN_USAGE,
+                 "cln_field_at: field is missing");
+    cln_field_box(NULL, box, box);
+    assert_true(box[0] == 7);
+}
+
+static void test_freeing_nothing(void **state)
+{
+    (void)state;
+    cln_settings_free(NULL);
+    cln_field_close(NULL);
+    cln_eval_free(NULL);
+    cln_tune_free(NULL);
+}
+
+static void test_numbers_out_of_range(void **state)
+{
+    static const double wrong[] = {-1, NAN, INFINITY};
+    cln_export_result exported;
+    cln_tune_result tuned;
+    char *json = NULL;
+
+    (void)state;
+    for (int i = 0; i < 3; i++) {
+        assert_fails(cln_tune_search(&(cln_tune_desc){.budget = wrong[i]}, &tuned), CLN_USAGE,
+                     "cln_tune_search: budget is");
+        assert_fails(cln_check(&(cln_check_desc){.scene = ".", .probe = wrong[i]}, &json),
+                     CLN_USAGE, "cln_check: probe is");
+    }
+    assert_fails(
+        cln_export(&(cln_export_desc){.run = ".", .file = "x.ply", .what = "points", .count = -1},
+                   &exported),
+        CLN_USAGE, "cln_export: count is -1");
+    assert_fails(cln_tune_search(&(cln_tune_desc){.max_tries = -1}, &tuned), CLN_USAGE,
+                 "cln_tune_search: max_tries is -1");
+}
+
+int test_group_arguments(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_missing_descs_and_results),
+        cmocka_unit_test(test_missing_objects),
+        cmocka_unit_test(test_freeing_nothing),
+        cmocka_unit_test(test_numbers_out_of_range),
+    };
+
+    return cmocka_run_group_tests_name("arguments", tests, NULL, NULL);
+}
