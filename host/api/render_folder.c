@@ -79,7 +79,7 @@ static bool is_wanted(const cln_render_job *j, int file)
     }
 }
 
-/* Frames of earlier renders that stay: counts those whose pictures are there, forgets the others. */
+/* Frames of earlier renders that stay: counts those with pictures, forgets the others. */
 static cln_status find_earlier(cln_render_job *j)
 {
     cln_status st = CLN_OK;

@@ -58,6 +58,78 @@ done:
     return st;
 }
 
+/* A face by its corners in order of number, the first two in one; and whether it is turned. */
+typedef struct corners {
+    uint64_t first;
+    uint32_t last, face;
+    bool turned;
+} corners;
+
+static corners corners_of(const uint32_t v[3], size_t face)
+{
+    const int least = v[1] < v[0] ? (v[2] < v[1] ? 2 : 1) : v[2] < v[0] ? 2 : 0;
+    const uint32_t a = v[least], b = v[(least + 1) % 3], c = v[(least + 2) % 3];
+    const bool turned = c < b;
+
+    return (corners){(uint64_t)a << 32 | (turned ? c : b), turned ? b : c, (uint32_t)face, turned};
+}
+
+static int by_corners(const void *a, const void *b)
+{
+    const corners *x = a, *y = b;
+
+    if (x->first != y->first)
+        return x->first < y->first ? -1 : 1;
+    if (x->last != y->last)
+        return x->last < y->last ? -1 : 1;
+    return x->face < y->face ? -1 : x->face > y->face;
+}
+
+/* Drops pairs of faces that turn their backs to each other over the same corners: they enclose
+ * nothing, and their edges would have four faces. The others keep their order. */
+static cln_status drop_pairs(cln_mesh *mesh)
+{
+    cln_status st = CLN_OK;
+    corners *list = NULL;
+    bool *drop = NULL;
+    size_t kept = 0;
+
+    CLN_TRY(cln_alloc(&list, mesh->faces, sizeof *list, "triangles"));
+    CLN_TRY(cln_alloc(&drop, mesh->faces, sizeof *drop, "triangles"));
+    for (size_t f = 0; f < mesh->faces; f++)
+        list[f] = corners_of(mesh->face[f], f);
+    qsort(list, mesh->faces, sizeof *list, by_corners);
+    for (size_t i = 0, end = 0; i < mesh->faces; i = end) {
+        size_t j = i, k = i;
+
+        for (end = i; end < mesh->faces && list[end].first == list[i].first &&
+                      list[end].last == list[i].last;)
+            end++;
+        for (;; j++, k++) { /* the next one of each side */
+            while (j < end && list[j].turned)
+                j++;
+            while (k < end && !list[k].turned)
+                k++;
+            if (j >= end || k >= end)
+                break;
+            drop[list[j].face] = drop[list[k].face] = true;
+        }
+    }
+    for (size_t f = 0; f < mesh->faces; f++)
+        kept += !drop[f];
+    if (kept == 0) /* rather a flat mesh than none */
+        goto done;
+    kept = 0;
+    for (size_t f = 0; f < mesh->faces; f++)
+        if (!drop[f])
+            memmove(mesh->face[kept++], mesh->face[f], sizeof mesh->face[0]);
+    mesh->faces = kept;
+done:
+    free(list);
+    free(drop);
+    return st;
+}
+
 cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error)
 {
     const float any_error = 1e10f; /* the number of triangles decides, not this */
@@ -79,6 +151,7 @@ cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error)
     *error = (double)relative * meshopt_simplifyScale(at[0], mesh->vertices, sizeof at[0]);
     mesh->faces = indices / 3;
     memcpy(mesh->face, face, mesh->faces * sizeof *face);
+    CLN_TRY(drop_pairs(mesh));
     CLN_TRY(drop_unused(mesh));
 done:
     free(at);

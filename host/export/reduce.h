@@ -9,7 +9,8 @@ cln_status cln_mesh_reduce_possible(void);
 
 /* Leaves out vertices until the mesh has at most `most` triangles, first those that change it least
  * (edge collapse by quadric error; Garland and Heckbert 1997). What stays keeps its place, normal
- * and colour. No crack opens, so there may be more triangles than `most`; small parts may vanish.
+ * and colour. No crack opens, so there may be more triangles than `most`; small parts may vanish,
+ * and faces back to back over the same corners do.
  * *error: about the largest distance by which the surface moved, in the mesh's units, as the
  * quadrics estimate it. Rows of mesh->at, normal, colour and face are moved, none is freed.
  * CLN_MEMORY. */

@@ -326,7 +326,8 @@ section_disk() {
         "$cln" train "$work/photos" -o "$work/file/run" --progress none
     check "nothing was checked before" eval '! said "checking the kernels"'
     if [ "$(df --output=avail -B1G "$work" | tail -1)" -lt 130 ]; then
-        expect "a tree too large for the disk: bytes needed and free" 7 "~too.little.room.for free" \
+        expect "a tree too large for the disk: bytes needed and free" 7 \
+            "~too.little.room.for free" \
             "$cln" train "$work/photos" -o "$work/huge" "${small[@]:1}" --width 256 --depth 8 \
             --view-width 256 --no-adaptive --start-level 5 --level-at ""
         check "asked before the self-test" eval '! said "checking the kernels"'

@@ -239,12 +239,76 @@ static void parts_stay_and_enough_is_enough(void **state)
     free_mesh(&mesh);
 }
 
+/* Edges of faces that are not passed as often one way as the other. */
+static size_t uneven_edges(const cln_mesh *mesh)
+{
+    size_t uneven = 0;
+
+    for (size_t e = 0; e < 3 * mesh->faces; e++) {
+        const uint32_t from = mesh->face[e / 3][e % 3], to = mesh->face[e / 3][(e + 1) % 3];
+        int sum = 0;
+
+        for (size_t f = 0; f < mesh->faces; f++)
+            for (int k = 0; k < 3; k++) {
+                const uint32_t a = mesh->face[f][k], b = mesh->face[f][(k + 1) % 3];
+
+                sum += (a == from && b == to) - (a == to && b == from);
+            }
+        uneven += sum != 0;
+    }
+    return uneven;
+}
+
+/* Faces over the same corners as a face that is turned the other way. */
+static size_t flat_pairs(const cln_mesh *mesh)
+{
+    size_t pairs = 0;
+
+    for (size_t f = 0; f < mesh->faces; f++)
+        for (size_t g = 0; g < f; g++)
+            for (int k = 0; k < 3; k++)
+                pairs += mesh->face[f][0] == mesh->face[g][k] &&
+                         mesh->face[f][1] == mesh->face[g][(k + 2) % 3] &&
+                         mesh->face[f][2] == mesh->face[g][(k + 1) % 3];
+    return pairs;
+}
+
+/* What is thin would become faces back to back, which enclose nothing, with four at an edge. */
+static void a_thin_ring_leaves_no_pairs(void **state)
+{
+    enum { ALONG = 200, AROUND = 12 };
+    double error = 0;
+    cln_mesh mesh;
+
+    NEED_MESHOPTIMIZER();
+    make_mesh(&mesh, ALONG * AROUND, 2 * ALONG * AROUND);
+    for (size_t i = 0; i < ALONG; i++)
+        for (size_t k = 0; k < AROUND; k++) {
+            const double u = 2 * M_PI * (double)i / ALONG, v = 2 * M_PI * (double)k / AROUND;
+            const size_t j = (i + 1) % ALONG * AROUND, next = (k + 1) % AROUND;
+            double *at = mesh.at[i * AROUND + k];
+
+            at[0] = (1 + 0.02 * cos(v)) * cos(u);
+            at[1] = (1 + 0.02 * cos(v)) * sin(u);
+            at[2] = 0.02 * sin(v);
+            add_face(&mesh, i * AROUND + k, j + k, j + next);
+            add_face(&mesh, i * AROUND + k, j + next, i * AROUND + next);
+        }
+    assert_int_equal(open_edges(&mesh), 0);
+    assert_int_equal(cln_mesh_reduce(&mesh, 62, &error), CLN_OK);
+    assert_in_range(mesh.faces, 20, 62);
+    assert_int_equal(flat_pairs(&mesh), 0);
+    assert_int_equal(uneven_edges(&mesh), 0);
+    free_mesh(&mesh);
+}
+
 int test_group_reduce(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_ball_stays_round_and_closed),
         cmocka_unit_test(a_sheet_keeps_its_border),
         cmocka_unit_test(parts_stay_and_enough_is_enough),
+        cmocka_unit_test(a_thin_ring_leaves_no_pairs),
     };
 
     return cmocka_run_group_tests_name("reduce", tests, NULL, NULL);
