@@ -138,6 +138,24 @@ check "make uninstall leaves only others' files" \
     [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
     ./usr/bin/other ]
 
+# ---- variables of make ----
+
+# what make would do for one object and the archive
+run "${MAKE:-make}" --no-print-directory -Bn CPPFLAGS=-DFROM_CPPFLAGS CFLAGS=-DFROM_CFLAGS \
+    AR=other-ar OBJCOPY=other-objcopy B="$work/none" "$work/none/public/libcl-nascent.a"
+for word in -DFROM_CPPFLAGS -DFROM_CFLAGS "other-ar rcs" "other-objcopy --localize"; do
+    check "make takes $word" grep -q -e "$word" "$work/out"
+done
+printf '#!/bin/sh\necho "$*" >>"%s/asked"\nexec pkg-config "$@"\n' "$work" >"$work/other-config"
+chmod +x "$work/other-config"
+run "${MAKE:-make}" -n PKG_CONFIG="$work/other-config" B="$work/none" "$work/none/none.o"
+check "make takes PKG_CONFIG" grep -q stb "$work/asked"
+run "${MAKE:-make}" --no-print-directory B="$work/spaced" PREFIX="/opt/my app" \
+    "$work/spaced/cl-nascent.pc"
+check "a prefix with a space" [ "$(PKG_CONFIG_PATH="$work/spaced" \
+    pkg-config --cflags --libs cl-nascent | sed 's/ *$//')" = \
+    '-I/opt/my\ app/include -L/opt/my\ app/lib -lcl-nascent' ]
+
 (umask 077 && "${MAKE:-make}" --no-print-directory install DESTDIR="$work/strict" PREFIX=/usr) \
     >"$work/out" 2>&1
 check "make install under a strict umask" [ $? = 0 ]
