@@ -398,7 +398,7 @@ install: all
 	install -m 644 $P/texts/*.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
-	install -m 644 docs/*.md docs/*.png "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
+	install -m 644 docs/*.md docs/*.png docs/*.jpg "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
 	install -m 644 $P/texts/completion.bash "$(DESTDIR)$(BASHDIR)/cl-nascent"

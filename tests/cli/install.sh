@@ -33,7 +33,7 @@ for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-na
     check "$file is there" [ -s "$usr/$file" ]
 done
 
-for file in README.md docs/api.md docs/formats.md; do
+for file in README.md docs/api.md docs/formats.md docs/results.md; do
     tr -d '\n' <"$usr/share/doc/cl-nascent/$file" | grep -oE '\]\([^):# ]+' | cut -c 3- |
         grep -vx https >"$work/links"
     while read -r link; do
@@ -119,6 +119,10 @@ if command -v dpkg-shlibdeps >/dev/null && command -v dpkg-deb >/dev/null; then
         "$("$cln" --version)" ]
     check "the package depends on OpenCL's loader" \
         grep -q ocl-icd <<<"$(dpkg-deb -f "$deb" Depends)"
+    doc=$work/deb/usr/share/doc/cl-nascent
+    check "the package's copyright names what is linked in" grep -q "Sean Barrett" "$doc/copyright"
+    check "the package has no photos under other licences, nor asks for them" \
+        [ ! -e "$doc/docs/captures.jpg" -a -z "$(grep -F '](captures.jpg)' "$doc/docs/"*.md)" ]
     (cd "$work/deb" && dpkg-deb --ctrl-tarfile "$deb" | tar -xO ./md5sums | md5sum -c --quiet)
     check "the package's checksums are right" [ $? = 0 ]
     if command -v lintian >/dev/null; then
