@@ -56,7 +56,8 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
              $(if $(MESHOPTIMIZER),-DCLN_WITH_MESHOPTIMIZER) \
-             -ffile-prefix-map="$(CURDIR)"=. $(shell $(PKG_CONFIG) --cflags $(PKGS)) $(CPPFLAGS) $(CFLAGS)
+             -ffile-prefix-map="$(CURDIR)"=. $(shell $(PKG_CONFIG) --cflags $(PKGS)) \
+             $(CPPFLAGS) $(CFLAGS)
 LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(MESHOPTIMIZER:%=-l% )-lm -lpthread
 LDLIBS_ALL = $(shell $(PKG_CONFIG) --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
              -lm -lpthread $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
@@ -398,7 +399,8 @@ install: all
 	install -m 644 $P/texts/*.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
-	install -m 644 docs/*.md docs/*.png docs/*.jpg "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
+	install -m 644 docs/*.md docs/*.png docs/*.jpg \
+	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
 	install -m 644 $P/texts/completion.bash "$(DESTDIR)$(BASHDIR)/cl-nascent"
