@@ -17,6 +17,7 @@
 #   make deb                a Debian package of the program, in build/
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
+#            CC AR OBJCOPY PKG_CONFIG CPPFLAGS CFLAGS LDFLAGS, as usual; HOSTPROG: see below
 #            MPI=1: build/mpi/cl-nascent and library, for training by several processes
 #            (docs/scale-out.md; libopenmpi-dev)
 
@@ -29,8 +30,13 @@ B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
 CC ?= gcc
 OBJCOPY ?= objcopy
+PKG_CONFIG ?= pkg-config
+# runs here and writes manual pages and completion; another one in a cross build
+HOSTPROG ?= $P/cl-nascent
+STB := $(or $(patsubst -I%,-isystem %,$(shell $(PKG_CONFIG) --cflags stb 2>/dev/null)), \
+         -isystem /usr/include/stb)
 # the viewer's server; without it `view` says what is missing
-MICROHTTPD := $(shell pkg-config --exists libmicrohttpd && echo libmicrohttpd)
+MICROHTTPD := $(shell $(PKG_CONFIG) --exists libmicrohttpd && echo libmicrohttpd)
 PKGS := OpenCL jansson zlib $(MICROHTTPD)
 # for export --mesh --triangles; without it that option says what is missing. It has no pkg-config.
 MESHOPTIMIZER := $(shell $(CC) -fsyntax-only -include meshoptimizer.h -x c /dev/null 2>/dev/null \
@@ -46,13 +52,14 @@ VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nas
 SONAME := libcl-nascent.so.0
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(WERROR),-Werror)
 CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
-             -Iinclude -Ihost -Ibench -Itests/support -isystem /usr/include/stb \
+             -Iinclude -Ihost -Ibench -Itests/support $(STB) \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
              $(if $(MESHOPTIMIZER),-DCLN_WITH_MESHOPTIMIZER) \
-             -ffile-prefix-map="$(CURDIR)"=. $(shell pkg-config --cflags $(PKGS)) $(CFLAGS)
+             -ffile-prefix-map="$(CURDIR)"=. $(shell $(PKG_CONFIG) --cflags $(PKGS)) \
+             $(CPPFLAGS) $(CFLAGS)
 LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(MESHOPTIMIZER:%=-l% )-lm -lpthread
-LDLIBS_ALL = $(shell pkg-config --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
+LDLIBS_ALL = $(shell $(PKG_CONFIG) --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
              -lm -lpthread $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
 
 LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
@@ -152,10 +159,13 @@ $P/$(SONAME): $(LIB_OBJ)
 
 # Static linking also needs the library's dependencies (pkg-config --static); libmicrohttpd by name,
 # as its own file asks for static dependencies that Debian's package does not bring.
+# Spaces in folders are escaped.
+empty :=
+escaped = $(subst $(empty) ,\ ,$1)
 $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	@mkdir -p $(@D)
-	@{ echo 'prefix=$(PREFIX)'; \
-	   echo 'libdir=$(patsubst $(PREFIX)/%,$${prefix}/%,$(LIBDIR))'; \
+	@{ echo 'prefix=$(call escaped,$(PREFIX))'; \
+	   echo 'libdir=$(call escaped,$(subst ^,,$(subst ^$(PREFIX)/,$${prefix}/,^$(LIBDIR))))'; \
 	   echo 'includedir=$${prefix}/include'; \
 	   echo; \
 	   echo 'Name: cl-nascent'; \
@@ -171,9 +181,9 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 $P/texts: $P/cl-nascent docs/cl-nascent.1 packaging/man-pages.sh
 	@rm -rf $@ $@.new
 	@mkdir -p $@.new
-	@packaging/man-pages.sh $P/cl-nascent $@.new
+	@packaging/man-pages.sh "$(HOSTPROG)" $@.new
 	@for shell in bash zsh fish; do \
-	   $P/cl-nascent completion $$shell >$@.new/completion.$$shell || exit 1; \
+	   "$(HOSTPROG)" completion $$shell >$@.new/completion.$$shell || exit 1; \
 	 done
 	@mv $@.new $@
 
@@ -191,7 +201,7 @@ $B/faults.so: $B/obj/tests/support/faults.o
 
 $B/bench-sort: bench/peers/peer_sort.cpp $B/libcl-nascent.a
 	$(call SAY,CXX $@)$(CXX) -std=c++17 -D_GNU_SOURCE -O3 -march=native -fopenmp -Wall -Wextra \
-	    -Iinclude -Ihost $(shell pkg-config --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
+	    -Iinclude -Ihost $(shell $(PKG_CONFIG) --cflags $(PKGS)) $^ $(LDLIBS_ALL) -o $@
 
 # A peer is a file in bench/peers, a header to detect it by, and libraries to link.
 PEERS := xsmm onednn openblas clblast
@@ -201,10 +211,10 @@ PEER_HEADER_openblas := openblas_config.h
 PEER_HEADER_clblast := clblast_c.h
 PEER_LIBS_xsmm := -lxsmm -ldl
 PEER_LIBS_onednn := -ldnnl
-PEER_LIBS_openblas = $(shell pkg-config --libs openblas 2>/dev/null)
+PEER_LIBS_openblas = $(shell $(PKG_CONFIG) --libs openblas 2>/dev/null)
 PEER_LIBS_clblast := -lclblast
 PEER_PACKAGES := libxsmm-dev libdnnl-dev libopenblas-dev libclblast-dev
-PEER_CFLAGS_openblas = $(shell pkg-config --cflags openblas 2>/dev/null)
+PEER_CFLAGS_openblas = $(shell $(PKG_CONFIG) --cflags openblas 2>/dev/null)
 found_peer = $(shell $(CC) $(PEER_CFLAGS_$1) -fsyntax-only -include $(PEER_HEADER_$1) \
                -x c /dev/null 2>/dev/null && echo $1)
 MISSING = $(filter-out $(FOUND),$(PEERS))
@@ -256,7 +266,7 @@ $B/kernels_embed.c: $(KERNELS) $(TUNE_ROWS) Makefile
 $B/obj/mpi/ranks.o: host/ranks/ranks.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $< with MPI)$(CC) $(CFLAGS_ALL) -DCLN_WITH_MPI \
-	    $(shell pkg-config --cflags-only-I ompi-c) -MMD -MP -c $< -o $@
+	    $(shell $(PKG_CONFIG) --cflags-only-I ompi-c) -MMD -MP -c $< -o $@
 
 $B/pages_embed.c: $(PAGES) Makefile
 	@mkdir -p $(@D)
@@ -389,7 +399,8 @@ install: all
 	install -m 644 $P/texts/*.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
 	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
 	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
-	install -m 644 docs/*.md docs/*.png "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
+	install -m 644 docs/*.md docs/*.png docs/*.jpg \
+	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
 	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
 	install -m 644 $P/texts/completion.bash "$(DESTDIR)$(BASHDIR)/cl-nascent"

@@ -21,7 +21,10 @@ mkdir -p "$root/DEBIAN" "$work/debian"
     ZSHDIR=/usr/share/zsh/vendor-completions >/dev/null
 rm -r "$root/usr/include" "$root/usr/lib" "$root/usr/share/doc/cl-nascent/examples" \
     "$root/usr/share/doc/cl-nascent/docs/api.md" "$root/usr/share/doc/cl-nascent/"*.md \
-    "$root/usr/share/doc/cl-nascent/LICENSE"
+    "$root/usr/share/doc/cl-nascent/LICENSE" "$root/usr/share/doc/cl-nascent/docs/captures.jpg"
+# others' photos, under licences of their own, stay with the sources
+sed -i 's|^!\[[^]]*\](captures.jpg)$|(The picture is docs/captures.jpg of the sources.)|' \
+    "$root/usr/share/doc/cl-nascent/docs/results.md"
 strip --remove-section=.comment --remove-section=.note "$root/usr/bin/cl-nascent"
 gzip -9n "$root"/usr/share/man/man1/cl-nascent*.1
 
@@ -34,6 +37,9 @@ doc=$root/usr/share/doc/cl-nascent
     echo "Copyright: $(sed -n 's/^Copyright (c) //p' LICENSE)"
     echo "License: Expat"
     sed '1,/^Copyright/d; /./,$!d; s/^$/./; s/^/ /' LICENSE
+    echo "Comment:"
+    echo " The program has stb_image and stb_image_write in it (Copyright 2017 Sean Barrett), which"
+    echo " are under the same licence, Expat, or in the public domain, as one chooses."
 } >"$doc/copyright"
 gzip -9nc CHANGELOG.md >"$doc/changelog.gz"
 printf 'cl-nascent (%s) unstable; urgency=medium\n\n  * As in changelog.gz.\n\n -- %s  %s\n' \

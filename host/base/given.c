@@ -14,16 +14,3 @@ cln_status cln_given_number(const char *call, const char *what, double value, do
     return cln_fail(CLN_USAGE, "%s: %s is %.10g; give %.10g to %.10g", call, what, value, least,
                     most);
 }
-
-cln_status cln_given_settings(const cln_settings *given, cln_settings **own,
-                              const cln_settings **use)
-{
-    cln_status st = CLN_OK;
-
-    *own = NULL;
-    if (!given)
-        CLN_TRY(cln_settings_create(NULL, own));
-    *use = given ? given : *own;
-done:
-    return st;
-}

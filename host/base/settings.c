@@ -31,6 +31,19 @@ done:
     return st;
 }
 
+cln_status cln_given_settings(const cln_settings *given, cln_settings **own,
+                              const cln_settings **use)
+{
+    cln_status st = CLN_OK;
+
+    *own = NULL;
+    if (!given)
+        CLN_TRY(cln_settings_create(NULL, own));
+    *use = given ? given : *own;
+done:
+    return st;
+}
+
 void cln_settings_free(cln_settings *settings)
 {
     free(settings);

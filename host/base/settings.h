@@ -48,4 +48,9 @@ const char *cln_settings_why_idle(const cln_config *config, const cln_settings_f
 /* Warns in the log of each given setting that has no effect with the others and the facts. */
 void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts);
 
+/* *own: the default preset's settings if none are given, else NULL; the caller frees it. Returns
+ * those that count in *use. */
+cln_status cln_given_settings(const cln_settings *given, cln_settings **own,
+                              const cln_settings **use);
+
 #endif

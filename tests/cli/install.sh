@@ -33,7 +33,7 @@ for file in bin/cl-nascent include/cl_nascent.h lib/libcl-nascent.a lib/libcl-na
     check "$file is there" [ -s "$usr/$file" ]
 done
 
-for file in README.md docs/api.md docs/formats.md; do
+for file in README.md docs/api.md docs/formats.md docs/results.md; do
     tr -d '\n' <"$usr/share/doc/cl-nascent/$file" | grep -oE '\]\([^):# ]+' | cut -c 3- |
         grep -vx https >"$work/links"
     while read -r link; do
@@ -119,6 +119,10 @@ if command -v dpkg-shlibdeps >/dev/null && command -v dpkg-deb >/dev/null; then
         "$("$cln" --version)" ]
     check "the package depends on OpenCL's loader" \
         grep -q ocl-icd <<<"$(dpkg-deb -f "$deb" Depends)"
+    doc=$work/deb/usr/share/doc/cl-nascent
+    check "the package's copyright names what is linked in" grep -q "Sean Barrett" "$doc/copyright"
+    check "the package has no photos under other licences, nor asks for them" \
+        [ ! -e "$doc/docs/captures.jpg" -a -z "$(grep -F '](captures.jpg)' "$doc/docs/"*.md)" ]
     (cd "$work/deb" && dpkg-deb --ctrl-tarfile "$deb" | tar -xO ./md5sums | md5sum -c --quiet)
     check "the package's checksums are right" [ $? = 0 ]
     if command -v lintian >/dev/null; then
@@ -137,6 +141,24 @@ check "make uninstall" [ $rc = 0 ]
 check "make uninstall leaves only others' files" \
     [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
     ./usr/bin/other ]
+
+# ---- variables of make ----
+
+# what make would do for one object and the archive
+run "${MAKE:-make}" --no-print-directory -Bn CPPFLAGS=-DFROM_CPPFLAGS CFLAGS=-DFROM_CFLAGS \
+    AR=other-ar OBJCOPY=other-objcopy B="$work/none" "$work/none/public/libcl-nascent.a"
+for word in -DFROM_CPPFLAGS -DFROM_CFLAGS "other-ar rcs" "other-objcopy --localize"; do
+    check "make takes $word" grep -q -e "$word" "$work/out"
+done
+printf '#!/bin/sh\necho "$*" >>"%s/asked"\nexec pkg-config "$@"\n' "$work" >"$work/other-config"
+chmod +x "$work/other-config"
+run "${MAKE:-make}" -n PKG_CONFIG="$work/other-config" B="$work/none" "$work/none/none.o"
+check "make takes PKG_CONFIG" grep -q stb "$work/asked"
+run "${MAKE:-make}" --no-print-directory B="$work/spaced" PREFIX="/opt/my app" \
+    "$work/spaced/cl-nascent.pc"
+check "a prefix with a space" [ "$(PKG_CONFIG_PATH="$work/spaced" \
+    pkg-config --cflags --libs cl-nascent | sed 's/ *$//')" = \
+    '-I/opt/my\ app/include -L/opt/my\ app/lib -lcl-nascent' ]
 
 (umask 077 && "${MAKE:-make}" --no-print-directory install DESTDIR="$work/strict" PREFIX=/usr) \
     >"$work/out" 2>&1
