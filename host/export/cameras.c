@@ -377,10 +377,14 @@ static void say_left_out(bool json, const cln_scene *scene)
     /* a shell may be around another cube than the box's */
     const bool boxed = scene->has_box && !space->shell;
     char box[6][CLN_NUMBER_BYTES]; /* far from the origin, as many digits as it takes */
-    bool masks = false;
+    bool masks = false, held_out = false;
 
-    for (int i = 0; i < scene->view_count && !json; i++)
+    for (int i = 0; i < scene->view_count && !json; i++) {
         masks = masks || scene->views[i].alpha_path || scene->views[i].mask_path;
+        held_out = held_out || scene->views[i].split != CLN_SPLIT_TRAIN;
+    }
+    if (held_out)
+        cln_info("cameras: COLMAP's files do not say which views are held out; FILE.json does");
     if (masks)
         cln_warn("cameras: COLMAP's files have no masks of photos; FILE.json has them");
     if (space->forward) {
