@@ -420,8 +420,8 @@ typedef struct cln_export_desc {
      * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms
      * JSON, or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
     const char *what;
-    const char *file;   /* its ending says the format; without any, the first one above (for
-                           cameras the folder) */
+    const char *file;   /* its ending says the format, and must be one of these; for cameras, a
+                           name without any is a folder's */
     const char *colour; /* octree: "level" or "error"; NULL = "level" */
     bool overwrite;     /* else an existing file is CLN_OUTPUT */
     const char *scene;  /* NULL = the run's own, or else the cameras that RUN keeps */

@@ -128,6 +128,14 @@ bool cln_ends_with(const char *text, const char *end)
     return length >= n && strcmp(text + length - n, end) == 0;
 }
 
+void cln_format_span(int least, int most, char out[CLN_SPAN_BYTES])
+{
+    if (least == most)
+        snprintf(out, CLN_SPAN_BYTES, "%d", most);
+    else
+        snprintf(out, CLN_SPAN_BYTES, "%d to %d", least, most);
+}
+
 const char *cln_plural(double count, const char *one, const char *more)
 {
     return count == 1 ? one : more;

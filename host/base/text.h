@@ -24,6 +24,10 @@ const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 /* Does the text end with these characters? */
 bool cln_ends_with(const char *text, const char *end);
 
+/* "3", or "1 to 3" where they differ. */
+enum { CLN_SPAN_BYTES = 32 };
+void cln_format_span(int least, int most, char out[CLN_SPAN_BYTES]);
+
 /* The form of a word beside this number: cln_plural(count, "leaf", "leaves"). */
 const char *cln_plural(double count, const char *one, const char *more);
 

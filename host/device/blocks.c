@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <sys/mman.h>
+#include <unistd.h>
 #include "base/memory.h"
 
 /* A block can grow to GROWTH times its first buffer, as trees grow. */
@@ -49,9 +50,12 @@ static void free_block(cln_block *block)
 static void give_up_pages(cln_block *block, size_t bytes)
 {
     const size_t begin = (bytes + CLN_HUGE_PAGE - 1) / CLN_HUGE_PAGE * CLN_HUGE_PAGE;
+    const size_t page = (size_t)sysconf(_SC_PAGESIZE);
 
-    if (block->used > begin)
-        (void)madvise((char *)block->memory + begin, block->used - begin, MADV_DONTNEED);
+    /* whole pages: the rest of the last one may be another block's */
+    if (block->used > begin && block->used - begin >= page)
+        (void)madvise((char *)block->memory + begin, (block->used - begin) / page * page,
+                      MADV_DONTNEED);
     block->used = block->used < bytes ? block->used : bytes;
 }
 

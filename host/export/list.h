@@ -5,7 +5,7 @@
 
 /* X(what, needs, form, help): what = the name in cln_export_desc.what and of the option that takes
  * the file; needs = the parts of the run that are opened for it; form = how help names the file,
- * with the endings that a name must have if it has any. */
+ * with the endings of which a name must have one. */
 #define CLN_EXPORT_LIST(X)                                                                         \
     X(points, VIEWS, "FILE.ply",                                                                   \
       "write points of the surface that training views see, evenly by area, with colours and "     \

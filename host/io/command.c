@@ -188,7 +188,8 @@ static cln_status reap(cln_command_feed *f, bool early)
     rewind(f->said);
     while (fgets(line, sizeof line, f->said)) {
         line[strcspn(line, "\r\n")] = 0;
-        wrong = wrong || strcasestr(line, "error") || strstr(line, "No space left");
+        if (strncmp(line, "ERROR: ld.so:", 13) != 0) /* what it could not preload harms nobody */
+            wrong = wrong || strcasestr(line, "error") || strstr(line, "No space left");
         if (line[strspn(line, " \t")])
             memcpy(last, line, sizeof last);
     }

@@ -182,16 +182,19 @@ bool cln_run_is_held(const char *run)
     return held && strcmp(holder, ours) != 0;
 }
 
-/* Takes the lock; 0, or errno. A command that only looks who has it (cln_run_state) is in the way
- * for a moment. */
+/* Takes the lock; 0, or errno. A training has it alone; a command that only looks who has it
+ * (cln_run_state) shares it, and is in the way for a moment. */
 static int take_lock(int file)
 {
     enum { TRIES = 100 };
     static const struct timespec moment = {.tv_nsec = 5000000};
 
     for (int i = 1; flock(file, LOCK_EX | LOCK_NB) != 0; i++) {
-        if (errno != EWOULDBLOCK || i == TRIES)
-            return errno;
+        const int refused = errno;
+
+        if (refused != EWOULDBLOCK || i == TRIES || flock(file, LOCK_SH | LOCK_NB) != 0)
+            return refused;
+        (void)flock(file, LOCK_UN);
         (void)nanosleep(&moment, NULL);
     }
     return 0;

@@ -10,7 +10,6 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "base/number.h"
 #include "base/text.h"
 #include "io/run_folder.h"
 #include "scene/cameras_file.h"
@@ -246,8 +245,9 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     dataset = json_object_get(document, "dataset");
     if (config.space == CLN_SPACE_AUTO && same_text(dataset, "space", "cube"))
         config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
-    if (config.downscale == 0 && !divides_each(dataset)) /* and still are, resumed any number of
-                                                             times */
+    /* nor do these later on, resumed once; another scene's photos may be of other sizes */
+    if (config.downscale == 0 && (!json_object_get(dataset, "downscale_least") ||
+                                  ((resumes || !given->path) && !divides_each(dataset))))
         config.downscale = (int)json_integer_value(json_object_get(dataset, "downscale"));
     desc.config = &config;
     desc.keep_alpha = json_is_true(json_object_get(dataset, "alpha"));
@@ -285,22 +285,12 @@ cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_
     return load(run, desc, true, scene, same);
 }
 
-enum { DIVISORS = 32 };
-
-static void write_divisors(int least, int most, char out[DIVISORS])
-{
-    if (least == most)
-        cln_format(out, DIVISORS, "%d", most);
-    else
-        cln_format(out, DIVISORS, "%d to %d", least, most);
-}
-
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
     const json_t *dataset = NULL, *saved = NULL, *least = NULL, *before = NULL;
-    char now[DIVISORS], then[DIVISORS];
+    char now[CLN_SPAN_BYTES], then[CLN_SPAN_BYTES];
     bool other = false;
 
     CLN_TRY(cln_run_read(run, &document));
@@ -318,8 +308,8 @@ cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
     least = least ? least : saved;
     if (json_is_integer(saved) && (json_integer_value(saved) != scene->downscale ||
                                    json_integer_value(least) != scene->downscale_least)) {
-        write_divisors(scene->downscale_least, scene->downscale, now);
-        write_divisors((int)json_integer_value(least), (int)json_integer_value(saved), then);
+        cln_format_span(scene->downscale_least, scene->downscale, now);
+        cln_format_span((int)json_integer_value(least), (int)json_integer_value(saved), then);
         cln_warn("--downscale: photos are divided by %s now, by %s before; figures of quality do "
                  "not compare with earlier ones, as test photos change in size, too",
                  now, then);

@@ -12,6 +12,7 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/settings.h"
+#include "base/text.h"
 #include "io/json.h"
 #include "io/run_folder.h"
 #include "report/report_data.h"
@@ -218,12 +219,13 @@ static void find_outcome(const side *s, const char *option, const char *setting,
     for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++)
         if (strcmp(option, pairs[i][0]) == 0)
             value = json_object_get(s->dataset, pairs[i][1]);
-    if (strcmp(option, "downscale") == 0 && value &&
-        !json_equal(value, json_object_get(s->dataset, "downscale_least")))
-        cln_format(out, VALUE_BYTES, "%d to %d",
-                   (int)json_integer_value(json_object_get(s->dataset, "downscale_least")),
-                   (int)json_integer_value(value));
-    else if (json_is_integer(value))
+    if (strcmp(option, "downscale") == 0 && json_is_integer(value)) {
+        char span[CLN_SPAN_BYTES];
+
+        cln_format_span((int)json_integer_value(json_object_get(s->dataset, "downscale_least")),
+                        (int)json_integer_value(value), span);
+        cln_format(out, VALUE_BYTES, "%s", span);
+    } else if (json_is_integer(value))
         cln_format(out, VALUE_BYTES, "%d", (int)json_integer_value(value));
     else if (json_array_size(value) == 3)
         cln_format(out, VALUE_BYTES, "%.3g,%.3g,%.3g", json_number_value(json_array_get(value, 0)),

@@ -207,7 +207,8 @@ done:
 }
 
 /* Applies train_filenames, val_filenames and test_filenames: views become exactly what these list
- * (a frame may be in two lists); frames in no list are left out with a warning. */
+ * (a frame may be in two lists); frames in no list are left out with a warning. Where the last two
+ * are the same, as nerfstudio asks for both, the views are test views alone. */
 static cln_status apply_lists(const char *file, const json_t *root, cln_reader_result *result)
 {
     static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
@@ -230,8 +231,12 @@ static cln_status apply_lists(const char *file, const json_t *root, cln_reader_r
     CLN_TRY(cln_alloc(&result->views, listed, sizeof *result->views, "views"));
     f.index = json_object();
     CLN_TRY(index_frames(&f));
-    for (int s = 0; s < CLN_SPLITS; s++)
+    for (int s = 0; s < CLN_SPLITS; s++) {
+        if (s == CLN_SPLIT_VAL && json_equal(json_object_get(root, keys[CLN_SPLIT_VAL]),
+                                             json_object_get(root, keys[CLN_SPLIT_TEST])))
+            continue;
         CLN_TRY(take_listed(&f, keys[s], json_object_get(root, keys[s]), (cln_split)s, result));
+    }
     for (int i = 0; i < result->view_count; i++)
         json_object_del(f.index, result->views[i].name);
     if (json_object_size(f.index))

@@ -19,6 +19,7 @@ static void test_missing_descs_and_results(void **state)
     cln_render_result rendered;
     cln_export_result exported;
     cln_tune_result tuned;
+    cln_poses_result posed;
     cln_device_info *devices = NULL;
     char *json = NULL;
     int count = 0;
@@ -38,6 +39,8 @@ static void test_missing_descs_and_results(void **state)
     assert_fails(cln_export(&(cln_export_desc){0}, NULL), CLN_USAGE, "export: result is missing");
     assert_fails(cln_check(NULL, &json), CLN_USAGE, "cln_check: desc is missing");
     assert_fails(cln_check(&(cln_check_desc){0}, NULL), CLN_USAGE, "cln_check: json is missing");
+    assert_fails(cln_find_poses(NULL, &posed), CLN_USAGE, "cln_find_poses: desc is missing");
+    assert_fails(cln_find_poses(&(cln_poses_desc){0}, NULL), CLN_USAGE, "result is missing");
     assert_fails(cln_info_scene(".", NULL, NULL), CLN_USAGE, "cln_info_scene: json is missing");
     assert_fails(cln_info_run(".", NULL), CLN_USAGE, "cln_info_run: json is missing");
     assert_fails(cln_tune_search(NULL, &tuned), CLN_USAGE, "cln_tune_search: desc is missing");

@@ -197,16 +197,16 @@ section_disk() {
     expect "a tree that would not fit, if it became so large" 0 "~may.have.too.little.room" \
         on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
         --skip-selftest --progress none --steps 10
-    expect "a disk that not even the pictures fit" 7 "~may.have.too.little.room" timeout 60 \
-        unshare -m sh -c 'mount -t tmpfs -o size=200k none "$0" && exec "$@"' "$work/small" \
-        "$cln" train "$work/scene" -o "$work/small/run" --preset fast --width 16 --view-width 16 \
-        --skip-selftest --progress none --steps 10 --start-level 0 --space cube --level-at ""
     leaves=$(advice "with --max-leaves [0-9]+" | tr -dc 0-9)
     check "another --max-leaves is named" [ "${leaves:-0}" -gt 0 ]
     expect "with which nothing is said" 0 "" \
         on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
         --skip-selftest --progress none --steps 10 --max-leaves "$leaves"
     check "nothing of the disk" not_said "too little room"
+    expect "a disk that not even the pictures fit" 7 "~may.have.too.little.room" timeout 60 \
+        unshare -m sh -c 'mount -t tmpfs -o size=200k none "$0" && exec "$@"' "$work/small" \
+        "$cln" train "$work/scene" -o "$work/small/run" --preset fast --width 16 --view-width 16 \
+        --skip-selftest --progress none --steps 10 --start-level 0 --space cube --level-at ""
     expect "a first tree that does not fit" 7 "~too.little.room ~first.checkpoint:.up.to free" \
         on_small "$cln" train "$work/scene" -o "$work/small/run" --preset voxel --rays 512 \
         --skip-selftest --progress none --steps 10 --start-level 5 --level-at ""

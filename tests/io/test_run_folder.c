@@ -429,6 +429,7 @@ static void test_hold(void **state)
         _exit(0);
     }
     assert_true(child > 0);
+    close(ready[1]);
     assert_int_equal(read(ready[0], &byte, 1), 1);
     assert_ok(cln_run_hold(run, &lock));
     assert_int_equal(waitpid(child, NULL, 0), child);
@@ -437,7 +438,6 @@ static void test_hold(void **state)
     assert_ok(cln_run_hold(run, &second));
     cln_run_release(second);
     close(ready[0]);
-    close(ready[1]);
 }
 
 int test_group_run_folder(void)
