@@ -455,10 +455,12 @@ static void choose_crop(cln_render_job *j)
 static cln_status render_folder(cln_render_job *j, cln_render_result *result)
 {
     cln_status st = CLN_OK;
+    int told = 0; /* frames of earlier renders, by render.json */
 
     CLN_TRY(check_sizes(j));
     if (j->writes) {
         CLN_TRY(cln_render_check_folder(j->desc->out, &j->before));
+        told = (int)json_integer_value(json_object_get(j->before, "earlier_frames"));
         CLN_TRY(cln_render_find_there(j));
         CLN_TRY(cln_render_check_disk(j));
     }
@@ -474,7 +476,7 @@ static cln_status render_folder(cln_render_job *j, cln_render_result *result)
     }
     if (j->writes && (j->there < j->count || j->pictured < j->count))
         CLN_TRY(cln_render_draw_depths(j));
-    else if (j->writes && j->earlier > 0)
+    else if (j->writes && j->earlier != told)
         CLN_TRY(cln_render_write_about(j, NULL));
 done:
     return st;

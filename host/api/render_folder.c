@@ -113,29 +113,6 @@ done:
     return st;
 }
 
-cln_status cln_render_find_there(cln_render_job *j)
-{
-    cln_status st = CLN_OK;
-    const json_t *known = json_object_get(j->before, "frames");
-
-    for (int i = 0; i < j->count; i++) {
-        cln_render_frame *f = &j->frames[i];
-        const char *made_from = json_string_value(json_object_get(known, f->name));
-        bool pictured = false;
-
-        f->there = !j->desc->overwrite && made_from && strcmp(made_from, f->made_from) == 0;
-        for (int file = 0; file < FILES && f->there; file++)
-            if (is_wanted(j, file))
-                CLN_TRY(has_file(j, f, file, &f->there));
-        CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
-        j->there += f->there;
-        j->pictured += pictured;
-    }
-    CLN_TRY(find_earlier(j));
-done:
-    return st;
-}
-
 /* ---- the folder ---- */
 
 /* Makes render.json: what this rendering is of, and the digest of every frame in the folder.
@@ -189,6 +166,49 @@ static json_t *describe(const cln_render_job *j)
                                       j->frames[0].camera.width, "height",
                                       j->frames[0].camera.height, "fx", j->frames[0].camera.fx));
     return about;
+}
+
+/* Whether the folder's newest render was of the same poses as this one, so that its depth pictures
+ * are on the scale that render.json tells. */
+static bool is_of_before(const cln_render_job *j)
+{
+    static const char *const others[] = {"tool", "frames", "earlier_frames", "depth_picture"};
+    json_t *now = describe(j), *before = json_copy(j->before);
+    bool same = false;
+
+    for (size_t i = 0; i < sizeof others / sizeof *others && now && before; i++) {
+        json_object_del(now, others[i]);
+        json_object_del(before, others[i]);
+    }
+    same = now && before && json_equal(now, before);
+    json_decref(now);
+    json_decref(before);
+    return same;
+}
+
+cln_status cln_render_find_there(cln_render_job *j)
+{
+    cln_status st = CLN_OK;
+    const json_t *known = json_object_get(j->before, "frames");
+
+    for (int i = 0; i < j->count; i++) {
+        cln_render_frame *f = &j->frames[i];
+        const char *made_from = json_string_value(json_object_get(known, f->name));
+        bool pictured = false;
+
+        f->there = !j->desc->overwrite && made_from && strcmp(made_from, f->made_from) == 0;
+        for (int file = 0; file < FILES && f->there; file++)
+            if (is_wanted(j, file))
+                CLN_TRY(has_file(j, f, file, &f->there));
+        CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
+        j->there += f->there;
+        j->pictured += pictured;
+    }
+    CLN_TRY(find_earlier(j));
+    if (!is_of_before(j))
+        j->pictured = 0;
+done:
+    return st;
 }
 
 cln_status cln_render_check_folder(const char *out, json_t **before)

@@ -44,7 +44,8 @@ cln_status cln_render_check_folder(const char *out, json_t **before);
 
 /* Finds the frames in the folder that are as they would be made now, by j->before: sets
  * frame.there, j->there and j->pictured. Counts in j->earlier, and tells, how many others stay;
- * those whose pictures are gone leave j->before. */
+ * those whose pictures are gone leave j->before. j->pictured is 0 if the folder's newest render was
+ * of other poses: their depths had another scale. */
 cln_status cln_render_find_there(cln_render_job *j);
 
 /* CLN_OUTPUT if the disk has no room for the frames that are not there yet. */

@@ -894,6 +894,21 @@ section_results() {
     expect "a frame that was removed" 0 "~1.other.frame.*stays" \
         "$cln" render "$r" --orbit 1 --elevation 5 --width 16 -o "$work/circle"
     check "is not named any more" eval '! grep -q orbit_0002 "$work/circle/render.json"'
+    # two paths in a folder: each one's depth pictures are on the scale that render.json tells
+    run "$cln" render "$r" --orbit 2 --width 16 -o "$work/two paths" --progress none
+    cp -r "$work/two paths" "$work/one path"
+    run "$cln" render "$r" --spiral 2 --width 16 -o "$work/two paths" --progress none
+    expect "the first path again" 0 "~2.other.frames.*stay" \
+        "$cln" render "$r" --orbit 2 --width 16 -o "$work/two paths"
+    check "the scale is its own again" \
+        [ "$("$query" depth_picture.near <"$work/two paths/render.json")" = \
+            "$("$query" depth_picture.near <"$work/one path/render.json")" ]
+    check "and so are its pictures" cmp "$work/one path/orbit_0001.depth.png" \
+        "$work/two paths/orbit_0001.depth.png"
+    rm "$work/two paths/spiral_"*
+    run "$cln" render "$r" --orbit 2 --width 16 -o "$work/two paths" --progress none
+    check "alone in it, render.json is as if nothing had been" cmp "$work/one path/render.json" \
+        "$work/two paths/render.json"
     "$make_scene" "$work/cut" --size 16 --train 2 --test 1 >/dev/null
     echo broken >"$work/cut/test/r_000.png"
     expect "poses whose photo is broken" 3 "r_000.png" "$cln" render "$r" \
