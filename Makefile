@@ -142,12 +142,15 @@ $P/libcl-nascent.a: $(LIB_OBJ)
 
 # What is installed: one object whose inner names are its own, so that a program may have stb_image,
 # or other functions of these names, too. Tests and benches link with the one above. Under
-# sanitizers names stay, as their tables need some. With gcc's -flto it is compiled here.
+# sanitizers names stay, as their tables need some, and with clang's -flto, whose objects are no
+# code yet. With gcc's -flto it is compiled here.
+LTO = $(findstring -flto,$(CFLAGS) $(OPT) $(CC))
+OPEN_NAMES = $(or $(SANITIZE),$(if $(LTO),$(findstring clang,$(shell $(CC) --version))))
 $P/public/libcl-nascent.a: $(LIB_OBJ)
 	@mkdir -p $(@D)
 	@rm -f $@
-	$(call SAY,AR $@)$(if $(SANITIZE),$(AR) rcs $@ $^, \
-	    $(CC) -r -nostdlib $(if $(findstring -flto,$(CFLAGS)),-flinker-output=nolto-rel) $^ \
+	$(call SAY,AR $@)$(if $(OPEN_NAMES),$(AR) rcs $@ $^, \
+	    $(CC) -r -nostdlib $(filter -m%,$(CFLAGS)) $(if $(LTO),-flinker-output=nolto-rel) $^ \
 	        -o $(@D)/cl-nascent.o && \
 	    $(OBJCOPY) --localize-hidden $(@D)/cl-nascent.o && \
 	    $(AR) rcs $@ $(@D)/cl-nascent.o && rm $(@D)/cl-nascent.o)

@@ -545,8 +545,8 @@ static cln_status find_features(work *w)
     CLN_TRY(cln_photo_cameras_find(w->images, &w->photos, &cameras));
     cln_format(several, sizeof several, "of several %s",
                !cameras.lengths ? "sizes"
-               : cameras.sizes  ? "sizes and, by EXIF, focal lengths"
-                                : "focal lengths, by EXIF");
+               : cameras.sizes  ? "sizes and focal lengths by EXIF, or none"
+                                : "focal lengths by EXIF, or none");
     if (cameras.count == 1) {
         cln_info("%d photos, all of one size: one camera", w->photos.count);
         CLN_TRY(extract(w, w->photos.count, true, NULL));

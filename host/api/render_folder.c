@@ -180,7 +180,8 @@ static bool is_of_before(const cln_render_job *j)
         json_object_del(now, others[i]);
         json_object_del(before, others[i]);
     }
-    same = now && before && json_equal(now, before);
+    same = now && before && json_equal(now, before) &&
+           json_integer_value(json_object_get(j->before, "earlier_frames")) == j->earlier;
     json_decref(now);
     json_decref(before);
     return same;

@@ -103,6 +103,31 @@ done:
     return st;
 }
 
+/* nerfstudio refuses a file that has some of the three lists: a split without views gets those of
+ * another one, which our reader is told (listed_again). */
+static void fill_lists(json_t *document, const char *const keys[CLN_SPLITS],
+                       json_t *const lists[CLN_SPLITS])
+{
+    static const cln_split instead[CLN_SPLITS][2] = {
+        [CLN_SPLIT_TRAIN] = {CLN_SPLIT_TRAIN, CLN_SPLIT_TRAIN},
+        [CLN_SPLIT_VAL] = {CLN_SPLIT_TEST, CLN_SPLIT_TRAIN},
+        [CLN_SPLIT_TEST] = {CLN_SPLIT_VAL, CLN_SPLIT_TRAIN}};
+    json_t *again = json_array();
+
+    for (int split = 0; split < CLN_SPLITS; split++) {
+        int from = split;
+
+        for (int i = 0; i < 2 && json_array_size(lists[from]) == 0; i++)
+            from = instead[split][i];
+        if (from != split)
+            json_array_append_new(again, json_string(keys[split]));
+        json_object_set(document, keys[split], lists[from]);
+    }
+    if (json_array_size(again) > 0)
+        json_object_set(document, "listed_again", again);
+    json_decref(again);
+}
+
 static cln_status write_transforms(const cln_export_job *job, const cln_scene *scene)
 {
     static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
@@ -139,11 +164,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         if (!view->mask_black) /* where black counts, no key says so */
             CLN_TRY(put_path(scene, frame, "mask_path", view->mask_path));
     }
-    if (json_array_size(lists[CLN_SPLIT_VAL]) == 0) /* nerfstudio refuses lists without it */
-        json_array_extend(lists[CLN_SPLIT_VAL], lists[CLN_SPLIT_TEST]);
-    for (int split = 0; split < CLN_SPLITS; split++)
-        if (json_array_size(lists[split]) > 0)
-            json_object_set(document, keys[split], lists[split]);
+    fill_lists(document, keys, lists);
     text = document ? json_dumps(document, JSON_INDENT(1)) : NULL;
     if (!text)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", job->desc->file));

@@ -211,8 +211,9 @@ static cln_status explain(const cln_film *f, cln_status st)
 {
     char said[1024];
 
-    if (st != CLN_FAILED || (!strstr(cln_error_text(), "No space left") &&
-                             !strstr(cln_error_text(), "quota") && cln_disk_room(f->part) >= 4096))
+    if (st != CLN_FAILED ||
+        (!strstr(cln_error_text(), "No space left on device") &&
+         !strstr(cln_error_text(), "Disk quota exceeded") && cln_disk_room(f->part) >= 4096))
         return st;
     snprintf(said, sizeof said, "%s", cln_error_text());
     cln_clear_error();

@@ -206,9 +206,22 @@ done:
     return st;
 }
 
+/* Whether a list repeats views for other programs' sake (listed_again, export/cameras.c). */
+static bool is_repeated(const json_t *root, const char *key)
+{
+    const json_t *again = json_object_get(root, "listed_again");
+
+    for (size_t i = 0; i < json_array_size(again); i++) {
+        const char *name = json_string_value(json_array_get(again, i));
+
+        if (name && strcmp(name, key) == 0)
+            return true;
+    }
+    return false;
+}
+
 /* Applies train_filenames, val_filenames and test_filenames: views become exactly what these list
- * (a frame may be in two lists); frames in no list are left out with a warning. Where the last two
- * are the same, as nerfstudio asks for both, the views are test views alone. */
+ * (a frame may be in two lists); frames in no list are left out with a warning. */
 static cln_status apply_lists(const char *file, const json_t *root, cln_reader_result *result)
 {
     static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
@@ -232,10 +245,8 @@ static cln_status apply_lists(const char *file, const json_t *root, cln_reader_r
     f.index = json_object();
     CLN_TRY(index_frames(&f));
     for (int s = 0; s < CLN_SPLITS; s++) {
-        if (s == CLN_SPLIT_VAL && json_equal(json_object_get(root, keys[CLN_SPLIT_VAL]),
-                                             json_object_get(root, keys[CLN_SPLIT_TEST])))
-            continue;
-        CLN_TRY(take_listed(&f, keys[s], json_object_get(root, keys[s]), (cln_split)s, result));
+        if (!is_repeated(root, keys[s]))
+            CLN_TRY(take_listed(&f, keys[s], json_object_get(root, keys[s]), (cln_split)s, result));
     }
     for (int i = 0; i < result->view_count; i++)
         json_object_del(f.index, result->views[i].name);

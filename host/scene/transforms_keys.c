@@ -46,6 +46,7 @@ static const struct {
             {"train_filenames", true, false},
             {"val_filenames", true, false},
             {"test_filenames", true, false},
+            {"listed_again", true, false},
             {"ply_file_path", true, false},
             {"file_path", false, true},
             {"transform_matrix", false, true},

@@ -414,6 +414,7 @@ static void cameras_come_back(void **state)
     text = scratch_get(desc.file, &bytes); /* one camera, before the frames */
     assert_true(strstr(text, "camera_model") < strstr(text, "frames"));
     assert_null(strstr(strstr(text, "frames"), "fl_x"));
+    assert_non_null(strstr(text, "val_filenames")); /* as nerfstudio asks for it */
     free(text);
     assert_ok(cln_make_dirs(fixture_path("colmap")));
     assert_int_equal(symlink(fixture_path("scene"), fixture_path("colmap/images")), 0);

@@ -136,7 +136,7 @@ section_photos() {
             $((i == 2 ? 0 : i < 3 ? 26 : 52))
     done
     expect "photos of two focal lengths: a camera for each" 0 \
-        "~5.photos,.of.several.focal.lengths,.by.EXIF:.2.cameras" \
+        "~5.photos,.of.several.focal.lengths.by.EXIF,.or.none:.2.cameras" \
         env PATH="$path" "$cln" poses "$work/lenses" -o "$work/two lenses" --progress none
     check "whose photos are those of the lens" \
         [ "$(tr '\n' ' ' <"$work/two lenses/colmap.db")" = "$(echo r_00{0..4}.png) " ]
