@@ -47,7 +47,7 @@ static void free_block(cln_block *block)
 }
 
 /* Gives the system what a buffer of so many bytes does not need, as it is counted nowhere. */
-static void give_up_pages(cln_block *block, size_t bytes)
+static void give_up_pages(const cln_block *block, size_t bytes)
 {
     const size_t begin = (bytes + CLN_HUGE_PAGE - 1) / CLN_HUGE_PAGE * CLN_HUGE_PAGE;
     const size_t page = (size_t)sysconf(_SC_PAGESIZE);
@@ -56,7 +56,6 @@ static void give_up_pages(cln_block *block, size_t bytes)
     if (block->used > begin && block->used - begin >= page)
         (void)madvise((char *)block->memory + begin, (block->used - begin) / page * page,
                       MADV_DONTNEED);
-    block->used = block->used < bytes ? block->used : bytes;
 }
 
 /* Takes a kept block out that holds so many bytes, the one with the most pages that they use. */

@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <string.h>
+#include "base/text.h"
 #include "io/progress.h"
 #include "report/html.h"
 
@@ -92,6 +93,7 @@ static void put_data(FILE *to, const json_t *dataset)
     const json_t *views = json_object_get(dataset, "splits");
     double downscale = cln_json_number(dataset, "downscale");
     double least = cln_json_number(dataset, "downscale_least"); /* NaN: an older run's */
+    char span[CLN_SPAN_BYTES];
 
     if (!json_is_object(dataset))
         return;
@@ -109,10 +111,10 @@ static void put_data(FILE *to, const json_t *dataset)
         fputs(" test\n", to);
     }
     put_fact(to, "split", cln_json_text(dataset, "split_rule"));
-    if (downscale > least)
-        fprintf(to, "<tr><td class=soft>size divided by<td>%g to %g\n", least, downscale);
-    else if (downscale > 1)
-        fprintf(to, "<tr><td class=soft>size divided by<td>%g\n", downscale);
+    if (downscale > 1) {
+        cln_format_span((int)(least < downscale ? least : downscale), (int)downscale, span);
+        fprintf(to, "<tr><td class=soft>size divided by<td>%s\n", span);
+    }
     put_fact(to, "scene cube", cln_json_text(dataset, "bounds_rule"));
     put_fact(to, "digest", cln_json_text(dataset, "digest"));
     fputs("</table></section>\n", to);

@@ -185,7 +185,7 @@ static void add_note(json_t *notes, const char *format, ...)
     json_array_append_new(notes, json_string(text));
 }
 
-typedef enum { SAME, UNTOLD, DIFFERENT } likeness;
+typedef enum { SAME, UNTOLD, DIFFERENT } likeness; /* the worse the later */
 
 /* Of a member of the runs' scenes. UNTOLD: not all have it, and those that do have the same. */
 static likeness compare_scenes(int count, const side *sides, const char *key)
@@ -299,23 +299,30 @@ static void add_facts(int count, const side *sides, json_t *facts)
 static bool check_comparable(int count, const side *sides, json_t *notes)
 {
     static const struct {
-        const char *key, *differ, *untold;
+        const char *keys[2], *differ, *untold;
     } reasons[] = {
-        {"digest", "Scenes or their splits differ (scene, views, digest)",
+        {{"digest"},
+         "Scenes or their splits differ (scene, views, digest)",
          "Not every run tells which scene it is of (digest)"},
-        {"downscale", "Photos differ in size (downscale)",
+        {{"downscale", "downscale_least"},
+         "Photos differ in size (downscale)",
          "Not every run tells the size of its photos (downscale)"},
-        {"downscale_least", "Photos differ in size (downscale)",
-         "Not every run tells the size of its photos (downscale)"},
-        {"background", "Backgrounds differ, also behind test photos with alpha",
+        {{"background"},
+         "Backgrounds differ, also behind test photos with alpha",
          "Not every run tells its background, which is also behind test photos with alpha"},
     };
     bool alpha = false;
 
     for (int i = 0; i < count; i++)
         alpha |= json_is_true(json_object_get(sides[i].dataset, "alpha"));
-    for (size_t r = 0; r < 3 + (size_t)alpha; r++) {
-        const likeness found = compare_scenes(count, sides, reasons[r].key);
+    for (size_t r = 0; r < 2 + (size_t)alpha; r++) {
+        likeness found = SAME;
+
+        for (int k = 0; k < 2 && reasons[r].keys[k]; k++) {
+            const likeness one = compare_scenes(count, sides, reasons[r].keys[k]);
+
+            found = one > found ? one : found;
+        }
 
         if (found != SAME) {
             add_note(notes, "%s, so figures of quality do not compare",
