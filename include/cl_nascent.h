@@ -412,8 +412,9 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 
 /* ---- exports and facts ---- */
 
-/* What to write, and where. Of colour, spacing, count, closed and triangles, those that the export
- * does not read must be 0; scene and device are not looked at where they are not needed. */
+/* What to write, and where. Of colour, spacing, count, closed, triangles and cropped, those that
+ * the export does not read must be 0; scene and device are not looked at where they are not
+ * needed. */
 typedef struct cln_export_desc {
     const char *run;
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
@@ -434,6 +435,11 @@ typedef struct cln_export_desc {
     int64_t triangles;      /* mesh: the most; 0 = all that its grid makes */
     cln_device_desc device; /* points, mesh, volume */
     cln_callbacks callbacks;
+    bool cropped;        /* points, mesh, volume: to `crop`; with `closed`, the mesh ends in its
+                            faces */
+    double crop[6];      /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
+    double crop_turn[3]; /* degrees by which it is turned about its middle: about x, then y, then
+                            z */
 } cln_export_desc;
 
 enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */
@@ -451,7 +457,8 @@ typedef struct cln_export_result {
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
  * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
- * for options that it does not read, and for a grid that is too fine; CLN_FAILED for `triangles` in
+ * for options that it does not read, for a grid that is too fine, and for a crop box that nothing
+ * of the cube is in; CLN_FAILED for `triangles` in
  * a library that was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 

@@ -109,14 +109,13 @@ static cln_status check_options(const cln_export_desc *desc)
 {
     static const struct {
         const char *option, *of; /* the exports that read it */
-    } rows[] = {{"spacing", "points mesh volume"},
-                {"count", "points"},
-                {"closed", "points mesh"},
-                {"triangles", "mesh"},
-                {"colour", "octree"}};
+    } rows[] = {{"spacing", "points mesh volume"}, {"count", "points"},
+                {"closed", "points mesh"},         {"triangles", "mesh"},
+                {"crop", "points mesh volume"},    {"colour", "octree"}};
     cln_status st = CLN_OK;
-    const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed, desc->triangles != 0,
-                          desc->colour && strcmp(desc->colour, "level") != 0};
+    const bool given[] = {desc->spacing != 0, desc->count != 0,
+                          desc->closed,       desc->triangles != 0,
+                          desc->cropped,      desc->colour && strcmp(desc->colour, "level") != 0};
 
     if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
         return cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour);
@@ -179,9 +178,11 @@ static cln_status check_space(const export_row *row, const cln_export_desc *desc
     return CLN_OK;
 }
 
-static cln_status open_for(const export_row *row, const cln_export_desc *desc, cln_open_run *opened)
+static cln_status open_for(const export_row *row, cln_export_job *job)
 {
     cln_status st = CLN_OK;
+    const cln_export_desc *desc = job->desc;
+    cln_open_run *opened = &job->opened;
     bool alike = false;
 
     if (row->needs & CLN_EXPORT_DEVICE)
@@ -191,6 +192,7 @@ static cln_status open_for(const export_row *row, const cln_export_desc *desc, c
     else
         CLN_TRY(cln_open_run_model(desc->run, opened));
     CLN_TRY(check_space(row, desc, &opened->model));
+    CLN_TRY(cln_crop_check("--crop", &opened->model.space, &opened->model.tree, &job->crop));
     if (row->needs & CLN_EXPORT_DEVICE)
         CLN_TRY(
             cln_open_run_start(opened, &desc->device, opened->scene ? opened->scene->lenses : 0));
@@ -213,9 +215,10 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     CLN_TRY(cln_given("cln_export", "file", desc->file));
     CLN_TRY(find_export(desc->what, &row));
     CLN_TRY(check_options(desc));
+    CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &job.crop));
     CLN_TRY(cln_run_read(desc->run, &run));
     CLN_TRY(check_target(desc, row));
-    CLN_TRY(open_for(row, desc, &job.opened));
+    CLN_TRY(open_for(row, &job));
     CLN_TRY(row->write(&job));
     result->step = model->step;
     result->leaves = model->tree.leaf_count;

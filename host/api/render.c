@@ -421,19 +421,7 @@ done:
     return st;
 }
 
-/* The box of --crop. */
-static cln_status read_crop(cln_render_job *j)
-{
-    double numbers[CLN_CROP_NUMBERS];
-
-    if (!j->desc->cropped)
-        return CLN_OK;
-    memcpy(numbers, j->desc->crop, sizeof j->desc->crop);
-    memcpy(numbers + 6, j->desc->crop_turn, sizeof j->desc->crop_turn);
-    return cln_crop_from_numbers("--crop", numbers, &j->crop);
-}
-
-/* Without one, that of the file of poses, with its background. */
+/* Without --crop, that of the file of poses, with its background. */
 static void choose_crop(cln_render_job *j)
 {
     const cln_render_desc *desc = j->desc;
@@ -492,7 +480,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_render", "desc", desc));
     CLN_TRY(check_given(desc));
-    CLN_TRY(read_crop(&j));
+    CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &j.crop));
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
     if (cln_frames_need_scene(desc, j.run))

@@ -11,6 +11,7 @@
 #include "base/text.h"
 #include "cli/console.h"
 #include "export/list.h"
+#include "render/crop.h"
 
 /* The counts of an export, by the words that document and sentence have for them. */
 static json_t *counts_of(const cln_export_result *r)
@@ -202,6 +203,7 @@ cln_status cln_cmd_export(const cln_options *options)
                             .device = options->device};
 
     CLN_TRY(check_order(options));
+    CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     if (to_stdout)

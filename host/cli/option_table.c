@@ -249,6 +249,9 @@ const cln_arg cln_args[] = {
          "points: how many", .shown = "200000"),
     FLAG(CLN_EXPORT, "closed", closed,
          "points, mesh: also the parts that no training view sees; the mesh is closed then"),
+    TEXT(CLN_EXPORT, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ]",
+         "points, mesh, volume: only what is inside this box, as for render; with --closed a mesh "
+         "ends in the box's faces"),
     INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,
          "mesh: at most N triangles; those that matter least are left out", .shown = "all"),
     WORD(CLN_EXPORT, "colour", box_colour, "level|error",

@@ -60,7 +60,8 @@ cln_status cln_export_mesh(cln_export_job *job)
 {
     cln_status st = CLN_OK;
     const cln_export_desc *desc = job->desc;
-    const cln_surface_desc how = {&job->opened, desc->spacing, desc->closed, &desc->callbacks};
+    const cln_surface_desc how = {&job->opened, desc->spacing, desc->closed, &job->crop,
+                                  &desc->callbacks};
     const cln_space space = cln_space_core(&job->opened.model.space);
     cln_surface surface = {0};
     cln_mesh mesh = {0};

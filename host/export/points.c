@@ -87,7 +87,7 @@ cln_status cln_export_points(cln_export_job *job)
 {
     cln_status st = CLN_OK;
     const cln_export_desc *desc = job->desc;
-    const cln_surface_desc how = {&job->opened, 0, desc->closed, &desc->callbacks};
+    const cln_surface_desc how = {&job->opened, 0, desc->closed, &job->crop, &desc->callbacks};
     cln_surface s = {0};
     cln_mesh mesh = {0};
     double area = 0, passed = 0;

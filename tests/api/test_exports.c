@@ -362,6 +362,152 @@ static void volumes_are_the_field(void **state)
     free(values);
 }
 
+/* All with x above 0.1: a box, and one that is turned by a right angle. */
+static const double crops[2][9] = {{0.1, -3, -3, 3, 3, 3}, {-2.4, -1.5, -3, 5.6, 1.5, 3, 0, 0, 90}};
+
+static void set_crop(cln_export_desc *desc, const double box[9])
+{
+    desc->cropped = true;
+    memcpy(desc->crop, box, sizeof desc->crop);
+    memcpy(desc->crop_turn, box + 6, sizeof desc->crop_turn);
+}
+
+static void crops_are_parts(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "part.ply");
+    cln_export_result whole, part, closed, points;
+
+    NEED_DEVICE();
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &whole));
+    for (int i = 0; i < 2; i++) {
+        static const char *const files[] = {"part.ply", "part-closed.ply", "part-points.ply"};
+        cln_export_result *const results[] = {&part, &closed, &points};
+
+        set_crop(&desc, crops[i]);
+        for (int k = 0; k < 3; k++) {
+            const vertex *v = NULL;
+            char *text = NULL;
+            int n = 0;
+
+            desc.what = k == 2 ? "points" : "mesh";
+            desc.count = k == 2 ? 500 : 0;
+            desc.closed = k == 1;
+            desc.file = fixture_path(files[k]);
+            assert_ok(cln_export(&desc, results[k]));
+            v = read_ply(desc.file, &text, &n);
+            assert_int_equal(n, results[k]->vertices);
+            for (int j = 0; j < n; j++)
+                assert_true(v[j].at[0] > 0.1 - 1e-5);
+            free(text);
+        }
+        assert_in_range(part.faces, whole.faces / 8, whole.faces * 5 / 8);
+        assert_int_equal(points.vertices, 500);
+        assert_true(open_sides(fixture_path(files[0])) > 0);
+        assert_int_equal(open_sides(fixture_path(files[1])), 0);
+    }
+}
+
+/* A cropped volume has the whole one's cubes, those with their middles in the box; of a turned box
+ * the others within what it spans are 0. */
+static void a_cropped_volume_is_a_part(void **state)
+{
+    static const double turned[9] = {-0.5, -0.4, -0.6, 0.7, 0.5, 0.4, 0, 0, 30};
+    cln_export_desc desc = export_desc("volume", "all.npy");
+    const double degree = 3.14159265358979 / 180;
+    json_t *about[3];
+    float *values[3];
+    int dims = 0, shape[3][4];
+
+    NEED_DEVICE();
+    desc.spacing = 0.1;
+    for (int i = 0; i < 3; i++) {
+        static const char *const files[] = {"all.npy", "box.npy", "turned.npy"};
+        char name[32];
+        cln_export_result result;
+        int seen = 0, out = 0;
+
+        desc.file = fixture_path(files[i]);
+        if (i > 0)
+            set_crop(&desc, i == 1 ? crops[0] : turned);
+        assert_ok(cln_export(&desc, &result));
+        assert_ok(cln_npy_read_f32(desc.file, &dims, shape[i], &values[i]));
+        snprintf(name, sizeof name, "%.*s.json", (int)strcspn(files[i], "."), files[i]);
+        about[i] = fixture_json(name);
+        for (int k = 0; k < shape[i][0] * shape[i][1] * shape[i][2]; k++) {
+            const int cell[3] = {k % shape[i][2], k / shape[i][2] % shape[i][1],
+                                 k / shape[i][2] / shape[i][1]};
+            double at[3], in_box[3];
+            int there[3];
+            bool inside = true;
+            const float *mine = values[i] + 4 * k, *theirs = NULL;
+
+            for (int a = 0; a < 3; a++) {
+                const double first =
+                    json_number_value(json_array_get(fixture_at(about[0], "first"), (size_t)a));
+
+                at[a] =
+                    json_number_value(json_array_get(fixture_at(about[i], "first"), (size_t)a)) +
+                    0.1 * cell[a];
+                there[a] = (int)lround((at[a] - first) / 0.1);
+                assert_near(first + 0.1 * there[a], at[a], 1e-9);
+                assert_in_range(there[a], 0, shape[0][2 - a] - 1);
+            }
+            memcpy(in_box, at, sizeof at);
+            if (i == 2) { /* turned back about the middle */
+                const double x = at[0] - 0.1, y = at[1] - 0.05;
+
+                in_box[0] = 0.1 + cos(30 * degree) * x + sin(30 * degree) * y;
+                in_box[1] = 0.05 - sin(30 * degree) * x + cos(30 * degree) * y;
+            }
+            for (int a = 0; a < 3 && i > 0; a++)
+                inside = inside && in_box[a] > desc.crop[a] - 1e-5 &&
+                         in_box[a] < desc.crop[3 + a] + 1e-5;
+            theirs = values[0] + 4 * ((there[2] * shape[0][1] + there[1]) * shape[0][2] + there[0]);
+            for (int c = 0; c < 4; c++)
+                assert_true(mine[c] == (inside ? theirs[c] : 0));
+            seen += inside && mine[3] > 0;
+            out += !inside;
+        }
+        print_message("    %d x %d x %d, %d cubes seen, %d not in the box\n", shape[i][2],
+                      shape[i][1], shape[i][0], seen, out);
+        assert_true(seen > 100);
+        assert_true((out > 0) == (i == 2));
+        assert_true(i == 0 || shape[i][2] < shape[0][2]);
+    }
+    for (int i = 0; i < 3; i++) {
+        json_decref(about[i]);
+        free(values[i]);
+    }
+}
+
+static void crops_of_nothing_are_refused(void **state)
+{
+    static const struct {
+        const char *what, *file;
+        double box[9], spacing;
+        cln_status st;
+        const char *words;
+    } rows[] = {
+        {"mesh", "x.ply", {9, 9, 9, 10, 10, 10}, 0, CLN_USAGE, "the scene's cube is -"},
+        {"volume", "x.npy", {9, 9, 9, 10, 10, 10}, 0, CLN_USAGE, "no leaf of the run reaches"},
+        {"points", "x.ply", {1, 1, 1, 0, 2, 2}, 0, CLN_USAGE, "--crop: the minimum 1 is not below"},
+        {"mesh", "x.ply", {-0.1, -0.1, -0.1, 0.1, 0.1, 0.1}, 0, CLN_INPUT, "--crop: no training"},
+        {"volume", "x.npy", {0.01, -1, -1, 0.02, 1, 1}, 0.1, CLN_USAGE, "--crop: no cube of the"},
+        {"octree", "x.ply", {-1, -1, -1, 1, 1, 1}, 0, CLN_USAGE, "--crop: has no effect"}};
+
+    NEED_DEVICE();
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        cln_export_desc desc = export_desc(rows[i].what, rows[i].file);
+        cln_export_result result;
+
+        set_crop(&desc, rows[i].box);
+        desc.spacing = rows[i].spacing;
+        assert_fails(cln_export(&desc, &result), rows[i].st, rows[i].words);
+        assert_false(cln_is_file(desc.file));
+    }
+}
+
 /* Is "images/train/r_0.png" the view "train/r_0"? */
 static bool same_name(const char *is, const char *was)
 {
@@ -516,6 +662,9 @@ int test_group_exports(void)
         cmocka_unit_test(closed_keeps_what_no_view_sees),
         cmocka_unit_test(a_mesh_of_fewer_triangles),
         cmocka_unit_test(volumes_are_the_field),
+        cmocka_unit_test(crops_are_parts),
+        cmocka_unit_test(a_cropped_volume_is_a_part),
+        cmocka_unit_test(crops_of_nothing_are_refused),
         cmocka_unit_test(cameras_come_back),
         cmocka_unit_test(other_locales_change_no_file),
         cmocka_unit_test(mistakes_are_named),

@@ -304,8 +304,9 @@ static void every_other_option_is_read(void **state)
     assert_string_equal(o->device.spec, "1");
     assert_true(o->spacing == 0.05 && o->closed && o->count == 0 && o->triangles == 90);
     done(&l);
-    o = parsed(&l, "export run --points p.ply --count 1000");
+    o = parsed(&l, "export run --points p.ply --count 1000 --crop -1,0,0,1,1,1");
     assert_true(o->spacing == 0 && !o->closed && o->count == 1000);
+    assert_string_equal(o->crop, "-1,0,0,1,1,1");
     done(&l);
 
     o = parsed(&l, "devices --no-test");

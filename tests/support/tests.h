@@ -100,6 +100,7 @@ int test_group_sights(void);
 int test_group_splat(void);
 int test_group_store(void);
 int test_group_structure(void);
+int test_group_clip(void);
 int test_group_reduce(void);
 int test_group_surface(void);
 int test_group_trace(void);
