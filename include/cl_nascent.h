@@ -412,9 +412,9 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 
 /* ---- exports and facts ---- */
 
-/* What to write, and where. Of colour, spacing, count, closed, triangles and cropped, those that
- * the export does not read must be 0; scene and device are not looked at where they are not
- * needed. */
+/* What to write, and where. Of colour, spacing, count, closed, triangles, cropped and largest,
+ * those that the export does not read must be 0; scene and device are not looked at where they are
+ * not needed. */
 typedef struct cln_export_desc {
     const char *run;
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
@@ -440,6 +440,7 @@ typedef struct cln_export_desc {
     double crop[6];      /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
     double crop_turn[3]; /* degrees by which it is turned about its middle: about x, then y, then
                             z */
+    bool largest;        /* points, mesh: only the connected part with the most triangles */
 } cln_export_desc;
 
 enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */
@@ -453,6 +454,8 @@ typedef struct cln_export_result {
     int shape[3];                   /* volume: of the grid, z, y, x */
     int views;                      /* cameras */
     bool refined;                   /* cameras: training views have corrected poses */
+    int64_t parts;                  /* with `largest`: connected parts that there were; else 0 */
+    int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other

@@ -107,20 +107,24 @@ static cln_status find_export(const char *what, const export_row **found)
 /* An option that this export does not read is a mistake. */
 static cln_status check_options(const cln_export_desc *desc)
 {
-    static const struct {
+    const struct {
         const char *option, *of; /* the exports that read it */
-    } rows[] = {{"spacing", "points mesh volume"}, {"count", "points"},
-                {"closed", "points mesh"},         {"triangles", "mesh"},
-                {"crop", "points mesh volume"},    {"colour", "octree"}};
+        bool given;
+    } rows[] = {
+        {"spacing", "points mesh volume", desc->spacing != 0},
+        {"count", "points", desc->count != 0},
+        {"closed", "points mesh", desc->closed},
+        {"crop", "points mesh volume", desc->cropped},
+        {"largest", "points mesh", desc->largest},
+        {"triangles", "mesh", desc->triangles != 0},
+        {"colour", "octree", desc->colour && strcmp(desc->colour, "level") != 0},
+    };
     cln_status st = CLN_OK;
-    const bool given[] = {desc->spacing != 0, desc->count != 0,
-                          desc->closed,       desc->triangles != 0,
-                          desc->cropped,      desc->colour && strcmp(desc->colour, "level") != 0};
 
     if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
         return cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour);
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
-        if (given[i] && !strstr(rows[i].of, desc->what))
+        if (rows[i].given && !strstr(rows[i].of, desc->what))
             return cln_fail(CLN_USAGE, "--%s: has no effect on --%s, only on %s; leave it out",
                             rows[i].option, desc->what, rows[i].of);
     if (desc->spacing != 0 && desc->count != 0)

@@ -252,6 +252,8 @@ const cln_arg cln_args[] = {
     TEXT(CLN_EXPORT, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ]",
          "points, mesh, volume: only what is inside this box, as for render; with --closed a mesh "
          "ends in the box's faces"),
+    FLAG(CLN_EXPORT, "largest", largest,
+         "points, mesh: only the connected part with the most triangles"),
     INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,
          "mesh: at most N triangles; those that matter least are left out", .shown = "all"),
     WORD(CLN_EXPORT, "colour", box_colour, "level|error",
@@ -464,6 +466,7 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"ply", "points"},
                 {"glb", "mesh"},
                 {"obj", "mesh"},
+                {"keep-lcc", "largest"},
                 {"data", "SCENE"},
                 {"datadir", "SCENE"},
                 {"data-dir", "SCENE"},

@@ -32,7 +32,7 @@ typedef struct cln_options {
     double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe;
     double spacing;       /* 0 = not given */
     int count, triangles; /* 0 = not given */
-    bool closed;
+    bool closed, largest;
     int image_width, image_height;
     const char *listen;
     int port;

@@ -28,6 +28,12 @@ void cln_export_mesh_free(cln_mesh *mesh)
     free(mesh->colour);
 }
 
+void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts)
+{
+    job->result->parts = (int64_t)parts->parts;
+    job->result->faces_left_out = (int64_t)parts->left_out;
+}
+
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
@@ -60,13 +66,19 @@ cln_status cln_export_mesh(cln_export_job *job)
 {
     cln_status st = CLN_OK;
     const cln_export_desc *desc = job->desc;
-    const cln_surface_desc how = {&job->opened, desc->spacing, desc->closed, &job->crop,
-                                  &desc->callbacks};
+    cln_parts parts = {0};
+    const cln_surface_desc how = {.opened = &job->opened,
+                                  .spacing = desc->spacing,
+                                  .closed = desc->closed,
+                                  .crop = &job->crop,
+                                  .parts = desc->largest ? &parts : NULL,
+                                  .callbacks = &desc->callbacks};
     const cln_space space = cln_space_core(&job->opened.model.space);
     cln_surface surface = {0};
     cln_mesh mesh = {0};
 
     CLN_TRY(cln_surface_make(&how, &surface));
+    cln_export_tell_parts(job, &parts);
     CLN_TRY(cln_export_mesh_make(&mesh, surface.vertices));
     for (size_t i = 0; i < mesh.vertices; i++) {
         const double cube[3] = {surface.at[i][0], surface.at[i][1], surface.at[i][2]};

@@ -293,6 +293,8 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: no training view sees a surface in its field; train it longer",
                          desc->opened->run));
+    if (desc->parts)
+        CLN_TRY(cln_surface_keep_largest(out, desc->parts));
     CLN_TRY(paint(desc, out));
 done:
     if (st != CLN_OK)

@@ -4,6 +4,7 @@
 #define CLN_SURFACE_H
 
 #include "export/fusion.h"
+#include "export/parts.h"
 #include "export/triangles.h"
 #include "render/crop.h"
 
@@ -26,6 +27,7 @@ typedef struct cln_surface_desc {
     double spacing;       /* of a uniform grid, scene units; 0 = by leaves and views */
     bool closed;          /* also what no training view sees */
     const cln_crop *crop; /* placed; may be off */
+    cln_parts *parts;     /* NULL: all stay; else only the largest, and this tells of them */
     const cln_callbacks *callbacks;
 } cln_surface_desc;
 

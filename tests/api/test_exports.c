@@ -508,6 +508,33 @@ static void crops_of_nothing_are_refused(void **state)
     }
 }
 
+/* The counts of a mesh in parts add up, and points are of the same part. */
+static void the_largest_part(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "largest.ply");
+    cln_export_result all, one, points;
+
+    NEED_DEVICE();
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &all));
+    assert_true(all.parts == 0 && all.faces_left_out == 0);
+    desc.largest = true;
+    assert_ok(cln_export(&desc, &one));
+    print_message("    %lld triangles, %lld of the largest of %lld parts\n", (long long)all.faces,
+                  (long long)one.faces, (long long)one.parts);
+    assert_true(one.parts >= 1 && (one.parts == 1) == (one.faces_left_out == 0));
+    assert_int_equal(one.faces + one.faces_left_out, all.faces);
+    assert_true(one.faces > all.faces / (one.parts + 1));
+    desc.what = "points";
+    desc.count = 100;
+    desc.file = fixture_path("largest-points.ply");
+    assert_ok(cln_export(&desc, &points));
+    assert_true(points.parts == one.parts && points.faces_left_out == one.faces_left_out);
+    desc = export_desc("volume", "x.npy");
+    desc.largest = true;
+    assert_fails(cln_export(&desc, &all), CLN_USAGE, "--largest: has no effect on --volume");
+}
+
 /* Is "images/train/r_0.png" the view "train/r_0"? */
 static bool same_name(const char *is, const char *was)
 {
@@ -663,6 +690,7 @@ int test_group_exports(void)
         cmocka_unit_test(a_mesh_of_fewer_triangles),
         cmocka_unit_test(volumes_are_the_field),
         cmocka_unit_test(crops_are_parts),
+        cmocka_unit_test(the_largest_part),
         cmocka_unit_test(a_cropped_volume_is_a_part),
         cmocka_unit_test(crops_of_nothing_are_refused),
         cmocka_unit_test(cameras_come_back),

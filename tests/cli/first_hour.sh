@@ -916,6 +916,8 @@ section_results() {
     check "no picture is rendered" [ ! -e "$work/cut-views" ]
     expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing ~cube" \
         "$cln" render "$r" --orbit 1 --width 8 -o "$work/cropped" --crop 1000,0,0,1001,1,1
+    expect "an export of it: refused" 2 "~crop: ~nothing ~cube" \
+        "$cln" export "$r" --mesh "$work/x.ply" --crop 1000,0,0,1001,1,1
     expect "colours of boxes, for points" 2 "--colour ~no.effect.on.--points octree" \
         "$cln" export "$r" --points "$work/x.ply" --colour error
     expect "--tree-from a missing run: refused early" 3 "$work/none --tree-from" \

@@ -297,16 +297,19 @@ static void every_other_option_is_read(void **state)
     assert_true(o->overwrite);
     done(&l);
 
-    o = parsed(&l, "export run --mesh m.glb --spacing 0.05 --closed --triangles 90 --scene s -d 1");
+    o = parsed(&l, "export run --mesh m.glb --spacing 0.05 --closed --largest --triangles 90 "
+                   "--scene s -d 1");
     assert_string_equal(o->export_what, "mesh");
     assert_string_equal(o->export_file, "m.glb");
     assert_string_equal(o->scene, "s");
     assert_string_equal(o->device.spec, "1");
     assert_true(o->spacing == 0.05 && o->closed && o->count == 0 && o->triangles == 90);
+    assert_true(o->largest);
     done(&l);
     o = parsed(&l, "export run --points p.ply --count 1000 --crop -1,0,0,1,1,1");
     assert_true(o->spacing == 0 && !o->closed && o->count == 1000);
     assert_string_equal(o->crop, "-1,0,0,1,1,1");
+    assert_false(o->largest);
     done(&l);
 
     o = parsed(&l, "devices --no-test");

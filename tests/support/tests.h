@@ -101,6 +101,7 @@ int test_group_splat(void);
 int test_group_store(void);
 int test_group_structure(void);
 int test_group_clip(void);
+int test_group_parts(void);
 int test_group_reduce(void);
 int test_group_surface(void);
 int test_group_trace(void);
