@@ -417,7 +417,8 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
  * not needed. */
 typedef struct cln_export_desc {
     const char *run;
-    /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
+    /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ, GLB
+     * or STL);
      * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms
      * JSON, or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
     const char *what;

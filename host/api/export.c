@@ -76,10 +76,6 @@ static cln_status check_target(const cln_export_desc *desc, const export_row *ro
 
     if (folders && there && S_ISDIR(info.st_mode))
         return CLN_OK;
-    if (ending && strcasecmp(ending, ".stl") == 0 && may_end_so(row->form, ".obj"))
-        return cln_fail(CLN_USAGE,
-                        "%s: --%s writes %s files; slicers read .obj: end the name with it",
-                        desc->file, desc->what, wanted);
     if (ending ? !may_end_so(row->form, ending) : !folders && (!there || S_ISREG(info.st_mode)))
         return cln_fail(CLN_USAGE, "%s: --%s writes %s%s; end the name with %.*s", desc->file,
                         desc->what, wanted, folders ? "" : " files", (int)strcspn(wanted, "|"),

@@ -466,6 +466,7 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"ply", "points"},
                 {"glb", "mesh"},
                 {"obj", "mesh"},
+                {"stl", "mesh"},
                 {"keep-lcc", "largest"},
                 {"data", "SCENE"},
                 {"datadir", "SCENE"},

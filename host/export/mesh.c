@@ -34,6 +34,18 @@ void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts)
     job->result->faces_left_out = (int64_t)parts->left_out;
 }
 
+/* STL has floats alone. */
+static cln_status write_stl(const char *file, const cln_mesh *mesh)
+{
+    const double rounding = cln_mesh_rounding(mesh);
+
+    if (rounding > mesh->fine / 1000)
+        cln_warn("%s: STL has 32-bit numbers, which move these coordinates by up to %.2g units, "
+                 "where a finest cell has %.2g; .ply keeps them",
+                 file, rounding, mesh->fine);
+    return cln_mesh_write_stl(file, mesh);
+}
+
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
@@ -52,6 +64,8 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
         CLN_TRY(cln_mesh_write_obj(file, mesh));
     else if (cln_export_ends(file, ".glb"))
         CLN_TRY(cln_mesh_write_glb(file, mesh));
+    else if (cln_export_ends(file, ".stl"))
+        CLN_TRY(write_stl(file, mesh));
     else
         CLN_TRY(cln_mesh_write_ply(file, mesh));
     job->result->vertices = (int64_t)mesh->vertices;

@@ -107,17 +107,25 @@ static void normals_of_points_are_between(void **state)
     free(text);
 }
 
+static void keep_warning(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN)
+        snprintf(user, 256, "%s", line);
+}
+
 static void formats_of_a_mesh_agree(void **state)
 {
-    static const char *const files[] = {"mesh.ply", "mesh.obj", "mesh.glb"};
-    cln_export_result results[3];
+    static const char *const files[] = {"mesh.ply", "mesh.obj", "mesh.glb", "mesh.stl"};
+    char warning[256] = "";
+    cln_export_result results[4];
     const vertex *v = NULL;
-    char *text = NULL, *obj = NULL, *line = NULL;
+    char *text = NULL, *obj = NULL, *stl = NULL, *line = NULL;
     int n = 0, lines = 0;
     size_t bytes = 0;
 
     NEED_DEVICE();
-    for (int i = 0; i < 3; i++) {
+    cln_log_set_sink(keep_warning, warning);
+    for (int i = 0; i < 4; i++) {
         const cln_export_desc desc = export_desc("mesh", files[i]);
 
         assert_ok(cln_export(&desc, &results[i]));
@@ -125,8 +133,21 @@ static void formats_of_a_mesh_agree(void **state)
         assert_int_equal(results[i].vertices, results[0].vertices);
         assert_int_equal(results[i].faces, results[0].faces);
     }
+    cln_log_set_sink(fixture_no_log, NULL);
+    assert_string_equal(warning, ""); /* floats are fine enough here */
     v = read_ply(fixture_path("mesh.ply"), &text, &n);
     assert_int_equal(n, results[0].vertices);
+    stl = scratch_get(fixture_path("mesh.stl"), &bytes);
+    assert_int_equal(bytes, 84 + 50 * results[0].faces);
+    for (int64_t f = 0; f < results[0].faces; f++)
+        for (int k = 0; k < 3; k++) {
+            const char *face = (const char *)(v + n) + 13 * f + 1;
+            uint32_t corner = 0;
+
+            memcpy(&corner, face + 4 * k, sizeof corner);
+            assert_memory_equal(stl + 84 + 50 * f + 12 + 12 * k, v[corner].at, sizeof v->at);
+        }
+    free(stl);
     obj = scratch_get(fixture_path("mesh.obj"), &bytes);
     for (line = strstr(obj, "\nv "); line; line = strstr(line + 1, "\nv "), lines++) {
         double p[3];
@@ -265,12 +286,6 @@ size_t meshopt_simplify(unsigned *to, const unsigned *from, size_t indices, cons
     if (target < least_indices)
         target = least_indices;
     return real(to, from, indices, at, vertices, stride, target, error, options, found);
-}
-
-static void keep_warning(cln_log_level level, const char *line, void *user)
-{
-    if (level == CLN_LOG_WARN)
-        snprintf(user, 256, "%s", line);
 }
 
 static void a_mesh_of_fewer_triangles(void **state)
@@ -637,11 +652,11 @@ static void other_locales_change_no_file(void **state)
 
 static void mistakes_are_named(void **state)
 {
-    cln_export_desc desc = export_desc("mesh", "x.stl");
+    cln_export_desc desc = export_desc("mesh", "x.fbx");
     cln_export_result result;
 
     NEED_DEVICE();
-    assert_fails(cln_export(&desc, &result), CLN_USAGE, ".ply|.obj|.glb");
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, ".ply|.obj|.glb|.stl");
     desc = export_desc("mesh", "x.obj");
     desc.spacing = 1e-5;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "or more");

@@ -149,6 +149,7 @@ section_exports() {
     clean 0 export "$work/run" --mesh "$work/mesh.obj" --spacing 0.2 --triangles 50
     clean 0 export "$work/run" --mesh "$work/one.ply" --spacing 0.2 --largest
     clean 0 export "$work/run" --mesh "$work/mesh.glb" --spacing 0.2
+    clean 0 export "$work/run" --mesh "$work/mesh.stl" --spacing 0.2
     clean 7 export "$work/run" --points "$work/points.ply"
     for kind in $("$cln" export --help | grep -oE '^ +--[a-z]+ FILE' | grep -oE -- '--[a-z]+'); do
         case $kind in
@@ -241,7 +242,7 @@ section_refused() {
     echo '{' >"$run/run.json"
     clean 3 info "$run"
     clean 3 render "$work/run" --poses "$work/bad/train" --progress none
-    clean 2 export "$work/run" --mesh "$work/mesh.stl"
+    clean 2 export "$work/run" --mesh "$work/mesh.fbx"
 }
 
 # Every command that the program names was run.
