@@ -303,10 +303,14 @@ typedef struct cln_eval_desc {
     const char *out;   /* the folder to write to; NULL = RUN/eval, and the report is renewed */
     cln_device_desc device;
     cln_callbacks callbacks;
+    const char *views; /* only views of the split with these photos' names, with commas between: a
+                          path in the scene or a file's name, with or without the ending. NULL = as
+                          max_images says, which must be 0 with it */
 } cln_eval_desc;
 
 /* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, or STEP-SPLIT-COUNT.json for
- * fewer views than the split has. CLN_OUTPUT with a filled *result (count above 0): all was
+ * fewer views than the split has, of `views` with eight digits of a digest of their names behind
+ * COUNT. CLN_USAGE for a name in `views` that no view has. CLN_OUTPUT with a filled *result (count above 0): all was
  * measured, but not all could be written. CLN_INPUT for another scene than the run's without
  * `out`. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
@@ -351,6 +355,7 @@ typedef struct cln_render_desc {
     bool mean_depth; /* depth is the mean over the ray; else half of its opacity is before it */
     cln_device_desc device;
     cln_callbacks callbacks;
+    const char *views; /* split: only these, as in cln_eval_desc; NULL = as max_images says */
 } cln_render_desc;
 
 typedef struct cln_render_result {

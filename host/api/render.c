@@ -24,6 +24,7 @@
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "render/named.h"
 #include "render/normals.h"
 #include "render/view.h"
 #include "ranks/ranks.h"
@@ -414,6 +415,10 @@ static cln_status check_given(const cln_render_desc *d)
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         CLN_TRY(cln_given_number("cln_render", rows[i].what, rows[i].value, rows[i].least,
                                  rows[i].most));
+    if (d->views && (!d->split || d->poses))
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "--views: names views of a split; give it, without other poses"));
+    CLN_TRY(cln_views_check(d->views, d->max_images));
     if (d->fps > 0 && d->fps < CLN_FILM_LEAST_FPS)
         CLN_TRY(
             cln_fail(CLN_USAGE, "fps is %g; give %g or more, or 0", d->fps, CLN_FILM_LEAST_FPS));

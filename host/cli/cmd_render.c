@@ -71,6 +71,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .fov = options->fov,
                             .fps = options->fps,
                             .max_images = options->max_images,
+                            .views = options->views,
                             .antialias = options->antialias,
                             .fast = options->fast,
                             .overwrite = options->overwrite,

@@ -271,6 +271,10 @@ static void every_other_option_is_read(void **state)
     assert_int_equal(o->max_images, 9);
     assert_false(o->save_images);
     assert_true(o->min_psnr == 28.5);
+    assert_null(o->views);
+    done(&l);
+    o = parsed(&l, "render run --split train --views a,b.png");
+    assert_string_equal(o->views, "a,b.png");
     done(&l);
 
     o = parsed(&l, "render run -oout --orbit 12 --radius 0.5 --width 64 --height 48 --fov 40 "
@@ -623,6 +627,9 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"eval r --octree f", "--octree is not an option of eval|only of export"},
         {"devices here", "'here'"},
         {"eval r --max-images many", "--max-images|'many'"},
+        {"render r --orbit 3 --views a", "--views cannot be combined with --orbit"},
+        {"render r --poses f --views a", "--views cannot be combined with --poses"},
+        {"view r --views a", "--views is not an option of view|only of eval, render"},
         {"eval r --max-images 1.5", "--max-images|'1.5'|whole"},
         {"eval r --split all", "--split|'all'|train|val|test"},
         {"eval r --scene=", "--scene|empty"},
