@@ -310,9 +310,9 @@ typedef struct cln_eval_desc {
 
 /* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, or STEP-SPLIT-COUNT.json for
  * fewer views than the split has, of `views` with eight digits of a digest of their names behind
- * COUNT. CLN_USAGE for a name in `views` that no view has. CLN_OUTPUT with a filled *result (count above 0): all was
- * measured, but not all could be written. CLN_INPUT for another scene than the run's without
- * `out`. */
+ * COUNT. CLN_USAGE for a name in `views` that no view has. CLN_OUTPUT with a filled *result (count
+ * above 0): all was measured, but not all could be written. CLN_INPUT for another scene than the
+ * run's without `out`. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);

@@ -124,7 +124,7 @@ section_voxels() {
     expect "export --largest" 0 "" \
         "$cln" export "$work/voxels" --mesh "$work/largest.ply" --largest
     check "it tells of the parts" grep -qE \
-        "triangles, (in one part|the largest of [0-9]+ parts \(the others had [0-9,]+ tr[a-z]+\))," \
+        "triangles, (in one part|the largest of [0-9]+ parts \(the others had [0-9,]+ t[a-z]+\))," \
         "$work/out"
     expect "info" 0 "" "$cln" info "$work/voxels"
     check "the leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
