@@ -8,7 +8,7 @@
 #include "base/text.h"
 #include "render/quality.h"
 
-enum { NEAREST = 3, NAME_BYTES = 512 };
+enum { LISTED = 3, NAME_BYTES = 512 };
 
 /* ---- one name ---- */
 
@@ -90,30 +90,29 @@ static int distance(const cln_view *view, const char *name)
     return short_of < whole ? short_of : whole;
 }
 
-/* Writes the names of the split's views that are nearest to one, "" if none is near. */
-static void list_nearest(const cln_scene *scene, cln_split split, const char *name, char *out,
-                         size_t bytes)
+/* Lists names of the split's views: those nearest to one, or with none the first. */
+static void list_names(const cln_scene *scene, cln_split split, const char *name, char *out,
+                       size_t bytes)
 {
-    const size_t length = strlen(name);
+    const size_t length = name ? strlen(name) : 0;
     const int limit = length >= 6 ? 4 : (int)length / 2 + 1; /* as of options' names */
     int listed = 0;
 
     out[0] = 0;
-    for (int edits = 1; edits < limit && listed < NEAREST; edits++)
-        for (int i = 0; i < scene->view_count && listed < NEAREST; i++) {
+    for (int edits = name ? 1 : 0; edits < limit; edits++)
+        for (int i = 0; i < scene->view_count && listed < LISTED; i++) {
             const cln_view *v = &scene->views[i];
             const size_t used = strlen(out);
 
-            if (v->split != split || distance(v, name) != edits)
-                continue;
-            snprintf(out + used, bytes - used, "%s'%s'", listed++ ? ", " : "",
-                     without_dot(v->name));
+            if (v->split == split && (!name || distance(v, name) == edits))
+                snprintf(out + used, bytes - used, "%s'%s'", listed++ ? ", " : "",
+                         without_dot(v->name));
         }
 }
 
 static cln_status fail_name(const cln_scene *scene, cln_split split, const char *name)
 {
-    char near[NEAREST * NAME_BYTES];
+    char names[LISTED * NAME_BYTES];
 
     if (!*name)
         return cln_fail(CLN_USAGE, "--views: a name is empty; give names of photos with commas "
@@ -123,16 +122,16 @@ static cln_status fail_name(const cln_scene *scene, cln_split split, const char 
             return cln_fail(CLN_USAGE,
                             "--views: '%s' is in the split %s, not %s; give --split %s with it",
                             name, cln_split_names[s], cln_split_names[split], cln_split_names[s]);
-    list_nearest(scene, split, name, near, sizeof near);
-    if (*near)
+    list_names(scene, split, name, names, sizeof names);
+    if (*names)
         return cln_fail(CLN_USAGE,
                         "--views: no view of the split %s is called '%s'; did you mean "
                         "%s?",
-                        cln_split_names[split], name, near);
-    return cln_fail(CLN_USAGE,
-                    "--views: no view of the split %s is called '%s'; `cl-nascent info %s --json` "
-                    "lists them",
-                    cln_split_names[split], name, scene->path);
+                        cln_split_names[split], name, names);
+    list_names(scene, split, NULL, names, sizeof names);
+    return cln_fail(CLN_USAGE, "--views: no view of the split %s is called '%s'; it has %s%s",
+                    cln_split_names[split], name, names,
+                    cln_scene_split_count(scene, split) > LISTED ? ", ..." : "");
 }
 
 /* ---- a list of names ---- */

@@ -123,6 +123,8 @@ section_train() {
 section_results() {
     trained
     clean 0 eval "$work/run" --seams --antialias 2 --progress none
+    clean 0 eval "$work/run" --views r_000.png,test/r_000 --no-save-images --progress none
+    clean 2 render "$work/run" --views r_00 --progress none
     clean 9 eval "$work/run" --min-psnr 99 --no-save-images --fast --json --progress none
     clean 0 render "$work/run" --normals --pfm --depth-unit 0.001 --z-depth --progress none
     clean 0 render "$work/run" --orbit 2 --circle --stereo 0.1 --width 16 --progress none

@@ -90,7 +90,8 @@ static void others_are_not(void **state)
                          "IMG_1001.JPG'?"},
         {"images/left/IMG_100", "did you mean 'images/left/IMG_1001.JPG'"},
         {"r_21", "did you mean 'test/r_12'?"},
-        {"nothing like it", "'nothing like it'; `cl-nascent info /s --json` lists them"},
+        {"nothing like it", "'nothing like it'; it has 'images/left/IMG_1001.JPG', 'images/right/"
+                            "IMG_1001.JPG', 'test/r_12', ..."},
         {"img_1001.jpg", "'img_1001.jpg'"},
         {"", "a name is empty"},
         {"r_12,,b", "a name is empty"},
