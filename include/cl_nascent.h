@@ -303,12 +303,16 @@ typedef struct cln_eval_desc {
     const char *out;   /* the folder to write to; NULL = RUN/eval, and the report is renewed */
     cln_device_desc device;
     cln_callbacks callbacks;
+    const char *views; /* only views of the split with these photos' names, with commas between: a
+                          path in the scene or a file's name, with or without the ending. NULL = as
+                          max_images says, which must be 0 with it */
 } cln_eval_desc;
 
 /* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, or STEP-SPLIT-COUNT.json for
- * fewer views than the split has. CLN_OUTPUT with a filled *result (count above 0): all was
- * measured, but not all could be written. CLN_INPUT for another scene than the run's without
- * `out`. */
+ * fewer views than the split has, of `views` with eight digits of a digest of their names behind
+ * COUNT. CLN_USAGE for a name in `views` that no view has. CLN_OUTPUT with a filled *result (count
+ * above 0): all was measured, but not all could be written. CLN_INPUT for another scene than the
+ * run's without `out`. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);
@@ -351,6 +355,7 @@ typedef struct cln_render_desc {
     bool mean_depth; /* depth is the mean over the ray; else half of its opacity is before it */
     cln_device_desc device;
     cln_callbacks callbacks;
+    const char *views; /* split: only these, as in cln_eval_desc; NULL = as max_images says */
 } cln_render_desc;
 
 typedef struct cln_render_result {
@@ -412,11 +417,13 @@ CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*posit
 
 /* ---- exports and facts ---- */
 
-/* What to write, and where. Of colour, spacing, count, closed and triangles, those that the export
- * does not read must be 0; scene and device are not looked at where they are not needed. */
+/* What to write, and where. Of colour, spacing, count, closed, triangles, cropped and largest,
+ * those that the export does not read must be 0; scene and device are not looked at where they are
+ * not needed. */
 typedef struct cln_export_desc {
     const char *run;
-    /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ or GLB);
+    /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ, GLB
+     * or STL);
      * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms
      * JSON, or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
     const char *what;
@@ -434,6 +441,12 @@ typedef struct cln_export_desc {
     int64_t triangles;      /* mesh: the most; 0 = all that its grid makes */
     cln_device_desc device; /* points, mesh, volume */
     cln_callbacks callbacks;
+    bool cropped;        /* points, mesh, volume: to `crop`; with `closed`, the mesh ends in its
+                            faces */
+    double crop[6];      /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
+    double crop_turn[3]; /* degrees by which it is turned about its middle: about x, then y, then
+                            z */
+    bool largest;        /* points, mesh: only the connected part with the most triangles */
 } cln_export_desc;
 
 enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */
@@ -447,11 +460,14 @@ typedef struct cln_export_result {
     int shape[3];                   /* volume: of the grid, z, y, x */
     int views;                      /* cameras */
     bool refined;                   /* cameras: training views have corrected poses */
+    int64_t parts;                  /* with `largest`: connected parts that there were; else 0 */
+    int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
  * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
- * for options that it does not read, and for a grid that is too fine; CLN_FAILED for `triangles` in
+ * for options that it does not read, for a grid that is too fine, and for a crop box that nothing
+ * of the cube is in; CLN_FAILED for `triangles` in
  * a library that was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 

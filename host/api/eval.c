@@ -1,6 +1,7 @@
 /* cln_eval: compares a run's newest checkpoint with the photos of one split. Every figure comes
  * from cln_quality_measure, like those of training, so the two agree image by image. Only figures
  * of the run's own scene go into the run's folder. */
+#include <inttypes.h>
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
@@ -13,6 +14,7 @@
 #include "ranks/ranks.h"
 #include "train/record.h"
 #include "render/open_run.h"
+#include "render/named.h"
 #include "render/quality.h"
 #include "render/seams.h"
 #include "report/report.h"
@@ -42,6 +44,21 @@ done:
     return st;
 }
 
+/* What the files of some views by name have behind their number, so that other choices of as many
+ * keep theirs; "" for all views. */
+static void tell_choice(const cln_eval_desc *desc, const cln_scene *scene, const int *views,
+                        int count, int all, char out[CLN_DIGEST_TEXT])
+{
+    uint64_t d = CLN_DIGEST_START;
+
+    out[0] = 0;
+    if (!desc->views || count == all)
+        return;
+    for (int i = 0; i < count; i++)
+        d = cln_digest(d, scene->views[views[i]].name, strlen(scene->views[views[i]].name) + 1);
+    snprintf(out, CLN_DIGEST_TEXT, "-%08" PRIx32, (uint32_t)d);
+}
+
 /* Finds the place of the evaluation's files, and whether they can be written, before anything is
  * rendered. */
 static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *opened,
@@ -49,7 +66,8 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
 {
     cln_status st = CLN_OK;
     const cln_split s = opened->scene->views[views[0]].split;
-    char *evals = NULL, *plain = NULL, *why = NULL, finer[24] = "";
+    const int all = cln_scene_split_count(opened->scene, s);
+    char *evals = NULL, *plain = NULL, *why = NULL, finer[24] = "", choice[CLN_DIGEST_TEXT];
 
     if (!desc->out && !opened->same_scene)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -57,11 +75,12 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
                          "folder for them with -o",
                          opened->scene->folder, desc->run));
     CLN_TRY(cln_path_join(&evals, desc->run, "eval"));
-    CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count,
-                             cln_scene_split_count(opened->scene, s), &plain));
+    CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count, all,
+                             &plain));
+    tell_choice(desc, opened->scene, views, count, all, choice);
     if (desc->antialias > 1)
         snprintf(finer, sizeof finer, "-antialias%d", desc->antialias);
-    CLN_TRY(cln_asprintf(place, "%s%s%s", plain, finer, desc->fast ? "-fast" : ""));
+    CLN_TRY(cln_asprintf(place, "%s%s%s%s", plain, choice, finer, desc->fast ? "-fast" : ""));
     if (desc->out)
         CLN_TRY(check_place(*place, cln_model_digest(&opened->model)));
     if (desc->save_images) {
@@ -126,6 +145,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_given("cln_eval", "run", desc->run));
     CLN_TRY(cln_given_number("cln_eval", "max_images", desc->max_images, 0, INT_MAX));
     CLN_TRY(cln_given_number("cln_eval", "antialias", desc->antialias, 0, 8));
+    CLN_TRY(cln_views_check(desc->views, desc->max_images));
     for (int s = 0; s < CLN_SPLITS; s++)
         pixels[s] = strcmp(name, cln_split_names[s]) == 0;
     if (desc->out && writes)
@@ -133,7 +153,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_device_check(&desc->device));
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &opened));
     CLN_TRY(cln_open_run_split(opened.scene, name, &split));
-    CLN_TRY(cln_quality_choose(opened.scene, split, desc->max_images, &views, &count));
+    CLN_TRY(cln_views_choose(opened.scene, split, desc->views, desc->max_images, &views, &count));
     CLN_TRY(cln_quality_check(opened.scene, views, count));
     if (writes)
         CLN_TRY(find_place(desc, &opened, name, views, count, &place));

@@ -76,10 +76,6 @@ static cln_status check_target(const cln_export_desc *desc, const export_row *ro
 
     if (folders && there && S_ISDIR(info.st_mode))
         return CLN_OK;
-    if (ending && strcasecmp(ending, ".stl") == 0 && may_end_so(row->form, ".obj"))
-        return cln_fail(CLN_USAGE,
-                        "%s: --%s writes %s files; slicers read .obj: end the name with it",
-                        desc->file, desc->what, wanted);
     if (ending ? !may_end_so(row->form, ending) : !folders && (!there || S_ISREG(info.st_mode)))
         return cln_fail(CLN_USAGE, "%s: --%s writes %s%s; end the name with %.*s", desc->file,
                         desc->what, wanted, folders ? "" : " files", (int)strcspn(wanted, "|"),
@@ -107,21 +103,24 @@ static cln_status find_export(const char *what, const export_row **found)
 /* An option that this export does not read is a mistake. */
 static cln_status check_options(const cln_export_desc *desc)
 {
-    static const struct {
+    const struct {
         const char *option, *of; /* the exports that read it */
-    } rows[] = {{"spacing", "points mesh volume"},
-                {"count", "points"},
-                {"closed", "points mesh"},
-                {"triangles", "mesh"},
-                {"colour", "octree"}};
+        bool given;
+    } rows[] = {
+        {"spacing", "points mesh volume", desc->spacing != 0},
+        {"count", "points", desc->count != 0},
+        {"closed", "points mesh", desc->closed},
+        {"crop", "points mesh volume", desc->cropped},
+        {"largest", "points mesh", desc->largest},
+        {"triangles", "mesh", desc->triangles != 0},
+        {"colour", "octree", desc->colour && strcmp(desc->colour, "level") != 0},
+    };
     cln_status st = CLN_OK;
-    const bool given[] = {desc->spacing != 0, desc->count != 0, desc->closed, desc->triangles != 0,
-                          desc->colour && strcmp(desc->colour, "level") != 0};
 
     if (desc->colour && strcmp(desc->colour, "error") != 0 && strcmp(desc->colour, "level") != 0)
         return cln_fail(CLN_USAGE, "--colour: '%s' is not one of level|error", desc->colour);
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
-        if (given[i] && !strstr(rows[i].of, desc->what))
+        if (rows[i].given && !strstr(rows[i].of, desc->what))
             return cln_fail(CLN_USAGE, "--%s: has no effect on --%s, only on %s; leave it out",
                             rows[i].option, desc->what, rows[i].of);
     if (desc->spacing != 0 && desc->count != 0)
@@ -179,9 +178,11 @@ static cln_status check_space(const export_row *row, const cln_export_desc *desc
     return CLN_OK;
 }
 
-static cln_status open_for(const export_row *row, const cln_export_desc *desc, cln_open_run *opened)
+static cln_status open_for(const export_row *row, cln_export_job *job)
 {
     cln_status st = CLN_OK;
+    const cln_export_desc *desc = job->desc;
+    cln_open_run *opened = &job->opened;
     bool alike = false;
 
     if (row->needs & CLN_EXPORT_DEVICE)
@@ -191,6 +192,7 @@ static cln_status open_for(const export_row *row, const cln_export_desc *desc, c
     else
         CLN_TRY(cln_open_run_model(desc->run, opened));
     CLN_TRY(check_space(row, desc, &opened->model));
+    CLN_TRY(cln_crop_check("--crop", &opened->model.space, &opened->model.tree, &job->crop));
     if (row->needs & CLN_EXPORT_DEVICE)
         CLN_TRY(
             cln_open_run_start(opened, &desc->device, opened->scene ? opened->scene->lenses : 0));
@@ -213,9 +215,10 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     CLN_TRY(cln_given("cln_export", "file", desc->file));
     CLN_TRY(find_export(desc->what, &row));
     CLN_TRY(check_options(desc));
+    CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &job.crop));
     CLN_TRY(cln_run_read(desc->run, &run));
     CLN_TRY(check_target(desc, row));
-    CLN_TRY(open_for(row, desc, &job.opened));
+    CLN_TRY(open_for(row, &job));
     CLN_TRY(row->write(&job));
     result->step = model->step;
     result->leaves = model->tree.leaf_count;

@@ -24,6 +24,7 @@
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "render/named.h"
 #include "render/normals.h"
 #include "render/view.h"
 #include "ranks/ranks.h"
@@ -414,6 +415,10 @@ static cln_status check_given(const cln_render_desc *d)
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         CLN_TRY(cln_given_number("cln_render", rows[i].what, rows[i].value, rows[i].least,
                                  rows[i].most));
+    if (d->views && (!d->split || d->poses))
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "--views: names views of a split; give it, without other poses"));
+    CLN_TRY(cln_views_check(d->views, d->max_images));
     if (d->fps > 0 && d->fps < CLN_FILM_LEAST_FPS)
         CLN_TRY(
             cln_fail(CLN_USAGE, "fps is %g; give %g or more, or 0", d->fps, CLN_FILM_LEAST_FPS));
@@ -421,19 +426,7 @@ done:
     return st;
 }
 
-/* The box of --crop. */
-static cln_status read_crop(cln_render_job *j)
-{
-    double numbers[CLN_CROP_NUMBERS];
-
-    if (!j->desc->cropped)
-        return CLN_OK;
-    memcpy(numbers, j->desc->crop, sizeof j->desc->crop);
-    memcpy(numbers + 6, j->desc->crop_turn, sizeof j->desc->crop_turn);
-    return cln_crop_from_numbers("--crop", numbers, &j->crop);
-}
-
-/* Without one, that of the file of poses, with its background. */
+/* Without --crop, that of the file of poses, with its background. */
 static void choose_crop(cln_render_job *j)
 {
     const cln_render_desc *desc = j->desc;
@@ -492,7 +485,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_render", "desc", desc));
     CLN_TRY(check_given(desc));
-    CLN_TRY(read_crop(&j));
+    CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &j.crop));
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
     if (cln_frames_need_scene(desc, j.run))

@@ -108,6 +108,7 @@ cln_status cln_cmd_eval(const cln_options *options)
                           .scene = options->scene,
                           .split = options->split,
                           .max_images = options->max_images,
+                          .views = options->views,
                           .antialias = options->antialias,
                           .fast = options->fast,
                           .seams = options->seams,

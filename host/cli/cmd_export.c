@@ -11,6 +11,7 @@
 #include "base/text.h"
 #include "cli/console.h"
 #include "export/list.h"
+#include "render/crop.h"
 
 /* The counts of an export, by the words that document and sentence have for them. */
 static json_t *counts_of(const cln_export_result *r)
@@ -44,6 +45,11 @@ static cln_status print_document(const cln_options *options, const cln_export_re
         json_object_set_new(document, "triangles_before",
                             json_integer((json_int_t)r->faces_before));
         json_object_set_new(document, "reduction_error", json_real(r->reduction_error));
+    }
+    if (r->parts > 0) {
+        json_object_set_new(document, "parts", json_integer((json_int_t)r->parts));
+        json_object_set_new(document, "triangles_left_out",
+                            json_integer((json_int_t)r->faces_left_out));
     }
     if (r->refined)
         json_object_set_new(document, "refined_poses", json_true());
@@ -94,6 +100,15 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
     if (r->faces_before > 0) {
         cln_format_count((double)r->faces_before, text);
         fprintf(to, " (of %s; moved by about %.2g units at most)", text, r->reduction_error);
+    }
+    if (r->parts == 1)
+        fprintf(to, ", in one part");
+    if (r->parts > 1) {
+        cln_format_count((double)r->parts, text);
+        fprintf(to, ", the largest of %s parts", text);
+        cln_format_count((double)r->faces_left_out, text);
+        fprintf(to, " (the others had %s %s)", text,
+                cln_plural((double)r->faces_left_out, "triangle", "triangles"));
     }
     cln_format_count((double)r->step, text);
     fprintf(to, ", of the model at step %s\n", text);
@@ -199,9 +214,11 @@ cln_status cln_cmd_export(const cln_options *options)
                             .count = options->count,
                             .closed = options->closed,
                             .triangles = options->triangles,
+                            .largest = options->largest,
                             .device = options->device};
 
     CLN_TRY(check_order(options));
+    CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     if (to_stdout)

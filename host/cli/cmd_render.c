@@ -71,6 +71,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .fov = options->fov,
                             .fps = options->fps,
                             .max_images = options->max_images,
+                            .views = options->views,
                             .antialias = options->antialias,
                             .fast = options->fast,
                             .overwrite = options->overwrite,
@@ -82,14 +83,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .mean_depth = strcmp(options->depth, "mean") == 0,
                             .device = options->device};
 
-    desc.cropped = options->crop != NULL;
-    if (options->crop) {
-        double numbers[CLN_CROP_NUMBERS];
-
-        CLN_TRY(cln_crop_read("--crop", options->crop, numbers));
-        memcpy(desc.crop, numbers, sizeof desc.crop);
-        memcpy(desc.crop_turn, numbers + 6, sizeof desc.crop_turn);
-    }
+    CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
     if (!desc.out) {
         CLN_TRY(standard_folder(options, &standard_out));
         desc.out = standard_out;

@@ -23,7 +23,7 @@ const cln_command cln_commands[] = {
      cln_cmd_train},
     {"eval", CLN_EVAL, "RUN", true, "eval RUN [OPTIONS]",
      "PSNR and SSIM of a run's renders against held-out photos",
-     "Writes RUN/eval/STEP-SPLIT.json, for fewer views than all STEP-SPLIT-COUNT.json, and renews "
+     "Writes RUN/eval/STEP-SPLIT.json, for fewer views than all STEP-SPLIT-COUNT*.json, and renews "
      "RUN/report.html. Figures of another scene than the run's need a folder of their own: -o.",
      cln_cmd_eval},
     {"render", CLN_RENDER, "RUN", true, "render RUN [OPTIONS]",
@@ -177,6 +177,9 @@ const cln_arg cln_args[] = {
          "of a scene: how long a training would take, at the pace of this run"),
     INT(CLN_EVAL | CLN_RENDER, "max-images", max_images, "N", 0, INT_MAX,
          "only N views, evenly chosen (0 = all)", .standard = "0"),
+    TEXT(CLN_EVAL | CLN_RENDER, "views", views, "NAME,...",
+         "only the split's views of these photos: a file's name or its path in the scene, with or "
+         "without the ending"),
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
          "N x N rays for pixels at edges", .standard = "1"),
     FLAG(CLN_EVAL, "seams", seams,
@@ -249,6 +252,11 @@ const cln_arg cln_args[] = {
          "points: how many", .shown = "200000"),
     FLAG(CLN_EXPORT, "closed", closed,
          "points, mesh: also the parts that no training view sees; the mesh is closed then"),
+    TEXT(CLN_EXPORT, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ]",
+         "points, mesh, volume: only what is inside this box, as for render; with --closed a mesh "
+         "ends in the box's faces"),
+    FLAG(CLN_EXPORT, "largest", largest,
+         "points, mesh: only the connected part with the most triangles"),
     INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,
          "mesh: at most N triangles; those that matter least are left out", .shown = "all"),
     WORD(CLN_EXPORT, "colour", box_colour, "level|error",
@@ -461,6 +469,8 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"ply", "points"},
                 {"glb", "mesh"},
                 {"obj", "mesh"},
+                {"stl", "mesh"},
+                {"keep-lcc", "largest"},
                 {"data", "SCENE"},
                 {"datadir", "SCENE"},
                 {"data-dir", "SCENE"},

@@ -17,7 +17,7 @@ typedef struct cln_options {
     char *tune_path; /* file of the user's tuning rows, which may not exist; NULL = no home */
 
     const char *output, *resume, *scene, *like, *preset, *split, *progress, *color;
-    const char *dump_program, *match;
+    const char *dump_program, *match, *views;
     const char *box_colour;                /* export --octree: "level" or "error" */
     const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;
@@ -32,7 +32,7 @@ typedef struct cln_options {
     double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe;
     double spacing;       /* 0 = not given */
     int count, triangles; /* 0 = not given */
-    bool closed;
+    bool closed, largest;
     int image_width, image_height;
     const char *listen;
     int port;

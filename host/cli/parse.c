@@ -555,6 +555,9 @@ static cln_status check_render(const parser *p)
     for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++)
         if (!out->orbit_frames && is_given(p, of_orbit[i]))
             return cln_fail(CLN_USAGE, "--%s requires --orbit", of_orbit[i]);
+    if (out->views && (path || out->poses))
+        return cln_fail(CLN_USAGE,
+                        "--views cannot be combined with --%s; it names views of --split", source);
     if (path && out->max_images)
         return cln_fail(CLN_USAGE, "--max-images cannot be combined with --%s; give --%s N", source,
                         source);

@@ -4,6 +4,7 @@
 #define CLN_EXPORT_H
 
 #include "export/list.h"
+#include "render/crop.h"
 #include "render/open_run.h"
 
 /* The checkpoint is always read. DEVICE: the field on a device; SCENE: the scene's cameras, its own
@@ -22,6 +23,7 @@ typedef enum {
 typedef struct cln_export_job {
     const cln_export_desc *desc;
     cln_open_run opened;
+    cln_crop crop; /* its planes are set */
     cln_export_result *result;
 } cln_export_job;
 

@@ -10,8 +10,9 @@
     X(points, VIEWS, "FILE.ply",                                                                   \
       "write points of the surface that training views see, evenly by area, with colours and "     \
       "normals")                                                                                   \
-    X(mesh, VIEWS, "FILE.ply|.obj|.glb",                                                           \
-      "write that surface as triangles with colours and normals; the ending names the format")     \
+    X(mesh, VIEWS, "FILE.ply|.obj|.glb|.stl",                                                      \
+      "write that surface as triangles with colours and normals (STL has no colours); the ending " \
+      "names the format")                                                                          \
     X(volume, CELLS, "FILE.npy",                                                                   \
       "write colour and density on a grid: float32 [z][y][x][r, g, b, density]; FILE.json beside " \
       "it has the grid's place; not of a run with --space ndc or shell")                           \

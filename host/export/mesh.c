@@ -28,6 +28,24 @@ void cln_export_mesh_free(cln_mesh *mesh)
     free(mesh->colour);
 }
 
+void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts)
+{
+    job->result->parts = (int64_t)parts->parts;
+    job->result->faces_left_out = (int64_t)parts->left_out;
+}
+
+/* STL has floats alone. */
+static cln_status write_stl(const char *file, const cln_mesh *mesh)
+{
+    const double rounding = cln_mesh_rounding(mesh);
+
+    if (rounding > mesh->fine / 1000)
+        cln_warn("%s: STL has 32-bit numbers, which move these coordinates by up to %.2g units, "
+                 "where a finest cell has %.2g; .ply keeps them",
+                 file, rounding, mesh->fine);
+    return cln_mesh_write_stl(file, mesh);
+}
+
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
@@ -46,6 +64,8 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
         CLN_TRY(cln_mesh_write_obj(file, mesh));
     else if (cln_export_ends(file, ".glb"))
         CLN_TRY(cln_mesh_write_glb(file, mesh));
+    else if (cln_export_ends(file, ".stl"))
+        CLN_TRY(write_stl(file, mesh));
     else
         CLN_TRY(cln_mesh_write_ply(file, mesh));
     job->result->vertices = (int64_t)mesh->vertices;
@@ -60,12 +80,19 @@ cln_status cln_export_mesh(cln_export_job *job)
 {
     cln_status st = CLN_OK;
     const cln_export_desc *desc = job->desc;
-    const cln_surface_desc how = {&job->opened, desc->spacing, desc->closed, &desc->callbacks};
+    cln_parts parts = {0};
+    const cln_surface_desc how = {.opened = &job->opened,
+                                  .spacing = desc->spacing,
+                                  .closed = desc->closed,
+                                  .crop = &job->crop,
+                                  .parts = desc->largest ? &parts : NULL,
+                                  .callbacks = &desc->callbacks};
     const cln_space space = cln_space_core(&job->opened.model.space);
     cln_surface surface = {0};
     cln_mesh mesh = {0};
 
     CLN_TRY(cln_surface_make(&how, &surface));
+    cln_export_tell_parts(job, &parts);
     CLN_TRY(cln_export_mesh_make(&mesh, surface.vertices));
     for (size_t i = 0; i < mesh.vertices; i++) {
         const double cube[3] = {surface.at[i][0], surface.at[i][1], surface.at[i][2]};

@@ -3,11 +3,15 @@
 #define CLN_EXPORT_MESH_H
 
 #include "export/export.h"
+#include "export/parts.h"
 #include "io/mesh.h"
 
 /* Allocates rows for `vertices` vertices in a zeroed mesh; the caller sets the rest. */
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices);
 void cln_export_mesh_free(cln_mesh *mesh); /* not its faces */
+
+/* Tells of the parts of a surface in the result. */
+void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts);
 
 /* Writes the job's file, in the format of its ending (else PLY), and sets the result's
  * counts. what: the mesh's name in the file's comment (cln_export_comment). */

@@ -87,13 +87,19 @@ cln_status cln_export_points(cln_export_job *job)
 {
     cln_status st = CLN_OK;
     const cln_export_desc *desc = job->desc;
-    const cln_surface_desc how = {&job->opened, 0, desc->closed, &desc->callbacks};
+    cln_parts parts = {0};
+    const cln_surface_desc how = {.opened = &job->opened,
+                                  .closed = desc->closed,
+                                  .crop = &job->crop,
+                                  .parts = desc->largest ? &parts : NULL,
+                                  .callbacks = &desc->callbacks};
     cln_surface s = {0};
     cln_mesh mesh = {0};
     double area = 0, passed = 0;
     size_t count = 0, face = 0;
 
     CLN_TRY(cln_surface_make(&how, &s));
+    cln_export_tell_parts(job, &parts);
     for (size_t f = 0; f < s.faces; f++)
         area += area_of(&s, f);
     CLN_TRY(count_points(job, area, &count));

@@ -8,6 +8,7 @@
 #include <string.h>
 #include "base/callbacks.h"
 #include "base/memory.h"
+#include "export/clip.h"
 #include "export/marching.h"
 #include "io/image.h"
 #include "pipeline/field.h"
@@ -24,6 +25,9 @@ enum {
 typedef struct job {
     cln_fusion *fusion;
     const cln_callbacks *callbacks;
+    bool closed;
+    const float (*crop)[4]; /* [6]; NULL: none */
+    double margin; /* how far beyond an open crop the surface is traced, to be as without it */
 } job;
 
 static cln_status poll(const cln_callbacks *callbacks)
@@ -38,12 +42,27 @@ double cln_surface_cell(const cln_model *model)
     return root / ((double)(1 << cln_octree_depth(&model->tree)) * model->config.n1);
 }
 
+/* The function whose zero is the surface: the fusion, of a closed crop at most the depth in the
+ * box. */
+static float value_at(const job *j, const float at[3])
+{
+    double depth = 0;
+
+    if (!j->crop)
+        return cln_fusion_at(j->fusion, at);
+    depth = cln_crop_depth(j->crop, at);
+    if (!j->closed)
+        return depth < -j->margin ? -1 : cln_fusion_at(j->fusion, at);
+    depth /= j->fusion->band;
+    return depth <= -1 ? -1 : fminf(cln_fusion_at(j->fusion, at), (float)depth);
+}
+
 static cln_status ask_fusion(void *user, size_t n, const float (*at)[4], float *values)
 {
     const job *j = user;
 
     for (size_t i = 0; i < n; i++)
-        values[i] = cln_fusion_at(j->fusion, at[i]);
+        values[i] = value_at(j, at[i]);
     return poll(j->callbacks);
 }
 
@@ -99,7 +118,7 @@ static cln_status find_normals(const job *j, double step, cln_surface *s)
             memcpy(high, s->at[i], sizeof high);
             low[a] -= (float)step;
             high[a] += (float)step;
-            normal[a] = cln_fusion_at(j->fusion, low) - cln_fusion_at(j->fusion, high);
+            normal[a] = value_at(j, low) - value_at(j, high);
         }
         if (make_unit(normal) > 1e-6)
             memcpy(s->normal[i], normal, sizeof normal);
@@ -111,7 +130,7 @@ done:
 }
 
 /* Who sees it; what none does is dropped. */
-static cln_status look(const job *j, bool closed, cln_surface *s)
+static cln_status look(const job *j, cln_surface *s)
 {
     cln_status st = CLN_OK;
     uint8_t *seen = NULL;
@@ -120,7 +139,7 @@ static cln_status look(const job *j, bool closed, cln_surface *s)
     CLN_TRY(cln_alloc(&seen, s->vertices, sizeof *seen, "vertices"));
     for (size_t i = 0; i < s->vertices; i++)
         seen[i] = cln_fusion_seen(j->fusion, s->at[i], s->normal[i], s->towards[i]);
-    if (!closed)
+    if (!j->closed)
         CLN_TRY(cln_surface_keep(s, seen));
 done:
     free(seen);
@@ -215,24 +234,28 @@ done:
 /* ---- the work ---- */
 
 cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool closed,
-                             const cln_callbacks *callbacks, cln_surface *out)
+                             const float (*crop)[4], const cln_callbacks *callbacks,
+                             cln_surface *out)
 {
     cln_status st = CLN_OK;
-    const job j = {fusion, callbacks};
+    job j = {fusion, callbacks, closed, crop, 0};
     const double finest = fmax(cell, fusion->pixel), wanted = ceil(2 / finest * (1 - 1e-9));
     cln_marching marching = {.ask = ask_fusion, .progress = report, .user = (void *)&j};
     uint8_t *levels = NULL;
 
     marching.cells = cells > 0 ? cells : wanted < MOST_CELLS ? (int)fmax(wanted, 2) : MOST_CELLS;
     fusion->band = BAND * fmax(2.0 / marching.cells, fusion->pixel);
+    j.margin = 2.0 * (2 << CLN_MARCHING_LEVELS) / marching.cells;
     memset(out, 0, sizeof *out);
     out->most = (size_t)fmin(UINT32_MAX, cln_host_memory() / 2 / VERTEX_BYTES);
     if (cells == 0)
         CLN_TRY(choose_levels(fusion, marching.cells, cell, &levels));
     marching.levels = levels;
     CLN_TRY(cln_marching_run(&marching, out));
+    if (crop && !closed)
+        CLN_TRY(cln_surface_clip(out, crop));
     CLN_TRY(find_normals(&j, 2.0 / marching.cells, out));
-    CLN_TRY(look(&j, closed, out));
+    CLN_TRY(look(&j, out));
 done:
     free(levels);
     if (st != CLN_OK)
@@ -256,7 +279,11 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
                          spacing, wanted, side, MOST_CELLS, side / MOST_CELLS));
     CLN_TRY(cln_fusion_make(desc->opened, desc->callbacks, &fusion));
     CLN_TRY(cln_surface_trace(&fusion, (int)wanted, cln_surface_cell(model), desc->closed,
-                              desc->callbacks, out));
+                              desc->crop->on ? desc->crop->planes : NULL, desc->callbacks, out));
+    if (out->faces == 0 && desc->crop->on)
+        CLN_TRY(cln_fail(CLN_INPUT, "--crop: no training view sees a surface in this box%s",
+                         spacing > 0 ? "; give a larger one, or less --spacing"
+                                     : "; give a larger one"));
     if (out->faces == 0 && spacing > 0)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "--spacing %g: no surface is found with %.0f cells across the cube of "
@@ -266,6 +293,8 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: no training view sees a surface in its field; train it longer",
                          desc->opened->run));
+    if (desc->parts)
+        CLN_TRY(cln_surface_keep_largest(out, desc->parts));
     CLN_TRY(paint(desc, out));
 done:
     if (st != CLN_OK)

@@ -57,36 +57,48 @@ cln_status cln_surface_grow_faces(cln_surface *surface)
                             sizeof *surface->face, "triangles");
 }
 
-cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep)
+cln_status cln_surface_drop_unused(cln_surface *surface)
 {
     cln_status st = CLN_OK;
+    cln_surface *s = surface;
     uint32_t *to = NULL;
-    size_t faces = 0, vertices = 0;
+    size_t kept = 0;
 
-    CLN_TRY(cln_alloc(&to, surface->vertices, sizeof *to, "vertices"));
-    for (size_t f = 0; f < surface->faces; f++) {
-        const uint32_t *v = surface->face[f];
-
-        if (!keep[v[0]] && !keep[v[1]] && !keep[v[2]])
-            continue;
+    CLN_TRY(cln_alloc(&to, s->vertices, sizeof *to, "vertices"));
+    for (size_t f = 0; f < s->faces; f++)
         for (int k = 0; k < 3; k++)
-            to[v[k]] = 1;
-        memmove(surface->face[faces++], v, sizeof surface->face[0]);
-    }
-    for (size_t v = 0; v < surface->vertices; v++) {
+            to[s->face[f][k]] = 1;
+    for (size_t v = 0; v < s->vertices; v++) {
         if (!to[v])
             continue;
-        memmove(surface->at[vertices], surface->at[v], sizeof surface->at[0]);
-        memmove(surface->normal[vertices], surface->normal[v], sizeof surface->normal[0]);
-        memmove(surface->towards[vertices], surface->towards[v], sizeof surface->towards[0]);
-        to[v] = (uint32_t)vertices++;
+        memmove(s->at[kept], s->at[v], sizeof s->at[0]);
+        if (s->normal)
+            memmove(s->normal[kept], s->normal[v], sizeof s->normal[0]);
+        if (s->towards)
+            memmove(s->towards[kept], s->towards[v], sizeof s->towards[0]);
+        if (s->colour)
+            memmove(s->colour[kept], s->colour[v], sizeof s->colour[0]);
+        to[v] = (uint32_t)kept++;
     }
-    for (size_t f = 0; f < faces; f++)
+    for (size_t f = 0; f < s->faces; f++)
         for (int k = 0; k < 3; k++)
-            surface->face[f][k] = to[surface->face[f][k]];
-    surface->faces = faces;
-    surface->vertices = vertices;
+            s->face[f][k] = to[s->face[f][k]];
+    s->vertices = kept;
 done:
     free(to);
     return st;
+}
+
+cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep)
+{
+    size_t faces = 0;
+
+    for (size_t f = 0; f < surface->faces; f++) {
+        const uint32_t *v = surface->face[f];
+
+        if (keep[v[0]] || keep[v[1]] || keep[v[2]])
+            memmove(surface->face[faces++], v, sizeof surface->face[0]);
+    }
+    surface->faces = faces;
+    return cln_surface_drop_unused(surface);
 }

@@ -25,6 +25,9 @@ cln_status cln_surface_grow(void *pointer, size_t *room, size_t count, size_t ro
 cln_status cln_surface_grow_vertices(cln_surface *surface);
 cln_status cln_surface_grow_faces(cln_surface *surface);
 
+/* Drops vertices that no face has; the others keep their order. Arrays may be NULL. */
+cln_status cln_surface_drop_unused(cln_surface *surface);
+
 /* Keeps the faces that have a vertex with keep[vertex] != 0, and the vertices of these. */
 cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep);
 

@@ -24,14 +24,21 @@ typedef struct grid {
     double low[3], side;           /* lowest corner and side of a cube, in the cube; x, y, z */
     float (*at)[4], (*towards)[4]; /* [CHUNK] */
     float (*out)[4];               /* [CHUNK] */
+    bool any;                      /* cube in the crop box */
 } grid;
+
+static cln_status fail_thin(void)
+{
+    return cln_fail(CLN_USAGE, "--crop: no cube of the grid has its middle in this box; give a "
+                               "larger box, or less --spacing");
+}
 
 static cln_status place_grid(const cln_export_job *job, grid *g)
 {
     const cln_model *model = &job->opened.model;
     const double spacing = job->desc->spacing, half = model->space.half;
     float low[3] = {1, 1, 1}, high[3] = {-1, -1, -1};
-    double bytes = CHANNELS * sizeof(float);
+    double bytes = CHANNELS * sizeof(float), span[2][3] = {{0}};
 
     g->side = spacing > 0 ? spacing / half : 2.0 / STANDARD_CELLS;
     if (2 / g->side > MOST_CELLS * (1 + 1e-9))
@@ -48,10 +55,18 @@ static cln_status place_grid(const cln_export_job *job, grid *g)
             high[a] = fmaxf(high[a], box[a] + box[3]);
         }
     }
+    if (job->crop.on)
+        cln_crop_span(&model->space, &job->crop, span[0], span[1]);
     for (int a = 0; a < 3; a++) {
-        const double first = floor((low[a] + 1) / g->side + 1e-9);
-        const double last = ceil((high[a] + 1) / g->side - 1e-9);
+        double first = floor((low[a] + 1) / g->side + 1e-9);
+        double last = ceil((high[a] + 1) / g->side - 1e-9);
 
+        if (job->crop.on) { /* with their middles in what the box spans */
+            first = fmax(first, ceil((span[0][a] + 1) / g->side - 0.5 - 1e-6));
+            last = fmin(last, floor((span[1][a] + 1) / g->side + 0.5 + 1e-6));
+            if (last <= first)
+                return fail_thin();
+        }
         g->shape[2 - a] = last > first ? (int)(last - first) : 1;
         g->low[a] = -1 + first * g->side;
         bytes *= g->shape[2 - a];
@@ -96,6 +111,12 @@ static cln_status ask_cells(cln_export_job *job, grid *g, int z, size_t first, s
         }
         if (!any)
             break;
+    }
+    for (size_t i = 0; i < n && job->crop.on; i++) {
+        if (cln_crop_depth((const float(*)[4])job->crop.planes, g->at[i]) < -1e-6)
+            memset(values[i], 0, sizeof values[i]);
+        else
+            g->any = true;
     }
 done:
     return st;
@@ -189,6 +210,8 @@ cln_status cln_export_volume(cln_export_job *job)
     CLN_TRY(cln_alloc(&g.towards, CHUNK, sizeof *g.towards, "points"));
     CLN_TRY(cln_alloc(&g.out, CHUNK, sizeof *g.out, "points"));
     CLN_TRY(write_slices(job, &g, &files[0]));
+    if (job->crop.on && !g.any)
+        CLN_TRY(fail_thin());
     if (about)
         CLN_TRY(write_about(job, &g, about, &files[1]));
     CLN_TRY(

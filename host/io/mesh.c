@@ -1,4 +1,4 @@
-/* Meshes as PLY and OBJ; glTF is in mesh_glb.c. See mesh.h. */
+/* Meshes as PLY and OBJ; glTF is in mesh_glb.c, STL in mesh_stl.c. See mesh.h. */
 #include "io/mesh.h"
 
 #include <math.h>
@@ -12,14 +12,19 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "mesh.c is for little-
 
 enum { LINE = 256 };
 
-bool cln_mesh_fits_floats(const cln_mesh *mesh)
+double cln_mesh_rounding(const cln_mesh *mesh)
 {
     double largest = 0;
 
     for (size_t i = 0; i < mesh->vertices; i++)
         for (int a = 0; a < 3; a++)
             largest = fmax(largest, fabs(mesh->at[i][a]));
-    return largest * 0x1p-24 <= mesh->fine / 100;
+    return largest * 0x1p-24;
+}
+
+bool cln_mesh_fits_floats(const cln_mesh *mesh)
+{
+    return cln_mesh_rounding(mesh) <= mesh->fine / 100;
 }
 
 double cln_mesh_bytes(const cln_mesh *mesh)

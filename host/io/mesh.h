@@ -1,5 +1,5 @@
-/* Meshes of triangles and clouds of points as files for other programs: PLY, OBJ and GLB (binary
- * glTF 2.0). docs/formats.md says what each has. */
+/* Meshes of triangles and clouds of points as files for other programs: PLY, OBJ, GLB (binary glTF
+ * 2.0) and, of triangles alone, binary STL. docs/formats.md says what each has. */
 #ifndef CLN_MESH_H
 #define CLN_MESH_H
 
@@ -18,8 +18,11 @@ typedef struct cln_mesh {
     const char *comment;  /* one line */
 } cln_mesh;
 
+/* How far positions move at most as floats. */
+double cln_mesh_rounding(const cln_mesh *mesh);
+
 /* Returns whether floats keep positions to a hundredth of `fine`. Else files have doubles, or
- * positions relative to the origin (GLB). */
+ * positions relative to the origin (GLB); STL has floats alone. */
 bool cln_mesh_fits_floats(const cln_mesh *mesh);
 
 /* The most bytes that the file may have. */
@@ -29,5 +32,6 @@ double cln_mesh_bytes(const cln_mesh *mesh);
 cln_status cln_mesh_write_ply(const char *path, const cln_mesh *mesh);
 cln_status cln_mesh_write_obj(const char *path, const cln_mesh *mesh);
 cln_status cln_mesh_write_glb(const char *path, const cln_mesh *mesh);
+cln_status cln_mesh_write_stl(const char *path, const cln_mesh *mesh);
 
 #endif

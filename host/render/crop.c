@@ -59,6 +59,33 @@ cln_status cln_crop_from_numbers(const char *name, const double numbers[CLN_CROP
     return cln_crop_set(name, numbers, angle, out);
 }
 
+cln_status cln_crop_of_option(const char *text, bool *cropped, double box[6], double turn[3])
+{
+    cln_status st = CLN_OK;
+    double numbers[CLN_CROP_NUMBERS];
+
+    if (!text)
+        return CLN_OK;
+    CLN_TRY(cln_crop_read("--crop", text, numbers));
+    memcpy(box, numbers, 6 * sizeof *box);
+    memcpy(turn, numbers + 6, 3 * sizeof *turn);
+    *cropped = true;
+done:
+    return st;
+}
+
+cln_status cln_crop_of_desc(bool cropped, const double box[6], const double turn[3], cln_crop *out)
+{
+    double numbers[CLN_CROP_NUMBERS];
+
+    memset(out, 0, sizeof *out);
+    if (!cropped)
+        return CLN_OK;
+    memcpy(numbers, box, 6 * sizeof *box);
+    memcpy(numbers + 6, turn, 3 * sizeof *turn);
+    return cln_crop_from_numbers("--crop", numbers, out);
+}
+
 bool cln_crop_is_turned(const cln_crop *crop)
 {
     for (int i = 0; i < 9; i++)
@@ -112,38 +139,79 @@ static bool is_outside(const cln_space *space, const cln_crop *crop, const float
     return false;
 }
 
-bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop)
+/* Is a leaf of a shell space beyond the cube? */
+static bool is_beyond(const float box[4])
+{
+    for (int a = 0; a < 3; a++)
+        if (fabsf(box[a] + 0.5f * box[3]) > 0.5f)
+            return true;
+    return false;
+}
+
+/* core: of a shell space, leaves beyond the cube do not count. */
+static bool is_empty(const cln_space *space, const cln_octree *tree, bool core, cln_crop *crop)
 {
     cln_crop_place(space, crop);
     for (int i = 0; i < tree->leaf_count; i++) {
         float box[4];
 
         cln_octree_box(tree, tree->leaf[i], box);
-        if (!is_outside(space, crop, box))
+        if (!(core && space->shell && is_beyond(box)) && !is_outside(space, crop, box))
             return false;
     }
     return true;
 }
 
-void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree, cln_crop *crop)
+bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop)
+{
+    return is_empty(space, tree, false, crop);
+}
+
+enum { CUBE_TEXT = 160 };
+
+/* The scene's cube as an option's box. */
+static void write_cube(const cln_space *space, char text[CUBE_TEXT])
 {
     double box[6];
-    char text[160];
     int n = 0;
 
-    if (!cln_crop_is_empty(space, tree, crop))
-        return;
     for (int i = 0; i < 6; i++)
         box[i] = space->centre[i % 3] + (i < 3 ? -space->half : space->half);
     n = cln_reals_digits(6, box, 2 * space->half);
-    cln_format(text, sizeof text, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2],
-               n, box[3], n, box[4], n, box[5]);
+    cln_format(text, CUBE_TEXT, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
+               box[3], n, box[4], n, box[5]);
+}
+
+void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree, cln_crop *crop)
+{
+    char text[CUBE_TEXT];
+
+    if (!cln_crop_is_empty(space, tree, crop))
+        return;
+    write_cube(space, text);
     if (space->forward || space->shell)
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it", name);
     else
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it; the scene's "
                  "cube is %s",
                  name, text);
+}
+
+cln_status cln_crop_check(const char *name, const cln_space *space, const cln_octree *tree,
+                          cln_crop *crop)
+{
+    char text[CUBE_TEXT];
+
+    if (!crop->on || !is_empty(space, tree, true, crop))
+        return CLN_OK;
+    write_cube(space, text);
+    if (space->forward)
+        return cln_fail(CLN_USAGE,
+                        "%s: nothing is in this box, as no leaf of the run reaches into it", name);
+    return cln_fail(CLN_USAGE,
+                    "%s: nothing is in this box, as no leaf of the run%s reaches into it; the "
+                    "scene's cube is %s",
+                    name, space->shell ? " within the cube" : "", text);
 }
 
 /* half +- axis (p - middle) >= 0 */
@@ -167,6 +235,38 @@ void cln_crop_place(const cln_space *space, cln_crop *crop)
         turned_planes(space, crop, crop->planes);
     else
         cln_space_box_to_planes(space, crop->box, crop->planes);
+}
+
+double cln_crop_depth(const float planes[6][4], const float point[3])
+{
+    double least = INFINITY;
+
+    for (int i = 0; i < 6; i++) {
+        double depth = planes[i][3];
+
+        for (int a = 0; a < 3; a++)
+            depth += (double)planes[i][a] * point[a];
+        least = fmin(least, depth);
+    }
+    return least;
+}
+
+void cln_crop_span(const cln_space *space, const cln_crop *crop, double low[3], double high[3])
+{
+    double corners[2][3];
+
+    for (int a = 0; a < 3; a++) {
+        double reach = 0;
+
+        for (int k = 0; k < 3; k++)
+            reach += 0.5 * (crop->box[3 + k] - crop->box[k]) * fabs(crop->turn[3 * k + a]);
+        if (!cln_crop_is_turned(crop))
+            reach = 0.5 * (crop->box[3 + a] - crop->box[a]);
+        corners[0][a] = 0.5 * (crop->box[a] + crop->box[3 + a]) - reach;
+        corners[1][a] = 0.5 * (crop->box[a] + crop->box[3 + a]) + reach;
+    }
+    cln_space_point_to_cube(space, corners[0], low);
+    cln_space_point_to_cube(space, corners[1], high);
 }
 
 cln_status cln_crop_use(cln_pipeline *p, const cln_space *space, cln_crop *crop)

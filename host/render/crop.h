@@ -25,15 +25,32 @@ cln_status cln_crop_read(const char *name, const char *text, double numbers[CLN_
 cln_status cln_crop_from_numbers(const char *name, const double numbers[CLN_CROP_NUMBERS],
                                  cln_crop *out);
 
+/* The same between an option's text and a desc's members: its text (NULL: nothing is set), and a
+ * desc's box and degrees; off if it is not `cropped`. Messages call it --crop. CLN_USAGE. */
+cln_status cln_crop_of_option(const char *text, bool *cropped, double box[6], double turn[3]);
+cln_status cln_crop_of_desc(bool cropped, const double box[6], const double turn[3], cln_crop *out);
+
 bool cln_crop_is_turned(const cln_crop *crop);
 
-/* Empty: is every ACTIVE leaf outside one side of the box? Sets its planes. Warn: warns if so. */
+/* Empty: is every ACTIVE leaf outside one side of the box? Sets its planes. Warn: warns if so.
+ * Check: CLN_USAGE if so, also of a shell space if only leaves beyond the cube reach into it, for
+ * what is made of the cube alone; a crop that is off passes. */
 bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop);
 void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree,
                    cln_crop *crop);
 
+cln_status cln_crop_check(const char *name, const cln_space *space, const cln_octree *tree,
+                          cln_crop *crop);
+
 /* Computes the planes; cln_crop_use does it, too. */
 void cln_crop_place(const cln_space *space, cln_crop *crop);
+
+/* How far within the planes a point of the cube is (of a shell space: a point of u), below 0
+ * outside. */
+double cln_crop_depth(const float planes[6][4], const float point[3]);
+
+/* The box, or what a turned one spans, in the cube of a space that is neither forward nor shell. */
+void cln_crop_span(const cln_space *space, const cln_crop *crop, double low[3], double high[3]);
 
 /* Crops the pipeline's pictures from now on; with NULL, or a crop that is off, no longer. Builds
  * the kernel for it at its first use. The crop stays the caller's. CLN_BUILD, CLN_CL. */

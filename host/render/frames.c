@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "render/named.h"
 #include "render/open_run.h"
-#include "render/quality.h"
 
 cln_status cln_frames_room(int count, cln_frames *out)
 {
@@ -44,7 +44,7 @@ static cln_status of_split(const cln_render_desc *desc, const cln_scene *scene, 
     int *views = NULL, count = 0;
 
     CLN_TRY(cln_open_run_split(scene, desc->split, &split));
-    CLN_TRY(cln_quality_choose(scene, split, desc->max_images, &views, &count));
+    CLN_TRY(cln_views_choose(scene, split, desc->views, desc->max_images, &views, &count));
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {
         out->frame[i].camera = scene->views[views[i]].camera;

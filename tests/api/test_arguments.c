@@ -105,6 +105,13 @@ static void test_numbers_out_of_range(void **state)
         cln_export(&(cln_export_desc){.run = ".", .file = "x.ply", .what = "points", .count = -1},
                    &exported),
         CLN_USAGE, "cln_export: count is -1");
+    assert_fails(cln_export(&(cln_export_desc){.run = ".",
+                                               .file = "x.ply",
+                                               .what = "points",
+                                               .cropped = true,
+                                               .crop = {0, 0, 0, 1, NAN, 1}},
+                            &exported),
+                 CLN_USAGE, "--crop: the minimum 0 is not below the maximum nan along y");
     assert_fails(cln_tune_search(&(cln_tune_desc){.max_tries = -1}, &tuned), CLN_USAGE,
                  "cln_tune_search: max_tries is -1");
 }

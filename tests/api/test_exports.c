@@ -107,17 +107,25 @@ static void normals_of_points_are_between(void **state)
     free(text);
 }
 
+static void keep_warning(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN)
+        snprintf(user, 256, "%s", line);
+}
+
 static void formats_of_a_mesh_agree(void **state)
 {
-    static const char *const files[] = {"mesh.ply", "mesh.obj", "mesh.glb"};
-    cln_export_result results[3];
+    static const char *const files[] = {"mesh.ply", "mesh.obj", "mesh.glb", "mesh.stl"};
+    char warning[256] = "";
+    cln_export_result results[4];
     const vertex *v = NULL;
-    char *text = NULL, *obj = NULL, *line = NULL;
+    char *text = NULL, *obj = NULL, *stl = NULL, *line = NULL;
     int n = 0, lines = 0;
     size_t bytes = 0;
 
     NEED_DEVICE();
-    for (int i = 0; i < 3; i++) {
+    cln_log_set_sink(keep_warning, warning);
+    for (int i = 0; i < 4; i++) {
         const cln_export_desc desc = export_desc("mesh", files[i]);
 
         assert_ok(cln_export(&desc, &results[i]));
@@ -125,8 +133,21 @@ static void formats_of_a_mesh_agree(void **state)
         assert_int_equal(results[i].vertices, results[0].vertices);
         assert_int_equal(results[i].faces, results[0].faces);
     }
+    cln_log_set_sink(fixture_no_log, NULL);
+    assert_string_equal(warning, ""); /* floats are fine enough here */
     v = read_ply(fixture_path("mesh.ply"), &text, &n);
     assert_int_equal(n, results[0].vertices);
+    stl = scratch_get(fixture_path("mesh.stl"), &bytes);
+    assert_int_equal(bytes, 84 + 50 * results[0].faces);
+    for (int64_t f = 0; f < results[0].faces; f++)
+        for (int k = 0; k < 3; k++) {
+            const char *face = (const char *)(v + n) + 13 * f + 1;
+            uint32_t corner = 0;
+
+            memcpy(&corner, face + 4 * k, sizeof corner);
+            assert_memory_equal(stl + 84 + 50 * f + 12 + 12 * k, v[corner].at, sizeof v->at);
+        }
+    free(stl);
     obj = scratch_get(fixture_path("mesh.obj"), &bytes);
     for (line = strstr(obj, "\nv "); line; line = strstr(line + 1, "\nv "), lines++) {
         double p[3];
@@ -267,12 +288,6 @@ size_t meshopt_simplify(unsigned *to, const unsigned *from, size_t indices, cons
     return real(to, from, indices, at, vertices, stride, target, error, options, found);
 }
 
-static void keep_warning(cln_log_level level, const char *line, void *user)
-{
-    if (level == CLN_LOG_WARN)
-        snprintf(user, 256, "%s", line);
-}
-
 static void a_mesh_of_fewer_triangles(void **state)
 {
     char warning[256] = "", expected[64];
@@ -360,6 +375,179 @@ static void volumes_are_the_field(void **state)
     cln_field_close(field);
     json_decref(about);
     free(values);
+}
+
+/* All with x above 0.1: a box, and one that is turned by a right angle. */
+static const double crops[2][9] = {{0.1, -3, -3, 3, 3, 3}, {-2.4, -1.5, -3, 5.6, 1.5, 3, 0, 0, 90}};
+
+static void set_crop(cln_export_desc *desc, const double box[9])
+{
+    desc->cropped = true;
+    memcpy(desc->crop, box, sizeof desc->crop);
+    memcpy(desc->crop_turn, box + 6, sizeof desc->crop_turn);
+}
+
+static void crops_are_parts(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "part.ply");
+    cln_export_result whole, part, closed, points;
+
+    NEED_DEVICE();
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &whole));
+    for (int i = 0; i < 2; i++) {
+        static const char *const files[] = {"part.ply", "part-closed.ply", "part-points.ply"};
+        cln_export_result *const results[] = {&part, &closed, &points};
+
+        set_crop(&desc, crops[i]);
+        for (int k = 0; k < 3; k++) {
+            const vertex *v = NULL;
+            char *text = NULL;
+            int n = 0;
+
+            desc.what = k == 2 ? "points" : "mesh";
+            desc.count = k == 2 ? 500 : 0;
+            desc.closed = k == 1;
+            desc.file = fixture_path(files[k]);
+            assert_ok(cln_export(&desc, results[k]));
+            v = read_ply(desc.file, &text, &n);
+            assert_int_equal(n, results[k]->vertices);
+            for (int j = 0; j < n; j++)
+                assert_true(v[j].at[0] > 0.1 - 1e-5);
+            free(text);
+        }
+        assert_in_range(part.faces, whole.faces / 8, whole.faces * 5 / 8);
+        assert_int_equal(points.vertices, 500);
+        assert_true(open_sides(fixture_path(files[0])) > 0);
+        assert_int_equal(open_sides(fixture_path(files[1])), 0);
+    }
+}
+
+/* A cropped volume has the whole one's cubes, those with their middles in the box; of a turned box
+ * the others within what it spans are 0. */
+static void a_cropped_volume_is_a_part(void **state)
+{
+    static const double turned[9] = {-0.5, -0.4, -0.6, 0.7, 0.5, 0.4, 0, 0, 30};
+    cln_export_desc desc = export_desc("volume", "all.npy");
+    const double degree = 3.14159265358979 / 180;
+    json_t *about[3];
+    float *values[3];
+    int dims = 0, shape[3][4];
+
+    NEED_DEVICE();
+    desc.spacing = 0.1;
+    for (int i = 0; i < 3; i++) {
+        static const char *const files[] = {"all.npy", "box.npy", "turned.npy"};
+        char name[32];
+        cln_export_result result;
+        int seen = 0, out = 0;
+
+        desc.file = fixture_path(files[i]);
+        if (i > 0)
+            set_crop(&desc, i == 1 ? crops[0] : turned);
+        assert_ok(cln_export(&desc, &result));
+        assert_ok(cln_npy_read_f32(desc.file, &dims, shape[i], &values[i]));
+        snprintf(name, sizeof name, "%.*s.json", (int)strcspn(files[i], "."), files[i]);
+        about[i] = fixture_json(name);
+        for (int k = 0; k < shape[i][0] * shape[i][1] * shape[i][2]; k++) {
+            const int cell[3] = {k % shape[i][2], k / shape[i][2] % shape[i][1],
+                                 k / shape[i][2] / shape[i][1]};
+            double at[3], in_box[3];
+            int there[3];
+            bool inside = true;
+            const float *mine = values[i] + 4 * k, *theirs = NULL;
+
+            for (int a = 0; a < 3; a++) {
+                const double first =
+                    json_number_value(json_array_get(fixture_at(about[0], "first"), (size_t)a));
+
+                at[a] =
+                    json_number_value(json_array_get(fixture_at(about[i], "first"), (size_t)a)) +
+                    0.1 * cell[a];
+                there[a] = (int)lround((at[a] - first) / 0.1);
+                assert_near(first + 0.1 * there[a], at[a], 1e-9);
+                assert_in_range(there[a], 0, shape[0][2 - a] - 1);
+            }
+            memcpy(in_box, at, sizeof at);
+            if (i == 2) { /* turned back about the middle */
+                const double x = at[0] - 0.1, y = at[1] - 0.05;
+
+                in_box[0] = 0.1 + cos(30 * degree) * x + sin(30 * degree) * y;
+                in_box[1] = 0.05 - sin(30 * degree) * x + cos(30 * degree) * y;
+            }
+            for (int a = 0; a < 3 && i > 0; a++)
+                inside = inside && in_box[a] > desc.crop[a] - 1e-5 &&
+                         in_box[a] < desc.crop[3 + a] + 1e-5;
+            theirs = values[0] + 4 * ((there[2] * shape[0][1] + there[1]) * shape[0][2] + there[0]);
+            for (int c = 0; c < 4; c++)
+                assert_true(mine[c] == (inside ? theirs[c] : 0));
+            seen += inside && mine[3] > 0;
+            out += !inside;
+        }
+        print_message("    %d x %d x %d, %d cubes seen, %d not in the box\n", shape[i][2],
+                      shape[i][1], shape[i][0], seen, out);
+        assert_true(seen > 100);
+        assert_true((out > 0) == (i == 2));
+        assert_true(i == 0 || shape[i][2] < shape[0][2]);
+    }
+    for (int i = 0; i < 3; i++) {
+        json_decref(about[i]);
+        free(values[i]);
+    }
+}
+
+static void crops_of_nothing_are_refused(void **state)
+{
+    static const struct {
+        const char *what, *file;
+        double box[9], spacing;
+        cln_status st;
+        const char *words;
+    } rows[] = {
+        {"mesh", "x.ply", {9, 9, 9, 10, 10, 10}, 0, CLN_USAGE, "the scene's cube is -"},
+        {"volume", "x.npy", {9, 9, 9, 10, 10, 10}, 0, CLN_USAGE, "no leaf of the run reaches"},
+        {"points", "x.ply", {1, 1, 1, 0, 2, 2}, 0, CLN_USAGE, "--crop: the minimum 1 is not below"},
+        {"mesh", "x.ply", {-0.1, -0.1, -0.1, 0.1, 0.1, 0.1}, 0, CLN_INPUT, "--crop: no training"},
+        {"volume", "x.npy", {0.01, -1, -1, 0.02, 1, 1}, 0.1, CLN_USAGE, "--crop: no cube of the"},
+        {"octree", "x.ply", {-1, -1, -1, 1, 1, 1}, 0, CLN_USAGE, "--crop: has no effect"}};
+
+    NEED_DEVICE();
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        cln_export_desc desc = export_desc(rows[i].what, rows[i].file);
+        cln_export_result result;
+
+        set_crop(&desc, rows[i].box);
+        desc.spacing = rows[i].spacing;
+        assert_fails(cln_export(&desc, &result), rows[i].st, rows[i].words);
+        assert_false(cln_is_file(desc.file));
+    }
+}
+
+/* The counts of a mesh in parts add up, and points are of the same part. */
+static void the_largest_part(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "largest.ply");
+    cln_export_result all, one, points;
+
+    NEED_DEVICE();
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &all));
+    assert_true(all.parts == 0 && all.faces_left_out == 0);
+    desc.largest = true;
+    assert_ok(cln_export(&desc, &one));
+    print_message("    %lld triangles, %lld of the largest of %lld parts\n", (long long)all.faces,
+                  (long long)one.faces, (long long)one.parts);
+    assert_true(one.parts >= 1 && (one.parts == 1) == (one.faces_left_out == 0));
+    assert_int_equal(one.faces + one.faces_left_out, all.faces);
+    assert_true(one.faces > all.faces / (one.parts + 1));
+    desc.what = "points";
+    desc.count = 100;
+    desc.file = fixture_path("largest-points.ply");
+    assert_ok(cln_export(&desc, &points));
+    assert_true(points.parts == one.parts && points.faces_left_out == one.faces_left_out);
+    desc = export_desc("volume", "x.npy");
+    desc.largest = true;
+    assert_fails(cln_export(&desc, &all), CLN_USAGE, "--largest: has no effect on --volume");
 }
 
 /* Is "images/train/r_0.png" the view "train/r_0"? */
@@ -464,11 +652,11 @@ static void other_locales_change_no_file(void **state)
 
 static void mistakes_are_named(void **state)
 {
-    cln_export_desc desc = export_desc("mesh", "x.stl");
+    cln_export_desc desc = export_desc("mesh", "x.fbx");
     cln_export_result result;
 
     NEED_DEVICE();
-    assert_fails(cln_export(&desc, &result), CLN_USAGE, ".ply|.obj|.glb");
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, ".ply|.obj|.glb|.stl");
     desc = export_desc("mesh", "x.obj");
     desc.spacing = 1e-5;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "or more");
@@ -516,6 +704,10 @@ int test_group_exports(void)
         cmocka_unit_test(closed_keeps_what_no_view_sees),
         cmocka_unit_test(a_mesh_of_fewer_triangles),
         cmocka_unit_test(volumes_are_the_field),
+        cmocka_unit_test(crops_are_parts),
+        cmocka_unit_test(the_largest_part),
+        cmocka_unit_test(a_cropped_volume_is_a_part),
+        cmocka_unit_test(crops_of_nothing_are_refused),
         cmocka_unit_test(cameras_come_back),
         cmocka_unit_test(other_locales_change_no_file),
         cmocka_unit_test(mistakes_are_named),

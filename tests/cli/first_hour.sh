@@ -866,6 +866,8 @@ section_results() {
     expect "cameras of a scene with a shell, as a survey has it" 0 "~--bbox=.*--space.shell" \
         "$cln" export "$work/terrain run" --cameras "$work/terrain/cameras.json"
     set -- "$(sed -n 's/.*\(--bbox=[-+.e0-9,]*\).*/\1/p' "$work/err")"
+    expect "a survey for a slicer: what floats lose" 0 "~STL.*move.*\.ply" \
+        "$cln" export "$work/terrain run" --mesh "$work/terrain/slicer.stl"
     "$cln" info "$work/terrain" --json >"$work/whole.json"
     expect "they are a scene with a shell" 0 "" "$cln" info "$work/terrain/cameras.json" --json \
         "$1" --space shell
@@ -885,7 +887,7 @@ section_results() {
     expect "their kind" 2 "z-depth" "$cln" render "$r" --orbit 2 --z-depth -o "$work/a.gif"
     expect "a mesh whose name does not tell its format" 2 "~end.the.name .ply" \
         "$cln" export "$r" --mesh "$work/a"
-    expect "a mesh for a slicer" 2 "~slicers.read.\.obj" "$cln" export "$r" --mesh "$work/a.stl"
+    expect "points for a slicer" 2 "~points.writes.\.ply" "$cln" export "$r" --points "$work/a.stl"
     run "$cln" render "$r" --orbit 3 --width 16 -o "$work/circle" --progress none
     expect "a shorter path in the folder of a longer one: what stays is told" 0 \
         "~2.other.frames.*stay" "$cln" render "$r" --orbit 1 --width 16 -o "$work/circle"
@@ -916,6 +918,8 @@ section_results() {
     check "no picture is rendered" [ ! -e "$work/cut-views" ]
     expect "a crop box that is elsewhere: a warning" 0 "~crop: ~nothing ~cube" \
         "$cln" render "$r" --orbit 1 --width 8 -o "$work/cropped" --crop 1000,0,0,1001,1,1
+    expect "an export of it: refused" 2 "~crop: ~nothing ~cube" \
+        "$cln" export "$r" --mesh "$work/x.ply" --crop 1000,0,0,1001,1,1
     expect "colours of boxes, for points" 2 "--colour ~no.effect.on.--points octree" \
         "$cln" export "$r" --points "$work/x.ply" --colour error
     expect "--tree-from a missing run: refused early" 3 "$work/none --tree-from" \

@@ -123,6 +123,8 @@ section_train() {
 section_results() {
     trained
     clean 0 eval "$work/run" --seams --antialias 2 --progress none
+    clean 0 eval "$work/run" --views r_000.png,test/r_000 --no-save-images --progress none
+    clean 2 render "$work/run" --views r_00 --progress none
     clean 9 eval "$work/run" --min-psnr 99 --no-save-images --fast --json --progress none
     clean 0 render "$work/run" --normals --pfm --depth-unit 0.001 --z-depth --progress none
     clean 0 render "$work/run" --orbit 2 --circle --stereo 0.1 --width 16 --progress none
@@ -144,8 +146,12 @@ section_exports() {
     clean 0 export "$work/run" --points "$work/points.ply" --count 500
     clean 0 export "$work/run" --volume "$work/volume.npy" --spacing 0.5
     clean 0 export "$work/run" --mesh "$work/mesh.ply" --spacing 0.2 --closed
+    clean 0 export "$work/run" --mesh "$work/part.ply" --spacing 0.2 --crop=-0.1,-2,-2,2,2,2
+    clean 2 export "$work/run" --mesh "$work/none.ply" --crop 90,90,90,91,91,91
     clean 0 export "$work/run" --mesh "$work/mesh.obj" --spacing 0.2 --triangles 50
+    clean 0 export "$work/run" --mesh "$work/one.ply" --spacing 0.2 --largest
     clean 0 export "$work/run" --mesh "$work/mesh.glb" --spacing 0.2
+    clean 0 export "$work/run" --mesh "$work/mesh.stl" --spacing 0.2
     clean 7 export "$work/run" --points "$work/points.ply"
     for kind in $("$cln" export --help | grep -oE '^ +--[a-z]+ FILE' | grep -oE -- '--[a-z]+'); do
         case $kind in
@@ -238,7 +244,7 @@ section_refused() {
     echo '{' >"$run/run.json"
     clean 3 info "$run"
     clean 3 render "$work/run" --poses "$work/bad/train" --progress none
-    clean 2 export "$work/run" --mesh "$work/mesh.stl"
+    clean 2 export "$work/run" --mesh "$work/mesh.fbx"
 }
 
 # Every command that the program names was run.

@@ -271,6 +271,10 @@ static void every_other_option_is_read(void **state)
     assert_int_equal(o->max_images, 9);
     assert_false(o->save_images);
     assert_true(o->min_psnr == 28.5);
+    assert_null(o->views);
+    done(&l);
+    o = parsed(&l, "render run --split train --views a,b.png");
+    assert_string_equal(o->views, "a,b.png");
     done(&l);
 
     o = parsed(&l, "render run -oout --orbit 12 --radius 0.5 --width 64 --height 48 --fov 40 "
@@ -297,15 +301,19 @@ static void every_other_option_is_read(void **state)
     assert_true(o->overwrite);
     done(&l);
 
-    o = parsed(&l, "export run --mesh m.glb --spacing 0.05 --closed --triangles 90 --scene s -d 1");
+    o = parsed(&l, "export run --mesh m.glb --spacing 0.05 --closed --largest --triangles 90 "
+                   "--scene s -d 1");
     assert_string_equal(o->export_what, "mesh");
     assert_string_equal(o->export_file, "m.glb");
     assert_string_equal(o->scene, "s");
     assert_string_equal(o->device.spec, "1");
     assert_true(o->spacing == 0.05 && o->closed && o->count == 0 && o->triangles == 90);
+    assert_true(o->largest);
     done(&l);
-    o = parsed(&l, "export run --points p.ply --count 1000");
+    o = parsed(&l, "export run --points p.ply --count 1000 --crop -1,0,0,1,1,1");
     assert_true(o->spacing == 0 && !o->closed && o->count == 1000);
+    assert_string_equal(o->crop, "-1,0,0,1,1,1");
+    assert_false(o->largest);
     done(&l);
 
     o = parsed(&l, "devices --no-test");
@@ -619,6 +627,9 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"eval r --octree f", "--octree is not an option of eval|only of export"},
         {"devices here", "'here'"},
         {"eval r --max-images many", "--max-images|'many'"},
+        {"render r --orbit 3 --views a", "--views cannot be combined with --orbit"},
+        {"render r --poses f --views a", "--views cannot be combined with --poses"},
+        {"view r --views a", "--views is not an option of view|only of eval, render"},
         {"eval r --max-images 1.5", "--max-images|'1.5'|whole"},
         {"eval r --split all", "--split|'all'|train|val|test"},
         {"eval r --scene=", "--scene|empty"},

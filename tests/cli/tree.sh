@@ -121,6 +121,11 @@ section_voxels() {
     expect "render" 0 "" "$cln" render "$work/voxels" --orbit 1 -o "$work/orbit"
     expect "export --mesh" 0 "" "$cln" export "$work/voxels" --mesh "$work/mesh.ply"
     check "the mesh has triangles" grep -q "[1-9][0-9]* triangles" "$work/out"
+    expect "export --largest" 0 "" \
+        "$cln" export "$work/voxels" --mesh "$work/largest.ply" --largest
+    check "it tells of the parts" grep -qE \
+        "triangles, (in one part|the largest of [0-9]+ parts \(the others had [0-9,]+ t[a-z]+\))," \
+        "$work/out"
     expect "info" 0 "" "$cln" info "$work/voxels"
     check "the leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
     local -a decoded=(--preset voxel --decoder-width 16 --rays 512 --leaf-samples 0 --steps 120

@@ -446,14 +446,80 @@ static void depths_give_the_surface_back(void **state)
 
         fuse(&scene, &spaces[i], &tree, &fusion);
         assert_near(fusion.pixel, 3 / (1.3 * WIDTH), 0.005);
-        assert_int_equal(cln_surface_trace(&fusion, 0, 0.01, false, &none, &s), CLN_OK);
+        assert_int_equal(cln_surface_trace(&fusion, 0, 0.01, false, NULL, &none, &s), CLN_OK);
         check_surface(&scene, &s, fusion.pixel);
-        assert_int_equal(cln_surface_trace(&fusion, 60, 0, true, &none, &whole), CLN_OK);
+        assert_int_equal(cln_surface_trace(&fusion, 60, 0, true, NULL, &none, &whole), CLN_OK);
         assert_closed(&whole);
         cln_surface_free(&s);
         cln_surface_free(&whole);
         cln_fusion_free(&fusion);
     }
+    cln_octree_free(&tree);
+    shapes_free(&scene);
+}
+
+/* A crop box, straight and turned. Open, it has the vertices of the whole surface that are in it,
+ * others only in its faces, and their normals; closed, it is what it cuts off the ball. */
+static void a_crop_is_a_part_of_the_surface(void **state)
+{
+    static const cln_space space = {.centre = {30, -20, 10}, .half = 5};
+    static const double boxes[2][CLN_CROP_NUMBERS] = {{25.5, -23, 11.75, 31, -16, 15},
+                                                      {28, -22, 11, 34, -18, 14, 10, -20, 35}};
+    const double half_ball = 2 * 3.14159265 / 3 * 0.4 * 0.4 * 0.4;
+    const cln_callbacks none = {0};
+    cln_fusion fusion = {0};
+    cln_surface whole = {0};
+    cln_octree tree;
+    shapes scene;
+
+    (void)state;
+    make_shapes(&scene);
+    assert_int_equal(cln_octree_create(0, &tree), CLN_OK);
+    fuse(&scene, &space, &tree, &fusion);
+    assert_int_equal(cln_surface_trace(&fusion, 60, 0, false, NULL, &none, &whole), CLN_OK);
+    for (int i = 0; i < 2; i++) {
+        cln_surface open = {0}, closed = {0};
+        size_t inside = 0, same = 0, alike = 0, at_face = 0;
+        const float(*planes)[4] = NULL;
+        cln_crop crop;
+
+        assert_int_equal(cln_crop_from_numbers("box", boxes[i], &crop), CLN_OK);
+        cln_crop_place(&space, &crop);
+        planes = (const float(*)[4])crop.planes;
+        assert_int_equal(cln_surface_trace(&fusion, 60, 0, false, planes, &none, &open), CLN_OK);
+        assert_int_equal(cln_surface_trace(&fusion, 60, 0, true, planes, &none, &closed), CLN_OK);
+        for (size_t v = 0; v < whole.vertices; v++)
+            inside += cln_crop_depth(planes, whole.at[v]) > 1e-6;
+        for (size_t v = 0; v < open.vertices; v++) {
+            const double depth = cln_crop_depth(planes, open.at[v]);
+            size_t k = 0;
+
+            assert_true(depth > -1e-6);
+            at_face += depth < 1e-6;
+            if (depth < 1e-6)
+                continue;
+            while (k < whole.vertices && memcmp(whole.at[k], open.at[v], sizeof open.at[v]) != 0)
+                k++;
+            same += k < whole.vertices;
+            alike += k < whole.vertices &&
+                     memcmp(whole.normal[k], open.normal[v], sizeof open.normal[v]) == 0;
+        }
+        for (size_t v = 0; v < closed.vertices; v++)
+            assert_true(cln_crop_depth(planes, closed.at[v]) > -1e-6);
+        print_message("    %zu vertices of %zu, %zu in faces of the box; closed %zu, volume %.4f\n",
+                      open.vertices, whole.vertices, at_face, closed.vertices, volume_of(&closed));
+        assert_true(inside > 200 && at_face > 20);
+        assert_int_equal(same, open.vertices - at_face);
+        assert_int_equal(alike, same);
+        assert_true(same <= inside && same > inside * 98 / 100);
+        assert_closed(&closed);
+        if (i == 0)
+            assert_near(volume_of(&closed), half_ball, 0.05 * half_ball);
+        cln_surface_free(&open);
+        cln_surface_free(&closed);
+    }
+    cln_surface_free(&whole);
+    cln_fusion_free(&fusion);
     cln_octree_free(&tree);
     shapes_free(&scene);
 }
@@ -629,8 +695,8 @@ static void cells_follow_the_tree(void **state)
     assert_int_equal(cln_octree_depth(&tree), 4);
     fuse(&scene, &space, &tree, &fusion);
     fusion.pixel = cell; /* as if the views were sharper */
-    assert_int_equal(cln_surface_trace(&fusion, cells, 0, true, &none, &s[0]), CLN_OK);
-    assert_int_equal(cln_surface_trace(&fusion, 0, cell, true, &none, &s[1]), CLN_OK);
+    assert_int_equal(cln_surface_trace(&fusion, cells, 0, true, NULL, &none, &s[0]), CLN_OK);
+    assert_int_equal(cln_surface_trace(&fusion, 0, cell, true, NULL, &none, &s[1]), CLN_OK);
     for (int k = 0; k < 2; k++) {
         chamfer(&scene, &s[k], &to[k], &back[k]);
         for (size_t f = 0; f < s[k].faces; f++) {
@@ -726,7 +792,7 @@ static void forward_depths_give_the_surface_back(void **state)
     make_front(&space, &scene);
     assert_int_equal(cln_octree_create(0, &tree), CLN_OK);
     fuse_front(&scene, &space, &tree, &fusion);
-    assert_int_equal(cln_surface_trace(&fusion, FRONT_CELLS, 0, false, &none, &s), CLN_OK);
+    assert_int_equal(cln_surface_trace(&fusion, FRONT_CELLS, 0, false, NULL, &none, &s), CLN_OK);
     for (size_t i = 0; i < s.vertices; i++) {
         const double cube[3] = {s.at[i][0], s.at[i][1], s.at[i][2]};
         const double z = 2 / (1 - cube[2]), cell = space.half * z * z / FRONT_CELLS;
@@ -764,6 +830,7 @@ int test_group_surface(void)
         cmocka_unit_test(too_many_vertices_are_refused),
         cmocka_unit_test(what_is_not_kept_goes),
         cmocka_unit_test(depths_give_the_surface_back),
+        cmocka_unit_test(a_crop_is_a_part_of_the_surface),
         cmocka_unit_test(cells_follow_the_tree),
         cmocka_unit_test(forward_depths_give_the_surface_back),
     };

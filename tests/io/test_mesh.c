@@ -1,5 +1,5 @@
-/* Meshes as files (host/io/mesh.h): PLY, OBJ and GLB read back by the formats' own rules; large
- * coordinates keep their digits in each. */
+/* Meshes as files (host/io/mesh.h): PLY, OBJ, GLB and STL read back by the formats' own rules;
+ * large coordinates keep their digits in each but STL. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -172,15 +172,61 @@ static void glb_is_gltf(void **state)
     free(data);
 }
 
+static double float_at(const char *bytes, size_t offset)
+{
+    const uint32_t word =
+        (uint32_t)(uint8_t)bytes[offset] | (uint32_t)(uint8_t)bytes[offset + 1] << 8 |
+        (uint32_t)(uint8_t)bytes[offset + 2] << 16 | (uint32_t)(uint8_t)bytes[offset + 3] << 24;
+    float value = 0;
+
+    memcpy(&value, &word, sizeof value);
+    return (double)value;
+}
+
+static void stl_is_what_slicers_read(void **state)
+{
+    static uint32_t faces[3][3] = {{0, 1, 2}, {0, 3, 1}, {0, 1, 1}};
+    static const double normals[3][3] = {{0, 0, 1}, {0, 1, 0}, {0, 0, 0}};
+    const char *file = scratch_path(*state, "x.stl");
+
+    for (int far = 0; far < 2; far++) {
+        cln_mesh mesh = far ? make(0, 0) : make(500000, 4100000);
+        size_t bytes = 0;
+        char *data = NULL;
+
+        mesh.faces = 3;
+        mesh.face = faces;
+        mesh.comment = far ? "solid as a rock" : "a test; scene units";
+        assert_near(cln_mesh_rounding(&mesh), far ? 0.25 : 0, far ? 0.01 : 1e-5);
+        assert_int_equal(cln_mesh_write_stl(file, &mesh), CLN_OK);
+        data = scratch_get(file, &bytes);
+        assert_int_equal(bytes, 84 + 3 * 50);
+        assert_true(strncmp(data, "solid", 5) != 0); /* such files are text */
+        assert_non_null(strstr(data, far ? "rock" : "a test; scene units"));
+        assert_memory_equal(data + 80, "\3\0\0", 4);
+        for (size_t f = 0; f < 3; f++) {
+            const size_t row = 84 + 50 * f;
+
+            for (size_t a = 0; a < 3; a++)
+                assert_near(float_at(data, row + 4 * a), normals[f][a], 1e-6);
+            for (size_t k = 0; k < 3; k++)
+                for (size_t a = 0; a < 3; a++)
+                    assert_true(float_at(data, row + 12 + 12 * k + 4 * a) ==
+                                (double)(float)mesh.at[faces[f][k]][a]);
+            assert_memory_equal(data + row + 48, "\0", 2);
+        }
+        free(data);
+    }
+}
+
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
 int test_group_mesh(void)
 {
     const struct CMUnitTest tests[] = {
-        ON_DISK(ply_is_wide_where_it_must_be),
-        ON_DISK(points_have_no_faces),
-        ON_DISK(obj_has_digits_and_colours),
-        ON_DISK(glb_is_gltf),
+        ON_DISK(ply_is_wide_where_it_must_be), ON_DISK(points_have_no_faces),
+        ON_DISK(obj_has_digits_and_colours),   ON_DISK(glb_is_gltf),
+        ON_DISK(stl_is_what_slicers_read),
     };
 
     return cmocka_run_group_tests_name("mesh", tests, NULL, NULL);

@@ -120,7 +120,8 @@ static void empty_boxes_are_found(void **state)
     (void)state;
     for (int k = 0; k < 3; k++) {
         const cln_space *space = spaces[k];
-        int empty = 0, missed = 0, full = 0;
+        const cln_space core_space = cln_space_core(space);
+        int empty = 0, missed = 0, full = 0, refused = 0, beyond = 0;
         uint32_t seed = 7;
         cln_octree tree;
 
@@ -129,7 +130,7 @@ static void empty_boxes_are_found(void **state)
             const int slot = (int)draw(&seed, 0, tree.leaf_count);
             double n[CLN_CROP_NUMBERS] = {0}, cube[3], middle[3];
             float box[4];
-            bool any = false;
+            bool any = false, passes = false;
             cln_crop crop;
 
             cln_octree_box(&tree, tree.leaf[slot], box);
@@ -147,6 +148,19 @@ static void empty_boxes_are_found(void **state)
             }
             assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_OK);
             any = !cln_crop_is_empty(space, &tree, &crop);
+            passes = cln_crop_check("box", space, &tree, &crop) == CLN_OK;
+            if (!space->shell)
+                assert_int_equal(passes, any);
+            assert_true(any || !passes);
+            if (i % 2 && space->shell) { /* where only what is beyond the cube is in it */
+                const bool core =
+                    fabs(cube[0]) < 0.49 && fabs(cube[1]) < 0.49 && fabs(cube[2]) < 0.49;
+
+                refused += !passes;
+                beyond += !cln_space_holds(&core_space, middle);
+                assert_true(!core || passes);
+            }
+            cln_clear_error();
             if (i % 2)
                 assert_true(any);
             full += any;
@@ -157,6 +171,7 @@ static void empty_boxes_are_found(void **state)
         print_message("    %s: %d boxes with something, %d without, %d of these not known to be\n",
                       cln_space_name(space), full - missed, empty, missed);
         assert_true(empty > 100 && missed < empty / 4);
+        assert_true(!space->shell || (refused > 20 && refused <= beyond && refused > beyond / 2));
         cln_octree_free(&tree);
     }
 }

@@ -1,0 +1,63 @@
+/* Connected parts of a surface, by union and find over the vertices that triangles share (Tarjan
+ * 1975; paths are halved). See parts.h. */
+#include "export/parts.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+
+/* The first vertex of a vertex's part, as far as parts have been joined. */
+static uint32_t find(uint32_t *to, uint32_t v)
+{
+    while (to[v] != v) {
+        to[v] = to[to[v]];
+        v = to[v];
+    }
+    return v;
+}
+
+/* A part's root is its least vertex, so the outcome does not depend on the order of joins. */
+static void join(uint32_t *to, uint32_t a, uint32_t b)
+{
+    a = find(to, a);
+    b = find(to, b);
+    if (a < b)
+        to[b] = a;
+    else
+        to[a] = b;
+}
+
+cln_status cln_surface_keep_largest(cln_surface *surface, cln_parts *found)
+{
+    cln_status st = CLN_OK;
+    cln_surface *s = surface;
+    uint32_t *to = NULL, *count = NULL, largest = 0;
+    size_t kept = 0;
+
+    *found = (cln_parts){0};
+    CLN_TRY(cln_alloc(&to, s->vertices, sizeof *to, "vertices"));
+    CLN_TRY(cln_alloc(&count, s->vertices, sizeof *count, "vertices"));
+    for (size_t v = 0; v < s->vertices; v++)
+        to[v] = (uint32_t)v;
+    for (size_t f = 0; f < s->faces; f++) {
+        join(to, s->face[f][0], s->face[f][1]);
+        join(to, s->face[f][0], s->face[f][2]);
+    }
+    for (size_t f = 0; f < s->faces; f++)
+        count[find(to, s->face[f][0])]++;
+    for (size_t v = 0; v < s->vertices; v++) {
+        found->parts += count[v] > 0;
+        if (count[v] > count[largest])
+            largest = (uint32_t)v;
+    }
+    for (size_t f = 0; f < s->faces; f++)
+        if (find(to, s->face[f][0]) == largest)
+            memmove(s->face[kept++], s->face[f], sizeof s->face[0]);
+    found->left_out = s->faces - kept;
+    s->faces = kept;
+    CLN_TRY(cln_surface_drop_unused(s));
+done:
+    free(to);
+    free(count);
+    return st;
+}

@@ -1,0 +1,77 @@
+/* Meshes as binary STL, which slicers read: 80 bytes of text, the number of triangles, and for each
+ * of them its normal, its corners and two bytes of 0, all little-endian whatever the host is;
+ * floats of 32 bits, no colours and no shared vertices. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "base/files.h"
+#include "io/mesh.h"
+
+enum { HEADER = 80, ROW = 50 };
+
+static void put_word(uint8_t **to, uint32_t word)
+{
+    for (int byte = 0; byte < 4; byte++)
+        *(*to)++ = (uint8_t)(word >> 8 * byte);
+}
+
+static void put_three(uint8_t **to, const double v[3])
+{
+    for (int a = 0; a < 3; a++) {
+        const float narrow = (float)v[a];
+        uint32_t word = 0;
+
+        memcpy(&word, &narrow, sizeof word);
+        put_word(to, word);
+    }
+}
+
+/* Unit, outwards; 0 of a triangle without area. */
+static void find_normal(const cln_mesh *mesh, const uint32_t face[3], double normal[3])
+{
+    double side[2][3], length = 0;
+
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < 3; a++)
+            side[k][a] = mesh->at[face[k + 1]][a] - mesh->at[face[0]][a];
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+
+        normal[a] = side[0][b] * side[1][c] - side[0][c] * side[1][b];
+        length += normal[a] * normal[a];
+    }
+    for (int a = 0; a < 3 && length > 0; a++)
+        normal[a] /= sqrt(length);
+}
+
+cln_status cln_mesh_write_stl(const char *path, const cln_mesh *mesh)
+{
+    cln_status st = CLN_OK;
+    cln_atomic_file *file = NULL;
+    uint8_t bytes[HEADER + 4] = {0}, *to = bytes + HEADER;
+
+    if (mesh->faces > UINT32_MAX)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %zu triangles are more than an STL file can count", path,
+                         mesh->faces));
+    /* readers take a file that begins with "solid" for one of text */
+    snprintf((char *)bytes, HEADER, "%s%s", strncmp(mesh->comment, "solid", 5) == 0 ? "a " : "",
+             mesh->comment);
+    put_word(&to, (uint32_t)mesh->faces);
+    CLN_TRY(cln_atomic_open(path, &file));
+    CLN_TRY(cln_atomic_write(file, bytes, HEADER + 4));
+    for (size_t f = 0; f < mesh->faces; f++) {
+        double normal[3];
+        uint8_t row[ROW] = {0};
+
+        to = row;
+        find_normal(mesh, mesh->face[f], normal);
+        put_three(&to, normal);
+        for (int k = 0; k < 3; k++)
+            put_three(&to, mesh->at[mesh->face[f][k]]);
+        CLN_TRY(cln_atomic_write(file, row, ROW));
+    }
+    CLN_TRY(cln_atomic_commit(&file));
+done:
+    cln_atomic_abandon(file);
+    return st;
+}
