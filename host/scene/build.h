@@ -7,13 +7,6 @@
 #include "scene/reader.h"
 #include "scene/scene.h"
 
-/* load.c: the folder of a scene given as folder or file; the caller frees *out. */
-cln_status cln_scene_folder(const char *path, char **out);
-
-/* camera.c: checks intrinsics and pose, and replaces the rotation by the nearest exact one. `frame`
- * names the camera in the sentence. */
-cln_status cln_camera_check(cln_camera *camera, const char *frame);
-
 /* camera.c: divides the image size and everything in pixels by x (width) and y (height). */
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
