@@ -14,9 +14,6 @@ void cln_camera_resize(cln_camera *camera, int width, int height, double x, doub
  * split_rule; then orders the views, and checks for duplicates and for a training view. */
 cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout);
 
-/* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
-int cln_natural_compare(const char *a, const char *b);
-
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
  * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with
  * a warning. CLN_INPUT if `rule` (config.missing) allows none to be left out, or not so many, or if
