@@ -390,8 +390,9 @@ CLN_API cln_status cln_view_run(const cln_view_desc *desc);
 
 /* ---- the field itself ---- */
 
-/* A trained run, opened for evaluation at points: its newest checkpoint on a device (NULL: as
- * "auto"). Needs neither scene nor, once open, run folder. One thread at a time; close frees it. */
+/* A trained run, opened for evaluation at points and for pictures in memory: its newest checkpoint
+ * on a device (NULL: as "auto"). Needs neither scene nor, once open, run folder. One thread at a
+ * time; close frees it. */
 typedef struct cln_field cln_field;
 
 CLN_API cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_field **out);
@@ -414,6 +415,37 @@ CLN_API void cln_field_box(const cln_field *field, double min[3], double max[3])
  * direction of length 0 or a number that is not finite. */
 CLN_API cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3],
                                 const float (*directions)[3], float (*rgb)[3], float *sigma);
+
+/* A picture of the field: a camera in the scene's own frame and units, which is needed, and how to
+ * render. The camera's axes are OpenCV's: x right, y down, z forward (of OpenGL's, as transforms
+ * JSON has them, negate the second and third column). The top-left pixel's centre is at (0.5,
+ * 0.5). */
+typedef struct cln_frame_desc {
+    int width, height;     /* pixels */
+    double fx, fy, cx, cy; /* pixels */
+    double c2w[12];        /* camera to world, 3 x 4, row by row: a rotation, and the position */
+    /* NULL = a pinhole. Else a lens model by COLMAP's name ("OPENCV", "OPENCV_FISHEYE"), and its
+     * parameters in the order of docs/method.md 3.1, the others 0. Of "EQUIRECTANGULAR" the picture
+     * spans the sphere, and fx, fy, cx, cy are not looked at. */
+    const char *lens;
+    double params[12];
+    const float *background; /* [3] r, g, b in 0..1, sRGB; NULL = the run's own */
+    int antialias;           /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
+    bool z_depth;            /* depth along the optical axis; else along the ray */
+    bool mean_depth; /* depth is the mean over the ray; else half of its opacity is before it */
+    cln_callbacks callbacks; /* interrupted */
+} cln_frame_desc;
+
+/* Renders into the caller's arrays, each NULL if not wanted, row by row from the top:
+ *   rgb      [height][width][3] 0..1, sRGB as in the photos, over the background
+ *   depth    [height][width]    scene units; 0 where opacity is 0
+ *   opacity  [height][width]    0..1
+ * The pixels are cln_render's before these are rounded to 8 bits, and to the bit its depths. The
+ * first picture also computes densities of all leaves, and the first with a lens builds kernels for
+ * it; later ones reuse both, and the memory. Of a picture that failed, arrays have no meaning; the
+ * field can be used again. CLN_USAGE also for a c2w that is no rotation to 1e-3. */
+CLN_API cln_status cln_field_render(cln_field *field, const cln_frame_desc *frame, float *rgb,
+                                    float *depth, float *opacity);
 
 /* ---- exports and facts ---- */
 

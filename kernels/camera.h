@@ -16,7 +16,7 @@ HELPER float3 camera_origin(cln_device_camera c)
 }
 
 /* Ray through pixel position (u, v): where it begins, and how far that is from the camera; unit
- * direction, and its z in the camera's frame. False if the lens has none there, or if it does not
+ * direction, and 0. False if the lens has none there, or if it does not
  * cross the plane where rays begin. */
 HELPER bool camera_ray(cln_device_camera c, float u, float v, float4 *origin, float4 *direction)
 {
@@ -25,7 +25,7 @@ HELPER bool camera_ray(cln_device_camera c, float u, float v, float4 *origin, fl
     const float scale = rsqrt(p.x * p.x + p.y * p.y + p.z * p.z);
 
     *origin = (float4)(camera_origin(c), 0.0f);
-    *direction = (float4)(camera_turn(c, p.x, p.y, p.z) * scale, p.z * scale);
+    *direction = (float4)(camera_turn(c, p.x, p.y, p.z) * scale, 0.0f);
     if (c.start > 0.0f) {
         if (!(p.z > 0.0f))
             return false;

@@ -21,7 +21,7 @@ __kernel void rays_make(const __global cln_device_camera *restrict cameras, /* [
 
     if (!found) {
         o = (float4)(3.0f, 3.0f, 3.0f, 0.0f); /* outside the cube, and away from it: sees nothing */
-        d = (float4)(1.0f, 0.0f, 0.0f, 1.0f);
+        d = (float4)(1.0f, 0.0f, 0.0f, 0.0f);
     }
 #if SHELL
     shell_lines(found, o, d, ray_o + r * CLN_LINE_ROWS, ray_d + r * CLN_LINE_ROWS);

@@ -59,8 +59,8 @@ HELPER float3 view_direction(float4 o, float4 d, float4 box)
 }
 
 /* The ray through pixel position (u, v), for ray_depth(): where it begins, and its distance from
- * the camera there; unit direction, and its cosine to the axis. False if there is none, or it
- * cannot meet the cube; the direction is then arbitrary. */
+ * the camera there; unit direction, and 0. False if there is none, or it cannot meet the cube; the
+ * direction is then arbitrary. */
 HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *d)
 {
 #if NDC
@@ -72,12 +72,12 @@ HELPER bool pixel_ray(cln_device_camera c, float u, float v, float4 *o, float4 *
 
     if (!found) {
         *o = (float4)(0.0f, 0.0f, -1.0f, 0.0f);
-        *d = (float4)(0.0f, 0.0f, 1.0f, 1.0f);
+        *d = (float4)(0.0f, 0.0f, 1.0f, 0.0f);
         return false;
     }
     *o = (float4)(NDC_X * MAD(far, q.x, p.x) / z, NDC_Y * MAD(far, q.y, p.y) / z, 1.0f - 2.0f / z,
                   far);
-    *d = (float4)(along * rsqrt(dot(along, along)), q.w);
+    *d = (float4)(along * rsqrt(dot(along, along)), 0.0f);
     return true;
 #else
     const bool found = camera_ray(c, u, v, o, d);

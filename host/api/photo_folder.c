@@ -183,12 +183,12 @@ cln_status cln_photos_probe(const cln_poses_desc *desc, cln_film *out)
                                                "-of", "default=nw=1", file, NULL},
                          &watch);
     if (st == CLN_FAILED) {
-        why = strdup(cln_error_text());
+        CLN_TRY(cln_strdup(&why, cln_error_text()));
         cln_clear_error();
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: cannot be read as a video (%s); give another file, or a folder of "
                          "photos",
-                         desc->photos, why ? why : "out of memory"));
+                         desc->photos, why));
     }
     CLN_TRY(st);
     if (!(v.film.duration > 0))

@@ -7,7 +7,8 @@
  *   SCENE/colmap.db     COLMAP's features and matches
  *   SCENE/colmap.log    every command with its output
  *
- * Photos of one size and, by EXIF data, focal length are one camera's (photo_cameras.c).
+ * Photos of one size and, by EXIF data, focal length are one camera's (photo_cameras.c). This file
+ * checks and makes the folder; colmap.c runs the program.
  *
  * Photos are matched all with all, or each with the next ones where there are many and their
  * names are numbered without many gaps, as cameras and videos number them. */
@@ -22,205 +23,30 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/callbacks.h"
-#include "base/config.h"
 #include "base/files.h"
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "base/number.h"
 #include "base/settings.h"
 #include "base/text.h"
-#include "api/photo_cameras.h"
+#include "api/colmap.h"
 #include "api/photo_folder.h"
 #include "cl_nascent.h"
 #include "io/command.h"
 #include "io/disk.h"
 #include "io/image.h"
-#include "scene/build.h"
 #include "scene/dataset.h"
 #include "scene/reader.h"
 
-enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64, PHOTOS_LEAST = 3 };
-enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
-/* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of room;
- * what a photo's features need in the database: of so many pixels, and at most. */
-static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18, ROOM_PIXEL = 4,
-                    ROOM_PHOTO = 1 << 20;
-
-/* Models of fewer photos than that are thrown away, and other beginnings tried, up to 200. */
-static const char SIZE[] = "--Mapper.min_model_size";
-/* Photos matched before it says how far it is; its own is 50. */
-static const char BLOCK[] = "--ExhaustiveMatching.block_size";
-/* A file with the names of the photos to take, from which one run makes one camera. */
-static const char LIST[] = "--image_list_path";
+/* Bytes that a photo's features need in the database: of so many pixels, and at most. */
+static const double ROOM_PIXEL = 4, ROOM_PHOTO = 1 << 20;
 
 typedef struct work {
     const cln_poses_desc *desc;
     cln_poses_result *result;
-    cln_names photos;
     cln_film film; /* where the photos come from a video */
-    char *images, *database, *sparse, *log_path;
-    FILE *log;
-    const char *stage;                 /* name of this step on the progress line */
-    int done, before;                  /* photos of this run; of runs before it */
-    bool full;                         /* COLMAP found no room on the disk */
-    int together;                      /* most photos that a model had */
-    const char *extraction, *matching; /* how this COLMAP calls its options */
-    bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
-    int from_here;             /* photos of the model that grows now */
-    bool anew;                 /* it is said that another model was begun */
-    double focal_least, focal_most; /* by EXIF data, pixels */
+    cln_colmap colmap;
 } work;
-
-/* ---- COLMAP's words ---- */
-
-/* Behind the first of two phrases that the line has; NULL if it has neither. */
-static const char *behind(const char *line, const char *phrase, const char *newer)
-{
-    const char *at = strstr(line, phrase), *other = strstr(line, newer);
-
-    return at ? at + strlen(phrase) : other ? other + strlen(newer) : NULL;
-}
-
-/* "  Focal Length:    882.17px (Prior)" */
-static void take_focal_length(work *w, const char *line)
-{
-    static const char name[] = "Focal Length:";
-    const char *at = strstr(line, name), *end = NULL;
-    double pixels = 0;
-
-    w->result->focal_lengths++;
-    if (!at)
-        return;
-    at += sizeof name - 1;
-    at += strspn(at, " ");
-    if (!cln_number_read(at, &pixels, &end) || !(pixels > 0))
-        return;
-    w->focal_least = w->focal_least > 0 ? fmin(w->focal_least, pixels) : pixels;
-    w->focal_most = fmax(w->focal_most, pixels);
-}
-
-/* COLMAP may begin many models, of which it keeps some: the second one is told. */
-static void begin_model(work *w)
-{
-    if (w->from_here > 0 && !w->anew) {
-        cln_info("one start led to %d of %d photos; COLMAP begins anew from others", w->from_here,
-                 w->photos.count);
-        w->anew = true;
-    }
-    w->from_here = 0;
-}
-
-/* "882", or "850 to 900". */
-static const char *range(double least, double most, char out[RANGE])
-{
-    if (round(least) == round(most))
-        cln_format(out, RANGE, "%.0f", least);
-    else
-        cln_format(out, RANGE, "%.0f to %.0f", least, most);
-    return out;
-}
-
-/* Progress: "Processed file [3/14]", "Matching block [1/2, 1/2]", "Matching image [3/14]",
- * "Registering image #5 (7)". COLMAP 3.13 and newer begin lines with time and place, write
- * "Processing" for "Matching", and "(num_reg_frames=7)". */
-static void read_line(const char *line, void *user)
-{
-    work *w = user;
-    const char *at = NULL;
-    int a = 0, b = 0, of_a = 0, of_b = 0;
-
-    /* SQLite's words, and the system's; the commands of 3.8 may end with 0 all the same */
-    if (strstr(line, "database or disk is full") || strstr(line, "No space left on device"))
-        w->full = true;
-    if (strstr(line, "(Prior)"))
-        take_focal_length(w, line);
-    if (behind(line, "Initializing with image pair", "Registering initial image pair"))
-        begin_model(w);
-    if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
-        (sscanf(at, "(%d)", &a) == 1 || sscanf(at, "(num_reg_frames=%d)", &a) == 1)) {
-        w->from_here = a;
-        w->together = a > w->together ? a : w->together;
-        w->done = w->together; /* another model begins small */
-    } else if ((at = behind(line, "Matching block [", "Processing block ["))) {
-        const int found = sscanf(at, "%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
-
-        if (found == 4 && of_a > 0 && of_b > 0)
-            w->done = (int)((a - 1 + (b - 1) / (double)of_b) / of_a * w->photos.count);
-    } else if ((at = strstr(line, "Processed file [")) &&
-               sscanf(at, "Processed file [%d", &a) == 1) {
-        w->done = w->before + a;
-    } else if ((at = behind(line, "Matching image [", "Processing image [")) &&
-               sscanf(at, "%d", &a) == 1) {
-        w->done = a;
-    } else {
-        return;
-    }
-    cln_show_work(&w->desc->callbacks, w->stage, w->done, w->photos.count);
-}
-
-static int is_interrupted(void *user)
-{
-    return cln_poll_signal(&((work *)user)->desc->callbacks);
-}
-
-/* After a command: was the disk full? A model that is cut off for it is no error of COLMAP's. */
-static cln_status check_room(const work *w, cln_status st, double least)
-{
-    if (st != CLN_OK && st != CLN_FAILED)
-        return st;
-    if (!w->full && cln_disk_room(w->desc->out) >= least)
-        return st;
-    cln_clear_error();
-    return cln_fail(CLN_OUTPUT,
-                    "%s: no room is left on the disk for what COLMAP writes (%s has all that it "
-                    "said); make room, or give a folder on another disk with -o",
-                    w->desc->out, w->log_path);
-}
-
-static cln_status run(work *w, const char *stage, const char *const *argv)
-{
-    const cln_command_watch watch = {read_line, is_interrupted, w, w->log};
-    cln_status st = CLN_OK;
-
-    w->stage = stage;
-    w->done = w->before;
-    cln_show_work(&w->desc->callbacks, stage, w->done, w->photos.count);
-    st = cln_command_run(argv, &watch);
-    CLN_TRY(check_room(w, st, st == CLN_OK ? ROOM_LEAST : ROOM_FAILED));
-done:
-    if (st == CLN_FAILED)
-        cln_note("finding poses; %s has all that it said", w->log_path);
-    return st;
-}
-
-/* COLMAP 3.13 renamed SiftExtraction.use_gpu to FeatureExtraction.use_gpu, and so for matching. */
-static void learn_names(const char *line, void *user)
-{
-    work *w = user;
-
-    if (strstr(line, "--FeatureExtraction.use_gpu"))
-        w->extraction = "--FeatureExtraction.use_gpu";
-    if (strstr(line, "--FeatureMatching.use_gpu"))
-        w->matching = "--FeatureMatching.use_gpu";
-    w->sized = w->sized || strstr(line, SIZE);
-    w->blocks = w->blocks || strstr(line, BLOCK);
-    w->lists = w->lists || strstr(line, LIST);
-}
-
-static void ask_names(work *w)
-{
-    static const char *const commands[] = {"feature_extractor", "exhaustive_matcher", "mapper"};
-    const cln_command_watch watch = {learn_names, NULL, w, NULL};
-
-    w->extraction = "--SiftExtraction.use_gpu";
-    w->matching = "--SiftMatching.use_gpu";
-    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
-        if (cln_command_run((const char *const[]){"colmap", commands[i], "-h", NULL}, &watch) !=
-            CLN_OK)
-            cln_clear_error(); /* some versions end help with another code than 0 */
-}
 
 /* ---- photos ---- */
 
@@ -359,7 +185,7 @@ static cln_status check_photos(const char *folder, const char *out)
     cln_names photos = {0};
 
     CLN_TRY(cln_dataset_images(folder, &photos));
-    if (photos.count < PHOTOS_LEAST)
+    if (photos.count < CLN_POSES_LEAST)
         CLN_TRY(fail_few(folder, photos.count, folder));
     CLN_TRY(check_readable(folder, &photos));
     CLN_TRY(check_photos_room(folder, &photos, out));
@@ -448,7 +274,7 @@ static int remove_one(const char *path, const struct stat *info, int kind, struc
 
 /* Removes what an earlier attempt left, which found no poses: features of other photos, and models
  * that would be taken for this one's. */
-static cln_status remove_rest(const work *w)
+static cln_status remove_rest(const cln_colmap *c)
 {
     enum { OPEN = 8 };
     static const char *const beside[] = {"", "-wal", "-shm", "-journal"}; /* SQLite's */
@@ -458,18 +284,18 @@ static cln_status remove_rest(const work *w)
     for (size_t i = 0; i < sizeof beside / sizeof *beside; i++) {
         free(path);
         path = NULL;
-        CLN_TRY(cln_asprintf(&path, "%s%s", w->database, beside[i]));
+        CLN_TRY(cln_asprintf(&path, "%s%s", c->database, beside[i]));
         if (unlink(path) != 0 && errno != ENOENT)
             CLN_TRY(cln_fail(CLN_OUTPUT,
                              "%s: of an earlier attempt, and cannot be removed: %s; remove it, or "
                              "give another folder with -o",
                              path, strerror(errno)));
     }
-    if (cln_is_dir(w->sparse) && nftw(w->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS) != 0)
+    if (cln_is_dir(c->sparse) && nftw(c->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS) != 0)
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: of an earlier attempt, and cannot be removed: %s; remove it, or give "
                          "another folder with -o",
-                         w->sparse, strerror(errno)));
+                         c->sparse, strerror(errno)));
 done:
     free(path);
     return st;
@@ -478,245 +304,31 @@ done:
 static cln_status set_up(work *w)
 {
     cln_status st = CLN_OK;
+    cln_colmap *c = &w->colmap;
     bool framed = false;
 
-    CLN_TRY(cln_path_join(&w->images, w->desc->out, "images"));
-    CLN_TRY(cln_path_join(&w->database, w->desc->out, "colmap.db"));
-    CLN_TRY(cln_path_join(&w->log_path, w->desc->out, "colmap.log"));
-    CLN_TRY(cln_path_join(&w->sparse, w->desc->out, "sparse.new"));
-    CLN_TRY(cln_make_dirs(w->images));
+    CLN_TRY(cln_path_join(&c->images, w->desc->out, "images"));
+    CLN_TRY(cln_path_join(&c->database, w->desc->out, "colmap.db"));
+    CLN_TRY(cln_path_join(&c->log_path, w->desc->out, "colmap.log"));
+    CLN_TRY(cln_path_join(&c->sparse, w->desc->out, "sparse.new"));
+    CLN_TRY(cln_make_dirs(c->images));
     if (!cln_photos_are_video(
             w->desc->photos)) /* before the log, which means an attempt was here */
-        CLN_TRY(cln_photos_link(w->desc->photos, w->images));
-    CLN_TRY(remove_rest(w));
-    framed = cln_photos_were_framed(w->log_path); /* by the log that is written over now */
-    w->log = fopen(w->log_path, "w");
-    if (!w->log)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->log_path, strerror(errno)));
+        CLN_TRY(cln_photos_link(w->desc->photos, c->images));
+    CLN_TRY(remove_rest(c));
+    framed = cln_photos_were_framed(c->log_path); /* by the log that is written over now */
+    c->log = fopen(c->log_path, "w");
+    if (!c->log)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", c->log_path, strerror(errno)));
     if (cln_photos_are_video(w->desc->photos))
-        CLN_TRY(cln_photos_take_frames(w->desc, &w->film, framed, w->images, w->log, w->log_path));
-    CLN_TRY(cln_dataset_images(w->images, &w->photos));
-    qsort(w->photos.name, (size_t)w->photos.count, sizeof *w->photos.name, by_name);
-    w->result->photos = w->photos.count;
-    if (w->photos.count < PHOTOS_LEAST) /* of a video */
-        CLN_TRY(fail_few(w->desc->photos, w->photos.count, NULL));
+        CLN_TRY(cln_photos_take_frames(w->desc, &w->film, framed, c->images, c->log, c->log_path));
+    CLN_TRY(cln_dataset_images(c->images, &c->photos));
+    qsort(c->photos.name, (size_t)c->photos.count, sizeof *c->photos.name, by_name);
+    w->result->photos = c->photos.count;
+    if (c->photos.count < CLN_POSES_LEAST) /* of a video */
+        CLN_TRY(fail_few(w->desc->photos, c->photos.count, NULL));
 done:
     return st;
-}
-
-/* Finds the features of photos that a camera took, or of all, each with a camera of its own. list:
- * their names, NULL for all. A few photos cannot tell four parameters of a lens. */
-static cln_status extract(work *w, int photos, bool one_camera, const char *list)
-{
-    return run(w, "poses: features",
-               (const char *const[]){"colmap", "feature_extractor", "--database_path", w->database,
-                                     "--image_path", w->images, "--ImageReader.camera_model",
-                                     photos < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
-                                     "--ImageReader.single_camera", one_camera ? "1" : "0",
-                                     w->extraction, "0", list ? LIST : NULL, list, NULL});
-}
-
-/* A run for each camera: its photos, and no others, get one in the database. */
-static cln_status extract_by_camera(work *w, const cln_photo_cameras *cameras)
-{
-    cln_status st = CLN_OK;
-    char *list = NULL;
-
-    CLN_TRY(cln_path_join(&list, w->desc->out, "colmap.photos"));
-    for (int c = 0; c < cameras->count; c++) {
-        CLN_TRY(cln_photo_cameras_list(cameras, &w->photos, c, list));
-        CLN_TRY(extract(w, cameras->photos[c], true, list));
-        w->before += cameras->photos[c];
-    }
-done:
-    w->before = 0;
-    if (list)
-        (void)unlink(list);
-    free(list);
-    return st;
-}
-
-static cln_status find_features(work *w)
-{
-    cln_status st = CLN_OK;
-    cln_photo_cameras cameras = {0};
-    char focal[RANGE], several[96];
-
-    CLN_TRY(cln_photo_cameras_find(w->images, &w->photos, &cameras));
-    cln_format(several, sizeof several, "of several %s",
-               !cameras.lengths ? "sizes"
-               : cameras.sizes  ? "sizes and focal lengths by EXIF, or none"
-                                : "focal lengths by EXIF, or none");
-    if (cameras.count == 1) {
-        cln_info("%d photos, all of one size: one camera", w->photos.count);
-        CLN_TRY(extract(w, w->photos.count, true, NULL));
-    } else if (cameras.count > CAMERAS || !w->lists || !cln_photo_cameras_listable(&w->photos)) {
-        cln_info("%d photos, %s: a camera for each photo", w->photos.count, several);
-        CLN_TRY(extract(w, w->photos.count, false, NULL));
-    } else {
-        cln_info("%d photos, %s: %d cameras", w->photos.count, several, cameras.count);
-        CLN_TRY(extract_by_camera(w, &cameras));
-    }
-    if (w->result->focal_lengths)
-        cln_info("EXIF tells the focal length of %d photo%s: %s pixels", w->result->focal_lengths,
-                 cln_plural(w->result->focal_lengths, "", "s"),
-                 range(w->focal_least, w->focal_most, focal));
-    else
-        cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
-done:
-    cln_photo_cameras_free(&cameras);
-    return st;
-}
-
-static cln_status match(work *w)
-{
-    const char *how = w->desc->match ? w->desc->match : "auto";
-    const bool automatic = strcmp(how, "auto") == 0;
-    const bool ordered = cln_photos_are_video(w->desc->photos) || in_sequence(&w->photos);
-    const bool next = automatic ? w->photos.count > FEW && ordered : strcmp(how, "next") == 0;
-    char overlap[16], block[16];
-
-    snprintf(block, sizeof block, "%d",
-             w->photos.count < 10 * BLOCK_LEAST  ? BLOCK_LEAST
-             : w->photos.count > 10 * BLOCK_MOST ? BLOCK_MOST
-                                                 : w->photos.count / 10);
-    snprintf(overlap, sizeof overlap, "%d", NEXT);
-    if (next) {
-        cln_info("matching each photo with the next %d%s", NEXT,
-                 automatic ? ", as there are many and they are numbered" : "");
-        return run(w, "poses: matches",
-                   (const char *const[]){"colmap", "sequential_matcher", "--database_path",
-                                         w->database, "--SequentialMatching.overlap", overlap,
-                                         w->matching, "0", NULL});
-    }
-    cln_info("matching all photos with all: %lld pairs",
-             (long long)w->photos.count * (w->photos.count - 1) / 2);
-    if (w->photos.count > MANY)
-        cln_warn("matching %d photos, each with all others, takes hours; give --match next if they "
-                 "were taken one after the other",
-                 w->photos.count);
-    return run(w, "poses: matches",
-               (const char *const[]){"colmap", "exhaustive_matcher", "--database_path", w->database,
-                                     w->matching, "0", w->blocks ? BLOCK : NULL, block, NULL});
-}
-
-/* Number of images of a model: the first number of images.bin, which may have gigabytes. */
-static int images_of(const char *model)
-{
-    char *path = NULL;
-    FILE *f = NULL;
-    uint64_t count = 0;
-
-    if (cln_path_join(&path, model, "images.bin") == CLN_OK)
-        f = fopen(path, "rb");
-    if (f && fread(&count, sizeof count, 1, f) != 1)
-        count = 0;
-    if (f)
-        fclose(f);
-    cln_clear_error();
-    free(path);
-    return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
-}
-
-/* COLMAP writes a model for each group of photos that overlap: the largest becomes number 0. */
-static cln_status choose_model(work *w)
-{
-    cln_status st = CLN_OK;
-    char *model[2] = {0}, *kept = NULL, *final = NULL, most_text[64] = "";
-    int best = -1, most = 0, models = 0;
-
-    for (int i = 0; i < MODELS; i++) {
-        char name[16];
-        int count = 0;
-
-        snprintf(name, sizeof name, "%d", i);
-        free(model[0]);
-        model[0] = NULL;
-        CLN_TRY(cln_path_join(&model[0], w->sparse, name));
-        count = images_of(model[0]);
-        models += count > 0;
-        if (count > most) {
-            most = count;
-            best = i;
-        }
-    }
-    if (w->together > 0)
-        snprintf(most_text, sizeof most_text, " (at most %d of %d hung together)", w->together,
-                 w->photos.count);
-    if (best < 0)
-        CLN_TRY(cln_fail(CLN_FAILED,
-                         "%s: COLMAP found no poses: the photos show too little in common%s. Take "
-                         "more, at most 20 degrees apart, sharp, of something with texture that "
-                         "does not move (%s)",
-                         w->desc->photos, most_text, w->log_path));
-    if (models > 1)
-        cln_warn("the photos fall into %d groups that share nothing: the largest is used; the "
-                 "others are beside it in sparse",
-                 models);
-    if (best > 0) {
-        char name[16];
-
-        snprintf(name, sizeof name, "%d", best);
-        CLN_TRY(cln_path_join(&model[1], w->sparse, name));
-        free(model[0]);
-        model[0] = NULL;
-        CLN_TRY(cln_path_join(&model[0], w->sparse, "0"));
-        CLN_TRY(cln_path_join(&kept, w->sparse, "aside"));
-        if (rename(model[0], kept) || rename(model[1], model[0]) || rename(kept, model[1]))
-            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", w->sparse, strerror(errno)));
-    }
-    CLN_TRY(cln_path_join(&final, w->desc->out, "sparse"));
-    if (rename(w->sparse, final))
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", final, strerror(errno)));
-done:
-    free(model[0]);
-    free(model[1]);
-    free(kept);
-    free(final);
-    return st;
-}
-
-static cln_status map(work *w)
-{
-    cln_status st = CLN_OK;
-    char least[16];
-
-    snprintf(least, sizeof least, "%d", PHOTOS_LEAST);
-    CLN_TRY(cln_make_dirs(w->sparse));
-    /* COLMAP's ten is much of a few photos; where there are many, a good start has more */
-    st = run(w, "poses: registered photos",
-             (const char *const[]){"colmap", "mapper", "--database_path", w->database,
-                                   "--image_path", w->images, "--output_path", w->sparse,
-                                   w->sized && w->photos.count < PLAIN ? SIZE : NULL, least, NULL});
-    if (st == CLN_FAILED && strstr(cln_error_text(), "failed to create sparse model")) {
-        cln_clear_error(); /* a better sentence follows below */
-        st = CLN_OK;
-    }
-    CLN_TRY(st);
-    CLN_TRY(choose_model(w));
-done:
-    return st;
-}
-
-/* What COLMAP made of the focal length, which a person may know. */
-static void say_focal_length(const cln_scene *scene)
-{
-    double least = INFINITY, most = 0;
-    bool one_width = true;
-    char focal[RANGE], wide[64] = "";
-
-    for (int i = 0; i < scene->view_count; i++) {
-        const cln_view *view = &scene->views[i];
-        const double pixels = view->camera.fx * view->file_width / view->camera.width;
-
-        least = fmin(least, pixels);
-        most = fmax(most, pixels);
-        one_width &= view->file_width == scene->views[0].file_width;
-    }
-    if (scene->view_count > 0 && one_width)
-        cln_format(wide, sizeof wide, ", of photos %d pixels wide", scene->views[0].file_width);
-    if (scene->view_count > 0)
-        cln_info("COLMAP's focal length: %s pixels%s", range(least, most, focal), wide);
 }
 
 /* Reads the scene as train will, which warns of photos without a pose. */
@@ -733,7 +345,7 @@ static cln_status count_registered(work *w)
         &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
         &scene));
     w->result->registered = scene->view_count;
-    say_focal_length(scene);
+    cln_colmap_say_focal_length(scene);
 done:
     cln_scene_free(scene);
     cln_settings_free(settings);
@@ -751,7 +363,7 @@ static cln_status check_match(const char *match)
 cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
 {
     cln_status st = CLN_OK;
-    work w = {.desc = desc, .result = result};
+    work w = {.desc = desc, .result = result, .colmap.desc = desc};
 
     CLN_TRY(cln_given("cln_find_poses", "result", result));
     memset(result, 0, sizeof *result);
@@ -761,21 +373,24 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(check_match(desc->match));
     CLN_TRY(cln_given_number("cln_find_poses", "frames", desc->frames, 0, INT_MAX));
     CLN_TRY(check_folder(&w));
-    ask_names(&w);
+    cln_colmap_ask(&w.colmap);
     CLN_TRY(set_up(&w));
-    CLN_TRY(find_features(&w));
-    CLN_TRY(match(&w));
-    CLN_TRY(map(&w));
+    st = cln_colmap_features(&w.colmap);
+    result->focal_lengths = w.colmap.focal_lengths;
+    CLN_TRY(st);
+    CLN_TRY(cln_colmap_match(&w.colmap,
+                             cln_photos_are_video(desc->photos) || in_sequence(&w.colmap.photos)));
+    CLN_TRY(cln_colmap_map(&w.colmap));
     CLN_TRY(count_registered(&w));
 done:
     if (st == CLN_SIGINT || st == CLN_SIGTERM)
         cln_note("finding poses; the same command begins anew");
-    if (w.log)
-        fclose(w.log);
-    cln_dataset_free_names(&w.photos);
-    free(w.images);
-    free(w.database);
-    free(w.sparse);
-    free(w.log_path);
+    if (w.colmap.log)
+        fclose(w.colmap.log);
+    cln_dataset_free_names(&w.colmap.photos);
+    free(w.colmap.images);
+    free(w.colmap.database);
+    free(w.colmap.sparse);
+    free(w.colmap.log_path);
     return st;
 }

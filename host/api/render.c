@@ -228,20 +228,15 @@ static cln_status render_eye(cln_render_job *j, int eye, float *normals, cln_pic
 {
     cln_status st = CLN_OK;
     const cln_camera *camera = &j->eyes[eye];
-    const int n = camera->width * camera->height;
 
     CLN_TRY(cln_render_view(&j->opened.pipeline, eye, j->opened.model.background,
                             j->desc->mean_depth ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN,
                             &j->desc->callbacks, out));
-    for (int i = 0; i < n; i++)
-        out->depth[i] = out->opacity[i] > 0
-                            ? cln_space_depth_to_scene(&j->opened.model.space, out->depth[i])
-                            : 0;
+    cln_picture_to_scene(&j->opened.model.space, out);
     if (normals)
         cln_normals_of_depth(camera, out->depth, out->opacity, normals);
-    for (int i = 0; i < n && j->desc->z_depth; i++) /* after all that depths along the ray decide */
-        out->depth[i] = cln_depth_along_axis(camera, i % camera->width, i / camera->width, false,
-                                             out->depth[i]);
+    if (j->desc->z_depth) /* after all that depths along the ray decide */
+        cln_picture_along_axis(camera, out);
 done:
     return st;
 }

@@ -1,5 +1,5 @@
 /* Edit distance by dynamic programming over prefixes (optimal string alignment: Levenshtein's with
- * swaps), UTF-8, and words for a shell. See text.h. */
+ * swaps), UTF-8, words for a shell, and an order of names. See text.h. */
 #include "base/text.h"
 
 #include <ctype.h>
@@ -139,4 +139,36 @@ void cln_format_span(int least, int most, char out[CLN_SPAN_BYTES])
 const char *cln_plural(double count, const char *one, const char *more)
 {
     return count == 1 ? one : more;
+}
+
+int cln_natural_compare(const char *a, const char *b)
+{
+    const char *first = a, *second = b;
+
+    while (*a && *b) {
+        if (isdigit((unsigned char)*a) && isdigit((unsigned char)*b)) {
+            size_t length_a = 0, length_b = 0;
+            int order = 0;
+
+            a += strspn(a, "0");
+            b += strspn(b, "0");
+            length_a = strspn(a, "0123456789");
+            length_b = strspn(b, "0123456789");
+            if (length_a != length_b)
+                return length_a < length_b ? -1 : 1;
+            order = strncmp(a, b, length_a);
+            if (order)
+                return order;
+            a += length_a;
+            b += length_b;
+        } else if (*a != *b) {
+            break;
+        } else {
+            a++;
+            b++;
+        }
+    }
+    if (*a != *b)
+        return (unsigned char)*a < (unsigned char)*b ? -1 : 1;
+    return strcmp(first, second); /* "r_1" and "r_01" */
 }

@@ -1,4 +1,4 @@
-/* Similarity of two names, for "did you mean", UTF-8, and words for a shell. */
+/* Similarity of two names, for "did you mean", UTF-8, words for a shell, and an order of names. */
 #ifndef CLN_TEXT_H
 #define CLN_TEXT_H
 
@@ -40,5 +40,9 @@ void cln_utf8_repair(char *text);
 /* Makes text safe to print: control characters, which a terminal would obey, become '?', except
  * newlines and tabs. */
 void cln_text_plain(char *text);
+
+/* Order of names, runs of digits by their value: "r_2" before "r_10". Below, at or above 0 as by
+ * strcmp. */
+int cln_natural_compare(const char *a, const char *b);
 
 #endif

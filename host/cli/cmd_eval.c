@@ -46,7 +46,21 @@ static void print_seams(const cln_eval_seams *seams)
     putchar('\n');
 }
 
-static void print_fitted(const cln_eval_result *r)
+/* Was it trained with --exposure? If that cannot be read, the evaluation says why. */
+static bool has_exposure(const char *run)
+{
+    cln_settings *settings = NULL;
+    char text[CLN_SETTING_BYTES] = "";
+
+    if (cln_settings_of_run(run, &settings) != CLN_OK ||
+        cln_settings_get(settings, "exposure", text, sizeof text) != CLN_OK)
+        cln_clear_error();
+    cln_settings_free(settings);
+    return strcmp(text, "yes") == 0;
+}
+
+/* exposure: the run was trained with it. */
+static void print_fitted(const cln_eval_result *r, bool exposure)
 {
     const bool alpha = isfinite(r->opacity_error), gains = isfinite(r->psnr_exposed);
 
@@ -60,11 +74,14 @@ static void print_fitted(const cln_eval_result *r)
         printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
                r->psnr_fitted);
     if (!gains && !alpha && r->psnr_fitted > r->psnr + EXPOSURE_HINT)
-        puts("Exposure or white balance differs between photos: train with --exposure, or see what "
-             "`cl-nascent check` says of them");
+        puts(exposure
+                 ? "Exposure or white balance differs between photos, and the run, though trained "
+                   "with --exposure, has no gains for these"
+                 : "Exposure or white balance differs between photos: train with --exposure, "
+                   "or see what `cl-nascent check` says of them");
 }
 
-static void print_table(const cln_eval_result *r)
+static void print_table(const cln_eval_result *r, bool exposure)
 {
     char digest[32], step[32], duration[32];
     int width = 5;
@@ -85,7 +102,7 @@ static void print_table(const cln_eval_result *r)
     putchar('\n');
     if (r->seams.measured)
         print_seams(&r->seams);
-    print_fitted(r);
+    print_fitted(r, exposure);
     if (isfinite(r->opacity_error)) {
         printf("opacity: RMS error %.4f", r->opacity_error);
         if (isfinite(r->opaque_air))
@@ -104,6 +121,7 @@ cln_status cln_cmd_eval(const cln_options *options)
     cln_console console = {0};
     cln_eval_result result = {0};
     char *json = NULL;
+    bool exposure = false;
     cln_eval_desc desc = {.run = options->operand,
                           .scene = options->scene,
                           .split = options->split,
@@ -118,6 +136,7 @@ cln_status cln_cmd_eval(const cln_options *options)
 
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
+    exposure = has_exposure(options->operand); /* before there is an error to be told */
     evaluated = cln_eval(&desc, &result);
     cln_console_close(&console);
     if (result.count == 0)
@@ -127,7 +146,7 @@ cln_status cln_cmd_eval(const cln_options *options)
     if (json)
         puts(json);
     else if (cln_ranks_me() == 0)
-        print_table(&result);
+        print_table(&result, exposure);
     CLN_TRY(evaluated); /* an error of writing comes after the figures */
     if (!(result.psnr >= options->min_psnr))
         CLN_TRY(cln_fail(CLN_THRESHOLD, "%s: mean PSNR %.2f dB is below --min-psnr %g",

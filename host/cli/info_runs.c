@@ -5,7 +5,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "cli/console.h"
 #include "report/side_by_side.h"
 
@@ -58,15 +60,21 @@ static json_t *list_cell(const char *list)
     return json_string(text);
 }
 
-static json_t *cell_of(form as, const json_t *value, bool best)
+/* empty: what an empty text means. */
+static json_t *cell_of(form as, const json_t *value, bool best, const char *empty)
 {
-    const double number = json_number_value(value);
+    double number = json_number_value(value);
+    const char *words = json_string_value(value), *end = NULL;
     char text[32];
 
-    if (as == LIST && json_is_string(value))
-        return list_cell(json_string_value(value));
-    if (!json_is_number(value))
-        return json_string(json_is_string(value) ? json_string_value(value) : "-");
+    if (words && !*words)
+        return json_string(empty);
+    if (as == LIST && words)
+        return list_cell(words);
+    if (as == BYTES && words && cln_number_read(words, &number, &end) && !*end && number > 0)
+        words = NULL; /* a setting's number is text */
+    if (words || json_is_null(value))
+        return json_string(words ? words : "-");
     if (as == DURATION)
         cln_format_duration(number, text);
     else if (as == BYTES)
@@ -82,16 +90,17 @@ static json_t *cell_of(form as, const json_t *value, bool best)
 static json_t *shown(const json_t *document, const char *member)
 {
     const json_t *rows = json_object_get(document, member);
-    const json_t *readable =
-        strcmp(member, "settings") == 0 ? json_object_get(document, "readable") : NULL;
+    const bool settings = strcmp(member, "settings") == 0;
+    const json_t *readable = settings ? json_object_get(document, "readable") : NULL;
     json_t *out = json_object(), *values = NULL;
     const char *key = NULL;
 
     json_object_foreach((json_t *)rows, key, values)
     {
         const json_t *best = json_object_get(json_object_get(document, "best"), key);
+        const cln_config_row *row = settings ? cln_config_find(key) : NULL;
         const char *label = key;
-        form as = TEXT;
+        form as = row && row->flags & CLN_ROW_BYTES ? BYTES : TEXT;
         json_t *cells = NULL;
         bool told = false;
 
@@ -116,7 +125,7 @@ static json_t *shown(const json_t *document, const char *member)
             json_array_append_new(cells,
                                   json_is_null(value) && json_is_false(json_array_get(readable, i))
                                       ? json_string("?")
-                                      : cell_of(as, value, is_best));
+                                      : cell_of(as, value, is_best, settings ? "none" : "?"));
         }
         json_object_set_new(out, label, cells);
     }

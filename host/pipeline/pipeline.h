@@ -44,6 +44,10 @@ typedef enum cln_program_id {
      CLN_PROGRAM_BIT(mlp_density) | CLN_PROGRAM_BIT(mlp_forward_eval) |            \
      CLN_PROGRAM_BIT(voxel_eval) | CLN_PROGRAM_BIT(composite) | CLN_PROGRAM_BIT(share))
 
+/* Those with the code of lenses (kernels/lens.h). */
+#define CLN_PROGRAMS_SEEING \
+    (CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(splat) | CLN_PROGRAM_BIT(stats))
+
 /* Numbers that ranks exchange once in a training step, beside the sums of stretches (share.h):
  * every rank gets the largest of each. First come those that must be equal on all ranks, each with
  * either sign, then a rank's samples, then the trainer's. */
@@ -192,6 +196,10 @@ bool cln_pipeline_in_parts(const cln_pipeline *p, int leaves);
 
 /* Builds these programs, too, if they are not there: bits of cln_program_id. CLN_BUILD, CLN_CL. */
 cln_status cln_pipeline_want(cln_pipeline *p, uint32_t wanted);
+
+/* Builds the programs for these lenses, too (cln_camera_lenses), if they are not; after a failure,
+ * those that there were remain. CLN_BUILD, CLN_CL. */
+cln_status cln_pipeline_lenses(cln_pipeline *p, unsigned lenses);
 
 /* Splits the arrays P once `leaves` leaves need it, and builds the programs that read them again;
  * else does nothing. Call it before cln_pipeline_upload or cln_pipeline_carry of a new or grown

@@ -343,15 +343,30 @@ static cl_kernel *kernel_of(cln_pipeline *p, int i)
     return (cl_kernel *)((char *)p + kernels[i].at);
 }
 
-/* Frees all programs, or only those that read parts. */
-static void free_programs(cln_pipeline *p, bool all)
+/* Frees the programs of a set. */
+static void free_programs(cln_pipeline *p, uint32_t set)
 {
     for (int i = 0; i < KERNELS; i++)
-        if (all || programs[kernels[i].program].text >= PARTS)
+        if (set >> kernels[i].program & 1)
             cln_kernel_free(kernel_of(p, i));
     for (int i = 0; i < CLN_PROGRAMS; i++)
-        if (all || programs[i].text >= PARTS)
+        if (set >> i & 1)
             cln_program_free(program_of(p, i));
+}
+
+/* Moves those of a set from one pipeline to another, which has none of them. */
+static void move_programs(cln_pipeline *from, cln_pipeline *to, uint32_t set)
+{
+    for (int i = 0; i < CLN_PROGRAMS; i++)
+        if (set >> i & 1) {
+            *program_of(to, i) = *program_of(from, i);
+            *program_of(from, i) = (cln_program){0};
+        }
+    for (int i = 0; i < KERNELS; i++)
+        if (set >> kernels[i].program & 1) {
+            *kernel_of(to, i) = *kernel_of(from, i);
+            *kernel_of(from, i) = NULL;
+        }
 }
 
 /* Builds the programs and kernels that are needed and missing. */
@@ -398,6 +413,27 @@ cln_status cln_pipeline_want(cln_pipeline *p, uint32_t wanted)
     return st;
 }
 
+cln_status cln_pipeline_lenses(cln_pipeline *p, unsigned lenses)
+{
+    cln_status st = CLN_OK;
+    const unsigned before = p->lenses;
+    cln_pipeline old = {0};
+
+    if ((before | lenses) == before)
+        return CLN_OK;
+    cln_debug("building kernels for another lens");
+    p->lenses |= lenses;
+    move_programs(p, &old, CLN_PROGRAMS_SEEING);
+    st = build(p);
+    if (st != CLN_OK) {
+        p->lenses = before;
+        free_programs(p, CLN_PROGRAMS_SEEING);
+        move_programs(&old, p, CLN_PROGRAMS_SEEING);
+    }
+    free_programs(&old, CLN_PROGRAMS_SEEING);
+    return st;
+}
+
 cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
 {
     cln_status st = CLN_OK;
@@ -415,7 +451,9 @@ cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
     p->part_leaves = room;
     p->part_slices = cln_pipeline_part_slices(p);
     p->parts = CLN_PARTS;
-    free_programs(p, false);
+    for (int i = 0; i < CLN_PROGRAMS; i++)
+        if (programs[i].text >= PARTS)
+            free_programs(p, 1u << i);
     CLN_TRY(build(p));
 done:
     return st;
@@ -548,7 +586,7 @@ void cln_pipeline_free(cln_pipeline *p)
         return;
     clFinish(p->device->queue);
     cln_pipeline_release_all(p);
-    free_programs(p, true);
+    free_programs(p, UINT32_MAX);
     free(p->host_pixels);
     free(p->host_cameras);
     free(p->rank_first);

@@ -7,7 +7,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
-#include "scene/build.h"
+#include "base/text.h"
 
 /* A view among those of its folder. */
 typedef struct place {

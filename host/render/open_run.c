@@ -160,16 +160,15 @@ static void agree_on_batches(cln_plan *plan)
     plan->batch_samples = (size_t)-least[1];
 }
 
-cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses)
+cln_status cln_open_run_plan(cln_open_run *opened)
 {
     cln_status st = CLN_OK;
-    cln_config config = opened->model.config; /* the pictures' */
     cln_pipeline *p = &opened->pipeline;
     char text[1024];
-    const cln_scene none = {0}, *scene = opened->scene ? opened->scene : &none;
+    const cln_scene none = {0};
     cln_deal deal;
     const cln_plan_desc desc = {.pipeline = p,
-                                .scene = scene,
+                                .scene = opened->scene ? opened->scene : &none,
                                 .leaves = opened->model.tree.leaf_count,
                                 .depth = cln_octree_depth(&opened->model.tree),
                                 .deal = &deal,
@@ -177,30 +176,6 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
                                 .picture_pixels = opened->picture_pixels};
     cln_plan plan, host_plan;
 
-    if (device->device_mem)
-        CLN_TRY(cln_parse_bytes(device->device_mem, &config.device_mem));
-    if (opened->fast)
-        cln_render_faster(&config);
-    CLN_TRY(cln_device_open(device, &opened->device));
-    cln_info("device: %s (%s, %d compute unit%s)", opened->device->info.name,
-             opened->device->info.platform, opened->device->info.compute_units,
-             cln_plural(opened->device->info.compute_units, "", "s"));
-    CLN_TRY(cln_recorded_tune(opened->run, opened->device));
-    if (opened->scene)
-        CLN_TRY(cln_plan_place_images(opened->device, &config, opened->model.tree.leaf_count,
-                                      cln_octree_depth(&opened->model.tree), -1, opened->scene));
-    cln_debug("building kernels for %s", opened->device->info.name);
-    CLN_TRY(
-        cln_pipeline_create(opened->device, &config,
-                            &(cln_pipeline_facts){.lenses = lenses,
-                                                  .alpha = opened->model.has_alpha,
-                                                  .depth = cln_octree_depth(&opened->model.tree),
-                                                  .space = &opened->model.space},
-                            opened->wanted, p));
-    CLN_TRY(cln_pipeline_share(p));
-    cln_tune_text(&p->tune, text);
-    cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
-    cln_share_evenly(p, desc.leaves);
     CLN_TRY(cln_plan_deal(p, &opened->model.tree, &deal));
     cln_plan_device(&desc, &plan);
     cln_plan_host(&desc, &plan, &host_plan);
@@ -212,7 +187,42 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     CLN_TRY(cln_share_agree(
         p, (size_t[]){plan.max_samples, plan.batch_samples, (size_t)plan.max_rays}));
     cln_plan_apply(&plan, p);
-    CLN_TRY(cln_pipeline_rebuild(p, opened->model.tree.leaf_count));
+done:
+    return st;
+}
+
+cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses)
+{
+    cln_status st = CLN_OK;
+    cln_config config = opened->model.config; /* the pictures' */
+    cln_pipeline *p = &opened->pipeline;
+    const int leaves = opened->model.tree.leaf_count, depth = cln_octree_depth(&opened->model.tree);
+    char text[1024];
+
+    if (device->device_mem)
+        CLN_TRY(cln_parse_bytes(device->device_mem, &config.device_mem));
+    if (opened->fast)
+        cln_render_faster(&config);
+    CLN_TRY(cln_device_open(device, &opened->device));
+    cln_info("device: %s (%s, %d compute unit%s)", opened->device->info.name,
+             opened->device->info.platform, opened->device->info.compute_units,
+             cln_plural(opened->device->info.compute_units, "", "s"));
+    CLN_TRY(cln_recorded_tune(opened->run, opened->device));
+    if (opened->scene)
+        CLN_TRY(cln_plan_place_images(opened->device, &config, leaves, depth, -1, opened->scene));
+    cln_debug("building kernels for %s", opened->device->info.name);
+    CLN_TRY(cln_pipeline_create(opened->device, &config,
+                                &(cln_pipeline_facts){.lenses = lenses,
+                                                      .alpha = opened->model.has_alpha,
+                                                      .depth = depth,
+                                                      .space = &opened->model.space},
+                                opened->wanted, p));
+    CLN_TRY(cln_pipeline_share(p));
+    cln_tune_text(&p->tune, text);
+    cln_debug("kernel parameters: %s (%s)", text, p->tune_from);
+    cln_share_evenly(p, leaves);
+    CLN_TRY(cln_open_run_plan(opened));
+    CLN_TRY(cln_pipeline_rebuild(p, leaves));
     CLN_TRY(cln_pipeline_upload(p, &opened->model, false));
 done:
     return st;

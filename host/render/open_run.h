@@ -39,6 +39,11 @@ cln_status cln_open_run_model(const char *run, cln_open_run *out);
  * several ranks (ranks/ranks.h), each those of its own leaves. The caller uploads cameras. lenses:
  * of the views that will be rendered (cln_camera_lenses). */
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses);
+
+/* Plans memory anew, once view_pixels or picture_pixels have changed; the start does it, too. After
+ * a failure, the plan before holds. CLN_MEMORY. */
+cln_status cln_open_run_plan(cln_open_run *opened);
+
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 
 /* Finds a split by its name: "train", "val" or "test", of which the scene has views. CLN_USAGE,

@@ -12,6 +12,24 @@ void cln_picture_free(cln_picture *picture)
     memset(picture, 0, sizeof *picture);
 }
 
+void cln_picture_to_scene(const cln_space *space, cln_picture *picture)
+{
+    const int n = picture->width * picture->height;
+
+    for (int i = 0; i < n; i++)
+        picture->depth[i] =
+            picture->opacity[i] > 0 ? cln_space_depth_to_scene(space, picture->depth[i]) : 0;
+}
+
+void cln_picture_along_axis(const cln_camera *camera, cln_picture *picture)
+{
+    const int width = picture->width, n = width * picture->height;
+
+    for (int i = 0; i < n; i++)
+        picture->depth[i] =
+            cln_depth_along_axis(camera, i % width, i / width, false, picture->depth[i]);
+}
+
 float cln_depth_along_axis(const cln_camera *camera, int x, int y, bool back, float depth)
 {
     double origin[3], direction[3], cosine = 0;

@@ -13,6 +13,12 @@ typedef struct cln_picture {
 
 void cln_picture_free(cln_picture *picture);
 
+/* Brings its depths from normalised units to the scene's; where opacity is 0, they are 0. */
+void cln_picture_to_scene(const cln_space *space, cln_picture *picture);
+
+/* Brings its depths, of any unit, from those along the rays to those along the camera's axis. */
+void cln_picture_along_axis(const cln_camera *camera, cln_picture *picture);
+
 /* Brings a depth along the ray of pixel (x, y) to one along the camera's axis, which is negative
  * behind the camera's plane; with `back`, the other way round. */
 float cln_depth_along_axis(const cln_camera *camera, int x, int y, bool back, float depth);

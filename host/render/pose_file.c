@@ -10,7 +10,6 @@
 #include "io/film.h"
 #include "io/names.h"
 #include "render/frames.h"
-#include "scene/build.h"
 #include "scene/transforms.h"
 
 static const double PI = 3.14159265358979323846;

@@ -59,8 +59,6 @@ cln_status cln_rendering_follow(cln_pipeline *p, int view, const float backgroun
                                .backgrounds = (const float(*)[4])r->backgrounds,
                                .sampling = cln_render_sampling(p)};
 done:
-    if (st != CLN_OK)
-        cln_rendering_end(p, r);
     return st;
 }
 
@@ -291,6 +289,21 @@ done:
     return st;
 }
 
+/* Renders all of a picture that was begun. */
+static cln_status render_all(cln_pipeline *p, const cln_callbacks *callbacks, cln_rendering *r)
+{
+    cln_status st = CLN_OK;
+
+    while (r->done < r->picture.width * r->picture.height) {
+        CLN_TRY(poll_signal(p, callbacks));
+        CLN_TRY(cln_rendering_step(p, r));
+    }
+    if (p->antialias > 1)
+        CLN_TRY(render_edges(p, r, callbacks));
+done:
+    return st;
+}
+
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_picture *out)
 {
@@ -299,15 +312,23 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
 
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_rendering_begin(p, view, background, depth, &r));
-    while (r.done < r.picture.width * r.picture.height) {
-        CLN_TRY(poll_signal(p, callbacks));
-        CLN_TRY(cln_rendering_step(p, &r));
-    }
-    if (p->antialias > 1)
-        CLN_TRY(render_edges(p, &r, callbacks));
+    CLN_TRY(render_all(p, callbacks, &r));
     *out = r.picture;
     memset(&r.picture, 0, sizeof r.picture);
 done:
     cln_rendering_end(p, &r);
+    return st;
+}
+
+cln_status cln_render_into(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                           const cln_callbacks *callbacks, cln_rendering *r)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_rendering_follow(p, view, background, r));
+    r->batch.depth = depth;
+    r->done = 0;
+    CLN_TRY(render_all(p, callbacks, r));
+done:
     return st;
 }

@@ -42,10 +42,15 @@ cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background
                                cln_rendering *out);
 /* The same for a rank that renders batches of a picture that another one keeps: without `picture`'s
  * arrays. The caller sets `done` and `next`. r: zeroed, or of earlier batches, whose arrays it
- * takes over. */
+ * takes over. The caller ends it, also after a failure. */
 cln_status cln_rendering_follow(cln_pipeline *p, int view, const float background[3],
                                 cln_rendering *r);
 cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
 void cln_rendering_end(cln_pipeline *p, cln_rendering *r); /* accepts a zeroed one */
+
+/* Like cln_render_view, into arrays that are there: all of r->picture. r: zeroed, or of an earlier
+ * picture, whose other arrays it takes over. The caller ends it, also after a failure. */
+cln_status cln_render_into(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                           const cln_callbacks *callbacks, cln_rendering *r);
 
 #endif

@@ -120,7 +120,7 @@ static void find_figures(side *s)
     put(s, "eval_step", eval->step);
 }
 
-static void find_facts(side *s)
+static cln_status find_facts(side *s)
 {
     const json_t *run = s->data.run, *device = json_object_get(run, "device");
     const json_t *splits = json_object_get(s->dataset, "splits");
@@ -138,6 +138,7 @@ static void find_facts(side *s)
                      (int)json_integer_value(json_object_get(splits, "val")),
                      (int)json_integer_value(json_object_get(splits, "test"))),
         "digest", cln_json_text(s->dataset, "digest"));
+    return s->facts ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot describe the run as JSON", s->run);
 }
 
 static cln_status read_side(const char *run, side *s)
@@ -154,7 +155,7 @@ static cln_status read_side(const char *run, side *s)
     CLN_TRY(st);
     CLN_TRY(cln_path_absolute(&s->path, run));
     slash = strrchr(s->path, '/');
-    s->name = slash && slash[1] ? slash + 1 : run;
+    s->name = slash && slash[1] && cln_utf8_valid(slash) ? slash + 1 : run; /* for JSON */
     CLN_TRY(cln_report_data_read(run, &s->data));
     s->dataset = dataset = json_object_get(s->data.run, "dataset");
     if (!json_object_get(dataset, "downscale_least")) /* an older run: one for all */
@@ -163,7 +164,7 @@ static cln_status read_side(const char *run, side *s)
         cln_config_from_json(json_object_get(s->data.run, "config"), &s->config) == CLN_OK;
     cln_clear_error();
     cln_report_idle(&s->data, s->idle);
-    find_facts(s);
+    CLN_TRY(find_facts(s));
     find_figures(s);
 done:
     json_decref(document);
@@ -445,6 +446,8 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
     bool same_names = false, comparable = false;
 
     *out = NULL;
+    if (!document)
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot set it beside others as JSON", runs[0]));
     CLN_TRY(cln_alloc(&sides, (size_t)count, sizeof *sides, "runs side by side"));
     for (int i = 0; i < count; i++) {
         CLN_TRY(read_side(runs[i], &sides[i]));

@@ -7,22 +7,12 @@
 #include "scene/reader.h"
 #include "scene/scene.h"
 
-/* load.c: the folder of a scene given as folder or file; the caller frees *out. */
-cln_status cln_scene_folder(const char *path, char **out);
-
-/* camera.c: checks intrinsics and pose, and replaces the rotation by the nearest exact one. `frame`
- * names the camera in the sentence. */
-cln_status cln_camera_check(cln_camera *camera, const char *frame);
-
 /* camera.c: divides the image size and everything in pixels by x (width) and y (height). */
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
 /* split.c: every holdout-th view by name becomes test, unless the dataset named the splits; fills
  * split_rule; then orders the views, and checks for duplicates and for a training view. */
 cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout);
-
-/* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
-int cln_natural_compare(const char *a, const char *b);
 
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
  * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with

@@ -9,6 +9,7 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
 

@@ -42,6 +42,10 @@ bool cln_camera_is_like(const cln_camera *a, const cln_camera *b);
 /* What kernels must know to trace it: 1 << lens; 0 for a pinhole. Sets of cameras join with |. */
 unsigned cln_camera_lenses(const cln_camera *camera);
 
+/* Checks intrinsics and pose, and replaces the rotation by the nearest exact one. `frame` names the
+ * camera in the sentence. CLN_INPUT. */
+cln_status cln_camera_check(cln_camera *camera, const char *frame);
+
 /* Makes it EQUIRECTANGULAR, its image (width x height) spanning the whole sphere. */
 void cln_camera_span_sphere(cln_camera *camera);
 
@@ -161,6 +165,9 @@ typedef struct cln_scene_desc {
  * sizes, no training view, and no camera that sees the cube. *out is NULL on failure. */
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
 void cln_scene_free(cln_scene *scene); /* accepts NULL */
+
+/* The folder of a scene given as folder or file; the caller frees *out. */
+cln_status cln_scene_folder(const char *path, char **out);
 
 /* The path of a file of the scene from its folder; the caller frees *out. CLN_INPUT if a file
  * outside of the folder is not there. */

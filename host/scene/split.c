@@ -4,45 +4,13 @@
  * themselves stand in an order for people: by split, then by name in natural order. */
 #include "scene/build.h"
 
-#include <ctype.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/text.h"
 
 const char *const cln_split_names[CLN_SPLITS] = {"train", "val", "test"};
-
-int cln_natural_compare(const char *a, const char *b)
-{
-    const char *first = a, *second = b;
-
-    while (*a && *b) {
-        if (isdigit((unsigned char)*a) && isdigit((unsigned char)*b)) {
-            size_t length_a = 0, length_b = 0;
-            int order = 0;
-
-            a += strspn(a, "0");
-            b += strspn(b, "0");
-            length_a = strspn(a, "0123456789");
-            length_b = strspn(b, "0123456789");
-            if (length_a != length_b)
-                return length_a < length_b ? -1 : 1;
-            order = strncmp(a, b, length_a);
-            if (order)
-                return order;
-            a += length_a;
-            b += length_b;
-        } else if (*a != *b) {
-            break;
-        } else {
-            a++;
-            b++;
-        }
-    }
-    if (*a != *b)
-        return (unsigned char)*a < (unsigned char)*b ? -1 : 1;
-    return strcmp(first, second); /* "r_1" and "r_01" */
-}
 
 static int by_bytes(const void *a, const void *b)
 {

@@ -12,7 +12,6 @@
 
 #include "base/number.h"
 #include "render/orbit.h"
-#include "scene/build.h"
 
 /* ---- values ---- */
 

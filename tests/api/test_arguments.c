@@ -74,6 +74,8 @@ static void test_missing_objects(void **state)
     assert_fails(cln_field_open(NULL, NULL, &field), CLN_USAGE, "cln_field_open: run is missing");
     assert_fails(cln_field_at(NULL, 1, (const double(*)[3]) & at, NULL, NULL, &sigma), CLN_USAGE,
                  "cln_field_at: field is missing");
+    assert_fails(cln_field_render(NULL, &(cln_frame_desc){0}, &sigma, NULL, NULL), CLN_USAGE,
+                 "cln_field_render: field is missing");
     cln_field_box(NULL, box, box);
     assert_true(box[0] == 7);
 }

@@ -552,6 +552,23 @@ static void test_folders(void **state)
     free(under_file);
 }
 
+static void test_natural_compare(void **state)
+{
+    static const char *const ordered[] = {"",       "9",       "10",     "a",     "a/r_2",
+                                          "a/r_10", "a/r_10b", "a/r_11", "b0001", "b1",
+                                          "b2",     "b002x",   "c"};
+    const int count = sizeof ordered / sizeof *ordered;
+
+    (void)state;
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j < count; j++) {
+            const int order = cln_natural_compare(ordered[i], ordered[j]);
+
+            if ((order > 0) - (order < 0) != (i > j) - (i < j))
+                fail_msg("'%s' and '%s': %d", ordered[i], ordered[j], order);
+        }
+}
+
 static void test_ends(void **state)
 {
     (void)state;
@@ -784,6 +801,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_group_memory, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),
         cmocka_unit_test(test_sort),
+        cmocka_unit_test(test_natural_compare),
         cmocka_unit_test(test_ends),
         cmocka_unit_test(test_digest),
         cmocka_unit_test(test_log),

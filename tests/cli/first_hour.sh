@@ -716,10 +716,12 @@ section_edges() {
 }
 
 # Runs side by side: a run, and copies of it that say something else.
-section_runs() { # section_runs RUN
+check_runs() { # check_runs RUN
     local r=$1 twin=$work/twin other=$work/other\ scene
     cp -r "$r" "$twin"
     sed -i -e 's/"rays": 256,/"rays": 512,/' -e 's/"psnr_train": [0-9.]*/"psnr_train": 77.25/' \
+        -e 's/"device_mem": [0-9.]*/"device_mem": 2147483648/' \
+        -e 's/"eval_at": ""/"eval_at": "30"/' \
         -e 's/\("name": "[^"]*\)"/\1, of another make with a name that is long"/' \
         "$twin/run.json"
     cp -r "$twin" "$other"
@@ -729,6 +731,8 @@ section_runs() { # section_runs RUN
         grep -qE "^ +run's 1 +twin$" "$work/out"
     check "the setting that differs" grep -qE '^  rays +256 +512$' "$work/out"
     check "no setting that does not" eval '! printed view-width'
+    check "bytes have their unit" grep -qE '^  device-mem +0 +2.0 GiB$' "$work/out"
+    check "an empty text is told" grep -qE '^  eval-at +none +30$' "$work/out"
     check "the best is marked" grep -qE '^  PSNR train +[0-9.]+ +77.25 \*$' "$work/out"
     check "a long name has a line of its own" \
         grep -qE '^    twin +[^ ]' "$work/out"
@@ -768,7 +772,7 @@ section_results() {
     check "and goes on under the value" grep -qE '^ {12,}[a-z]' "$work/out"
     expect "info into a pipe" 0 "" "$cln" info "$r"
     check "its lines are whole there" [ -n "$(awk 'length > 60 && NF > 2' "$work/out")" ]
-    section_runs "$r"
+    check_runs "$r"
     expect "info of a run's file" 3 "~run.json:.*give.the.run.s.folder" "$cln" info "$r/run.json"
     expect "a file of a run instead of the run" 3 "~give.*run's.1$" "$cln" eval "$r/report.html"
     expect "export with run and file exchanged" 2 "~export.'.*run.*--mesh.a.glb" \

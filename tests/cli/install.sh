@@ -288,8 +288,9 @@ expect "no frames" 2 "orbit 0" shared/render run-shared orbit 0
 
 run shared/field run-shared
 check "field" [ $rc = 0 ]
-check "field shows the slice" [ "$(wc -l <out)" = 33 ]
+check "field shows the slice and the picture" [ "$(wc -l <out)" = 66 ]
 check "field shows where it is densest" grep -qE '^densest at ' out
+check "field shows what is seen from above" grep -qE '^from above: [1-9][0-9]* % of ' out
 cp out slice.txt
 run static/field run-shared
 check "both builds print the same field" cmp -s out slice.txt

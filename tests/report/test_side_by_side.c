@@ -6,7 +6,9 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <fcntl.h>
 #include <string.h>
+#include <unistd.h>
 #include "base/config.h"
 #include "io/run_folder.h"
 #include "report/side_by_side.h"
@@ -317,6 +319,24 @@ static void odd_runs_are_ordinary(void **state)
     assert_non_null(strstr(cln_error_text(), "not a run"));
 }
 
+/* JSON holds UTF-8 alone: a run in a folder whose name is none is called as it was given. */
+static void a_name_that_is_no_utf8(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = scratch_path(*state, "\xff");
+    const int before = open(".", O_RDONLY | O_DIRECTORY);
+    json_t *document = NULL;
+
+    assert_int_equal(rename(put_run(*state, "b", "d1", NULL), b), 0);
+    assert_true(before >= 0 && chdir(b) == 0);
+    document = beside(".", a);
+    assert_true(fchdir(before) == 0);
+    close(before);
+    assert_row(document, "results", "step", "[500,500]");
+    assert_string_equal(json_string_value(json_array_get(json_object_get(document, "names"), 0)),
+                        ".");
+    json_decref(document);
+}
+
 int test_group_side_by_side(void)
 {
     const struct CMUnitTest tests[] = {
@@ -327,6 +347,7 @@ int test_group_side_by_side(void)
         cmocka_unit_test_setup_teardown(unfinished_runs_compare_by_the_same_views, scratch_make,
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(odd_runs_are_ordinary, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(a_name_that_is_no_utf8, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("side by side", tests, NULL, NULL);

@@ -286,23 +286,6 @@ static void test_smaller_copies(void **state)
 
 /* ---- splits and order ---- */
 
-static void test_natural_compare(void **state)
-{
-    static const char *const ordered[] = {"",       "9",       "10",     "a",     "a/r_2",
-                                          "a/r_10", "a/r_10b", "a/r_11", "b0001", "b1",
-                                          "b2",     "b002x",   "c"};
-    const int count = sizeof ordered / sizeof *ordered;
-
-    (void)state;
-    for (int i = 0; i < count; i++)
-        for (int j = 0; j < count; j++) {
-            const int order = cln_natural_compare(ordered[i], ordered[j]);
-
-            if ((order > 0) - (order < 0) != (i > j) - (i < j))
-                fail_msg("'%s' and '%s': %d", ordered[i], ordered[j], order);
-        }
-}
-
 /* Every 8th in bytewise order of names: r_0 r_1 r_10 r_11 .. r_16 r_2 .. r_9 has r_0, r_16 and r_9
  * at 0, 8 and 16. The views themselves are in natural order. */
 static void test_holdout(void **state)
@@ -839,7 +822,6 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_lenses, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nerfstudio_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_smaller_copies, scratch_make, scratch_remove),
-        cmocka_unit_test(test_natural_compare),
         cmocka_unit_test_setup_teardown(test_holdout, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_downscale_of_each, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_downscale, scratch_make, scratch_remove),

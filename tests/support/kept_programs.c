@@ -2,10 +2,11 @@
  * program, also for one that its cache has, and a group of tests opens a device dozens of times.
  * The linker sends three calls of OpenCL here (--wrap, Makefile): a device's context is made once
  * in a process, and a program of the same text in it is built once. Kernels, buffers and queues
- * are made and released as ever; builds that fail are not kept. So a program or context that is
- * not released is no leak here, but it is to tests/cli/leaks.sh. */
+ * are made and released as ever; builds that fail are not kept. A text must be built with the same
+ * options each time, as they are not known yet when a program is made: others are refused. So a
+ * program or context that is not released is no leak here, but it is to tests/cli/leaks.sh. */
 #include <pthread.h>
-#include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "cl.h"
@@ -39,8 +40,8 @@ static struct {
 static struct {
     cl_context context;
     cl_program program;
-    char *text; /* NULL: no program */
-    bool built;
+    char *text;    /* NULL: no program */
+    char *options; /* it was built with; NULL: it was not */
 } programs[PROGRAMS];
 static int next_program;
 
@@ -95,7 +96,7 @@ cl_program __wrap_clCreateProgramWithSource(cl_context context, cl_uint count, c
 
     pthread_mutex_lock(&lock);
     for (int i = 0; i < PROGRAMS && text && !program; i++)
-        if (programs[i].built && programs[i].context == context &&
+        if (programs[i].options && programs[i].context == context &&
             strcmp(programs[i].text, text) == 0) {
             program = programs[i].program;
             *code = clRetainProgram(program);
@@ -106,10 +107,11 @@ cl_program __wrap_clCreateProgramWithSource(cl_context context, cl_uint count, c
             if (programs[next_program].text)
                 clReleaseProgram(programs[next_program].program);
             free(programs[next_program].text);
+            free(programs[next_program].options);
             programs[next_program].context = context;
             programs[next_program].program = program;
             programs[next_program].text = text;
-            programs[next_program].built = false;
+            programs[next_program].options = NULL;
             text = NULL; /* handed over */
             next_program = (next_program + 1) % PROGRAMS;
         }
@@ -122,20 +124,26 @@ cl_program __wrap_clCreateProgramWithSource(cl_context context, cl_uint count, c
 cl_int __wrap_clBuildProgram(cl_program program, cl_uint count, const cl_device_id *devices,
                              const char *options, build_notify notify, void *user)
 {
-    cl_int code = CL_SUCCESS;
-    bool built = false;
+    const char *given = options ? options : "";
+    cl_int code = CL_BUILD_PROGRAM_FAILURE; /* of one that was not built yet */
 
     pthread_mutex_lock(&lock);
     for (int i = 0; i < PROGRAMS; i++)
-        built = built || (programs[i].text && programs[i].program == program && programs[i].built);
+        if (programs[i].text && programs[i].program == program && programs[i].options)
+            code = strcmp(programs[i].options, given) == 0 ? CL_SUCCESS : CL_INVALID_BUILD_OPTIONS;
     pthread_mutex_unlock(&lock);
-    if (built)
-        return CL_SUCCESS;
+    if (code == CL_INVALID_BUILD_OPTIONS)
+        fprintf(stderr, "kept_programs.c: \"%s\" are other options than this text's first\n",
+                given);
+    if (code != CL_BUILD_PROGRAM_FAILURE)
+        return code;
     code = __real_clBuildProgram(program, count, devices, options, notify, user);
     pthread_mutex_lock(&lock);
     for (int i = 0; i < PROGRAMS; i++)
-        if (programs[i].text && programs[i].program == program)
-            programs[i].built = code == CL_SUCCESS;
+        if (programs[i].text && programs[i].program == program) {
+            free(programs[i].options);
+            programs[i].options = code == CL_SUCCESS ? strdup(given) : NULL;
+        }
     pthread_mutex_unlock(&lock);
     return code;
 }

@@ -35,6 +35,7 @@ int test_group_extreme_scenes(void);
 int test_group_extremes(void);
 int test_group_features(void);
 int test_group_field(void);
+int test_group_field_render(void);
 int test_group_film(void);
 int test_group_formats(void);
 int test_group_forward(void);

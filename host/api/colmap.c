@@ -1,0 +1,400 @@
+/* COLMAP's program: options and words of its versions, and the steps from photos to a model. See
+ * colmap.h. */
+#include "api/colmap.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/callbacks.h"
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/number.h"
+#include "base/text.h"
+#include "api/photo_cameras.h"
+#include "io/command.h"
+#include "io/disk.h"
+#include "scene/reader.h"
+
+enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64 };
+enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
+/* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of
+ * room. */
+static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18;
+
+/* Models of fewer photos than that are thrown away, and other beginnings tried, up to 200. */
+static const char SIZE[] = "--Mapper.min_model_size";
+/* Photos matched before it says how far it is; its own is 50. */
+static const char BLOCK[] = "--ExhaustiveMatching.block_size";
+/* A file with the names of the photos to take, from which one run makes one camera. */
+static const char LIST[] = "--image_list_path";
+
+/* ---- its words ---- */
+
+/* Behind the first of two phrases that the line has; NULL if it has neither. */
+static const char *behind(const char *line, const char *phrase, const char *newer)
+{
+    const char *at = strstr(line, phrase), *other = strstr(line, newer);
+
+    return at ? at + strlen(phrase) : other ? other + strlen(newer) : NULL;
+}
+
+/* "  Focal Length:    882.17px (Prior)" */
+static void take_focal_length(cln_colmap *c, const char *line)
+{
+    static const char name[] = "Focal Length:";
+    const char *at = strstr(line, name), *end = NULL;
+    double pixels = 0;
+
+    c->focal_lengths++;
+    if (!at)
+        return;
+    at += sizeof name - 1;
+    at += strspn(at, " ");
+    if (!cln_number_read(at, &pixels, &end) || !(pixels > 0))
+        return;
+    c->focal_least = c->focal_least > 0 ? fmin(c->focal_least, pixels) : pixels;
+    c->focal_most = fmax(c->focal_most, pixels);
+}
+
+/* COLMAP may begin many models, of which it keeps some: the second one is told. */
+static void begin_model(cln_colmap *c)
+{
+    if (c->from_here > 0 && !c->anew) {
+        cln_info("one start led to %d of %d photos; COLMAP begins anew from others", c->from_here,
+                 c->photos.count);
+        c->anew = true;
+    }
+    c->from_here = 0;
+}
+
+/* "882", or "850 to 900". */
+static const char *range(double least, double most, char out[RANGE])
+{
+    if (round(least) == round(most))
+        cln_format(out, RANGE, "%.0f", least);
+    else
+        cln_format(out, RANGE, "%.0f to %.0f", least, most);
+    return out;
+}
+
+/* Progress: "Processed file [3/14]", "Matching block [1/2, 1/2]", "Matching image [3/14]",
+ * "Registering image #5 (7)". COLMAP 3.13 and newer begin lines with time and place, write
+ * "Processing" for "Matching", and "(num_reg_frames=7)". */
+static void read_line(const char *line, void *user)
+{
+    cln_colmap *c = user;
+    const char *at = NULL;
+    int a = 0, b = 0, of_a = 0, of_b = 0;
+
+    /* SQLite's words, and the system's; the commands of 3.8 may end with 0 all the same */
+    if (strstr(line, "database or disk is full") || strstr(line, "No space left on device"))
+        c->full = true;
+    if (strstr(line, "(Prior)"))
+        take_focal_length(c, line);
+    if (behind(line, "Initializing with image pair", "Registering initial image pair"))
+        begin_model(c);
+    if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
+        (sscanf(at, "(%d)", &a) == 1 || sscanf(at, "(num_reg_frames=%d)", &a) == 1)) {
+        c->from_here = a;
+        c->together = a > c->together ? a : c->together;
+        c->done = c->together; /* another model begins small */
+    } else if ((at = behind(line, "Matching block [", "Processing block ["))) {
+        const int found = sscanf(at, "%d/%d, %d/%d]", &a, &of_a, &b, &of_b);
+
+        if (found == 4 && of_a > 0 && of_b > 0)
+            c->done = (int)((a - 1 + (b - 1) / (double)of_b) / of_a * c->photos.count);
+    } else if ((at = strstr(line, "Processed file [")) &&
+               sscanf(at, "Processed file [%d", &a) == 1) {
+        c->done = c->before + a;
+    } else if ((at = behind(line, "Matching image [", "Processing image [")) &&
+               sscanf(at, "%d", &a) == 1) {
+        c->done = a;
+    } else {
+        return;
+    }
+    cln_show_work(&c->desc->callbacks, c->stage, c->done, c->photos.count);
+}
+
+static int is_interrupted(void *user)
+{
+    return cln_poll_signal(&((cln_colmap *)user)->desc->callbacks);
+}
+
+/* After a command: was the disk full? A model that is cut off for it is no error of COLMAP's. */
+static cln_status check_room(const cln_colmap *c, cln_status st, double least)
+{
+    if (st != CLN_OK && st != CLN_FAILED)
+        return st;
+    if (!c->full && cln_disk_room(c->desc->out) >= least)
+        return st;
+    cln_clear_error();
+    return cln_fail(CLN_OUTPUT,
+                    "%s: no room is left on the disk for what COLMAP writes (%s has all that it "
+                    "said); make room, or give a folder on another disk with -o",
+                    c->desc->out, c->log_path);
+}
+
+static cln_status run(cln_colmap *c, const char *stage, const char *const *argv)
+{
+    const cln_command_watch watch = {read_line, is_interrupted, c, c->log};
+    cln_status st = CLN_OK;
+
+    c->stage = stage;
+    c->done = c->before;
+    cln_show_work(&c->desc->callbacks, stage, c->done, c->photos.count);
+    st = cln_command_run(argv, &watch);
+    CLN_TRY(check_room(c, st, st == CLN_OK ? ROOM_LEAST : ROOM_FAILED));
+done:
+    if (st == CLN_FAILED)
+        cln_note("finding poses; %s has all that it said", c->log_path);
+    return st;
+}
+
+/* ---- its options ---- */
+
+/* COLMAP 3.13 renamed SiftExtraction.use_gpu to FeatureExtraction.use_gpu, and so for matching. */
+static void learn_names(const char *line, void *user)
+{
+    cln_colmap *c = user;
+
+    if (strstr(line, "--FeatureExtraction.use_gpu"))
+        c->extraction = "--FeatureExtraction.use_gpu";
+    if (strstr(line, "--FeatureMatching.use_gpu"))
+        c->matching = "--FeatureMatching.use_gpu";
+    c->sized = c->sized || strstr(line, SIZE);
+    c->blocks = c->blocks || strstr(line, BLOCK);
+    c->lists = c->lists || strstr(line, LIST);
+}
+
+void cln_colmap_ask(cln_colmap *c)
+{
+    static const char *const commands[] = {"feature_extractor", "exhaustive_matcher", "mapper"};
+    const cln_command_watch watch = {learn_names, NULL, c, NULL};
+
+    c->extraction = "--SiftExtraction.use_gpu";
+    c->matching = "--SiftMatching.use_gpu";
+    for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
+        if (cln_command_run((const char *const[]){"colmap", commands[i], "-h", NULL}, &watch) !=
+            CLN_OK)
+            cln_clear_error(); /* some versions end help with another code than 0 */
+}
+
+/* ---- its steps ---- */
+
+/* Finds the features of photos that a camera took, or of all, each with a camera of its own. list:
+ * their names, NULL for all. A few photos cannot tell four parameters of a lens. */
+static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char *list)
+{
+    return run(c, "poses: features",
+               (const char *const[]){"colmap", "feature_extractor", "--database_path", c->database,
+                                     "--image_path", c->images, "--ImageReader.camera_model",
+                                     photos < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
+                                     "--ImageReader.single_camera", one_camera ? "1" : "0",
+                                     c->extraction, "0", list ? LIST : NULL, list, NULL});
+}
+
+/* A run for each camera: its photos, and no others, get one in the database. */
+static cln_status extract_by_camera(cln_colmap *c, const cln_photo_cameras *cameras)
+{
+    cln_status st = CLN_OK;
+    char *list = NULL;
+
+    CLN_TRY(cln_path_join(&list, c->desc->out, "colmap.photos"));
+    for (int k = 0; k < cameras->count; k++) {
+        CLN_TRY(cln_photo_cameras_list(cameras, &c->photos, k, list));
+        CLN_TRY(extract(c, cameras->photos[k], true, list));
+        c->before += cameras->photos[k];
+    }
+done:
+    c->before = 0;
+    if (list)
+        (void)unlink(list);
+    free(list);
+    return st;
+}
+
+cln_status cln_colmap_features(cln_colmap *c)
+{
+    cln_status st = CLN_OK;
+    cln_photo_cameras cameras = {0};
+    char focal[RANGE], several[96];
+
+    CLN_TRY(cln_photo_cameras_find(c->images, &c->photos, &cameras));
+    cln_format(several, sizeof several, "of several %s",
+               !cameras.lengths ? "sizes"
+               : cameras.sizes  ? "sizes and focal lengths by EXIF, or none"
+                                : "focal lengths by EXIF, or none");
+    if (cameras.count == 1) {
+        cln_info("%d photos, all of one size: one camera", c->photos.count);
+        CLN_TRY(extract(c, c->photos.count, true, NULL));
+    } else if (cameras.count > CAMERAS || !c->lists || !cln_photo_cameras_listable(&c->photos)) {
+        cln_info("%d photos, %s: a camera for each photo", c->photos.count, several);
+        CLN_TRY(extract(c, c->photos.count, false, NULL));
+    } else {
+        cln_info("%d photos, %s: %d cameras", c->photos.count, several, cameras.count);
+        CLN_TRY(extract_by_camera(c, &cameras));
+    }
+    if (c->focal_lengths)
+        cln_info("EXIF tells the focal length of %d photo%s: %s pixels", c->focal_lengths,
+                 cln_plural(c->focal_lengths, "", "s"),
+                 range(c->focal_least, c->focal_most, focal));
+    else
+        cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
+done:
+    cln_photo_cameras_free(&cameras);
+    return st;
+}
+
+cln_status cln_colmap_match(cln_colmap *c, bool ordered)
+{
+    const char *how = c->desc->match ? c->desc->match : "auto";
+    const bool automatic = strcmp(how, "auto") == 0;
+    const bool next = automatic ? c->photos.count > FEW && ordered : strcmp(how, "next") == 0;
+    char overlap[16], block[16];
+
+    snprintf(block, sizeof block, "%d",
+             c->photos.count < 10 * BLOCK_LEAST  ? BLOCK_LEAST
+             : c->photos.count > 10 * BLOCK_MOST ? BLOCK_MOST
+                                                 : c->photos.count / 10);
+    snprintf(overlap, sizeof overlap, "%d", NEXT);
+    if (next) {
+        cln_info("matching each photo with the next %d%s", NEXT,
+                 automatic ? ", as there are many and they are numbered" : "");
+        return run(c, "poses: matches",
+                   (const char *const[]){"colmap", "sequential_matcher", "--database_path",
+                                         c->database, "--SequentialMatching.overlap", overlap,
+                                         c->matching, "0", NULL});
+    }
+    cln_info("matching all photos with all: %lld pairs",
+             (long long)c->photos.count * (c->photos.count - 1) / 2);
+    if (c->photos.count > MANY)
+        cln_warn("matching %d photos, each with all others, takes hours; give --match next if they "
+                 "were taken one after the other",
+                 c->photos.count);
+    return run(c, "poses: matches",
+               (const char *const[]){"colmap", "exhaustive_matcher", "--database_path", c->database,
+                                     c->matching, "0", c->blocks ? BLOCK : NULL, block, NULL});
+}
+
+/* Number of images of a model: the first number of images.bin, which may have gigabytes. */
+static int images_of(const char *model)
+{
+    char *path = NULL;
+    FILE *f = NULL;
+    uint64_t count = 0;
+
+    if (cln_path_join(&path, model, "images.bin") == CLN_OK)
+        f = fopen(path, "rb");
+    if (f && fread(&count, sizeof count, 1, f) != 1)
+        count = 0;
+    if (f)
+        fclose(f);
+    cln_clear_error();
+    free(path);
+    return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
+}
+
+/* COLMAP writes a model for each group of photos that overlap: the largest becomes number 0. */
+static cln_status choose_model(cln_colmap *c)
+{
+    cln_status st = CLN_OK;
+    char *model[2] = {0}, *kept = NULL, *final = NULL, most_text[64] = "";
+    int best = -1, most = 0, models = 0;
+
+    for (int i = 0; i < MODELS; i++) {
+        char name[16];
+        int count = 0;
+
+        snprintf(name, sizeof name, "%d", i);
+        free(model[0]);
+        model[0] = NULL;
+        CLN_TRY(cln_path_join(&model[0], c->sparse, name));
+        count = images_of(model[0]);
+        models += count > 0;
+        if (count > most) {
+            most = count;
+            best = i;
+        }
+    }
+    if (c->together > 0)
+        snprintf(most_text, sizeof most_text, " (at most %d of %d hung together)", c->together,
+                 c->photos.count);
+    if (best < 0)
+        CLN_TRY(cln_fail(CLN_FAILED,
+                         "%s: COLMAP found no poses: the photos show too little in common%s. Take "
+                         "more, at most 20 degrees apart, sharp, of something with texture that "
+                         "does not move (%s)",
+                         c->desc->photos, most_text, c->log_path));
+    if (models > 1)
+        cln_warn("the photos fall into %d groups that share nothing: the largest is used; the "
+                 "others are beside it in sparse",
+                 models);
+    if (best > 0) {
+        char name[16];
+
+        snprintf(name, sizeof name, "%d", best);
+        CLN_TRY(cln_path_join(&model[1], c->sparse, name));
+        free(model[0]);
+        model[0] = NULL;
+        CLN_TRY(cln_path_join(&model[0], c->sparse, "0"));
+        CLN_TRY(cln_path_join(&kept, c->sparse, "aside"));
+        if (rename(model[0], kept) || rename(model[1], model[0]) || rename(kept, model[1]))
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", c->sparse, strerror(errno)));
+    }
+    CLN_TRY(cln_path_join(&final, c->desc->out, "sparse"));
+    if (rename(c->sparse, final))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", final, strerror(errno)));
+done:
+    free(model[0]);
+    free(model[1]);
+    free(kept);
+    free(final);
+    return st;
+}
+
+cln_status cln_colmap_map(cln_colmap *c)
+{
+    cln_status st = CLN_OK;
+    char least[16];
+
+    snprintf(least, sizeof least, "%d", CLN_POSES_LEAST);
+    CLN_TRY(cln_make_dirs(c->sparse));
+    /* COLMAP's ten is much of a few photos; where there are many, a good start has more */
+    st = run(c, "poses: registered photos",
+             (const char *const[]){"colmap", "mapper", "--database_path", c->database,
+                                   "--image_path", c->images, "--output_path", c->sparse,
+                                   c->sized && c->photos.count < PLAIN ? SIZE : NULL, least, NULL});
+    if (st == CLN_FAILED && strstr(cln_error_text(), "failed to create sparse model")) {
+        cln_clear_error(); /* a better sentence follows below */
+        st = CLN_OK;
+    }
+    CLN_TRY(st);
+    CLN_TRY(choose_model(c));
+done:
+    return st;
+}
+
+/* What COLMAP made of the focal length, which a person may know. */
+void cln_colmap_say_focal_length(const cln_scene *scene)
+{
+    double least = INFINITY, most = 0;
+    bool one_width = true;
+    char focal[RANGE], wide[64] = "";
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const double pixels = view->camera.fx * view->file_width / view->camera.width;
+
+        least = fmin(least, pixels);
+        most = fmax(most, pixels);
+        one_width &= view->file_width == scene->views[0].file_width;
+    }
+    if (scene->view_count > 0 && one_width)
+        cln_format(wide, sizeof wide, ", of photos %d pixels wide", scene->views[0].file_width);
+    if (scene->view_count > 0)
+        cln_info("COLMAP's focal length: %s pixels%s", range(least, most, focal), wide);
+}

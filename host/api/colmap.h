@@ -1,0 +1,51 @@
+/* COLMAP's program on a folder of photos, for cln_find_poses (poses.c): its commands in their
+ * order, shown as work, with the options and words of its versions. All that it says goes into a
+ * log. */
+#ifndef CLN_API_COLMAP_H
+#define CLN_API_COLMAP_H
+
+#include <stdio.h>
+#include "cl_nascent.h"
+#include "scene/dataset.h"
+#include "scene/scene.h"
+
+enum { CLN_POSES_LEAST = 3 }; /* photos that poses can be found of */
+
+typedef struct cln_colmap {
+    /* The caller's, for all steps. */
+    const cln_poses_desc *desc;
+    cln_names photos;        /* in `images`, by name */
+    char *images, *database; /* their folder; the features and matches */
+    char *sparse;            /* the folder of the models, until one is chosen */
+    char *log_path;
+    FILE *log;
+    /* Found out. */
+    const char *extraction, *matching; /* how this COLMAP calls its options */
+    bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
+    int focal_lengths;         /* photos with one by EXIF data, in pixels between these: */
+    double focal_least, focal_most;
+    /* Of the running command. */
+    const char *stage; /* on the progress line */
+    int done, before;  /* photos of this run; of runs before it */
+    bool full;         /* it found no room on the disk */
+    int together;      /* most photos that a model had */
+    int from_here;     /* photos of the model that grows now */
+    bool anew;         /* it is said that another model was begun */
+} cln_colmap;
+
+/* Asks the installed version for its options. */
+void cln_colmap_ask(cln_colmap *c);
+
+/* Finds features, of photos by their cameras (photo_cameras.h). The steps give CLN_FAILED with the
+ * log's name, CLN_OUTPUT where the disk is full, CLN_SIGINT, CLN_SIGTERM. */
+cln_status cln_colmap_features(cln_colmap *c);
+/* Matches as desc->match says; "auto": each of many photos with the next ones if they are ordered,
+ * as they were taken one after the other. */
+cln_status cln_colmap_match(cln_colmap *c, bool ordered);
+/* Finds poses; the largest model is sparse/0 of the scene's folder then. */
+cln_status cln_colmap_map(cln_colmap *c);
+
+/* Tells the focal length that it found. */
+void cln_colmap_say_focal_length(const cln_scene *scene);
+
+#endif
