@@ -178,7 +178,7 @@ const cln_arg cln_args[] = {
     INT(CLN_EVAL | CLN_RENDER, "max-images", max_images, "N", 0, INT_MAX,
          "only N views, evenly chosen (0 = all)", .standard = "0"),
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
-         "N x N rays for pixels at edges", .standard = "1"),
+         "N x N rays for pixels at edges (default: as in training)"),
     FLAG(CLN_EVAL, "seams", seams,
          "also measure how much colour and alpha change at surfaces from leaf to leaf, and over "
          "the same step inside a leaf"),

@@ -41,6 +41,9 @@ cln_status cln_open_run_model(const char *run, cln_open_run *out);
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses);
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 
+/* n x n rays that pixels at edges get: as many as are asked for, or, of 0, as in training. */
+int cln_open_run_antialias(const cln_open_run *opened, int asked);
+
 /* Finds a split by its name: "train", "val" or "test", of which the scene has views. CLN_USAGE,
  * CLN_INPUT. */
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split);
