@@ -59,7 +59,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
     CLN_TRY(cln_path_join(&evals, desc->run, "eval"));
     CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count,
                              cln_scene_split_count(opened->scene, s), &plain));
-    if (cln_open_run_antialias(opened, desc->antialias) != opened->model.config.antialias)
+    if (cln_open_run_antialias(opened, desc->antialias) != cln_model_antialias(&opened->model))
         snprintf(finer, sizeof finer, "-antialias%d", desc->antialias);
     CLN_TRY(cln_asprintf(place, "%s%s%s", plain, finer, desc->fast ? "-fast" : ""));
     if (desc->out)

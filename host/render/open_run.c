@@ -22,7 +22,7 @@
 
 int cln_open_run_antialias(const cln_open_run *opened, int asked)
 {
-    return asked ? asked : opened->model.config.antialias;
+    return asked ? asked : cln_model_antialias(&opened->model);
 }
 
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)

@@ -329,11 +329,12 @@ void cln_batch_begin(cln_batch *b, const cln_scene *scene, const cln_config *con
     cln_batch_forget(b);
     if (b->shown)
         memset(b->shown, 0, (size_t)n * sizeof *b->shown);
-    for (int ray = 0, number = 0; ray < n; number++) {
+    b->drawn = 0;
+    for (int ray = 0; ray < n; b->drawn++) {
         /* by view: ray i looks through batch view i * views / n */
         const uint32_t slot = by_view ? (uint32_t)((int64_t)ray * views / n) : 0;
 
-        ray += draw_pixel(b, &from, (uint32_t)number, slot, ray);
+        ray += draw_pixel(b, &from, (uint32_t)b->drawn, slot, ray);
     }
     if (by_view)
         qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);

@@ -16,7 +16,8 @@ typedef struct cln_batch {
     cln_rows asked;          /* of these, from ranks that have the photos */
     float (*targets)[4];     /* [ray] r, g, b over its background, alpha */
     float (*backgrounds)[4]; /* [ray] with random_background, else [1] */
-    int n;                   /* rays that are drawn ... */
+    int drawn;               /* pixels that are drawn ... */
+    int n;                   /* their rays ... */
     bool ray_background;     /* ... each over a background of its own */
     float (*shown)[4];       /* [ray] sparse point x, y, z in the cube, its weight; or NULL */
     int train_views;

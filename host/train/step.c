@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "base/config.h"
+#include "base/log.h"
 #include "base/rng.h"
 #include "pipeline/share.h"
 #include "pipeline/stages.h"
@@ -121,11 +122,29 @@ static double depth_share(const cln_trainer *t)
     return t->batch.shown && until > 0 ? fmax(0, 1 - cln_step_fraction(t) / until) : 0;
 }
 
+/* Pixels at edges become means of several rays once the photos were seen often enough. */
+static void begin_averages(cln_trainer *t)
+{
+    cln_model *m = &t->model;
+    const double pixels = (double)t->batch.first[t->batch.train_views];
+
+    if (!t->pipeline.averaged || m->averaged ||
+        (double)m->drawn < m->config.antialias_after * pixels)
+        return;
+    m->averaged = true;
+    t->finest = false;
+    if (!t->undone)
+        cln_info("from step %lld on pixels at edges are means of %d rays", (long long)m->step,
+                 m->config.antialias * m->config.antialias);
+}
+
 static void draw(cln_trainer *t)
 {
+    begin_averages(t);
+
     const cln_draw d = {.step = (uint32_t)t->model.step,
                         .n = t->model.rays,
-                        .antialias = t->pipeline.averaged ? t->model.config.antialias : 1,
+                        .antialias = t->pipeline.averaged ? cln_model_antialias(&t->model) : 1,
                         .ray_background = t->pipeline.ray_background,
                         .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step),
                         .depth = depth_share(t),
@@ -195,6 +214,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     t->owed.step = t->model.step;
     t->owed.rays = rays;
     t->owed.samples = samples;
+    t->model.drawn += t->batch.drawn;
     t->model.rays = adapt_rays(t, rays, samples);
     t->model.step++;
     draw(t);
