@@ -296,7 +296,7 @@ typedef struct cln_eval_desc {
     const char *scene; /* NULL = the run's own */
     const char *split; /* "train", "val", "test"; NULL = "test" */
     int max_images;    /* evenly chosen; 0 = all */
-    int antialias;     /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
+    int antialias;     /* n x n rays for pixels at edges, 1..8; 0 = as in training */
     bool fast;         /* fewer samples: less time, a little more error */
     bool seams;        /* also jumps between leaves at surfaces, of up to 16 training views */
     bool save_images;  /* renders, truths, errors and pictures of the tree */
@@ -336,7 +336,7 @@ typedef struct cln_render_desc {
     int width, height;      /* image size; 0 = as the photos, or in their shape */
     double fov;             /* orbit, spiral: horizontal, degrees; 0 = as the training images */
     int max_images;         /* file, split: evenly chosen; 0 = all */
-    int antialias;          /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
+    int antialias;          /* n x n rays for pixels at edges, 1..8; 0 = as in training */
     bool fast;              /* fewer samples: less time, a little more error */
     bool cropped;           /* to `crop`: nothing outside of it is seen */
     double crop[6];         /* x0, y0, z0, x1, y1, z1: a box in the scene's frame and units */
@@ -430,7 +430,7 @@ typedef struct cln_frame_desc {
     const char *lens;
     double params[12];
     const float *background; /* [3] r, g, b in 0..1, sRGB; NULL = the run's own */
-    int antialias;           /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
+    int antialias;           /* n x n rays for pixels at edges, 1..8; 0 = as in training */
     bool z_depth;            /* depth along the optical axis; else along the ray */
     bool mean_depth; /* depth is the mean over the ray; else half of its opacity is before it */
     cln_callbacks callbacks; /* interrupted */

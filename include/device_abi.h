@@ -61,10 +61,22 @@ typedef struct cln_device_camera {
     cln_f32 k[CLN_LENS_PARAMS]; /* its parameters */
 } cln_device_camera;
 
-/* The pixel of a ray; the ray goes through its centre. */
+/* The pixel of a ray. spot: if the stage-1 method is by_view, the index of its view in the batch,
+ * and the ray goes through the pixel's centre; else CLN_SPOT. */
 typedef struct cln_pixel {
-    cln_u32 view, x, y, pad;
+    cln_u32 view, x, y, spot;
 } cln_pixel;
+
+/* Where in its pixel a ray goes, and with how many others, whose mean is the pixel: x, y: offset
+ * from the centre in 1/4096 pixels, -2048 to 2047; the ray is number `index` of `count`, 1 to 16,
+ * which follow each other in the batch. 0: through the centre, alone. */
+#define CLN_SPOT(x, y, index, count)                                                \
+    (((cln_u32)(x)&0xfffu) | ((cln_u32)(y)&0xfffu) << 12 | (cln_u32)(index) << 24 | \
+     ((cln_u32)(count)-1u) << 28)
+#define CLN_SPOT_X(spot)     ((cln_i32)((spot) << 20) >> 20)
+#define CLN_SPOT_Y(spot)     ((cln_i32)((spot) << 8) >> 20)
+#define CLN_SPOT_INDEX(spot) ((spot) >> 24 & 0xfu)
+#define CLN_SPOT_COUNT(spot) (((spot) >> 28) + 1u)
 
 /* The interval of a ray in an ACTIVE leaf. mass: stage 1's optical depth, or with CLN_CDF_WEIGHT
  * its alpha. count: CLN_INTERVAL_COUNT. */
@@ -93,10 +105,11 @@ typedef struct cln_sample {
     cln_i32 slot;
 } cln_sample;
 
-/* Results of a ray. */
+/* Results of a ray. In training loss and square_error are its pixel's, and share is 1 over the rays
+ * that the pixel has in the batch; below 0 if the ray was shot at a sparse point. */
 typedef struct cln_ray_result {
     cln_f32 r, g, b, depth;
-    cln_f32 opacity, loss, square_error, pad;
+    cln_f32 opacity, loss, square_error, share;
 } cln_ray_result;
 
 /* Kinds of a picture's depth, along the ray: what half of the opacity lies before, or the mean. */

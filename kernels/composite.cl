@@ -12,7 +12,12 @@
  * A picture's depth, along the ray, is the median of the weights: half of the opacity lies before
  * it; or, where `depth` is CLN_DEPTH_MEAN, their mean.
  *
- * Losses, regularisers and their parameters: loss.h. */
+ * Losses, regularisers and their parameters: loss.h.
+ *
+ *   AVERAGED 0 | 1   a pixel may be the mean of several rays (CLN_SPOT) */
+#ifndef AVERAGED
+#define AVERAGED 1
+#endif
 
 /* The t before which half of the opacity lies, with samples as long as their deltas: the optical
  * depth there is -log(1 - opacity / 2). */
@@ -92,11 +97,60 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
     results[r] = result;
 }
 
+#if AVERAGED
+/* For pixels that are the mean of several rays: moves each ray's target so that the ray is as far
+ * from it as the mean is from the pixel's own, in colour and in opacity. The loss of a ray is then
+ * its pixel's, and so is its gradient, but for its share in the mean. */
+__kernel void composite_pixels(const __global uint *restrict sample_starts, /* [ray + 1] */
+                               const __global cln_sample *restrict samples, /* [sample] */
+                               const __global float4 *restrict out,         /* [sample] */
+                               const __global float4 *restrict backgrounds, /* [1] or [ray] */
+                               const __global cln_pixel *restrict pixels,   /* [ray] */
+                               __global float4 *restrict targets,           /* [ray] r, g, b, a */
+                               uint n)
+{
+    const uint first = get_global_id(0);
+
+    if (first >= n || CLN_SPOT_INDEX(pixels[first].spot) > 0u)
+        return;
+    /* at the end, a pixel has the rays that the batch has room for */
+    const uint count = min(CLN_SPOT_COUNT(pixels[first].spot), n - first);
+    float4 rays[16], mean = (float4)(0.0f); /* w: T_end */
+
+    if (count == 1u)
+        return;
+    for (uint k = 0; k < count; k++) {
+        const uint r = first + k;
+        float tau = 0.0f, through = 1.0f;
+        float4 colour = (float4)(0.0f);
+
+        for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++) {
+            const float depth_here = OPTICAL_DEPTH(out[i].w * samples[i].delta);
+
+            colour = MAD((float4)(through * ONE_MINUS_EXP(float, depth_here)), out[i], colour);
+            tau += depth_here;
+            through = EXP(-tau);
+        }
+        rays[k] = MAD((float4)(through), BACKGROUND(r), colour);
+        rays[k].w = through;
+        mean += rays[k];
+    }
+    mean /= convert_float(count);
+    for (uint k = 0; k < count; k++) {
+        float4 away = rays[k] - mean;
+
+        away.w = -away.w; /* targets have 1 - T_end */
+        targets[first + k] += away;
+    }
+}
+#endif
+
 __kernel void composite_train(const __global uint *restrict sample_starts, /* [ray + 1] */
                               const __global cln_sample *restrict samples, /* [sample] */
                               const __global float4 *restrict out,         /* [sample] */
                               const __global float4 *restrict backgrounds, /* [1] or [ray] */
                               const __global float4 *restrict targets,     /* [ray] r, g, b, a */
+                              const __global cln_pixel *restrict pixels,   /* [ray] */
                               __global float4 *restrict dout,              /* [sample] */
                               __global cln_ray_result *restrict results, uint n, float scale,
                               float huber, float alpha_weight, float cauchy, float opacity_weight,
@@ -108,6 +162,12 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         return;
     const uint begin = sample_starts[r], end = sample_starts[r + 1u];
     const float4 back = BACKGROUND(r);
+#if AVERAGED
+    const uint spot = pixels[r].spot, before = r - CLN_SPOT_INDEX(spot);
+    const float share = 1.0f / convert_float(min(CLN_SPOT_COUNT(spot), n - before));
+#else
+    const float share = 1.0f;
+#endif
     /* moments are about the first sample: differences of those about 0 would cancel far away */
     const float start = begin < end ? samples[begin].t : 0.0f;
     float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f;
@@ -144,15 +204,16 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         const float4 kept = dout[i], o = out[i];
         const float delta = samples[i].delta;
 
-        dout[i] = scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy,
+        dout[i] = share * scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy,
                                      pull.x, fabs(samples[i].t - pull.y));
 #if MEASURES > 0
-        measure_sample(measures, i, l.square, kept, o.w, delta, through, length);
+        measure_sample(measures, i, share * l.square, kept, o.w, delta, through, length);
 #endif
     }
     const float depth = MAD(start, opacity, moment) / fmax(opacity, 1e-10f);
-    const cln_ray_result result = {colour.x, colour.y,         colour.z, depth,
-                                   opacity,  l.loss + s.extra, l.square, 0.0f};
+    const cln_ray_result result = {
+        colour.x, colour.y,         colour.z, depth,
+        opacity,  l.loss + s.extra, l.square, pull.x > 0.0f ? -share : share};
 
     results[r] = result;
 }

@@ -209,7 +209,7 @@ HELPER void bundle_open(bundle *b, STAGE1_ARGUMENTS, const lanes *p, const __glo
     (void)ray_d;
     for (int l = 0; l < VW; l++) {
         const cln_pixel pixel = pixels[p->ray[l]];
-        const cln_grid grid = grids[pixel.pad * LEVELS + (uint)p->level[l]];
+        const cln_grid grid = grids[pixel.spot * LEVELS + (uint)p->level[l]];
         const uint list = grid.first + pixel.y / grid.coarse_y * grid.row + pixel.x / grid.coarse_x;
 #if PADDED
         const uint begin = list * grids[0].longest, end = begin + list_count[list];

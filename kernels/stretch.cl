@@ -281,7 +281,8 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
     }
     const float depth = MAD(start, a.opacity, a.moment) / fmax(a.opacity, 1e-10f);
     const cln_ray_result result = {colour.x,  colour.y,       colour.z, depth,
-                                   a.opacity, l.loss + extra, l.square, 0.0f};
+                                   a.opacity, l.loss + extra, l.square,
+                                   pull.x > 0.0f ? -1.0f : 1.0f};
 
     results[r] = result;
 }

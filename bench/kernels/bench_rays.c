@@ -72,7 +72,7 @@ cln_status bench_scene_start(bench *b, const cln_config *config, bool distortion
         const uint32_t v = (uint32_t)((int64_t)r * SCENE_VIEWS / rays);
         const int64_t first = ((int64_t)v * rays + SCENE_VIEWS - 1) / SCENE_VIEWS;
 
-        s->pixels[r] = (cln_pixel){.view = v, .pad = v};
+        s->pixels[r] = (cln_pixel){.view = v, .spot = v};
         s->pixels[r].x = (cln_u32)cln_check_uniform(22, (uint32_t)r, 0, SCENE_SIDE);
         s->pixels[r].y = (cln_u32)((r - first) * SCENE_SIDE * SCENE_VIEWS / (rays + SCENE_VIEWS));
     }

@@ -78,7 +78,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
     CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count, all,
                              &plain));
     tell_choice(desc, opened->scene, views, count, all, choice);
-    if (desc->antialias > 1)
+    if (cln_open_run_antialias(opened, desc->antialias) != cln_model_antialias(&opened->model))
         snprintf(finer, sizeof finer, "-antialias%d", desc->antialias);
     CLN_TRY(cln_asprintf(place, "%s%s%s%s", plain, choice, finer, desc->fast ? "-fast" : ""));
     if (desc->out)
@@ -133,6 +133,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     cln_open_run opened = {0};
     const bool writes = cln_ranks_me() == 0;
     cln_split split = CLN_SPLIT_TEST;
+    int antialias = 1;
     bool pixels[CLN_SPLITS] = {false}, measured = false;
     const char *name = cln_split_names[CLN_SPLIT_TEST];
     int *views = NULL, count = 0;
@@ -152,6 +153,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         CLN_TRY(cln_disk_check(desc->out, 0, "")); /* before photos are read */
     CLN_TRY(cln_device_check(&desc->device));
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &opened));
+    antialias = cln_open_run_antialias(&opened, desc->antialias);
     CLN_TRY(cln_open_run_split(opened.scene, name, &split));
     CLN_TRY(cln_views_choose(opened.scene, split, desc->views, desc->max_images, &views, &count));
     CLN_TRY(cln_quality_check(opened.scene, views, count));
@@ -160,17 +162,17 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(check_ranks(desc, &opened, views, count));
     if (desc->seams && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE, "--seams: works in one process only; run eval without mpirun"));
-    for (int i = 0; i < opened.scene->view_count && desc->antialias > 1; i++) {
+    for (int i = 0; i < opened.scene->view_count && antialias > 1; i++) {
         const cln_camera *c = &opened.scene->views[i].camera;
 
-        opened.view_pixels = fmax(opened.view_pixels,
-                                  (double)c->width * c->height * desc->antialias * desc->antialias);
+        opened.view_pixels =
+            fmax(opened.view_pixels, (double)c->width * c->height * antialias * antialias);
     }
     if (!opened.same_scene)
         opened.model.exposure_views = 0; /* they are of other photos */
     opened.fast = desc->fast;
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
-    opened.pipeline.antialias = desc->antialias;
+    opened.pipeline.antialias = antialias;
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
     CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
                                 desc->save_images && writes ? place : NULL, &desc->callbacks,
@@ -178,7 +180,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (desc->seams)
         CLN_TRY(cln_seams_measure(&opened.pipeline, &opened.model, opened.scene, &desc->callbacks,
                                   &result->seams));
-    result->antialias = desc->antialias > 1 ? desc->antialias : 1;
+    result->antialias = antialias;
     result->fast = desc->fast;
     result->step = opened.model.step;
     result->train_seconds = opened.model.train_seconds;

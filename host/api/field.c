@@ -294,12 +294,11 @@ static cln_status plan(cln_open_run *opened, double view_pixels, double picture_
     return st;
 }
 
-/* Makes the device ready for the camera's picture, as view 0. */
-static cln_status prepare(cln_field *field, const cln_camera *camera, int antialias)
+/* Makes the device ready for the camera's picture, as view 0, with n x n rays at edges. */
+static cln_status prepare(cln_field *field, const cln_camera *camera, int n)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &field->opened.pipeline;
-    const int n = antialias > 1 ? antialias : 1;
     const double pixels = (double)camera->width * camera->height;
 
     CLN_TRY(plan(&field->opened, n * n * pixels, pixels));
@@ -338,7 +337,7 @@ static cln_status render(cln_field *field, const cln_frame_desc *frame, const cl
     cln_picture *picture = &field->rendering.picture;
     const size_t n = (size_t)camera->width * (size_t)camera->height;
 
-    CLN_TRY(prepare(field, camera, frame->antialias));
+    CLN_TRY(prepare(field, camera, cln_open_run_antialias(&field->opened, frame->antialias)));
     CLN_TRY(choose_array(rgb, &field->rgb, 3 * n, &picture->rgb));
     CLN_TRY(choose_array(depth, &field->depth, n, &picture->depth));
     CLN_TRY(choose_array(opacity, &field->opacity, n, &picture->opacity));

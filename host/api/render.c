@@ -130,8 +130,8 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
     d = cln_digest(d, c->c2w, sizeof c->c2w);
     d = cln_digest(d, lengths, sizeof lengths);
     d = cln_digest(d, c->distortion, sizeof c->distortion);
-    if (j->desc->antialias > 1)
-        d = cln_digest(d, &j->desc->antialias, sizeof j->desc->antialias);
+    if (j->antialias > 1)
+        d = cln_digest(d, &j->antialias, sizeof j->antialias);
     if (j->desc->fast)
         d = cln_digest(d, "fast", 4);
     if (j->desc->depth_unit > 0)
@@ -195,15 +195,14 @@ static cln_status start(cln_render_job *j)
     }
     for (int i = 0; i < j->count; i++) {
         const cln_camera *c = &j->frames[i].camera;
-        const int n = j->desc->antialias > 1 ? j->desc->antialias : 1;
         const double pixels = (double)c->width * c->height;
 
-        v->view_pixels = fmax(v->view_pixels, n * n * pixels);
+        v->view_pixels = fmax(v->view_pixels, j->antialias * j->antialias * pixels);
         v->picture_pixels = fmax(v->picture_pixels, each * pixels);
     }
     v->fast = j->desc->fast;
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
-    v->pipeline.antialias = j->desc->antialias;
+    v->pipeline.antialias = j->antialias;
     CLN_TRY(cln_crop_use(&v->pipeline, &v->model.space, &j->crop));
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count * each, &v->model.space));
     CLN_TRY(cln_render_prepare(&v->pipeline));
@@ -492,6 +491,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));
     j.model_digest = cln_model_digest(&j.opened.model);
+    j.antialias = cln_open_run_antialias(&j.opened, desc->antialias);
     for (int i = 0; i < j.count; i++)
         find_identity(&j, &j.frames[i]);
     if (desc->poses)

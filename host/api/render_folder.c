@@ -136,8 +136,8 @@ static json_t *describe(const cln_render_job *j)
         json_object_set_new(about, "earlier_frames", json_integer(j->earlier));
     if (about && d->depth_unit > 0)
         json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
-    if (about && d->antialias > 1)
-        json_object_set_new(about, "antialias", json_integer(d->antialias));
+    if (about && j->antialias > 1)
+        json_object_set_new(about, "antialias", json_integer(j->antialias));
     if (about && d->fast)
         json_object_set_new(about, "fast", json_true());
     if (about && d->stereo > 0)

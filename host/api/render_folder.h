@@ -22,6 +22,7 @@ typedef struct cln_render_job {
     const cln_render_desc *desc;
     bool writes; /* rank 0 (ranks/ranks.h) */
     cln_open_run opened;
+    int antialias;         /* n x n rays for pixels at edges */
     uint64_t model_digest; /* once: it takes half a second for many voxels */
     cln_frames cameras;
     cln_crop crop;

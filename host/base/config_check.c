@@ -298,6 +298,11 @@ cln_status cln_config_check(const cln_config *config)
     if (config->space == CLN_SPACE_NDC && config->bbox[0])
         return cln_fail(CLN_USAGE, "--space ndc and --bbox: normalised device coordinates reach to "
                                    "infinity, so they have no box; leave one out");
+    if (config->antialias > 1 && config->stage1 == CLN_STAGE1_SPLAT)
+        return cln_fail(CLN_USAGE,
+                        "--antialias %d and --stage1 splat: splatting goes through pixels' centres "
+                        "alone; give --stage1 gather",
+                        config->antialias);
     if (config->refine_poses && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--refine-poses and --stage1 splat: refining renders single pixels of many "

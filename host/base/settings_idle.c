@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 48 };
+enum { IDLE_ROWS = 50 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -72,6 +72,9 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"smooth-colour-delta", c->smooth_colour <= 0,
          "colours are not smoothed; give --smooth-colour 4e-9"},
         {"huber-delta", c->loss != CLN_LOSS_HUBER, "the loss is l2; give --loss huber"},
+        {"antialias", c->antialias > 1 && facts->ranks > 1,
+         "of several processes none sees all photos' edges; train with one"},
+        {"antialias-after", c->antialias <= 1, "there is one ray a pixel; give --antialias 2"},
         {"alpha-loss", c->alpha_loss > 0 && !facts->has_alpha,
          "the images have no alpha; give --opaque-loss"},
         {"opaque-loss", c->opaque_loss > 0 && facts->has_alpha,

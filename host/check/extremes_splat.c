@@ -144,7 +144,7 @@ static cln_status put_views(cln_pipeline *p, scene *s)
     for (uint32_t r = 0; r < RAYS; r++) {
         const cln_camera *c = &s->cameras[r / EACH];
 
-        s->pixels[r] = (cln_pixel){.view = r / EACH, .pad = r / EACH};
+        s->pixels[r] = (cln_pixel){.view = r / EACH, .spot = r / EACH};
         s->pixels[r].x = (uint32_t)cln_check_uniform(122, r, 0, c->width);
         s->pixels[r].y = r % EACH * (uint32_t)c->height / EACH;
     }

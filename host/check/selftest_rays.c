@@ -558,7 +558,7 @@ cln_status cln_check_rays(cln_checks *c)
         const cln_u32 row = SIDE / STEP, pixel = (cln_u32)(r * (RAYS / rays));
         const cln_u32 at = pixel % (row * row);
 
-        pixels[r].view = pixels[r].pad = pixel / (row * row);
+        pixels[r].view = pixels[r].spot = pixel / (row * row);
         pixels[r].x = at % row * STEP + 1;
         pixels[r].y = at / row * STEP + 2;
     }

@@ -97,7 +97,7 @@ void cln_synthetic_draw(cln_synthetic *s, int rays)
             .view = view,
             .x = (cln_u32)(u[0] * SIDE),
             .y = (cln_u32)((place - (int64_t)view * rays) * SIDE / rays),
-            .pad = view,
+            .spot = view,
         };
         memcpy(s->targets[i], u + 1, 3 * sizeof u[0]);
     }

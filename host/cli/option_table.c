@@ -181,7 +181,7 @@ const cln_arg cln_args[] = {
          "only the split's views of these photos: a file's name or its path in the scene, with or "
          "without the ending"),
     INT(CLN_EVAL | CLN_RENDER, "antialias", antialias, "N", 1, 8,
-         "N x N rays for pixels at edges", .standard = "1"),
+         "N x N rays for pixels at edges (default: as in training)"),
     FLAG(CLN_EVAL, "seams", seams,
          "also measure how much colour and alpha change at surfaces from leaf to leaf, and over "
          "the same step inside a leaf"),

@@ -105,6 +105,8 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         CLN_TRY(cln_fail(CLN_INTERNAL, "checkpoint of step %" PRId64 ": a setting is not finite",
                          model->step));
     if (!document ||
+        json_object_set_new(document, "drawn", json_integer((json_int_t)model->drawn)) != 0 ||
+        json_object_set_new(document, "averaged", json_boolean(model->averaged)) != 0 ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
                                                      forward_json(&model->space)) != 0) ||
         (model->space.shell &&
@@ -177,6 +179,9 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     CLN_TRY(get_int(document, path, "growth_step", 0, INT64_MAX, &out->growth_step));
     CLN_TRY(get_int(document, path, "rays", 0, INT32_MAX, &rays));
     CLN_TRY(get_int(document, path, "level", 0, CLN_MAX_LEVEL, &level));
+    if (json_object_get(document, "drawn")) /* later than the others */
+        CLN_TRY(get_int(document, path, "drawn", 0, INT64_MAX, &out->drawn));
+    out->averaged = json_is_true(json_object_get(document, "averaged"));
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
                      &out->train_seconds));
     CLN_TRY(get_int(measured, path, "rays", 0, INT64_MAX, &out->sum_rays));

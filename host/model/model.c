@@ -349,3 +349,8 @@ uint64_t cln_model_digest(const cln_model *model)
                     (size_t)model->tree.leaf_count * (size_t)model->net.params * sizeof(float));
     return cln_digest_end(&part);
 }
+
+int cln_model_antialias(const cln_model *model)
+{
+    return model->averaged ? model->config.antialias : 1;
+}

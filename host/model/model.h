@@ -34,6 +34,8 @@ typedef struct cln_model {
     double train_seconds; /* budget used so far */
     int rays;             /* adapted batch size of the next step */
     int level;            /* growth reached so far */
+    int64_t drawn;        /* pixels of the photos that training has drawn */
+    bool averaged;        /* pixels at edges are means of several rays by now */
     /* Measures of the structure optimisation (method.md 12.3); kept with the training state. */
     float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
     int32_t *met;       /* [slot] samples since the last decision */
@@ -53,6 +55,9 @@ typedef struct cln_model {
     float (*motions)[CLN_MOTION]; /* [motion_views] */
     int motion_views;
 } cln_model;
+
+/* n x n rays make a pixel at an edge, in training and in pictures: 1 until --antialias-after. */
+int cln_model_antialias(const cln_model *model);
 
 /* Measures of a leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */
 enum { CLN_MEASURES = 3 };

@@ -13,7 +13,7 @@
  *   CROP    PARTS, and rays are cut to a box (walk.h); only if it is asked for by name
  * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK or VOXEL: what
  * leaves are; SPLATTING: stage 1 splats; REGULARISED: a regulariser reads points; MEASURED:
- * training measures leaves, which may merge; SHARED: ranks share the pipeline; HALO: and its leaves
+ * training measures leaves, which may merge; AVERAGED: pixels are the mean of several rays; SHARED: ranks share the pipeline; HALO: and its leaves
  * have common vertices. */
 #define CLN_PROGRAM_LIST(X)                           \
     X(scan, scan, PLAIN, ALWAYS)                      \
@@ -80,6 +80,7 @@
     X(decoder_update, decoder_update, decoder, ALWAYS)              \
     X(roulette, roulette, roulette, ALWAYS)                         \
     X(composite, composite, composite, ALWAYS)                      \
+    X(composite_pixels, composite_pixels, composite, AVERAGED)      \
     X(composite_train, composite_train, composite, ALWAYS)          \
     X(adam_count, adam_count, adam, ALWAYS)                         \
     X(adam, adam, adam, ALWAYS)                                     \

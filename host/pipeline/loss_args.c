@@ -5,7 +5,7 @@ cln_loss_args cln_loss_args_of(const cln_pipeline *p, int n)
 {
     const cln_config *c = &p->config;
 
-    return (cln_loss_args){.scale = n ? 1.0f / (float)n : 0.0f,
+    return (cln_loss_args){.scale = n ? (float)(p->rays_per_pixel / n) : 0.0f,
                            .huber = (float)c->huber_delta,
                            .alpha = (float)p->opacity_loss,
                            .cauchy = (float)c->cauchy,

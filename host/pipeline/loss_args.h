@@ -10,7 +10,7 @@ typedef struct cln_loss_args {
     cl_float scale, huber, alpha, cauchy, opacity, distort, depth;
 } cln_loss_args;
 
-/* The weights for a batch of n rays. */
+/* The weights for a batch of n rays: its loss is the mean over pixels. */
 cln_loss_args cln_loss_args_of(const cln_pipeline *p, int n);
 
 /* Adds DEPTH_ARGUMENTS: nothing unless the loss of depths is built in. */

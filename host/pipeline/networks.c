@@ -168,11 +168,18 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     }
     CLN_TRY(CLN_RESERVE(p, dout, sample_count));
     CLN_TRY(CLN_RESERVE(p, measures, sample_count));
+    if (p->averaged)
+        CLN_TRY(CLN_LAUNCH(p->device, p->k.composite_pixels, CLN_STAGE_COMPOSITE,
+                           cln_groups(rays, wg), wg, CLN_ARG(p->sample_starts.mem),
+                           CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem),
+                           CLN_ARG(p->backgrounds.mem), CLN_ARG(p->pixels.mem),
+                           CLN_ARG(p->targets.mem), CLN_ARG(rays)));
     CLN_ADD(&a, p->sample_starts.mem);
     CLN_ADD(&a, p->samples.mem);
     CLN_ADD(&a, p->out.mem);
     CLN_ADD(&a, p->backgrounds.mem);
     CLN_ADD(&a, p->targets.mem);
+    CLN_ADD(&a, p->pixels.mem);
     CLN_ADD(&a, p->dout.mem);
     CLN_ADD(&a, p->results.mem);
     CLN_ADD(&a, rays);

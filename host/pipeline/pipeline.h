@@ -95,6 +95,8 @@ struct cln_pipeline {
     unsigned lenses;     /* lenses whose code is built in (cln_camera_lenses) */
     cln_space space;     /* space of its cube; kernels are built for this space */
     bool ray_background; /* one background per ray (random_background) */
+    bool averaged;       /* in training pixels may be the mean of several rays (config.antialias) */
+    double rays_per_pixel; /* of the newest batch, on the mean */
     /* Arrays P have a row per leaf (grads: per slice). Each is one buffer; if one of them would
      * exceed the device's largest allocation, each becomes CLN_PARTS buffers of part_leaves (or
      * part_slices) rows (kernels/leaves.h). */
@@ -264,9 +266,10 @@ cln_status cln_pipeline_cameras(cln_pipeline *p, const cln_camera *const *camera
 /* The same for all views of a scene, in its order; the training views come first. */
 cln_status cln_pipeline_scene(cln_pipeline *p, const cln_scene *scene, const cln_space *space);
 
-/* Uploads a batch: pixels (pad: index of the view in the batch; if the stage-1 method is by_view,
- * rays are ordered by pad, then y), targets ([n][4] in training, else NULL) and backgrounds ([1][4]
- * or [n][4]). Does not wait: the arrays must stay until cln_stage_sample has returned. */
+/* Uploads a batch: pixels (spot: CLN_SPOT, or if the stage-1 method is by_view, the index of the
+ * view in the batch; rays are then ordered by that, then y), targets ([n][4] in training, else
+ * NULL) and backgrounds ([1][4] or [n][4]). Does not wait: the arrays must stay until
+ * cln_stage_sample has returned. */
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
                               const float *backgrounds);
 

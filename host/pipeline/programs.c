@@ -214,7 +214,7 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
          p->opacity_loss > 0, c->cauchy > 0, c->opacity_entropy > 0);
     line(&t, "#define DISTORT %d\n#define DEPTH_LOSS %d", c->distortion_loss > 0,
          p->depth_loss > 0);
-    line(&t, "#define MEASURES %d", cln_pipeline_measures(c));
+    line(&t, "#define AVERAGED %d\n#define MEASURES %d", p->averaged, cln_pipeline_measures(c));
     line(&t, "#define PART %d\n#define EACH %d", CLN_ADAM_PART, CLN_ADAM_EACH);
     real(&t, "BETA1", c->beta1);
     real(&t, "BETA2", c->beta2);
@@ -269,7 +269,8 @@ enum when {
     MEASURED,
     SERIAL,
     SHARED,
-    HALO
+    HALO,
+    AVERAGED
 };
 
 static const struct {
@@ -319,6 +320,8 @@ static bool is_true(const cln_pipeline *p, enum when when)
         return p->ranks > 1;
     case HALO:
         return p->ranks > 1 && cln_leaf_kind_of(p->net.encoding)->joined;
+    case AVERAGED:
+        return p->averaged;
     }
     return false;
 }
@@ -495,6 +498,8 @@ static cln_status outline(cln_device *device, const cln_config *config,
     out->space = *facts->space;
     out->deepest = deepest(config, facts);
     out->ray_background = config->random_background;
+    out->averaged = config->antialias > 1 && cln_ranks_count() == 1;
+    out->rays_per_pixel = 1;
     out->opacity_loss = facts->alpha ? config->alpha_loss : config->opaque_loss;
     out->depth_loss = facts->no_sights ? 0 : config->depth_loss;
     CLN_TRY(cln_network_layout(config, &out->net));

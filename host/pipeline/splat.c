@@ -88,7 +88,7 @@ static cln_status make_grids(cln_pipeline *p, cln_grid **grids, cl_uint *lists)
     CLN_TRY(cln_alloc(grids, (size_t)(count * levels), sizeof **grids, "splat grids"));
     CLN_TRY(cln_alloc(&views, (size_t)count, sizeof *views, "batch views"));
     for (int i = 0; i < p->host_rays; i++)
-        views[p->host_pixels[i].pad] = p->host_pixels[i].view;
+        views[p->host_pixels[i].spot] = p->host_pixels[i].view;
     for (int v = 0; v < count; v++)
         for (int level = 0; level < levels; level++) {
             const cln_device_camera *c = &p->host_cameras[views[v]];
@@ -172,12 +172,12 @@ static void find_rays(const cln_pipeline *p, cln_ray_group *g)
 {
     int first = 0, end = 0;
 
-    while (first < p->host_rays && ((int)p->host_pixels[first].pad < g->first_view ||
-                                    ((int)p->host_pixels[first].pad == g->first_view &&
+    while (first < p->host_rays && ((int)p->host_pixels[first].spot < g->first_view ||
+                                    ((int)p->host_pixels[first].spot == g->first_view &&
                                      (int)p->host_pixels[first].y < g->row_begin)))
         first++;
     for (end = first; end < p->host_rays; end++) {
-        const int view = (int)p->host_pixels[end].pad;
+        const int view = (int)p->host_pixels[end].spot;
 
         if (view >= g->first_view + g->views ||
             (g->views == 1 && (int)p->host_pixels[end].y >= g->row_end))
@@ -224,7 +224,7 @@ cln_status cln_splat_cut(cln_pipeline *p, const cln_buffer *density, int n, cln_
     *count = 0;
     p->splat_entries = 0;
     CLN_ASSERT(n == p->host_rays);
-    p->batch_view_count = n ? (int)p->host_pixels[n - 1].pad + 1 : 0;
+    p->batch_view_count = n ? (int)p->host_pixels[n - 1].spot + 1 : 0;
     if (n == 0)
         return CLN_OK;
     CLN_TRY(make_grids(p, &grids, &lists));

@@ -279,6 +279,15 @@ done:
     return st;
 }
 
+static double rays_per_pixel(const cln_pixel *pixels, int n)
+{
+    int alone = 0;
+
+    for (int i = 0; i < n; i++)
+        alone += CLN_SPOT_INDEX(pixels[i].spot) == 0;
+    return n ? (double)n / alone : 1;
+}
+
 cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, const float *targets,
                               const float *backgrounds)
 {
@@ -287,6 +296,8 @@ cln_status cln_pipeline_batch(cln_pipeline *p, const cln_pixel *pixels, int n, c
     const size_t all = rays * (size_t)cln_pipeline_rows(p) + (size_t)cln_pipeline_extra_rays(p);
     const cln_stage1 *stage1 = cln_stage1_of(&p->config);
 
+    if (p->averaged)
+        p->rays_per_pixel = rays_per_pixel(pixels, n);
     CLN_TRY(CLN_PUT_SOON(p, pixels, pixels, rays));
     CLN_TRY(CLN_RESERVE(p, ray_o, all));
     CLN_TRY(CLN_RESERVE(p, ray_d, all));

@@ -20,6 +20,11 @@
 #include "scene/cameras_file.h"
 #include "scene/motion.h"
 
+int cln_open_run_antialias(const cln_open_run *opened, int asked)
+{
+    return asked ? asked : cln_model_antialias(&opened->model);
+}
+
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)
 {
     for (int s = 0; s < CLN_SPLITS; s++) {

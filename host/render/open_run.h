@@ -46,6 +46,9 @@ cln_status cln_open_run_plan(cln_open_run *opened);
 
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 
+/* n x n rays that pixels at edges get: as many as are asked for, or, of 0, as in training. */
+int cln_open_run_antialias(const cln_open_run *opened, int asked);
+
 /* Finds a split by its name: "train", "val" or "test", of which the scene has views. CLN_USAGE,
  * CLN_INPUT. */
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split);

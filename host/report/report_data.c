@@ -307,15 +307,16 @@ static int by_step(const void *a, const void *b)
     return x->images != y->images ? x->images - y->images : strcmp(x->stem, y->stem);
 }
 
-/* Writes " with --antialias 2 --fast"; nothing for pictures as they are. */
-static void say_how(const json_t *document, char *out, size_t bytes)
+/* Writes " with --antialias 2 --fast", by the name of its files; nothing for pictures as they
+ * are. */
+static void say_how(const char *stem, char *out, size_t bytes)
 {
-    const double n = cln_json_number(document, "antialias");
-    const bool fast = json_is_true(json_object_get(document, "fast"));
+    const char *finer = strstr(stem, "-antialias"), *fast = strstr(stem, "-fast");
 
     out[0] = 0;
-    if (n > 1)
-        snprintf(out, bytes, " with --antialias %.0f%s", fmin(n, 99), fast ? " --fast" : "");
+    if (finer)
+        snprintf(out, bytes, " with --antialias %.1s%s", finer + strlen("-antialias"),
+                 fast ? " --fast" : "");
     else if (fast)
         snprintf(out, bytes, " with --fast");
 }
@@ -347,7 +348,7 @@ static cln_status add_eval(const char *folder, const char *name, cln_report_data
     e->seconds = cln_json_number(e->document, "train_seconds");
     e->psnr = cln_json_number(mean, "psnr");
     e->ssim = cln_json_number(mean, "ssim");
-    say_how(e->document, e->how, sizeof e->how);
+    say_how(e->stem, e->how, sizeof e->how);
     e->images = (int)json_array_size(json_object_get(e->document, "images"));
     data->eval_count++;
 done:

@@ -190,44 +190,38 @@ bool cln_batch_knows(const cln_scene *scene, const cln_config *config)
     return config->depth_loss > 0 && scene->sight_count > 0 && !cln_stage1_of(config)->by_view;
 }
 
-bool cln_batch_has_sights(const cln_batch *b, const cln_config *config, const cln_draw *d)
+/* Whether some rays of this draw do: not while --precrop-steps keep them in the images' middle. */
+static bool has_sights(const cln_batch *b, const cln_config *config, const cln_draw *d)
 {
     return b->shown && d->depth > 0 && d->step >= (uint32_t)config->precrop_steps;
 }
 
-/* Makes every CLN_SIGHT_EVERY-th ray go through a pixel that shows a sparse point. */
-static void draw_sights(cln_batch *b, const cln_scene *scene, const cln_config *config,
-                        const cln_draw *d)
+/* Makes a ray go through a pixel that shows a sparse point, drawn by the pixel's number. */
+static void draw_sight(cln_batch *b, const source *from, uint32_t number, int ray)
 {
-    const bool any = cln_batch_has_sights(b, config, d);
+    const cln_scene *scene = from->scene;
+    uint32_t bits[4];
+    const cln_sight *sight = NULL;
+    double cube[3];
 
-    memset(b->shown, 0, (size_t)d->n * sizeof *b->shown);
-    for (int i = 0; i < d->n && any; i++) {
-        uint32_t bits[4];
-        const cln_sight *sight = NULL;
-        double cube[3];
-
-        if (!cln_batch_is_sight(i))
-            continue;
-        draw_bits((uint64_t)config->seed, CLN_STREAM_SIGHTS, d->step, (uint32_t)i, 0, bits);
-        sight = &scene->sights[bounded64((uint64_t)bits[0] << 32 | bits[1],
-                                         (uint64_t)scene->sight_count)];
-        if (sight->x < 0 || !cln_view_keeps(&scene->views[sight->view], sight->x, sight->y))
-            continue; /* what it shows does not count: the ray stays what it was */
-        b->pixels[i] = (cln_pixel){(cln_u32)sight->view, (cln_u32)sight->x, (cln_u32)sight->y, 0};
-        cln_space_point_to_cube(d->space, sight->point, cube);
-        for (int k = 0; k < 3; k++)
-            b->shown[i][k] = (float)cube[k];
-        b->shown[i][3] = (float)(sight->trust * d->depth);
-    }
+    draw_bits((uint64_t)from->config->seed, CLN_STREAM_SIGHTS, from->draw->step, number, 0, bits);
+    sight =
+        &scene->sights[bounded64((uint64_t)bits[0] << 32 | bits[1], (uint64_t)scene->sight_count)];
+    if (sight->x < 0 || !cln_view_keeps(&scene->views[sight->view], sight->x, sight->y))
+        return; /* what it shows does not count: the ray stays what it was */
+    b->pixels[ray] = (cln_pixel){(cln_u32)sight->view, (cln_u32)sight->x, (cln_u32)sight->y, 0};
+    cln_space_point_to_cube(from->draw->space, sight->point, cube);
+    for (int k = 0; k < 3; k++)
+        b->shown[ray][k] = (float)cube[k];
+    b->shown[ray][3] = (float)(sight->trust * from->draw->depth);
 }
 
 static int by_view_and_row(const void *a, const void *b)
 {
     const cln_pixel *p = a, *q = b;
 
-    if (p->pad != q->pad)
-        return p->pad < q->pad ? -1 : 1;
+    if (p->spot != q->spot)
+        return p->spot < q->spot ? -1 : 1;
     if (p->y != q->y)
         return p->y < q->y ? -1 : 1;
     return p->x < q->x ? -1 : p->x > q->x;
@@ -262,6 +256,68 @@ void cln_batch_look(cln_batch *b, const cln_scene *scene, int n)
     cln_rows_share(&b->asked, n, b->stored);
 }
 
+/* The largest difference of neighbouring bytes that is no edge: docs/results.md, "Pixels at edges
+ * are means". */
+enum { EDGE_STEP = 30 };
+
+/* Whether the pixel differs from one of its eight neighbours. */
+static bool is_edge(const cln_view *view, int x, int y)
+{
+    const int width = view->camera.width, height = view->camera.height;
+    uint8_t here[4], there[4];
+
+    cln_view_bytes(view, x, y, here);
+    for (int v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
+        for (int u = x > 0 ? x - 1 : 0; u <= x + 1 && u < width; u++) {
+            cln_view_bytes(view, u, v, there);
+            for (int c = view->channels == 4 && !here[3] && !there[3] ? 3 : 0; c < view->channels;
+                 c++)
+                if (abs(here[c] - there[c]) > EDGE_STEP)
+                    return true;
+        }
+    return false;
+}
+
+/* The spot of a pixel's ray `index`, one in each of side x side parts of the pixel. */
+static uint32_t draw_spot(const source *from, uint32_t number, int index, int side)
+{
+    const int part = 4096 / side; /* 4096, or 1 less with three, are a pixel's side */
+    uint32_t bits[4];
+
+    draw_bits((uint64_t)from->config->seed, CLN_STREAM_SPOTS, from->draw->step, number,
+              (uint32_t)index, bits);
+    return CLN_SPOT(index % side * part + (int)cln_bounded(bits[0], (uint32_t)part) - 2048,
+                    index / side * part + (int)cln_bounded(bits[1], (uint32_t)part) - 2048, index,
+                    side * side);
+}
+
+/* Draws a pixel and its rays from number `ray` on. Returns how many. */
+static int draw_pixel(cln_batch *b, const source *from, uint32_t number, uint32_t slot, int ray)
+{
+    const cln_draw *d = from->draw;
+    const bool by_view = cln_stage1_of(from->config)->by_view;
+    const bool sight = cln_batch_is_sight((int)number) && has_sights(b, from->config, d);
+    place p = {0};
+    int rays = 1;
+
+    if (!draw(from, number, slot, &p) && ray > 0 && (!by_view || b->pixels[ray - 1].spot == slot)) {
+        b->pixels[ray] = b->pixels[ray - 1]; /* one left out would teach that nothing is there */
+        b->pixels[ray].spot = slot;
+    } else {
+        const int view = cln_scene_split_view(from->scene, CLN_SPLIT_TRAIN, p.index);
+
+        if (d->antialias > 1 && !sight && is_edge(&from->scene->views[view], p.x, p.y))
+            rays = d->antialias * d->antialias;
+        for (int k = 0; k < rays && ray + k < d->n; k++)
+            b->pixels[ray + k] =
+                (cln_pixel){(cln_u32)view, (cln_u32)p.x, (cln_u32)p.y,
+                            rays > 1 ? draw_spot(from, number, k, d->antialias) : slot};
+    }
+    if (sight)
+        draw_sight(b, from, number, ray);
+    return rays;
+}
+
 void cln_batch_begin(cln_batch *b, const cln_scene *scene, const cln_config *config,
                      const cln_draw *d)
 {
@@ -271,28 +327,26 @@ void cln_batch_begin(cln_batch *b, const cln_scene *scene, const cln_config *con
 
     CLN_ASSERT(n <= b->capacity);
     cln_batch_forget(b);
-    for (int i = 0; i < n; i++) {
+    if (b->shown)
+        memset(b->shown, 0, (size_t)n * sizeof *b->shown);
+    b->drawn = 0;
+    for (int ray = 0; ray < n; b->drawn++) {
         /* by view: ray i looks through batch view i * views / n */
-        const uint32_t slot = by_view ? (uint32_t)((int64_t)i * views / n) : 0;
-        place p = {0};
+        const uint32_t slot = by_view ? (uint32_t)((int64_t)ray * views / n) : 0;
 
-        if (!draw(&from, (uint32_t)i, slot, &p) && i > 0 && b->pixels[i - 1].pad == slot) {
-            b->pixels[i] = b->pixels[i - 1]; /* one left out would teach that nothing is there */
-            continue;
-        }
-        b->pixels[i] = (cln_pixel){(cln_u32)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, p.index),
-                                   (cln_u32)p.x, (cln_u32)p.y, slot};
+        ray += draw_pixel(b, &from, (uint32_t)b->drawn, slot, ray);
     }
     if (by_view)
         qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);
-    if (b->shown)
-        draw_sights(b, scene, config, d);
     b->n = n;
     b->ray_background = d->ray_background;
     memcpy(b->backgrounds[0], scene->background, sizeof scene->background);
     for (int i = 0; i < n && d->ray_background; i++)
-        cln_uniform4((uint64_t)config->seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0,
-                     b->backgrounds[i]);
+        if (!by_view && CLN_SPOT_INDEX(b->pixels[i].spot) > 0)
+            memcpy(b->backgrounds[i], b->backgrounds[i - 1], sizeof *b->backgrounds);
+        else
+            cln_uniform4((uint64_t)config->seed, CLN_STREAM_BACKGROUND, d->step, (uint32_t)i, 0,
+                         b->backgrounds[i]);
     read_own(b, scene, n);
     cln_rows_begin(&b->asked, n, b->stored);
 }

@@ -114,7 +114,8 @@ void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batc
         const int32_t view = e->number_of[batch->pixels[i].view];
         const float *target = batch->targets[i];
 
-        rays->view[i] = target[3] > 0 ? view : -1; /* 0: the pixel does not count */
+        /* opacity 0: the pixel does not count; of several rays none is as bright as the photo */
+        rays->view[i] = target[3] > 0 && CLN_SPOT_COUNT(batch->pixels[i].spot) == 1 ? view : -1;
         memcpy(rays->photo[i], target, sizeof rays->photo[i]);
     }
     cln_exposure_divide(e, model, batch, n);

@@ -126,7 +126,7 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     /* by poses that do not change, so that a resumed run finds the same */
     CLN_TRY(cln_scene_pixel_width(t->scene, (const double(*)[12])t->refine.given, &t->model.space,
                                   &pixel));
-    *grows = cell >= c->cell_pixels * pixel;
+    *grows = cell * cln_model_antialias(&t->model) >= c->cell_pixels * pixel;
     t->finest = !*grows;
     if (t->finest)
         cln_info("the tree stays at level %d%s: voxels of the next level would be %.2g pixels of "

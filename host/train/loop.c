@@ -130,6 +130,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         return CLN_OK;
     cln_watch_say(t, "evaluating");
     cln_queue_book(t->device, CLN_STAGE_EVALUATION);
+    t->pipeline.antialias = cln_model_antialias(&t->model);
     rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
                                    t->writes ? folder : NULL, &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
@@ -139,6 +140,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     if (rendered != CLN_OK)
         goto done;
     *done = true;
+    result.antialias = t->pipeline.antialias;
     t->psnr_test = result.psnr;
     t->psnr_exposed = result.psnr_exposed;
     t->eval_seconds = cln_now() - began;

@@ -44,7 +44,7 @@ done:
 }
 
 /* Marks leaves whose voxels must not become finer, [slot]: half of one would be below --cell-pixels
- * pixels of the photos that see it. None without voxels. met: leaves that met too few samples to
+ * pixels of the photos that see it, or, where pixels are means, below that of their rays. None without voxels. met: leaves that met too few samples to
  * split are left out. */
 static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
 {
@@ -69,7 +69,9 @@ static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
         for (int a = 0; a < 3; a++)
             centre[a] = box[a] + 0.5 * box[3];
         (*out)[s] = cln_scene_cell_pixels(t->scene, &t->model.space, centre,
-                                          0.5 * box[3] / c->grid_cells, each) < c->cell_pixels;
+                                          0.5 * box[3] / c->grid_cells, each) *
+                        cln_model_antialias(&t->model) <
+                    c->cell_pixels;
     }
 done:
     free(each);

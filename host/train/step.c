@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "base/config.h"
+#include "base/log.h"
 #include "base/rng.h"
 #include "pipeline/share.h"
 #include "pipeline/stages.h"
@@ -54,20 +55,22 @@ static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
 static cln_status account(cln_trainer *t)
 {
     const cln_coverage *cover = &t->batch.coverage;
-    double loss = 0, square = 0, rays = t->owed.rays;
-    int counted = 0;
+    double loss = 0, square = 0, pixels = 0, counted = 0, rays = 0;
 
     if (!t->owed.due)
         return CLN_OK;
     t->owed.due = false;
     for (int i = 0; i < t->owed.rays; i++) {
-        loss += t->results[i].loss;
-        if (t->owed.sights && cln_batch_is_sight(i))
+        const double share = t->results[i].share;
+
+        loss += fabs(share) * t->results[i].loss;
+        pixels += fabs(share);
+        if (share < 0)
             continue; /* where points are found, there is more to see than elsewhere */
-        square += t->results[i].square_error;
-        counted++;
+        square += share * t->results[i].square_error;
+        counted += share;
     }
-    loss /= rays;
+    loss /= pixels;
     rays = counted;
     if (cln_batch_skips(&t->batch, &t->model.config, t->owed.step)) {
         rays = round(rays / cover->share);
@@ -119,10 +122,29 @@ static double depth_share(const cln_trainer *t)
     return t->batch.shown && until > 0 ? fmax(0, 1 - cln_step_fraction(t) / until) : 0;
 }
 
+/* Pixels at edges become means of several rays once the photos were seen often enough. */
+static void begin_averages(cln_trainer *t)
+{
+    cln_model *m = &t->model;
+    const double pixels = (double)t->batch.first[t->batch.train_views];
+
+    if (!t->pipeline.averaged || m->averaged ||
+        (double)m->drawn < m->config.antialias_after * pixels)
+        return;
+    m->averaged = true;
+    t->finest = false;
+    if (!t->undone)
+        cln_info("from step %lld on pixels at edges are means of %d rays", (long long)m->step,
+                 m->config.antialias * m->config.antialias);
+}
+
 static void draw(cln_trainer *t)
 {
+    begin_averages(t);
+
     const cln_draw d = {.step = (uint32_t)t->model.step,
                         .n = t->model.rays,
+                        .antialias = t->pipeline.averaged ? cln_model_antialias(&t->model) : 1,
                         .ray_background = t->pipeline.ray_background,
                         .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step),
                         .depth = depth_share(t),
@@ -130,7 +152,6 @@ static void draw(cln_trainer *t)
 
     cln_batch_begin(&t->batch, t->scene, &t->model.config, &d);
     t->drawn = true;
-    t->drawn_sights = cln_batch_has_sights(&t->batch, &t->model.config, &d);
 }
 
 /* The host waits once, for the number of samples. It reads a step's results in the next step, and
@@ -156,12 +177,10 @@ cln_status cln_step(cln_trainer *t, double fraction)
         .stretches = cln_stretch_wanted(p)};
     uint32_t samples = 0, measured = 0, here = 0, slices = 0; /* here: made by this rank */
     int rays = 0;
-    bool sights = false;
 
     if (!t->drawn)
         draw(t);
     t->drawn = false;
-    sights = t->drawn_sights;
     CLN_TRY(cln_scene_check_pixels(t->scene));
     cln_batch_colour(&t->batch, t->scene);
     if (cln_exposure_due(&t->exposure, number) && !t->undone) {
@@ -195,7 +214,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     t->owed.step = t->model.step;
     t->owed.rays = rays;
     t->owed.samples = samples;
-    t->owed.sights = sights;
+    t->model.drawn += t->batch.drawn;
     t->model.rays = adapt_rays(t, rays, samples);
     t->model.step++;
     draw(t);

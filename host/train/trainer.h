@@ -31,7 +31,6 @@ typedef struct cln_trainer {
     cln_batch batch;
     cln_ray_result *results; /* [config.rays] */
     bool drawn;              /* the next step's batch is drawn */
-    bool drawn_sights;       /* some of its rays go to sparse points */
     bool undone;             /* the step on its way will be undone */
     cln_exposure exposure;
     cln_refine refine;
@@ -40,7 +39,6 @@ typedef struct cln_trainer {
         int64_t step;
         int rays;
         uint32_t samples;
-        bool sights;
     } owed;
     int64_t steps;                /* budget in steps; 0 = only in time */
     bool said_used_up;            /* the budget of a resumed run */

@@ -1,7 +1,7 @@
 #!/bin/bash
 # The leaves of a trained tree, on small generated scenes: when empty ones are culled, and how far
 # neighbours differ at their faces. cli.sh has what a user sees of the tree.
-#   tests/cli/tree.sh [SECTION...]     sections: culling resume seams voxels
+#   tests/cli/tree.sh [SECTION...]     sections: culling resume seams voxels averages
 #   BUILD=build/sanitize               the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -190,4 +190,52 @@ section_voxels() {
     check "and it made no decision" [ -z "$(decisions "$work/short")" ]
 }
 
-run_sections "culling resume seams voxels" "$@"
+# Pixels at edges become means of several rays once photos were seen often enough: the same bits if
+# that is before or after a stop, better pictures than with one ray of the same model, as those of
+# training by default, and finer leaves.
+section_averages() {
+    local i at means
+    local -a few=(--preset voxel --progress none --skip-selftest --rays 1024 --leaf-samples 0
+        --steps 300 --eval-images 3 --log-every 1 --antialias 2)
+    [ -e "$work/object" ] || "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
+    expect "train --antialias 2" 0 "~from.step.[0-9]+.on.pixels.at.edges.are.means.of.4.rays" \
+        "$cln" train "$work/object" -o "$work/means" "${few[@]}"
+    # 24 photos of 64x64 pixels, seen twice
+    check "not before the photos were seen twice" \
+        number_above "$(grep -o 'from step [0-9]*' "$work/err" | grep -o '[0-9]*')" 191
+    for at in 100 250; do
+        rm -rf "$work/part"
+        "$cln" train "$work/object" -o "$work/part" "${few[@]}" >/dev/null 2>&1 &
+        for ((i = 0; i < 600; i++)); do
+            grep -qs "\"step\":$at," "$work/part/metrics.jsonl" && break
+            sleep 0.1
+        done
+        kill -INT $!
+        wait $!
+        expect "resume after step $at" 0 "" "$cln" train --resume "$work/part" --skip-selftest \
+            --progress none
+        check "resumed after step $at, it is as if not stopped" \
+            same_model "$work/part" "$work/means"
+    done
+    expect "eval" 0 "" "$cln" eval "$work/means" --json
+    check "pictures are as in training" [ "$(json antialias)" = 2 ]
+    means=$(json mean.psnr)
+    check "its figures are training's" number_above 0.01 \
+        "$(awk -v a="$means" -v b="$("$query" result.psnr_test <"$work/means/run.json")" \
+            'BEGIN { print (a > b ? a - b : b - a) }')"
+    expect "eval --antialias 1" 0 "" "$cln" eval "$work/means" --antialias 1 --json
+    check "one ray is worse" number_above "$means" "$(json mean.psnr)"
+    check "it has a file of its own" [ -s "$work/means/eval/00000300-test-antialias1.json" ]
+    expect "render" 0 "" "$cln" render "$work/means" --orbit 1 -o "$work/frames"
+    check "render.json tells of the rays" [ "$("$query" antialias <"$work/frames/render.json")" = 2 ]
+    expect "train with means from the start" 0 "" "$cln" train "$work/object" -o "$work/soon" \
+        "${few[@]}" --steps 20 --antialias-after 0
+    expect "train with means too late" 0 "" "$cln" train "$work/object" -o "$work/late" \
+        "${few[@]}" --steps 20
+    run "$cln" eval "$work/late" --max-images 1 --json
+    check "then pictures have one ray" eval '! grep -q antialias "$work/out"'
+    expect "--antialias and --stage1 splat" 2 "~antialias.2.and.--stage1.splat.*gather" \
+        "$cln" train "$work/object" -o "$work/no" --antialias 2 --stage1 splat
+}
+
+run_sections "culling resume seams voxels averages" "$@"

@@ -9,6 +9,7 @@
 #include <cmocka.h>
 #include "device_test.h"
 #include "pipeline/stretch.h"
+#include "near.h"
 #include "reference/reference.h"
 #include "tests.h"
 
@@ -375,8 +376,103 @@ static void scale_gradients(const ref_loss *loss, const wide_ray *w, double *col
     }
 }
 
-/* By one rank, or by several. */
-static void check_losses(const loss_case *c, const tune_set *set, const batch *b, bool stretches)
+/* Rays of the pixel that ray r belongs to, where pixels have several: 1, 4, 9, 1, 4, 9 ... The last
+ * one has fewer than it should. */
+static int find_pixel(int r, int *first, int *count)
+{
+    static const int counts[] = {1, 4, 9};
+    int pixel = 0;
+
+    for (*first = 0; *first + counts[pixel % 3] <= r; pixel++)
+        *first += counts[pixel % 3];
+    *count = *first + counts[pixel % 3] <= RAYS ? counts[pixel % 3] : RAYS - *first;
+    return counts[pixel % 3];
+}
+
+static void upload_pixels(cln_pipeline *p)
+{
+    cln_pixel pixels[RAYS] = {{0}};
+    int alone = 0;
+
+    for (int r = 0; r < RAYS; r++) {
+        int first = 0, count = 0;
+        const int each = find_pixel(r, &first, &count);
+
+        pixels[r].spot = CLN_SPOT(r - 100, 100 - r, r - first, each);
+        alone += r == first;
+    }
+    p->rays_per_pixel = (double)RAYS / alone;
+    test_fill(p->device, &p->pixels, pixels, sizeof pixels);
+}
+
+/* Colour and transmittance of a ray, the mean ones of its pixel. */
+static void find_means(const batch *b, int r, bool per_ray, double own[4], double mean[4])
+{
+    int first = 0, count = 0;
+
+    find_pixel(r, &first, &count);
+    memset(mean, 0, 4 * sizeof *mean);
+    for (int i = first; i < first + count; i++) {
+        wide_ray w;
+        double rgbt[4], depth = 0;
+
+        widen(b, i, per_ray, &w);
+        ref_composite(w.n, w.out, w.t, w.delta, w.background, rgbt, &depth, &rgbt[3], NULL);
+        rgbt[3] = 1 - rgbt[3];
+        for (int k = 0; k < 4; k++)
+            mean[k] += rgbt[k] / count;
+        if (i == r)
+            memcpy(own, rgbt, sizeof rgbt);
+    }
+}
+
+/* The loss of a pixel from its definition: that of the mean colour and the mean opacity. */
+static double loss_of_means(const ref_loss *loss, const double mean[4], const double target[4])
+{
+    const double surplus = mean[3] - (1 - target[3]);
+    double sum = loss->alpha * surplus * surplus;
+
+    for (int k = 0; k < 3; k++)
+        sum += (mean[k] - target[k]) * (mean[k] - target[k]) / 3;
+    return sum;
+}
+
+/* Gradients of l2 and of the loss of opacity, of each ray's first sample, against differences of
+ * that definition. */
+static void check_definition(const ref_loss *loss, const batch *b, const double (*want)[4])
+{
+    int checked = 0;
+
+    for (int r = 0; r < RAYS; r++)
+        for (int k = 0; k < 4 && b->starts[r] < b->starts[r + 1]; k++) {
+            float *value = &b->out[b->starts[r]][k];
+            const float before = *value, step = 1e-3f * fmaxf(before, 1e-2f);
+            double own[4], mean[4], target[4], places[2], losses[2];
+            int first = 0, count = 0;
+
+            if (k == 3 && before * b->sample[b->starts[r]].delta > 5)
+                continue; /* opaque: its slope is below what differences tell */
+            find_pixel(r, &first, &count);
+            for (int c = 0; c < 4; c++)
+                target[c] = b->targets[r][c];
+            for (int side = 0; side < 2; side++) {
+                *value = before + (side ? step : -step);
+                places[side] = *value;
+                find_means(b, r, false, own, mean);
+                losses[side] = loss_of_means(loss, mean, target);
+            }
+            *value = before;
+            assert_near((losses[1] - losses[0]) / (places[1] - places[0]),
+                        want[b->starts[r]][k] / count, 1e-3 * fabs(want[b->starts[r]][k]) + 1e-9);
+            checked++;
+        }
+    assert_true(checked > 2 * RAYS);
+}
+
+/* Who composites: one rank, several, or one whose pixels have several rays. */
+enum way { ALONE, STRETCHES, PIXELS };
+
+static void check_losses(const loss_case *c, const tune_set *set, const batch *b, enum way way)
 {
     cln_config config = small_config();
     cln_ray_result *results = NULL;
@@ -398,9 +494,12 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     config.alpha_loss = c->loss.alpha;
     config.depth_loss = c->loss.depth;
     config.random_background = c->per_ray;
+    config.antialias = way == PIXELS ? 2 : 1;
     p = test_pipeline(set, &config, false, true);
     upload(p, b, c->per_ray);
-    if (stretches) {
+    if (way == PIXELS)
+        upload_pixels(p);
+    if (way == STRETCHES) {
         results = test_alloc(RAYS, sizeof *results);
         dout = test_alloc(b->samples, sizeof *dout);
         composite_stretches(p, b, dout, results);
@@ -412,11 +511,16 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     for (int r = 0; r < RAYS; r++) {
         wide_ray w;
         ref_loss rule = c->loss;
-        double rgb[3], depth = 0, opacity = 0;
+        double rgb[3], depth = 0, opacity = 0, own[4], mean[4];
 
         rule.depth *= b->shown[r][3];
         rule.reach = ref_reach(b->ray_o[r], b->ray_d[r], b->shown[r]);
         widen(b, r, c->per_ray, &w);
+        if (way == PIXELS) { /* as far from its target as the mean is from the pixel's */
+            find_means(b, r, c->per_ray, own, mean);
+            for (int k = 0; k < 4; k++)
+                w.target[k] += (k < 3 ? 1 : -1) * (own[k] - mean[k]);
+        }
         ref_composite(w.n, w.out, w.t, w.delta, w.background, rgb, &depth, &opacity, NULL);
         want_loss[r] = ref_loss_of_ray(&rule, w.n, w.out, w.t, w.delta, w.background, w.target,
                                        want + b->starts[r]);
@@ -430,10 +534,22 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
         square[r] = results[r].square_error;
         assert_true(results[r].opacity >= 0 && results[r].opacity <= 1.00001f);
     }
+    if (way == PIXELS && c->loss.kind == CLN_LOSS_L2 && !c->per_ray && c->loss.cauchy == 0 &&
+        c->loss.distortion == 0 && c->loss.depth == 0)
+        check_definition(&c->loss, b, (const double(*)[4])want);
     for (uint32_t i = 0; i < b->samples; i++) {
+        const int ray = (int)b->sample[i].ray;
+        int first = 0, count = 1;
+
+        if (way == PIXELS)
+            find_pixel(ray, &first, &count);
+        for (int k = 0; k < 4; k++) /* the loss is a mean over pixels, a pixel's over its rays */
+            want[i][k] *= p->rays_per_pixel / count;
+        assert_near(fabs(results[ray].share), 1.0 / count, 1e-6);
+        assert_int_equal(results[ray].share<0, c->loss.depth> 0 && b->shown[ray][3] > 0);
         for (int k = 0; k < 3; k++) {
             colour_gradient[3 * i + (uint32_t)k] = dout[i][k];
-            want_colour[3 * i + (uint32_t)k] = want[i][k] / RAYS; /* the loss is a mean over rays */
+            want_colour[3 * i + (uint32_t)k] = want[i][k] / RAYS;
         }
         density_gradient[i] = dout[i][3];
         want_density[i] = want[i][3] / RAYS;
@@ -466,7 +582,7 @@ static void test_losses(void **state)
     (void)state;
     make_batch(&b);
     for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
-        check_losses(&loss_cases[c], &tune_sets[c % TUNE_SETS], &b, false);
+        check_losses(&loss_cases[c], &tune_sets[c % TUNE_SETS], &b, ALONE);
     free_batch(&b);
     test_report("losses and gradients");
 }
@@ -478,9 +594,29 @@ static void test_stretches(void **state)
     (void)state;
     make_batch(&b);
     for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
-        check_losses(&loss_cases[c], &tune_sets[(c + 1) % TUNE_SETS], &b, true);
+        check_losses(&loss_cases[c], &tune_sets[(c + 1) % TUNE_SETS], &b, STRETCHES);
     free_batch(&b);
     test_report("losses and gradients by ranks");
+}
+
+/* Pixels that are the mean of several rays: one target and one background each. */
+static void test_pixels(void **state)
+{
+    batch b;
+
+    (void)state;
+    make_batch(&b);
+    for (int r = 0; r < RAYS; r++) {
+        int first = 0, count = 0;
+
+        find_pixel(r, &first, &count);
+        memcpy(b.targets[r], b.targets[first], sizeof *b.targets);
+        memcpy(b.backgrounds[r], b.backgrounds[first], sizeof *b.backgrounds);
+    }
+    for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
+        check_losses(&loss_cases[c], &tune_sets[(c + 2) % TUNE_SETS], &b, PIXELS);
+    free_batch(&b);
+    test_report("losses and gradients of pixels with several rays");
 }
 
 /* No rays at all: nothing is launched, nothing written. */
@@ -503,9 +639,8 @@ static void test_no_rays(void **state)
 int test_group_composite(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_pictures),
-        cmocka_unit_test(test_losses),
-        cmocka_unit_test(test_stretches),
+        cmocka_unit_test(test_pictures),  cmocka_unit_test(test_losses),
+        cmocka_unit_test(test_stretches), cmocka_unit_test(test_pixels),
         cmocka_unit_test(test_no_rays),
     };
 

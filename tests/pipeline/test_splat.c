@@ -142,7 +142,7 @@ static void make_pixels(const cln_camera cameras[VIEWS], cln_pixel pixels[RAYS])
         const uint32_t v = (uint32_t)(r * VIEWS / RAYS), i = (uint32_t)r % (RAYS / VIEWS);
         const cln_camera *c = &cameras[v];
 
-        pixels[r] = (cln_pixel){.view = v, .pad = v};
+        pixels[r] = (cln_pixel){.view = v, .spot = v};
         pixels[r].y = i * (uint32_t)c->height / (RAYS / VIEWS);
         pixels[r].x = (uint32_t)test_uniform(1, r, 0, c->width);
     }
@@ -195,7 +195,7 @@ static void free_lists(splat_lists *l)
 
 static uint32_t list_of(const splat_lists *l, const cln_pixel *pixel, int level)
 {
-    const cln_grid *grid = &l->grids[(int)pixel->pad * l->levels + level];
+    const cln_grid *grid = &l->grids[(int)pixel->spot * l->levels + level];
 
     return grid->first + pixel->y / grid->coarse_y * grid->row + pixel->x / grid->coarse_x;
 }
@@ -207,7 +207,7 @@ static double length_of(const splat_lists *l, const cln_pixel *pixel, int slot, 
     const cln_octree *tree = &l->model->tree;
     const cln_camera *c = &l->cameras[pixel->view];
     const int level = tree->level[tree->leaf[slot]];
-    const cln_grid *grid = &l->grids[(int)pixel->pad * l->levels + level];
+    const cln_grid *grid = &l->grids[(int)pixel->spot * l->levels + level];
     const double wide = grid->coarse_x / c->fx, high = grid->coarse_y / c->fy;
     const double s = 2.0 / (1 << level) / l->model->config.n1;
 
