@@ -679,7 +679,8 @@ static cln_status build(cln_trainer *t, const cln_config *config)
                                                   .depth = cln_octree_depth(&t->model.tree),
                                                   .space = &t->model.space},
                             CLN_PROGRAMS_ALL, &t->pipeline));
-    t->pipeline.antialias = config->antialias; /* of pictures on the way */
+    t->pipeline.antialias =
+        cln_config_antialias(config, t->scene->has_alpha); /* of pictures on the way */
     CLN_TRY(cln_pipeline_share(&t->pipeline));
     CLN_TRY(plan(t));
 done:

@@ -151,6 +151,7 @@ static const setting voxel[] = {
     {"batch-samples", "524288"},
     {"roulette", "2"},
     {"min-leaf-samples", "1"},
+    {"antialias", "auto"},
     {"lr", "0.1"},
     {"lr-final", "0.01"},
     {"beta1", "0"},
@@ -612,4 +613,11 @@ const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *
             return row;
     }
     return NULL;
+}
+
+int cln_config_antialias(const cln_config *config, bool alpha)
+{
+    if (config->stage1 == CLN_STAGE1_SPLAT)
+        return 1;
+    return config->antialias ? config->antialias : alpha ? 2 : 1;
 }

@@ -122,6 +122,9 @@ static double depth_share(const cln_trainer *t)
     return t->batch.shown && until > 0 ? fmax(0, 1 - cln_step_fraction(t) / until) : 0;
 }
 
+/* Later than this fraction of the budget the model would not get used to it any more. */
+static const double LAST_BEGIN = 0.5;
+
 /* Pixels at edges become means of several rays once the photos were seen often enough. */
 static void begin_averages(cln_trainer *t)
 {
@@ -129,13 +132,13 @@ static void begin_averages(cln_trainer *t)
     const double pixels = (double)t->batch.first[t->batch.train_views];
 
     if (!t->pipeline.averaged || m->averaged ||
-        (double)m->drawn < m->config.antialias_after * pixels)
+        (double)m->drawn < m->config.antialias_after * pixels || cln_step_fraction(t) > LAST_BEGIN)
         return;
     m->averaged = true;
     t->finest = false;
     if (!t->undone)
         cln_info("from step %lld on pixels at edges are means of %d rays", (long long)m->step,
-                 m->config.antialias * m->config.antialias);
+                 cln_model_antialias(m) * cln_model_antialias(m));
 }
 
 static void draw(cln_trainer *t)
