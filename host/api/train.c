@@ -679,8 +679,7 @@ static cln_status build(cln_trainer *t, const cln_config *config)
                                                   .depth = cln_octree_depth(&t->model.tree),
                                                   .space = &t->model.space},
                             CLN_PROGRAMS_ALL, &t->pipeline));
-    t->pipeline.antialias =
-        cln_config_antialias(config, t->scene->has_alpha); /* of pictures on the way */
+    t->pipeline.antialias = cln_model_antialias(&t->model); /* of pictures on the way */
     CLN_TRY(cln_pipeline_share(&t->pipeline));
     CLN_TRY(plan(t));
 done:
@@ -739,6 +738,20 @@ done:
     return st;
 }
 
+/* Says of averages that were asked for that they never began. */
+static void say_no_averages(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+    const double drawn = (double)t->model.drawn,
+                 pixels = (double)cln_scene_training_pixels(t->scene);
+
+    if (c->antialias > 1 && t->pipeline.averaged && !t->model.averaged && !t->signal)
+        cln_warn(
+            "--antialias %d did nothing: %.2g rays were drawn per pixel of the training photos; "
+            "train for longer, or give a smaller --antialias-after than %g",
+            c->antialias, drawn / pixels, c->antialias_after);
+}
+
 /* Says of a training whose test views stayed far behind what can be done. */
 static void say_doubt(const cln_trainer *t)
 {
@@ -772,6 +785,7 @@ static cln_status train(const cln_train_desc *desc, cln_train_result *result)
     CLN_TRY(st);
     CLN_TRY(cln_loop_run(&t));
     say_doubt(&t);
+    say_no_averages(&t);
 done:
     if (t.device) /* after a failure the queue may still use our arrays */
         (void)cln_device_finish(t.device);

@@ -65,6 +65,8 @@ static void prepare(cln_config *config)
     config->n1 = 5; /* odd: no midpoint between opposite faces lies on a border of cells */
     config->splat_min_alpha = 0;
     config->roulette = 0; /* has its own check */
+    if (config->antialias == 0)
+        config->antialias = 2; /* whatever the photos are */
     if (config->smooth_density > 0)
         config->smooth_density = SMOOTH;
     if (config->smooth_colour > 0)

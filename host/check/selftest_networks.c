@@ -598,7 +598,7 @@ done:
 
 /* ---- compositing ---- */
 
-enum { RAYS = 61, MOST = 40 };
+enum { RAYS = 61, MOST = 40, ALONE = 30, EACH = 4 };
 
 typedef struct batch {
     uint32_t starts[RAYS + 1];
@@ -645,6 +645,32 @@ static void make_batch(batch *b)
     b->starts[RAYS] = at;
 }
 
+/* The rays of the pixel that ray r belongs to: from ALONE on EACH a pixel, in the last one fewer. */
+static int find_pixel(const cln_pipeline *p, int r, int *first)
+{
+    *first = r;
+    if (!p->averaged || r < ALONE)
+        return 1;
+    *first = r - (r - ALONE) % EACH;
+    return RAYS - *first < EACH ? RAYS - *first : EACH;
+}
+
+static cln_status put_pixels(cln_pipeline *p)
+{
+    cln_pixel pixels[RAYS] = {{0}};
+    int count = 0;
+
+    for (int r = 0; r < RAYS; r++) {
+        int first = 0;
+
+        if (find_pixel(p, r, &first) > 1)
+            pixels[r].spot = CLN_SPOT(r, -r, r - first, EACH);
+        count += r == first;
+    }
+    p->rays_per_pixel = (double)RAYS / count;
+    return cln_check_put(p->device, &p->pixels, pixels, sizeof pixels);
+}
+
 static cln_status run_batch(cln_pipeline *p, batch *b)
 {
     cln_status st = CLN_OK;
@@ -660,6 +686,7 @@ static cln_status run_batch(cln_pipeline *p, batch *b)
     CLN_TRY(cln_check_put(device, &p->ray_d, b->ray_d, sizeof b->ray_d));
     if (p->depth_loss > 0)
         CLN_TRY(cln_check_put(device, &p->shown, b->shown, sizeof b->shown));
+    CLN_TRY(put_pixels(p));
     CLN_TRY(cln_check_spoil(device, &p->results, sizeof b->results));
     CLN_TRY(cln_stage_composite(p, RAYS, CLN_DEPTH_MEDIAN));
     CLN_TRY(cln_buffer_read(device, &p->results, 0, b->pictures, sizeof b->pictures));
@@ -694,11 +721,30 @@ static int widen(const cln_pipeline *p, batch *b, int r, double background[3], d
     return n;
 }
 
+/* Moves a ray's target as far as the ray is from its pixel's mean, in colour and opacity. Returns
+ * the rays of the pixel. want: b->want's pictures. */
+static int move_target(const cln_pipeline *p, const double *want, int r, double target[4])
+{
+    int first = 0;
+    const int count = find_pixel(p, r, &first);
+
+    for (int k = 0; k < 3 && count > 1; k++) {
+        double mean = 0;
+
+        for (int i = first; i < first + count; i++)
+            mean += want[5 * i + k] / count;
+        target[k] += want[5 * r + k] - mean;
+    }
+    for (int i = first; i < first + count && count > 1; i++)
+        target[3] += (want[5 * r + 4] - want[5 * i + 4]) / count;
+    return count;
+}
+
 static void compare_batch(cln_checks *c, batch *b)
 {
     const cln_config *config = &c->p->config;
     ref_loss loss = cln_check_loss(c->p);
-    double background[3], target[4], losses[RAYS];
+    double background[3], target[4], losses[RAYS], pictures[5 * RAYS];
     float got_losses[RAYS];
 
     for (int r = 0; r < RAYS; r++) {
@@ -714,8 +760,10 @@ static void compare_batch(cln_checks *c, batch *b)
                5 * sizeof(float));
     }
     cln_check_compare(c, "composite", b->got, b->want, RAYS * 5, 1e-10, 1e-4);
+    memcpy(pictures, b->want, sizeof pictures);
     for (int r = 0; r < RAYS; r++) {
         const int n = widen(c->p, b, r, background, target);
+        const double share = c->p->rays_per_pixel / move_target(c->p, pictures, r, target);
 
         loss.depth = config->depth_loss * b->shown[r][3];
         loss.reach = ref_reach(b->ray_o[r], b->ray_d[r], b->shown[r]);
@@ -727,7 +775,8 @@ static void compare_batch(cln_checks *c, batch *b)
                 const size_t at = b->starts[r] + (size_t)i;
 
                 b->got[4 * at + (size_t)k] = b->dout[at][k];
-                b->want[4 * at + (size_t)k] = b->ref_grad[i][k] / RAYS; /* the loss is a mean */
+                /* the loss is a mean over pixels, a pixel's over its rays */
+                b->want[4 * at + (size_t)k] = share * b->ref_grad[i][k] / RAYS;
             }
     }
     cln_check_compare(c, "loss", got_losses, losses, RAYS, 1e-9, 1e-3);
@@ -739,14 +788,21 @@ static void compare_batch(cln_checks *c, batch *b)
  * part. */
 static void compare_shares(cln_checks *c, batch *b)
 {
-    double background[3], target[4], measures[MOST][3];
+    double background[3], target[4], measures[MOST][3], pictures[5 * RAYS], depth = 0;
 
     for (int r = 0; r < RAYS; r++) {
         const int n = widen(c->p, b, r, background, target);
 
+        ref_composite(n, (const double(*)[4])b->ref_out, b->ref_t, b->ref_delta, background,
+                      pictures + 5 * r, &depth, pictures + 5 * r + 4, NULL);
+    }
+    for (int r = 0; r < RAYS; r++) {
+        const int n = widen(c->p, b, r, background, target);
+        const int count = move_target(c->p, pictures, r, target);
+
         ref_measures(n, (const double(*)[4])b->ref_out, b->ref_delta, background, target, measures);
         for (int i = 0; i < n; i++)
-            b->want[b->starts[r] + (uint32_t)i] = measures[i][0];
+            b->want[b->starts[r] + (uint32_t)i] = measures[i][0] / count;
     }
     cln_check_compare(c, "shares of the error", b->shares, b->want, b->starts[RAYS], 1e-9, 1e-3);
 }

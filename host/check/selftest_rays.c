@@ -9,6 +9,7 @@
 
 #include "base/memory.h"
 #include "check/forward_scene.h"
+#include "pipeline/stage1.h"
 
 static uint32_t bits_of(uint32_t stream, uint32_t index)
 {
@@ -558,7 +559,8 @@ cln_status cln_check_rays(cln_checks *c)
         const cln_u32 row = SIDE / STEP, pixel = (cln_u32)(r * (RAYS / rays));
         const cln_u32 at = pixel % (row * row);
 
-        pixels[r].view = pixels[r].spot = pixel / (row * row);
+        pixels[r].view = pixel / (row * row);
+        pixels[r].spot = cln_stage1_of(&p->config)->by_view ? pixels[r].view : 0;
         pixels[r].x = at % row * STEP + 1;
         pixels[r].y = at / row * STEP + 2;
     }

@@ -9,6 +9,7 @@
 #include "base/config.h"
 #include "base/memory.h"
 #include "base/rng.h"
+#include "pipeline/stage1.h"
 
 enum { SIDE = 256, FEWEST_RAYS = 256, MAX_CELLS = 1 << 21, GROWN = 3 };
 
@@ -86,6 +87,8 @@ done:
 /* Draws pixels, view and row ascending, and random targets. */
 void cln_synthetic_draw(cln_synthetic *s, int rays)
 {
+    const bool by_view = cln_stage1_of(&s->model.config)->by_view;
+
     s->rays = rays;
     for (int i = 0; i < rays; i++) {
         const int64_t place = (int64_t)i * CLN_SYNTHETIC_VIEWS;
@@ -97,7 +100,7 @@ void cln_synthetic_draw(cln_synthetic *s, int rays)
             .view = view,
             .x = (cln_u32)(u[0] * SIDE),
             .y = (cln_u32)((place - (int64_t)view * rays) * SIDE / rays),
-            .spot = view,
+            .spot = by_view ? view : 0,
         };
         memcpy(s->targets[i], u + 1, 3 * sizeof u[0]);
     }

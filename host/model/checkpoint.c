@@ -106,7 +106,7 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
                          model->step));
     if (!document ||
         json_object_set_new(document, "drawn", json_integer((json_int_t)model->drawn)) != 0 ||
-        json_object_set_new(document, "averaged", json_boolean(model->averaged)) != 0 ||
+        json_object_set_new(document, "averaged", json_integer(cln_model_antialias(model))) != 0 ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
                                                      forward_json(&model->space)) != 0) ||
         (model->space.shell &&
@@ -171,7 +171,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     const json_t *alpha = json_object_get(document, "has_alpha");
     const json_t *distortion = json_object_get(document, "has_distortion");
     const json_t *measured = json_object_get(document, "measured");
-    int64_t rays = 0, level = 0, decisions = 0;
+    int64_t rays = 0, level = 0, decisions = 0, averaged = 1;
     double channel = 0;
 
     CLN_TRY(get_int(document, path, "step", 0, INT64_MAX, &out->step));
@@ -181,7 +181,9 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     CLN_TRY(get_int(document, path, "level", 0, CLN_MAX_LEVEL, &level));
     if (json_object_get(document, "drawn")) /* later than the others */
         CLN_TRY(get_int(document, path, "drawn", 0, INT64_MAX, &out->drawn));
-    out->averaged = json_is_true(json_object_get(document, "averaged"));
+    if (json_object_get(document, "averaged"))
+        CLN_TRY(get_int(document, path, "averaged", 1, 4, &averaged));
+    out->averaged = averaged > 1;
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
                      &out->train_seconds));
     CLN_TRY(get_int(measured, path, "rays", 0, INT64_MAX, &out->sum_rays));

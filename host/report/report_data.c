@@ -307,18 +307,27 @@ static int by_step(const void *a, const void *b)
     return x->images != y->images ? x->images - y->images : strcmp(x->stem, y->stem);
 }
 
-/* Writes " with --antialias 2 --fast", by the name of its files; nothing for pictures as they
- * are. */
+/* Whether the files are of views chosen by name: NNNNNNNN-SPLIT-COUNT-DIGEST..., the digest of
+ * eight digits. */
+static bool is_chosen(const char *stem)
+{
+    int at = -1, end = -1;
+
+    sscanf(stem, "%*d-%*[a-z]-%*d-%n%*8[0-9a-f]%n", &at, &end);
+    return end - at == 8 && (!stem[end] || stem[end] == '-');
+}
+
+/* Writes " of chosen views with --antialias 2 --fast", by the name of its files; nothing for
+ * pictures as they are. */
 static void say_how(const char *stem, char *out, size_t bytes)
 {
     const char *finer = strstr(stem, "-antialias"), *fast = strstr(stem, "-fast");
 
-    out[0] = 0;
     if (finer)
-        snprintf(out, bytes, " with --antialias %.1s%s", finer + strlen("-antialias"),
-                 fast ? " --fast" : "");
-    else if (fast)
-        snprintf(out, bytes, " with --fast");
+        finer += strlen("-antialias");
+    snprintf(out, bytes, "%s%s%s%.1s%s", is_chosen(stem) ? " of chosen views" : "",
+             finer || fast ? " with" : "", finer ? " --antialias " : "", finer ? finer : "",
+             fast ? " --fast" : "");
 }
 
 static int split_rank(const char *split)

@@ -114,8 +114,7 @@ void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batc
         const int32_t view = e->number_of[batch->pixels[i].view];
         const float *target = batch->targets[i];
 
-        /* opacity 0: the pixel does not count; of several rays none is as bright as the photo */
-        rays->view[i] = target[3] > 0 && CLN_SPOT_COUNT(batch->pixels[i].spot) == 1 ? view : -1;
+        rays->view[i] = target[3] > 0 ? view : -1; /* 0: the pixel does not count */
         memcpy(rays->photo[i], target, sizeof rays->photo[i]);
     }
     cln_exposure_divide(e, model, batch, n);
@@ -127,9 +126,15 @@ void cln_exposure_add(const cln_exposure *e, const cln_ray_result *results, int6
     const cln_exposure_rays *rays = &e->rays[step % 2];
 
     CLN_ASSERT(e->views == 0 || n <= rays->n);
-    for (int i = 0; i < n && e->views > 0; i++) {
-        const float rgb[3] = {results[i].r, results[i].g, results[i].b};
+    for (int i = 0, count = 1; i < n && e->views > 0; i += count) {
+        float rgb[3] = {0}; /* of the pixel, whose rays follow each other */
 
+        count = results[i].share != 0 ? (int)lround(1 / fabs((double)results[i].share)) : 1;
+        for (int k = i; k < i + count && k < n; k++) {
+            rgb[0] += results[k].r / (float)count;
+            rgb[1] += results[k].g / (float)count;
+            rgb[2] += results[k].b / (float)count;
+        }
         for (int c = 0; c < 3 && rays->view[i] >= 0; c++) {
             float *row = model->exposure[rays->view[i]];
 

@@ -130,7 +130,10 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         return CLN_OK;
     cln_watch_say(t, "evaluating");
     cln_queue_book(t->device, CLN_STAGE_EVALUATION);
-    t->pipeline.antialias = cln_model_antialias(&t->model);
+    if (t->pipeline.antialias != cln_model_antialias(&t->model)) {
+        t->pipeline.antialias = cln_model_antialias(&t->model);
+        CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
+    }
     rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
                                    t->writes ? folder : NULL, &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)

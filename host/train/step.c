@@ -122,7 +122,8 @@ static double depth_share(const cln_trainer *t)
     return t->batch.shown && until > 0 ? fmax(0, 1 - cln_step_fraction(t) / until) : 0;
 }
 
-/* Later than this fraction of the budget the model would not get used to it any more. */
+/* Later than this fraction of the budget the model would not get used to it any more. For
+ * --antialias auto: who asks for N has it when it comes. */
 static const double LAST_BEGIN = 0.5;
 
 /* Pixels at edges become means of several rays once the photos were seen often enough. */
@@ -132,7 +133,8 @@ static void begin_averages(cln_trainer *t)
     const double pixels = (double)t->batch.first[t->batch.train_views];
 
     if (!t->pipeline.averaged || m->averaged ||
-        (double)m->drawn < m->config.antialias_after * pixels || cln_step_fraction(t) > LAST_BEGIN)
+        (double)m->drawn < m->config.antialias_after * pixels ||
+        (m->config.antialias == 0 && cln_step_fraction(t) > LAST_BEGIN))
         return;
     m->averaged = true;
     t->finest = false;

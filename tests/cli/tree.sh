@@ -195,15 +195,15 @@ section_voxels() {
 # training by default, and finer leaves.
 section_averages() {
     local i at means
-    local -a few=(--preset voxel --progress none --skip-selftest --rays 1024 --leaf-samples 0
-        --steps 300 --eval-images 3 --log-every 1 --antialias 2)
+    local -a few=(--preset voxel --progress none --skip-selftest --rays 2048 --leaf-samples 0
+        --steps 300 --eval-images 3 --log-every 1 --antialias auto)
     [ -e "$work/object" ] || "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
-    expect "train --antialias 2" 0 "~from.step.[0-9]+.on.pixels.at.edges.are.means.of.4.rays" \
+    expect "train --antialias auto" 0 "~from.step.[0-9]+.on.pixels.at.edges.are.means.of.4.rays" \
         "$cln" train "$work/object" -o "$work/means" "${few[@]}"
-    # 24 photos of 64x64 pixels, seen twice
+    # 24 photos of 64x64 pixels, 2,048 rays a step
     check "not before the photos were seen twice" \
-        number_above "$(grep -o 'from step [0-9]*' "$work/err" | grep -o '[0-9]*')" 191
-    for at in 100 250; do
+        number_above "$(grep -o 'from step [0-9]*' "$work/err" | grep -o '[0-9]*')" 95
+    for at in 50 200; do
         rm -rf "$work/part"
         "$cln" train "$work/object" -o "$work/part" "${few[@]}" >/dev/null 2>&1 &
         for ((i = 0; i < 600; i++)); do
@@ -231,9 +231,13 @@ section_averages() {
     expect "train with means from the start" 0 "" "$cln" train "$work/object" -o "$work/soon" \
         "${few[@]}" --steps 20 --antialias-after 0
     expect "train with means too late" 0 "" "$cln" train "$work/object" -o "$work/late" \
-        "${few[@]}" --steps 20
+        "${few[@]}" --steps 110
     run "$cln" eval "$work/late" --max-images 1 --json
     check "then pictures have one ray" eval '! grep -q antialias "$work/out"'
+    expect "train with means that are asked for, too late" 0 "~from.step.9[0-9].on.pixels" "$cln" \
+        train "$work/object" -o "$work/asked" "${few[@]}" --steps 110 --antialias 3
+    expect "train with means that never come" 0 "~--antialias.3.did.nothing:.*--antialias-after" \
+        "$cln" train "$work/object" -o "$work/never" "${few[@]}" --steps 20 --antialias 3
     expect "--antialias and --stage1 splat" 2 "~antialias.2.and.--stage1.splat.*gather" \
         "$cln" train "$work/object" -o "$work/no" --antialias 2 --stage1 splat
 }

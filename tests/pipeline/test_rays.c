@@ -89,8 +89,8 @@ static void make_camera(int i, int row, const cln_space *space, cln_camera *c)
 /* Rays of a scene whose cameras have these lens models, in a pipeline that knows no other. */
 static void check_rays(int set, unsigned models, double unit)
 {
-    const cln_config config = small_config();
-    cln_pipeline *p = test_pipeline(&tune_sets[set], &config, models, false);
+    cln_config config = small_config();
+    cln_pipeline *p = NULL;
     const cln_space space = {.centre = {3 * unit, -2 * unit, 0.5 * unit}, .half = 1.5 * unit};
     const float white[4] = {1, 1, 1, 1};
     cln_camera cameras[VIEWS];
@@ -100,6 +100,8 @@ static void check_rays(int set, unsigned models, double unit)
     double want[6 * RAYS];
     int views = 0;
 
+    config.antialias = 1 + set % 2;
+    p = test_pipeline(&tune_sets[set], &config, models, false);
     for (int row = 0; row < VIEWS; row++)
         if (lenses[row].lens == PINHOLE || models >> lenses[row].lens & 1) {
             make_camera(views, row, &space, &cameras[views]);
@@ -114,6 +116,9 @@ static void check_rays(int set, unsigned models, double unit)
         pixels[r] = (cln_pixel){.view = (uint32_t)(r % views)};
         pixels[r].x = corner < 4 ? corner % 2 * (w - 1) : (uint32_t)test_uniform(2, r, 0, w);
         pixels[r].y = corner < 4 ? corner / 2 * (h - 1) : (uint32_t)test_uniform(3, r, 0, h);
+        if (p->averaged && r % 3) /* not through the centre */
+            pixels[r].spot = CLN_SPOT((int)test_uniform(4, r, -2048, 2048),
+                                      (int)test_uniform(5, r, -2048, 2048), r % 4, 4);
     }
     assert_ok(cln_pipeline_cameras(p, list, views, &space));
     assert_ok(cln_pipeline_batch(p, pixels, RAYS, NULL, white));
@@ -124,9 +129,11 @@ static void check_rays(int set, unsigned models, double unit)
     d = test_read(p->device, &p->ray_d, sizeof *d * RAYS, "ray_d");
     for (int r = 0; r < RAYS; r++) {
         const cln_camera *c = &cameras[pixels[r].view];
+        const double x = pixels[r].x + 0.5 + CLN_SPOT_X(pixels[r].spot) / 4096.0;
+        const double y = pixels[r].y + 0.5 + CLN_SPOT_Y(pixels[r].spot) / 4096.0;
         double origin[3], direction[3], length = 0;
 
-        if (!cln_camera_ray(c, pixels[r].x + 0.5, pixels[r].y + 0.5, origin, direction))
+        if (!cln_camera_ray(c, x, y, origin, direction))
             fail_msg("%s has no ray at %u, %u", cln_lens_models[c->lens].name, pixels[r].x,
                      pixels[r].y);
         for (int a = 0; a < 3; a++) {

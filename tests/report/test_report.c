@@ -707,14 +707,16 @@ static void figures_say_how_they_were_rendered(void **state)
     } rows[] = {{"a-fast", 21, 1, true},
                 {"b", 20, 1, false},
                 {"c-antialias2", 22, 2, false},
-                {"d-antialias3-fast", 23, 3, true}};
+                {"d-antialias3-fast", 23, 3, true},
+                {"00000100-test-1-471c02c9", 24, 1, false}};
+    enum { ROWS = sizeof rows / sizeof rows[0] };
     const char *run = scratch_path(*state, "run");
     cln_report_data data;
     char *page = NULL;
 
     put_run(run, "done", "nothing");
     for (int pass = 0; pass < 2; pass++) {
-        for (int i = 3; i >= 0; i--) {
+        for (int i = ROWS - 1; i >= 0; i--) {
             json_t *document =
                 json_pack("{s:s s:i s:f s:s s:{s:f s:f} s:[o]}", "schema", "cl-nascent.eval/1",
                           "step", 100, "train_seconds", 4.0, "split", "test", "mean", "psnr",
@@ -731,7 +733,7 @@ static void figures_say_how_they_were_rendered(void **state)
         if (pass == 1)
             assert_int_equal(remove(scratch_path(run, "eval/b.json")), 0);
         assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
-        assert_int_equal(data.eval_count, 4 - pass);
+        assert_int_equal(data.eval_count, ROWS - pass);
         assert_string_equal(data.evals[data.shown].stem, pass ? "d-antialias3-fast" : "b");
         cln_report_data_free(&data);
         page = page_of(run);
@@ -742,6 +744,7 @@ static void figures_say_how_they_were_rendered(void **state)
                              "--antialias 3 --fast</span>");
         assert_has(page, "<td>an evaluation of 1 image with --fast\n");
         assert_has(page, "<td>an evaluation of 1 image with --antialias 2\n");
+        assert_has(page, "<td>an evaluation of 1 image of chosen views\n");
         assert_int_equal(count_of(page, "<td>an evaluation of 1 image\n"), pass == 0);
         free(page);
     }

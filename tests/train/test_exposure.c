@@ -82,10 +82,16 @@ static void test_gains(void **state)
         }
         make_targets(scene, step, &batch);
         cln_exposure_apply(&e, &model, &batch, step, RAYS);
-        for (int i = 0; i < RAYS; i++)
-            results[step % 2][i] = (cln_ray_result){.r = (float)colour(step, i, 0),
-                                                    .g = (float)colour(step, i, 1),
-                                                    .b = (float)colour(step, i, 2)};
+        for (int i = 0; i < RAYS; i++) { /* from half on four rays a pixel, about its colour */
+            static const double apart[4] = {0.5, -0.5, 0.2, -0.2};
+            const int pixel = i < RAYS / 8 * 4 ? i : i - i % 4;
+            const double times = i < RAYS / 8 * 4 ? 1 : 1 + apart[i % 4];
+
+            results[step % 2][i] = (cln_ray_result){.r = (float)(times * colour(step, pixel, 0)),
+                                                    .g = (float)(times * colour(step, pixel, 1)),
+                                                    .b = (float)(times * colour(step, pixel, 2)),
+                                                    .share = i < RAYS / 8 * 4 ? 1 : 0.25f};
+        }
         if (step > 0 && !cln_exposure_due(&e, step)) /* a step late */
             cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
     }
