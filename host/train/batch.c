@@ -291,16 +291,38 @@ static uint32_t draw_spot(const source *from, uint32_t number, int index, int si
                     side * side);
 }
 
-/* Draws a pixel and its rays from number `ray` on. Returns how many. */
-static int draw_pixel(cln_batch *b, const source *from, uint32_t number, uint32_t slot, int ray)
+/* The drawn place of a pixel, and whether it counts. */
+typedef struct candidate {
+    place at;
+    bool found;
+} candidate;
+
+static candidate draw_candidate(const source *from, uint32_t number, uint32_t slot)
+{
+    candidate c = {{0}, false};
+
+    c.found = draw(from, number, slot, &c.at);
+    if (from->draw->antialias > 1) { /* is_edge() will look around it */
+        const cln_view *view = cln_scene_training_view(from->scene, c.at.index);
+
+        for (int y = c.at.y - 1; y <= c.at.y + 1; y++)
+            if (y >= 0 && y < view->camera.height)
+                cln_view_fetch(view, c.at.x, y);
+    }
+    return c;
+}
+
+/* Puts a pixel and its rays from number `ray` on. Returns how many. */
+static int put_pixel(cln_batch *b, const source *from, candidate c, uint32_t number, uint32_t slot,
+                     int ray)
 {
     const cln_draw *d = from->draw;
     const bool by_view = cln_stage1_of(from->config)->by_view;
     const bool sight = cln_batch_is_sight((int)number) && has_sights(b, from->config, d);
-    place p = {0};
+    const place p = c.at;
     int rays = 1;
 
-    if (!draw(from, number, slot, &p) && ray > 0 && (!by_view || b->pixels[ray - 1].spot == slot)) {
+    if (!c.found && ray > 0 && (!by_view || b->pixels[ray - 1].spot == slot)) {
         b->pixels[ray] = b->pixels[ray - 1]; /* one left out would teach that nothing is there */
         b->pixels[ray].spot = slot;
     } else {
@@ -324,17 +346,26 @@ void cln_batch_begin(cln_batch *b, const cln_scene *scene, const cln_config *con
     const bool by_view = cln_stage1_of(config)->by_view;
     const int n = d->n, views = config->views_per_batch < n ? config->views_per_batch : n;
     const source from = {b, scene, config, d};
+    const uint32_t ahead = d->antialias > 1 ? FETCH_AHEAD : 0;
+    candidate next[FETCH_AHEAD];
 
     CLN_ASSERT(n <= b->capacity);
     cln_batch_forget(b);
+    for (uint32_t i = 0; i < ahead; i++)
+        next[i] = draw_candidate(&from, i, 0);
     if (b->shown)
         memset(b->shown, 0, (size_t)n * sizeof *b->shown);
     b->drawn = 0;
     for (int ray = 0; ray < n; b->drawn++) {
         /* by view: ray i looks through batch view i * views / n */
         const uint32_t slot = by_view ? (uint32_t)((int64_t)ray * views / n) : 0;
+        const uint32_t number = (uint32_t)b->drawn;
+        candidate *c = &next[number % FETCH_AHEAD], now;
 
-        ray += draw_pixel(b, &from, (uint32_t)b->drawn, slot, ray);
+        now = ahead ? *c : draw_candidate(&from, number, slot);
+        if (ahead)
+            *c = draw_candidate(&from, number + ahead, 0);
+        ray += put_pixel(b, &from, now, number, slot, ray);
     }
     if (by_view)
         qsort(b->pixels, (size_t)n, sizeof *b->pixels, by_view_and_row);
