@@ -204,8 +204,9 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         const float4 kept = dout[i], o = out[i];
         const float delta = samples[i].delta;
 
-        dout[i] = share * scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy,
-                                     pull.x, fabs(samples[i].t - pull.y));
+        dout[i] = share * scale *
+                  sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy, pull.x,
+                             fabs(samples[i].t - pull.y));
 #if MEASURES > 0
         measure_sample(measures, i, share * l.square, kept, o.w, delta, through, length);
 #endif

@@ -645,7 +645,8 @@ static void make_batch(batch *b)
     b->starts[RAYS] = at;
 }
 
-/* The rays of the pixel that ray r belongs to: from ALONE on EACH a pixel, in the last one fewer. */
+/* The rays of the pixel that ray r belongs to: from ALONE on EACH a pixel, in the last one
+ * fewer. */
 static int find_pixel(const cln_pipeline *p, int r, int *first)
 {
     *first = r;

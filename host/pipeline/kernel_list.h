@@ -13,8 +13,8 @@
  *   CROP    PARTS, and rays are cut to a box (walk.h); only if it is asked for by name
  * when (programs.c decides by settings and tuning parameters): ALWAYS; NETWORK or VOXEL: what
  * leaves are; SPLATTING: stage 1 splats; REGULARISED: a regulariser reads points; MEASURED:
- * training measures leaves, which may merge; AVERAGED: pixels are the mean of several rays; SHARED: ranks share the pipeline; HALO: and its leaves
- * have common vertices. */
+ * training measures leaves, which may merge; AVERAGED: pixels are the mean of several rays; SHARED:
+ * ranks share the pipeline; HALO: and its leaves have common vertices. */
 #define CLN_PROGRAM_LIST(X)                           \
     X(scan, scan, PLAIN, ALWAYS)                      \
     X(sort64, scan, WIDE, SPLATTING)                  \

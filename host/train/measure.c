@@ -44,8 +44,8 @@ done:
 }
 
 /* Marks leaves whose voxels must not become finer, [slot]: half of one would be below --cell-pixels
- * pixels of the photos that see it, or, where pixels are means, below that of their rays. None without voxels. met: leaves that met too few samples to
- * split are left out. */
+ * pixels of the photos that see it, or, where pixels are means, below that of their rays. None
+ * without voxels. met: leaves that met too few samples to split are left out. */
 static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
 {
     cln_status st = CLN_OK;

@@ -227,7 +227,8 @@ section_averages() {
     check "one ray is worse" number_above "$means" "$(json mean.psnr)"
     check "it has a file of its own" [ -s "$work/means/eval/00000300-test-antialias1.json" ]
     expect "render" 0 "" "$cln" render "$work/means" --orbit 1 -o "$work/frames"
-    check "render.json tells of the rays" [ "$("$query" antialias <"$work/frames/render.json")" = 2 ]
+    check "render.json tells of the rays" \
+        [ "$("$query" antialias <"$work/frames/render.json")" = 2 ]
     expect "train with means from the start" 0 "" "$cln" train "$work/object" -o "$work/soon" \
         "${few[@]}" --steps 20 --antialias-after 0
     expect "train with means too late" 0 "" "$cln" train "$work/object" -o "$work/late" \

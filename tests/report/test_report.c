@@ -695,28 +695,26 @@ static void shown_views_are_the_most_held_out(void **state)
     cln_report_data_free(&data);
 }
 
-/* Of one step, the figures are those of pictures as they are, whichever file is read first; how
- * others were rendered is said. */
+/* Of one step, the figures are those of pictures as they are; how others were rendered is said. */
 static void figures_say_how_they_were_rendered(void **state)
 {
     static const struct {
         const char *name;
         double psnr;
-        int antialias;
-        bool fast;
+        int antialias, fast;
     } rows[] = {{"a-fast", 21, 1, true},
                 {"b", 20, 1, false},
                 {"c-antialias2", 22, 2, false},
                 {"d-antialias3-fast", 23, 3, true},
                 {"00000100-test-1-471c02c9", 24, 1, false}};
-    enum { ROWS = sizeof rows / sizeof rows[0] };
+    const int count = (int)(sizeof rows / sizeof rows[0]);
     const char *run = scratch_path(*state, "run");
     cln_report_data data;
     char *page = NULL;
 
     put_run(run, "done", "nothing");
     for (int pass = 0; pass < 2; pass++) {
-        for (int i = ROWS - 1; i >= 0; i--) {
+        for (int i = count - 1; i >= 0; i--) {
             json_t *document =
                 json_pack("{s:s s:i s:f s:s s:{s:f s:f} s:[o]}", "schema", "cl-nascent.eval/1",
                           "step", 100, "train_seconds", 4.0, "split", "test", "mean", "psnr",
@@ -733,7 +731,7 @@ static void figures_say_how_they_were_rendered(void **state)
         if (pass == 1)
             assert_int_equal(remove(scratch_path(run, "eval/b.json")), 0);
         assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
-        assert_int_equal(data.eval_count, ROWS - pass);
+        assert_int_equal(data.eval_count, count - pass);
         assert_string_equal(data.evals[data.shown].stem, pass ? "d-antialias3-fast" : "b");
         cln_report_data_free(&data);
         page = page_of(run);
