@@ -204,6 +204,9 @@ const cln_arg cln_args[] = {
     REAL(CLN_RENDER, "elevation", elevation, "DEG", -90, 90,
          "orbit: degrees above the horizon of the training cameras",
          .shown = "their mean"),
+    TEXT(CLN_RENDER | CLN_VIEW, "up", up, "X,Y,Z|z|...",
+         "which way is up, in the scene's frame: an axis (x, y, z, -x, -y, -z) or a vector; of "
+         "render: for an orbit, spiral or path", .shown = "as the training cameras tell"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit, spiral: distance, 1 = the training cameras' mean; of a spiral in front of the "
          "scene: its width, 1 = that of the cameras", .standard = "1"),

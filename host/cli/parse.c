@@ -555,6 +555,8 @@ static cln_status check_render(const parser *p)
     for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++)
         if (!out->orbit_frames && is_given(p, of_orbit[i]))
             return cln_fail(CLN_USAGE, "--%s requires --orbit", of_orbit[i]);
+    if (!path && !out->interpolate && is_given(p, "up"))
+        return cln_fail(CLN_USAGE, "--up requires --orbit, --spiral or --interpolate");
     if (path && out->max_images)
         return cln_fail(CLN_USAGE, "--max-images cannot be combined with --%s; give --%s N", source,
                         source);

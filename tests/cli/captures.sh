@@ -218,6 +218,17 @@ section_orbit() {
     expect "an orbit with the photos" 0 "" "$cln" render "$work/run" --orbit 2 \
         -o "$work/orbit with" --scene "$work/elsewhere"
     check "is the same, bit by bit" diff -r "$work/orbit" "$work/orbit with"
+    cp -r "$work/run" "$work/nowhere"
+    rm "$work/nowhere/cameras.json"
+    for run in run nowhere; do
+        expect "an orbit about another up, of $run" 0 "" "$cln" render "$work/$run" --orbit 2 \
+            --up -z -o "$work/up $run"
+        check "is told in render.json" grep -q '"up": \[0.0, 0.0, -1.0\]' \
+            <(tr -d '\n' <"$work/up $run/render.json" | sed 's/\[ */[/g; s/, */, /g; s/ *\]/]/g')
+        check "has other pictures" eval \
+            '! cmp -s "$work/orbit/orbit_0001.png" "$work/up $run/orbit_0001.png"'
+    done
+    expect "no direction" 2 "--up 'up'" "$cln" render "$work/run" --orbit 2 --up up
     cp -r "$work/run" "$work/old"
     sed -i '/^  "orbit": {/,/^  }/d' "$work/old/run.json"
     sed -i ':a;N;$!ba;s/,\n}/\n}/' "$work/old/run.json"
