@@ -266,7 +266,8 @@ const cln_arg cln_args[] = {
         "port to listen on", .shown = "7007, or a free one if that is taken"),
     TEXT(CLN_VIEW | CLN_TRAIN, "listen", listen, "ADDRESS",
          "IP address to listen on, for other machines (0.0.0.0: all of this one's); the "
-         "printed address then has a token, without which nothing is answered",
+         "printed address then has a token, without which nothing is answered: on a shared "
+         "machine, where all accounts can look, also 127.0.0.1",
          .shown = "127.0.0.1, without a token"),
     FLAG(CLN_VIEW | CLN_TRAIN, "open", open,
          "open the address in this desktop's browser (xdg-open)"),
