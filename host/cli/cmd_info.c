@@ -58,8 +58,9 @@ static bool write_memory(FILE *to, const char *parent, const char *key, const js
 
     if (!json_is_number(value) || json_number_value(value) == 0)
         return false;
-    if (!strstr(key, "_memory") && !cln_ends_with(key, "_mem") && !cln_ends_with(key, "_peak") &&
-        strcmp(key, "max_alloc") != 0 && !cln_ends_with(parent, "plan"))
+    if (!strstr(key, "_memory") && strcmp(key, "disk") != 0 && !cln_ends_with(key, "_mem") &&
+        !cln_ends_with(key, "_peak") && strcmp(key, "max_alloc") != 0 &&
+        !cln_ends_with(parent, "plan"))
         return false;
     cln_format_bytes(json_number_value(value), text);
     fprintf(to, "%s", text);

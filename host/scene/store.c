@@ -70,7 +70,8 @@ cln_status cln_store_create(double bytes, double cached, cln_store **out)
     *out = NULL;
     if (!cln_is_dir(cln_store_folder()))
         st = cln_fail(CLN_OUTPUT, "%s%s: no such folder; set TMPDIR to one that is there",
-                      getenv("TMPDIR") ? "TMPDIR is " : "", cln_store_folder());
+                      cln_store_folder() == getenv("TMPDIR") ? "TMPDIR is " : "",
+                      cln_store_folder());
     else
         st = cln_disk_check(cln_store_folder(), bytes, "the photos");
     if (st != CLN_OK)

@@ -422,6 +422,9 @@ section_nadir() {
     "$make_scene" "$air" --kind terrain --size 96 --train 24 --test 0 --format nerfstudio \
         --offset 500000,4600000,90 >/dev/null
     rm "$air"/images/frame_000{13..24}.png # the oblique ones
+    expect "info of a place far from the origin" 0 "" "$cln" info "$air" --missing skip
+    check "tells it to a thousandth of the cube" \
+        grep -qE '^centre +(499999|500000)\.[0-9]{2,}, (4599999|4600000)\.[0-9]+,' "$work/out"
     expect "cameras that look in parallel: the cube is a guess, and what to do" 0 \
         "~guess.*in.parallel ~cl-nascent.check.*--bbox" "$cln" info "$air" --missing skip --json
     half=$(json half)

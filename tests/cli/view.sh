@@ -360,8 +360,8 @@ section_token() {
     until [ -s "$work/holds" ]; do sleep 0.05; done
     serve
     port=${address##*:}
-    check "another port is told, with ssh's words for it" \
-        said "~port.7007.is.taken ~ssh.-L.$port:127.0.0.1:$port"
+    check "another port is told" said "port 7007 is taken"
+    check "with ssh's words for it" said "ssh -L $port:127.0.0.1:$port"
     stop TERM
     kill $holder
     expect "a name instead of an address" 2 "localhost ~not.an.IP.address 0.0.0.0" \
