@@ -7,8 +7,8 @@
  *   spread       of the training cameras, in half sides of the cube: small where they are too small
  *   apart_share  of pairs of training cameras whose axes differ, those whose axes come nearest to
  *                each other behind both: all if cameras around an object look away from it, by axes
- *                of another convention; few in a room, some over flat land. Sparse points before the
- *                cameras outweigh it: a strip of photos straight down may lean apart */
+ *                of another convention; few in a room, some over flat land. Sparse points before
+ *                the cameras outweigh it: a strip of photos straight down may lean apart */
 #include "scene/build.h"
 
 #include <math.h>

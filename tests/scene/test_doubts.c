@@ -148,8 +148,8 @@ static void test_sound_captures(void **state)
     assert_true(c.scene.cube_share == 0.25);
 }
 
-/* Sparse points decide: before cameras that lean apart, as in a strip over land, nothing is doubted;
- * behind turned ones it is. */
+/* Sparse points decide: before cameras that lean apart, as in a strip over land, nothing is
+ * doubted; behind turned ones it is. */
 static void test_points(void **state)
 {
     enum { COUNT = 200 };
