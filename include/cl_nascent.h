@@ -332,6 +332,8 @@ typedef struct cln_render_desc {
                                forward-facing cameras, of the extent of their poses */
     int interpolate;        /* frames of a smooth path through the file's or split's poses, in
                                their order; 0 = only these poses */
+    double up[3];           /* orbit, spiral, path: in the scene's frame, of any length; all 0: as
+                               the training cameras tell */
     bool orbit_circle;      /* all around, even if the training cameras cover only an arc */
     int width, height;      /* image size; 0 = as the photos, or in their shape */
     double fov;             /* orbit, spiral: horizontal, degrees; 0 = as the training images */
@@ -377,6 +379,7 @@ typedef struct cln_view_desc {
     const char *scene;  /* NULL = the run's own; without one there are no photos */
     const char *listen; /* a numeric address, which then needs a token; NULL = 127.0.0.1, without */
     int port;           /* 0 = 7007, or a free one if that is taken */
+    double up[3];       /* which way is up in the scene's frame; all 0: as the cameras tell */
     cln_device_desc device;
     /* Called once, when a browser can open the address (token included). May be NULL. */
     void (*ready)(const char *address, void *user);

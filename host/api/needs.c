@@ -224,7 +224,7 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
     const cln_config *c = &settings->config;
     const bool timed = c->steps > 0 || c->time_limit > 0;
     const double pixels = cln_scene_training_pixels(scene);
-    double steps = c->steps;
+    double steps = c->steps, disk = 0;
     cln_device *device = NULL;
     cln_pipeline pipeline;
     cln_plan plan, host;
@@ -263,6 +263,10 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
         json_object_set_new(about, "device_memory_limit", json_real(plan.limit));
         json_object_set_new(about, "host_memory", json_real(host.total));
         json_object_set_new(about, "host_memory_limit", json_real(host.limit));
+        if (cln_checkpoint_room(NULL, c, scene->space.shell, &disk) == CLN_OK)
+            json_object_set_new(about, "disk", json_real(disk));
+        else
+            cln_clear_error();
         if (probe > 0)
             add_time(about, device, scene, c, steps, probe, callbacks);
     } else {

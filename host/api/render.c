@@ -406,6 +406,7 @@ static cln_status check_given(const cln_render_desc *d)
 
     CLN_TRY(cln_given("cln_render", "run", d->run));
     CLN_TRY(cln_given("cln_render", "out", d->out));
+    CLN_TRY(cln_up_check("cln_render", d->up));
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         CLN_TRY(cln_given_number("cln_render", rows[i].what, rows[i].value, rows[i].least,
                                  rows[i].most));
@@ -469,10 +470,24 @@ done:
     return st;
 }
 
+/* Opens the cameras, of the scene or as the run keeps them. If there are none and only --up asked
+ * for them, the orbit in run.json is enough. */
+static cln_status open_cameras(cln_render_job *j)
+{
+    const cln_render_desc *desc = j->desc;
+    bool alike = false;
+    cln_status st =
+        cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, &j->opened);
+
+    if (st != CLN_INPUT || !alike || !cln_frames_have_orbit(desc, j->run))
+        return st;
+    cln_clear_error();
+    return cln_open_run_model(desc->run, &j->opened);
+}
+
 cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 {
     cln_status st = CLN_OK;
-    bool alike = false;
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
     CLN_TRY(cln_given("cln_render", "result", result));
@@ -483,7 +498,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
     if (cln_frames_need_scene(desc, j.run))
-        CLN_TRY(cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, &j.opened));
+        CLN_TRY(open_cameras(&j));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
     CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));

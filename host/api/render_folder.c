@@ -154,6 +154,8 @@ static json_t *describe(const cln_render_job *j)
             json_array_append_new(axes, json_real(j->crop.turn[i]));
         json_object_set_new(about, "crop_axes", axes);
     }
+    if (about && cln_up_given(d->up))
+        json_object_set_new(about, "up", json_pack("[f,f,f]", d->up[0], d->up[1], d->up[2]));
     if (about && d->poses)
         json_object_set_new(about, "file", json_string(d->poses));
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))

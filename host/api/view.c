@@ -33,13 +33,14 @@ static cln_status open_run(const cln_view_desc *desc, cln_open_run *opened, cln_
     orbit = json_object_get(document, "orbit");
     st = cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, opened);
     if (st == CLN_OK) {
-        st = cln_orbit_frame_of(opened->scene, frame);
+        st = cln_orbit_frame_of(opened->scene, desc->up, frame);
     } else if (st == CLN_INPUT && !desc->scene && orbit && alike) {
         if (cln_ranks_me() == 0)
             cln_warn("no cameras and photos: %s", cln_error_text());
         cln_clear_error();
         CLN_TRY(cln_open_run_model(desc->run, opened));
-        st = cln_orbit_frame_read(orbit, frame);
+        CLN_TRY(cln_orbit_frame_read(orbit, frame));
+        cln_orbit_frame_turn(desc->up, frame);
     }
 done:
     json_decref(document);
@@ -119,6 +120,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
 
     CLN_TRY(cln_given("cln_view_run", "desc", desc));
     CLN_TRY(cln_given("cln_view_run", "run", desc->run));
+    CLN_TRY(cln_up_check("cln_view_run", desc->up));
     facts.run = desc->run;
     CLN_TRY(cln_serve_possible());
     CLN_TRY(cln_device_check(&desc->device));

@@ -115,7 +115,7 @@ static const char *in_ms(double seconds, char text[32])
 static void print_training(const json_t *training)
 {
     const json_t *time = json_object_get(training, "time");
-    char line[768], need[2][32], limit[2][32], duration[3][32], range[160] = "";
+    char line[768], need[3][32], limit[2][32], duration[3][32], range[160] = "";
     char step[4][32];
 
     if (json_is_string(json_object_get(training, "no_device"))) {
@@ -126,10 +126,12 @@ static void print_training(const json_t *training)
     cln_format_bytes(cln_json_number(training, "device_memory_limit"), limit[0]);
     cln_format_bytes(cln_json_number(training, "host_memory"), need[1]);
     cln_format_bytes(cln_json_number(training, "host_memory_limit"), limit[1]);
+    cln_format_bytes(cln_json_number(training, "disk"), need[2]);
     snprintf(line, sizeof line,
-             "%s on the device (of %s), %s on the host (of %s), at the largest "
-             "tree of %.0f %s, on %s",
-             need[0], limit[0], need[1], limit[1], cln_json_number(training, "most_leaves"),
+             "%s on the device (of %s), %s on the host (of %s), %s on the disk for checkpoints, at "
+             "the largest tree of %.0f %s, on %s",
+             need[0], limit[0], need[1], limit[1], need[2],
+             cln_json_number(training, "most_leaves"),
              cln_plural(cln_json_number(training, "most_leaves"), "leaf", "leaves"),
              text_of(training, "device"));
     print_wrapped(printf("memory   "), 9, line);

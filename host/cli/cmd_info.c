@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "cli/console.h"
 #include "io/run_folder.h"
@@ -57,8 +58,9 @@ static bool write_memory(FILE *to, const char *parent, const char *key, const js
 
     if (!json_is_number(value) || json_number_value(value) == 0)
         return false;
-    if (!strstr(key, "_memory") && !cln_ends_with(key, "_mem") && !cln_ends_with(key, "_peak") &&
-        strcmp(key, "max_alloc") != 0 && !cln_ends_with(parent, "plan"))
+    if (!strstr(key, "_memory") && strcmp(key, "disk") != 0 && !cln_ends_with(key, "_mem") &&
+        !cln_ends_with(key, "_peak") && strcmp(key, "max_alloc") != 0 &&
+        !cln_ends_with(parent, "plan"))
         return false;
     cln_format_bytes(json_number_value(value), text);
     fprintf(to, "%s", text);
@@ -103,10 +105,21 @@ static void write_inline(FILE *to, const json_t *value)
     }
 }
 
+/* Writes a point with a thousandth of half a side of the cube, however far the origin is. */
+static void write_place(FILE *to, const json_t *place, double half)
+{
+    double values[3];
+
+    for (size_t a = 0; a < 3; a++)
+        values[a] = json_number_value(json_array_get(place, a));
+    for (size_t a = 0; a < 3; a++)
+        fprintf(to, "%s%.*g", a ? ", " : "", cln_reals_digits(3, values, half), values[a]);
+}
+
 /* Prints "KEY  VALUE", the key in `width` columns, unless it is "". On a terminal, lines are broken
- * at its width; elsewhere they stay whole, for other programs. */
+ * at its width; elsewhere they stay whole, for other programs. half: of the cube, of a scene. */
 static cln_status print_entry(const char *parent, const char *key, int width, int indent,
-                              const json_t *value)
+                              double half, const json_t *value)
 {
     cln_status st = CLN_OK;
     const int gap = *key ? 2 : 0, begin = indent + width + gap;
@@ -119,6 +132,8 @@ static cln_status print_entry(const char *parent, const char *key, int width, in
         CLN_TRY(cln_fail(CLN_MEMORY, "description: out of memory"));
     if (json_is_array(value) && json_array_size(value) == 0)
         fprintf(to, "none");
+    else if (half > 0 && strcmp(key, "centre") == 0)
+        write_place(to, value, half);
     else if (!write_memory(to, parent, key, value) && !write_time(to, parent, key, value))
         write_inline(to, value);
     if (fclose(to) != 0)
@@ -138,7 +153,7 @@ static cln_status print_list(const json_t *array, int indent)
     size_t count = json_array_size(array);
 
     for (size_t i = 0; i < count && i < LISTED; i++)
-        CLN_TRY(print_entry("", "", 0, indent, json_array_get(array, i)));
+        CLN_TRY(print_entry("", "", 0, indent, 0, json_array_get(array, i)));
     if (count > LISTED)
         printf("%*s... %zu more, all with --json\n", indent, "", count - LISTED);
 done:
@@ -166,7 +181,8 @@ static cln_status print_object(const char *name, const json_t *object, int inden
             printf("%*s%s\n", indent, "", key);
             CLN_TRY(print_list(value, indent + 2));
         } else {
-            CLN_TRY(print_entry(name, key, width, indent, value));
+            CLN_TRY(print_entry(name, key, width, indent,
+                                json_number_value(json_object_get(object, "half")), value));
         }
     }
 done:

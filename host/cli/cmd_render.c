@@ -10,6 +10,7 @@
 #include "io/json.h"
 #include "ranks/ranks.h"
 #include "render/crop.h"
+#include "render/up.h"
 
 /* RUN/render/ with the split, "orbit", "spiral", or "poses-" and the name of the file of poses,
  * which may be that of a split; "-path" is added for a path through poses. */
@@ -84,6 +85,8 @@ cln_status cln_cmd_render(const cln_options *options)
                             .device = options->device};
 
     CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
+    if (options->up)
+        CLN_TRY(cln_up_read("--up", options->up, desc.up));
     if (!desc.out) {
         CLN_TRY(standard_folder(options, &standard_out));
         desc.out = standard_out;

@@ -6,6 +6,7 @@
 #include "base/log.h"
 #include "cli/browser.h"
 #include "cli/console.h"
+#include "render/up.h"
 
 typedef struct shown {
     const cln_options *options;
@@ -37,16 +38,18 @@ cln_status cln_cmd_view(const cln_options *options)
     cln_status st = CLN_OK;
     cln_console console = {0};
     shown s = {options, &console, false};
-    const cln_view_desc desc = {.run = options->operand,
-                                .scene = options->scene,
-                                .listen = options->listen,
-                                .port = options->port,
-                                .device = options->device,
-                                .ready = show,
-                                .callbacks = {.interrupted = interrupted, .user = &s}};
+    cln_view_desc desc = {.run = options->operand,
+                          .scene = options->scene,
+                          .listen = options->listen,
+                          .port = options->port,
+                          .device = options->device,
+                          .ready = show,
+                          .callbacks = {.interrupted = interrupted, .user = &s}};
     cln_options quiet = *options;
 
     quiet.progress = "none";
+    if (options->up)
+        CLN_TRY(cln_up_read("--up", options->up, desc.up));
     CLN_TRY(cln_console_open(&quiet, &console));
     st = cln_view_run(&desc);
     if (s.served && (st == CLN_SIGINT || st == CLN_SIGTERM)) {

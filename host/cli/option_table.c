@@ -207,6 +207,9 @@ const cln_arg cln_args[] = {
     REAL(CLN_RENDER, "elevation", elevation, "DEG", -90, 90,
          "orbit: degrees above the horizon of the training cameras",
          .shown = "their mean"),
+    TEXT(CLN_RENDER | CLN_VIEW, "up", up, "X,Y,Z|z|...",
+         "which way is up, in the scene's frame: an axis (x, y, z, -x, -y, -z) or a vector; of "
+         "render: for an orbit, spiral or path", .shown = "as the training cameras tell"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit, spiral: distance, 1 = the training cameras' mean; of a spiral in front of the "
          "scene: its width, 1 = that of the cameras", .standard = "1"),
@@ -271,7 +274,8 @@ const cln_arg cln_args[] = {
         "port to listen on", .shown = "7007, or a free one if that is taken"),
     TEXT(CLN_VIEW | CLN_TRAIN, "listen", listen, "ADDRESS",
          "IP address to listen on, for other machines (0.0.0.0: all of this one's); the "
-         "printed address then has a token, without which nothing is answered",
+         "printed address then has a token, without which nothing is answered: on a shared "
+         "machine, where all accounts can look, also 127.0.0.1",
          .shown = "127.0.0.1, without a token"),
     FLAG(CLN_VIEW | CLN_TRAIN, "open", open,
          "open the address in this desktop's browser (xdg-open)"),

@@ -27,7 +27,7 @@ typedef struct cln_options {
         z_depth, seams;
     int verbose, max_images, antialias, frames;
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
-    const char *poses, *depth, *crop;
+    const char *poses, *depth, *crop, *up;
     bool pfm, normals;
     double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe;
     double spacing;       /* 0 = not given */

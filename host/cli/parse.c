@@ -558,6 +558,8 @@ static cln_status check_render(const parser *p)
     if (out->views && (path || out->poses))
         return cln_fail(CLN_USAGE,
                         "--views cannot be combined with --%s; it names views of --split", source);
+    if (!path && !out->interpolate && is_given(p, "up"))
+        return cln_fail(CLN_USAGE, "--up requires --orbit, --spiral or --interpolate");
     if (path && out->max_images)
         return cln_fail(CLN_USAGE, "--max-images cannot be combined with --%s; give --%s N", source,
                         source);

@@ -85,6 +85,8 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
     char name[128];
     int total = 0;
 
+    const char *chosen = getenv("POCL_DEVICES");
+
     *out = NULL;
     *count = 0;
     CLN_TRY(cln_alloc(out, 64 * 16, sizeof **out, "device list"));
@@ -99,10 +101,13 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
     *count = total;
     if (total == 0 && platforms)
         st = cln_fail(CLN_NO_DEVICE,
-                      "no OpenCL device found, though there is a driver (%s); PoCL needs a folder "
-                      "that it can write its cache to: set POCL_CACHE_DIR to one; GPUs need their "
-                      "vendor's driver (intel-opencl-icd, mesa-opencl-icd, nvidia-opencl-icd)",
-                      platform_name(ids[0], name, sizeof name));
+                      "no OpenCL device found, though there is a driver (%s); %s%s%sPoCL needs a "
+                      "folder that it can write its cache to: set POCL_CACHE_DIR to one; GPUs need "
+                      "their vendor's driver (intel-opencl-icd, mesa-opencl-icd, "
+                      "nvidia-opencl-icd)",
+                      platform_name(ids[0], name, sizeof name), chosen ? "POCL_DEVICES is '" : "",
+                      chosen ? chosen : "",
+                      chosen ? "': unset it, if that names no device of PoCL's; " : "");
     else if (total == 0)
         st = cln_fail(
             CLN_NO_DEVICE,

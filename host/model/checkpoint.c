@@ -688,8 +688,11 @@ cln_status cln_checkpoint_room(const char *run, const cln_config *config, bool s
     char *folder = NULL;
 
     CLN_TRY(cln_checkpoint_bytes(config, cln_config_most_leaves(config, shell), bytes));
-    CLN_TRY(cln_path_join(&folder, run, FOLDER));
-    *bytes = fmax(0, (KEEP + 1) * *bytes - bytes_there(folder));
+    *bytes *= KEEP + 1;
+    if (run) {
+        CLN_TRY(cln_path_join(&folder, run, FOLDER));
+        *bytes = fmax(0, *bytes - bytes_there(folder));
+    }
 done:
     free(folder);
     return st;

@@ -122,7 +122,7 @@ cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *by
 
 /* *bytes: disk space that checkpoints may still need with the largest tree that the settings allow
  * in a shell space or another: for the two that are kept and the one being written, less what RUN
- * already has. */
+ * already has (NULL: nothing). */
 cln_status cln_checkpoint_room(const char *run, const cln_config *config, bool shell,
                                double *bytes);
 

@@ -4,9 +4,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
 #include "render/named.h"
 #include "render/open_run.h"
+
+static const double BELOW = -30; /* degrees: few cameras look up so steeply */
 
 cln_status cln_frames_room(int count, cln_frames *out)
 {
@@ -32,9 +35,15 @@ static bool is_orbit(const cln_render_desc *desc)
     return !desc->split && !desc->poses && desc->spiral_frames == 0;
 }
 
+bool cln_frames_have_orbit(const cln_render_desc *desc, const json_t *run)
+{
+    return !desc->split && !desc->scene && desc->spiral_frames == 0 &&
+           json_object_get(run, "orbit");
+}
+
 bool cln_frames_need_scene(const cln_render_desc *desc, const json_t *run)
 {
-    return desc->split || desc->scene || desc->spiral_frames > 0 || !json_object_get(run, "orbit");
+    return cln_up_given(desc->up) || !cln_frames_have_orbit(desc, run);
 }
 
 static cln_status of_split(const cln_render_desc *desc, const cln_scene *scene, cln_frames *out)
@@ -82,6 +91,23 @@ done:
     return st;
 }
 
+/* What run.json keeps, with a word where its up may point down, as older versions had it of flights
+ * that look down. */
+static cln_status read_frame(const cln_render_desc *desc, const json_t *saved,
+                             cln_orbit_frame *seen)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_orbit_frame_read(saved, seen));
+    if (is_orbit(desc) && !cln_up_given(desc->up) && seen->elevation < BELOW)
+        cln_warn("by the run's own frame, its cameras stand %.0f degrees below what they look at: "
+                 "if the pictures are upside down, say which way is up, as in --up z",
+                 -seen->elevation);
+    cln_orbit_frame_turn(desc->up, seen);
+done:
+    return st;
+}
+
 static cln_status of_orbit(const cln_render_desc *desc, const cln_orbit_frame *seen,
                            cln_frames *out)
 {
@@ -124,9 +150,9 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
 
     memset(out, 0, sizeof *out);
     if (scene)
-        CLN_TRY(cln_orbit_frame_of(scene, &seen));
+        CLN_TRY(cln_orbit_frame_of(scene, desc->up, &seen));
     else
-        CLN_TRY(cln_orbit_frame_read(json_object_get(run, "orbit"), &seen));
+        CLN_TRY(read_frame(desc, json_object_get(run, "orbit"), &seen));
     if (desc->poses)
         CLN_TRY(of_file(desc, &seen, out));
     else if (desc->split)

@@ -23,7 +23,10 @@ typedef struct cln_frames {
     float crop_background[3];
 } cln_frames;
 
-/* Whether desc's frames need the scene; an orbit needs it only if run.json has no frame for it. */
+/* Whether run.json has all that desc's frames need of the scene, as it has for an orbit. */
+bool cln_frames_have_orbit(const cln_render_desc *desc, const json_t *run);
+
+/* Whether desc's frames need the scene's cameras: all others, and an orbit about another up. */
 bool cln_frames_need_scene(const cln_render_desc *desc, const json_t *run);
 
 /* The frames that desc asks for. scene: NULL if they need none. CLN_USAGE, CLN_INPUT,

@@ -12,7 +12,6 @@
 #include "scene/vectors.h"
 
 static const double PI = 3.14159265358979323846, DEGREE = 3.14159265358979323846 / 180;
-static const double LEVEL = 1e-3; /* of find_up: the square of how level they are held */
 static const double POLE = 80;    /* degrees: above, an azimuth says nothing */
 static const double GAP = 120;    /* degrees: three cameras all around still make a circle */
 static const double ARC_MIN = 10; /* degrees: a path around a single camera moves, too */
@@ -47,53 +46,35 @@ static void find_away(const cln_scene *scene, const cln_orbit_frame *f, int i, d
         away[a] = c2w[4 * a + 3] - f->target[a];
 }
 
-/* Cameras are held level, so up is the axis along which their x axes point least, on the side of
- * their mean up vector. It solves (mean of x x^T + LEVEL) up = mean up, which keeps to the mean
- * where x axes leave it open. The mean alone would lean over where cameras look down in an arc. */
-static void find_up(const cln_scene *scene, int count, double up[3])
+/* East, about where it is already, and north. Of cameras that all stand on the axis, any direction
+ * is east. */
+static void find_level(cln_orbit_frame *f)
 {
-    double mean[3] = {0}, column[3][3] = {{LEVEL, 0, 0}, {0, LEVEL, 0}, {0, 0, LEVEL}};
+    if (!flatten(f->up, f->east)) {
+        const int least = fabs(f->up[0]) < 0.9 ? 0 : 1;
 
-    for (int i = 0; i < count; i++) {
-        const double *c2w = cln_scene_training_view(scene, i)->camera.c2w;
-
-        for (int a = 0; a < 3; a++) {
-            mean[a] -= c2w[4 * a + 1] / count; /* the camera's y points down */
-            for (int b = 0; b < 3; b++)
-                column[b][a] += c2w[4 * a] * c2w[4 * b] / count;
-        }
+        memset(f->east, 0, sizeof f->east);
+        f->east[least] = 1;
+        flatten(f->up, f->east);
     }
-    for (int a = 0; a < 3; a++) { /* Cramer, but for the determinant, which is above 0 */
-        double n[3];
-
-        cln_cross(column[(a + 1) % 3], column[(a + 2) % 3], n);
-        up[a] = cln_dot(mean, n);
-    }
-    if (!cln_normalise(mean) || !cln_normalise(up))
-        memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
+    cln_cross(f->up, f->east, f->north);
 }
 
-/* Up, distance, and east towards the first training camera. Cameras whose up vectors cancel out, or
- * that all stand on the axis, leave it open: then z is up, and any direction is east. */
-static void find_axes(const cln_scene *scene, int count, cln_orbit_frame *out)
+/* Up, distance, and east towards the first training camera. */
+static void find_axes(const cln_scene *scene, int count, const double up[3], cln_orbit_frame *out)
 {
     double distance = 0, away[3];
 
-    find_up(scene, count, out->up);
+    memcpy(out->up, up, sizeof out->up);
+    if (!cln_normalise(out->up))
+        cln_up_of_cameras(scene, out->up);
     for (int i = 0; i < count; i++) {
         find_away(scene, out, i, away);
         distance += sqrt(cln_dot(away, away)) / count;
     }
     find_away(scene, out, 0, out->east);
     out->distance = distance > 1e-6 * scene->space.half ? distance : scene->space.half;
-    if (!flatten(out->up, out->east)) {
-        const int least = fabs(out->up[0]) < 0.9 ? 0 : 1;
-
-        memset(out->east, 0, sizeof out->east);
-        out->east[least] = 1;
-        flatten(out->up, out->east);
-    }
-    cln_cross(out->up, out->east, out->north);
+    find_level(out);
 }
 
 /* The arc leaves out the widest gap between neighbours. Cameras near the pole have no azimuth. */
@@ -133,14 +114,14 @@ done:
     return st;
 }
 
-cln_status cln_orbit_frame_of(const cln_scene *scene, cln_orbit_frame *out)
+cln_status cln_orbit_frame_of(const cln_scene *scene, const double up[3], cln_orbit_frame *out)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     const cln_camera *like = &cln_scene_training_view(scene, 0)->camera;
 
     memset(out, 0, sizeof *out);
     find_target(scene, out->target);
-    find_axes(scene, count, out);
+    find_axes(scene, count, up, out);
     out->width = like->width;
     out->height = like->height;
     out->fx = like->fx;
@@ -179,6 +160,24 @@ cln_status cln_orbit_frame_read(const json_t *saved, cln_orbit_frame *f)
         f->distance > 0 && f->width > 0 && f->height > 0 && f->fx > 0 && f->fy > 0)
         return CLN_OK;
     return cln_fail(CLN_INPUT, "its orbit was not written by this program");
+}
+
+void cln_orbit_frame_turn(const double up[3], cln_orbit_frame *f)
+{
+    const double before[3] = {f->up[0], f->up[1], f->up[2]};
+    double given[3] = {up[0], up[1], up[2]};
+
+    if (!cln_normalise(given))
+        return;
+    memcpy(f->up, given, sizeof given);
+    if (cln_dot(before, given) < 0) {
+        const double from = f->from;
+
+        f->elevation = -f->elevation;
+        f->from = -f->to;
+        f->to = -from;
+    }
+    find_level(f);
 }
 
 /* ---- a path ---- */

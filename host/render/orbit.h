@@ -7,10 +7,11 @@
 #include <jansson.h>
 #include "cl_nascent.h"
 #include "scene/scene.h"
+#include "render/up.h"
 
 /* Target: the point nearest to all optical axes, if it lies in the cube, else the cube's centre.
- * Around it a right-handed frame (east, north, up): up is the training cameras' up, as they are
- * held level; the first of them stands in the east. */
+ * Around it a right-handed frame (east, north, up): up is told by the training cameras (up.h) or
+ * given; the first of them stands in the east. */
 typedef struct cln_orbit_frame {
     double target[3], east[3], north[3], up[3];
     double distance;  /* of the training cameras to the target, mean */
@@ -22,12 +23,17 @@ typedef struct cln_orbit_frame {
     double fx, fy;
 } cln_orbit_frame;
 
-cln_status cln_orbit_frame_of(const cln_scene *scene, cln_orbit_frame *out);
+/* up: a vector of any length; all 0: what the cameras tell. */
+cln_status cln_orbit_frame_of(const cln_scene *scene, const double up[3], cln_orbit_frame *out);
 
 /* To and from run.json's `orbit` (docs/formats.md), to the last bit. CLN_INPUT if `saved` is not
  * one. */
 json_t *cln_orbit_frame_json(const cln_orbit_frame *frame);
 cln_status cln_orbit_frame_read(const json_t *saved, cln_orbit_frame *out);
+
+/* Gives a saved frame another up, if one is given: elevation and arc are those of cameras that are
+ * turned with it, exact for the opposite one. */
+void cln_orbit_frame_turn(const double up[3], cln_orbit_frame *frame);
 
 /* A path, by cln_orbit_make. */
 typedef struct cln_orbit {

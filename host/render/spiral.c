@@ -34,8 +34,8 @@ static void look(double forward[3], const double down[3], const double at[3], ba
     cln_cross(forward, out->right, out->down);
 }
 
-/* False if the cameras look into all directions. */
-static bool find_mean(const cln_scene *scene, int count, basis *out)
+/* False if the cameras look into all directions, or along an up that is given. */
+static bool find_mean(const cln_scene *scene, int count, const double up[3], basis *out)
 {
     double at[3] = {0}, forward[3] = {0}, down[3] = {0};
 
@@ -48,6 +48,8 @@ static bool find_mean(const cln_scene *scene, int count, basis *out)
             down[a] += c2w[4 * a + 1] / count;
         }
     }
+    for (int a = 0; a < 3 && cln_up_given(up); a++)
+        down[a] = -up[a];
     if (!cln_normalise(forward) || !cln_normalise(down))
         return false;
     look(forward, down, at, out);
@@ -89,7 +91,7 @@ static cln_status about_mean(const cln_scene *scene, const cln_render_desc *desc
     double radii[3], depth = 0, to_target[3];
     basis middle;
 
-    if (!find_mean(scene, count, &middle))
+    if (!find_mean(scene, count, desc->up, &middle))
         CLN_TRY(cln_fail(CLN_INPUT, "--spiral: the training cameras have no common direction; take "
                                     "--orbit, or --interpolate between their poses"));
     for (int a = 0; a < 3; a++)
@@ -173,7 +175,7 @@ cln_status cln_frames_spiral(const cln_scene *scene, const cln_render_desc *desc
 
     if (!(own.orbit_radius > 0))
         own.orbit_radius = 1;
-    CLN_TRY(cln_orbit_frame_of(scene, &seen));
+    CLN_TRY(cln_orbit_frame_of(scene, desc->up, &seen));
     CLN_TRY(cln_orbit_lens(&seen, &own, &lens));
     CLN_TRY(cln_frames_room(own.spiral_frames, out));
     for (int i = 0; i < out->count; i++)

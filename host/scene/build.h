@@ -96,8 +96,8 @@ cln_status cln_scene_check_seen(const cln_scene *scene);
 /* doubts.c: of fewer training photos, nothing is known of what lies how far. */
 enum { CLN_LEAST_PHOTOS = 3 };
 
-/* doubts.c: fills cube_share, spread and apart_share. */
-void cln_scene_find_doubts(cln_scene *scene);
+/* doubts.c: fills cube_share, spread, apart_share and, by the reader's points, before_share. */
+void cln_scene_find_doubts(cln_scene *scene, const cln_reader_result *result);
 /* Adds what they make doubtful to the findings (inspect.h). */
 void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings);
 

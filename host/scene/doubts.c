@@ -7,16 +7,18 @@
  *   spread       of the training cameras, in half sides of the cube: small where they are too small
  *   apart_share  of pairs of training cameras whose axes differ, those whose axes come nearest to
  *                each other behind both: all if cameras around an object look away from it, by axes
- *                of another convention; few in a room, some over flat land */
+ *                of another convention; few in a room, some over flat land. Sparse points before
+ *                the cameras outweigh it: a strip of photos straight down may lean apart */
 #include "scene/build.h"
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include "base/log.h"
 #include "base/text.h"
 #include "scene/inspect.h"
 
-enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3 };
+enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3, POINTS = 256, POINTS_MIN = 16 };
 static const double OFF_MAX = 0.2; /* of a principal point, in sides of the image */
 static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, ONE_PLACE = 1e-9, APART_MAX = 0.8;
 static const double DIFFER = 0.030153689607045808; /* squared sine of 10 degrees */
@@ -105,8 +107,39 @@ static double apart_share(const cln_scene *scene)
     return pairs < PAIRS_MIN ? NAN : (double)apart / pairs;
 }
 
-void cln_scene_find_doubts(cln_scene *scene)
+/* Of the points that project into a picture, from before or from behind, those that lie before it:
+ * about all, or none by axes of another convention. NAN: too few to tell. */
+static double before_share(const cln_scene *scene, const cln_reader_result *result)
 {
+    const int count = chosen_count(scene), points = result ? result->point_count : 0;
+    const int step = points / POINTS + 1;
+    int64_t seen = 0, before = 0;
+
+    for (int i = 0; i < count; i++) {
+        const cln_camera *c = chosen(scene, i);
+
+        for (int k = 0; k < points; k += step) {
+            double p[3], u = 0, v = 0, z = 0, along = 0;
+
+            for (int a = 0; a < 3; a++) {
+                p[a] = result->points[k].xyz[a];
+                along += c->c2w[4 * a + 2] * (p[a] - c->c2w[4 * a + 3]);
+            }
+            for (int a = 0; a < 3 && along < 0; a++) /* through the camera, to its other side */
+                p[a] = 2 * c->c2w[4 * a + 3] - p[a];
+            if (!cln_camera_project(c, p, &u, &v, &z) ||
+                !(u >= 0 && v >= 0 && u < c->width && v < c->height))
+                continue;
+            seen++;
+            before += along > 0;
+        }
+    }
+    return seen < POINTS_MIN ? NAN : (double)before / (double)seen;
+}
+
+void cln_scene_find_doubts(cln_scene *scene, const cln_reader_result *result)
+{
+    scene->before_share = before_share(scene, result);
     scene->cube_share = cube_share(scene);
     scene->spread = spread(scene);
     scene->apart_share = apart_share(scene);
@@ -175,6 +208,16 @@ static void tell_principal(const cln_scene *scene, json_t *findings)
                         off > .5 ? "outside the image, " : "", 100 * off);
 }
 
+static bool of_transforms(const cln_scene *scene)
+{
+    static const char *const dialects[] = {"blender", "nerfstudio", "instant-ngp"};
+
+    for (size_t i = 0; i < sizeof dialects / sizeof *dialects; i++)
+        if (scene->dialect && strcmp(scene->dialect, dialects[i]) == 0)
+            return true;
+    return false;
+}
+
 void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
 {
     const cln_space *space = &scene->space;
@@ -183,15 +226,19 @@ void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
     tell_shared(scene, findings);
     tell_few(scene, findings);
     tell_principal(scene, findings);
-    if (scene->apart_share > APART_MAX)
+    if (scene->apart_share > APART_MAX && !(scene->before_share > 0.5))
         cln_found_fault(
             findings, "axes", true, NULL,
             "the cameras look apart: for %.0f%% of the pairs of cameras, the point that both "
-            "axes pass lies behind both. Likely the axes of the poses are wrong: in a transforms "
-            "file they are OpenGL's (y up, z backwards); if this one has OpenCV's (y down, z "
-            "forward), negate the second and third column of each matrix. Photos taken outwards "
-            "from one place are right as they are",
-            100 * scene->apart_share);
+            "axes pass lies behind both%s. Likely the axes of the poses are wrong%s. Photos taken "
+            "outwards from one place are right as they are",
+            100 * scene->apart_share,
+            scene->before_share <= 0.5 ? ", and most sparse points lie behind the cameras" : "",
+            of_transforms(scene) ? ": in a transforms file they are OpenGL's (y up, z backwards); "
+                                   "if this one has OpenCV's (y down, z forward), negate the "
+                                   "second and third column of each matrix"
+                                 : ", or the poses are camera to world where the format has world "
+                                   "to camera: export them again");
     if (scene->cube_share < CUBE_SHARE_MIN)
         cln_found_fault(
             findings, "scale", true, NULL,

@@ -314,7 +314,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config));
     if (!desc->unseen)
         CLN_TRY(cln_scene_check_seen(scene));
-    cln_scene_find_doubts(scene);
+    cln_scene_find_doubts(scene, result);
     if ((desc->config->depth_loss > 0 || desc->config->points_near > 0) &&
         desc->pixels[CLN_SPLIT_TRAIN])
         CLN_TRY(cln_scene_find_sights(scene, result));

@@ -166,6 +166,20 @@ done:
     return st;
 }
 
+/* Leaves out the names of masks, which nobody expects to have poses. */
+static void drop_masks(cln_names *names)
+{
+    int kept = 0;
+
+    for (int i = 0; i < names->count; i++) {
+        if (cln_dataset_is_mask(names->name[i]))
+            free(names->name[i]);
+        else
+            names->name[kept++] = names->name[i];
+    }
+    names->count = kept;
+}
+
 cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
                                    int base_count, cln_reader_result *result, char **folder)
 {
@@ -211,10 +225,12 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                          where, result->view_count, result->views[0].name, top));
     if (!result->moved_count)
         CLN_TRY(place_views(*folder, scene, result));
+    CLN_TRY(cln_dataset_find_masks(scene, *folder, result));
     for (int i = 0; i < base_count; i++)
         if (!strcmp(*folder, bases[i]))
             goto done; /* other images there do not belong to this reconstruction */
     CLN_TRY(cln_dataset_images(*folder, &there));
+    drop_masks(&there);
     if (there.count > result->view_count)
         CLN_TRY(warn_unposed(*folder, result, &there));
 done:

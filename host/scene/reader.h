@@ -50,6 +50,7 @@ typedef struct cln_reader_result {
     char *because;       /* why it was read as that, a phrase */
     int moved_count;     /* images that are not where it names them and were found (moved.h) */
     char *moved_from, *moved_to; /* one of them; NULL without any */
+    int mask_count;              /* masks that lie beside the photos, of the views' */
     json_t *ignored; /* array of strings: keys of its files that are not read; may be NULL */
 } cln_reader_result;
 

@@ -255,7 +255,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     cln_colmap model = {0};
     const char *missing = NULL;
     const int place = find_place(path, &missing);
-    char *folder = NULL, *images = NULL;
+    char *folder = NULL, *images = NULL, masks[64];
 
     CLN_TRY(place_folder(path, place, &folder));
     CLN_TRY(cln_colmap_read(folder, &model));
@@ -266,8 +266,10 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->beyond = true;
     result->stored_poses = true;
     result->dialect = "COLMAP";
-    CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s",
-                         cln_dataset_within(path, folder), cln_dataset_within(path, images)));
+    cln_dataset_tell_masks(result, masks);
+    CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s%s",
+                         cln_dataset_within(path, folder), cln_dataset_within(path, images),
+                         masks));
     if (places[place].depth > 1 &&
         (cln_has_dir(path, "sparse/1") || cln_has_dir(path, "colmap/sparse/1")))
         cln_warn("%s: there are other models beside it, which are not read; give the folder of one "

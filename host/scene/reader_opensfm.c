@@ -1,5 +1,6 @@
 /* Reader of OpenSfM's reconstruction.json, in the folder or in its folder opensfm, where
- * OpenDroneMap has it. Images are found by the names of the shots (dataset.h), mostly in images.
+ * OpenDroneMap has it. Images are found by the names of the shots (dataset.h), mostly in images, of
+ * a folder opensfm also in that beside it.
  *   camera  projection_type, width, height; focal lengths and the principal point from the image's
  *           centre are in units of the longer side
  *   shot    world to camera, with our axes: rotation, a vector along the axis as long as the angle,
@@ -113,6 +114,11 @@ static cln_status set_camera(const char *where, const json_t *from, cln_camera *
     CLN_TRY(number(where, from, "focal_y", fx, &fy));
     CLN_TRY(number(where, from, "c_x", 0, &cx));
     CLN_TRY(number(where, from, "c_y", 0, &cy));
+    if (!(fx > 0 && fy > 0))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: its camera has no focal length: focal, or focal_x and focal_y, in "
+                         "units of the longer side; add it, or export the reconstruction again",
+                         where));
     to->fx = fx * longest;
     to->fy = fy * longest;
     to->cx = cx * longest + 0.5 * side[0];
@@ -293,6 +299,8 @@ static cln_status read_reconstruction(const char *file, const json_t *root, cons
     CLN_TRY(read_points(file, json_object_get(one, "points"), result));
     if (cln_is_file(tracks))
         CLN_TRY(read_tracks(tracks, shots, json_object_get(one, "points"), result));
+    if (json_object_get(one, "reference_lla"))
+        result->ignored = json_pack("[s]", "reference_lla");
 done:
     return st;
 }
@@ -304,31 +312,59 @@ static bool detect(const char *path, const char **missing)
                                 cln_has_file(path, "opensfm/reconstruction.json"));
 }
 
+/* Of OpenDroneMap's folder opensfm the one that it is in, which has the photos; else NULL. */
+static cln_status project_of(const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *whole = NULL, *last = NULL;
+
+    CLN_TRY(cln_path_absolute(&whole, path));
+    last = strrchr(whole, '/');
+    if (last && last > whole && strcmp(last, "/opensfm") == 0) {
+        *last = 0;
+        *out = whole;
+        whole = NULL;
+    }
+done:
+    free(whole);
+    return st;
+}
+
 static cln_status read_scene(const char *path, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     const bool inner = !cln_has_file(path, "reconstruction.json");
-    char *file = NULL, *folder = NULL, *images = NULL, *tracks = NULL;
+    char *file = NULL, *folder = NULL, *images = NULL, *tracks = NULL, *project = NULL, masks[64];
     json_t *root = NULL;
 
     CLN_TRY(cln_path_join(&folder, path, "opensfm"));
+    if (!inner)
+        CLN_TRY(project_of(path, &project));
     CLN_TRY(cln_path_join(&file, inner ? folder : path, "reconstruction.json"));
     CLN_TRY(cln_json_read_large(file, MAX_BYTES, &root));
     CLN_TRY(cln_path_join(&tracks, inner ? folder : path, "tracks.csv"));
     CLN_TRY(read_reconstruction(file, root, tracks, result));
-    CLN_TRY(cln_dataset_find_images(file, path, (const char *const[2]){path, folder}, 1 + inner,
-                                    result, &images));
+    CLN_TRY(cln_dataset_find_images(file, path,
+                                    (const char *const[2]){path, inner ? folder : project},
+                                    1 + (inner || project), result, &images));
     result->dialect = "OpenSfM";
     result->beyond = true;
     result->stored_poses = true;
-    CLN_TRY(cln_asprintf(&result->because, "it has %sreconstruction.json; images are from %s",
-                         inner ? "opensfm/" : "", cln_dataset_within(path, images)));
+    cln_dataset_tell_masks(result, masks);
+    CLN_TRY(cln_asprintf(&result->because, "it has %sreconstruction.json%s%s; images are from %s%s",
+                         inner ? "opensfm/" : "",
+                         result->observation_count ? ", with depths by tracks.csv" : "",
+                         result->ignored ? "; coordinates are the reconstruction's own, "
+                                           "reference_lla is not applied"
+                                         : "",
+                         cln_dataset_within(path, images), masks));
 done:
     json_decref(root);
     free(file);
     free(folder);
     free(images);
     free(tracks);
+    free(project);
     return st;
 }
 

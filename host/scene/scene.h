@@ -137,6 +137,7 @@ typedef struct cln_scene {
     double cube_share;     /* of the training rays, those that meet the cube */
     double spread;         /* of the training cameras about their middle, half sides */
     double apart_share;    /* of pairs of them, those that look apart; NaN: too few to tell */
+    double before_share;   /* of sparse points in their pictures, those before them; likewise */
     int64_t sight_count;   /* with config.depth_loss, for training: what points tell of depths */
     cln_sight *sights;     /* by view, then by point */
     float background[3];   /* composited behind alpha and behind the scene */

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/files.h"
 #include "base/memory.h"
 #include "io/disk.h"
 
@@ -67,7 +68,12 @@ cln_status cln_store_create(double bytes, double cached, cln_store **out)
     cln_store *store = NULL;
 
     *out = NULL;
-    st = cln_disk_check(cln_store_folder(), bytes, "the photos");
+    if (!cln_is_dir(cln_store_folder()))
+        st = cln_fail(CLN_OUTPUT, "%s%s: no such folder; set TMPDIR to one that is there",
+                      cln_store_folder() == getenv("TMPDIR") ? "TMPDIR is " : "",
+                      cln_store_folder());
+    else
+        st = cln_disk_check(cln_store_folder(), bytes, "the photos");
     if (st != CLN_OK)
         cln_note("finding a place for the photos, for which --host-mem has no room; TMPDIR names "
                  "another folder");

@@ -159,7 +159,7 @@ cln_status cln_record_start(cln_trainer *t)
     json_object_del(scene, "cameras"); /* lists of all views are long */
     json_object_del(scene, "intrinsics");
     CLN_TRY(cln_recorded_place(t->desc->run, t->scene, scene));
-    CLN_TRY(cln_orbit_frame_of(t->scene, &frame));
+    CLN_TRY(cln_orbit_frame_of(t->scene, (const double[3]){0}, &frame));
     cln_utc_now(now);
     cln_tune_text(&t->pipeline.tune, tune);
     t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:s, "

@@ -239,7 +239,7 @@ cln_status cln_watch_start(cln_trainer *t)
         return CLN_OK;
     w->painter = (cln_painter){
         .pipeline = &t->pipeline, .model = &t->model, .scene = t->scene, .training = true};
-    CLN_TRY(cln_orbit_frame_of(t->scene, &frame));
+    CLN_TRY(cln_orbit_frame_of(t->scene, (const double[3]){0}, &frame));
     CLN_TRY(cln_facts_camera(&frame, &first));
     CLN_TRY(cln_facts_text(&facts, &w->facts));
     cln_queue_book(t->device, CLN_STAGE_VIEWING);

@@ -113,8 +113,10 @@ cln_status cln_listen_open(const char *address, int port, cln_listener *out)
                          port, CLN_VIEW_PORT));
     CLN_TRY(read_address(text, &at, &bytes));
     out->socket = try_bind(&at, bytes, port ? port : CLN_VIEW_PORT);
-    if (out->socket < 0 && port == 0 && errno == EADDRINUSE)
+    if (out->socket < 0 && port == 0 && errno == EADDRINUSE) {
         out->socket = try_bind(&at, bytes, 0);
+        out->moved = true;
+    }
     if (out->socket < 0)
         CLN_TRY(cln_fail(CLN_USAGE, "cannot listen on %s port %d: %s; choose another with %s", text,
                          port ? port : CLN_VIEW_PORT, strerror(errno),
@@ -140,6 +142,14 @@ done:
 
 void cln_listen_say(const cln_listener *listener)
 {
+    if (listener->moved && listener->far)
+        cln_warn("port %d is taken, by another program or another viewer: this one has port %d",
+                 CLN_VIEW_PORT, listener->port);
+    else if (listener->moved)
+        cln_warn("port %d is taken, by another program or another viewer: this one has port %d; "
+                 "from another machine: ssh -L %d:127.0.0.1:%d %s",
+                 CLN_VIEW_PORT, listener->port, listener->port, listener->port,
+                 *listener->own ? listener->own : "HOST");
     if (*listener->others)
         cln_info("where this machine's name is not known: %s", listener->others);
 }

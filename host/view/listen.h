@@ -10,6 +10,7 @@ typedef struct cln_listener {
     int socket; /* -1 = none */
     int port;
     bool far;          /* an address was given: requests need the token */
+    bool moved;        /* CLN_VIEW_PORT is taken, so that the port is another */
     char token[33];    /* "" without */
     char own[256];     /* this machine's name */
     char address[512]; /* to open, token included */
@@ -20,7 +21,7 @@ typedef struct cln_listener {
  * it is taken. CLN_USAGE: no such address, or the port is taken. */
 cln_status cln_listen_open(const char *address, int port, cln_listener *out);
 
-/* Logs `others`, if there are any. */
+/* Logs `others`, if there are any, and warns if the port is not the usual one. */
 void cln_listen_say(const cln_listener *listener);
 
 void cln_listen_close(cln_listener *listener); /* accepts one that is closed */

@@ -379,6 +379,19 @@ function stopMotion() {
   goal = -1;
 }
 
+/* Tells where a point is, to a thousandth of the cube, and how far from the one before. */
+let placed = null;
+
+function tellPlace(point) {
+  const digits = Math.min(Math.max(0, 3 - Math.floor(Math.log10(facts.half))), 12);
+  const numbers = point.map((x) => x.toFixed(digits)).join(', ');
+
+  $('place').textContent = `x, y, z: ${numbers}` + (placed ?
+    `; ${size(add(point, placed, -1)).toFixed(digits)} from the point before` : '');
+  $('place').hidden = false;
+  placed = point;
+}
+
 /* Turns about what is seen at a position of the window. */
 async function focus(x, y) {
   const f = frame();
@@ -398,6 +411,7 @@ async function focus(x, y) {
       say('Nothing is there.');
       return;
     }
+    tellPlace(found.point);
     const to = copy(camera), forward = add(found.point, camera.p, -1);
     to.r[2] = unit(forward);
     straighten(to);

@@ -739,7 +739,7 @@ static void test_orbit_cameras(void **state)
 
     (void)state;
     assert_ok(cln_scene_load(&scene_desc, &scene));
-    assert_ok(cln_orbit_frame_of(scene, &frame));
+    assert_ok(cln_orbit_frame_of(scene, (const double[3]){0}, &frame));
     assert_true(frame.to - frame.from == 360); /* six cameras all around */
     check_orbit(&frame, &desc, 25 * 3.14159265358979 / 180);
     desc.orbit_elevation = 90;
@@ -821,7 +821,7 @@ static void test_orbit_keeps_to_the_arc(void **state)
 
     (void)state;
     put_ring(&scene, views, 5, degrees);
-    assert_ok(cln_orbit_frame_of(&scene, &frame));
+    assert_ok(cln_orbit_frame_of(&scene, (const double[3]){0}, &frame));
     assert_true(fabs(frame.from - -60) < 0.5 && fabs(frame.to - 50) < 0.5);
     assert_true(fabs(frame.elevation - 10) < 0.5 && fabs(frame.distance - 4) < 1e-9);
     assert_int_equal(warnings_of_orbit(&frame, &desc, &orbit), 0);

@@ -172,6 +172,16 @@ def look_around(page):
     page.settle()
     page.check('a double click turns to that point',
                moved(before, page.js('return pivot(camera)')) > 1e-3)
+    place = "return document.getElementById('place').textContent"
+    told = page.js(place)
+    numbers = [float(x) for x in told.removeprefix('x, y, z: ').split(',')]
+    page.check('and tells where it is, alone',
+               moved(numbers, page.js('return pivot(camera)')) < 2e-3, told)
+    page.key('g')
+    time.sleep(1.2)
+    page.settle()
+    page.check('the next one also tells how far it is', 'from the point before' in page.js(place),
+               page.js(place))
     distance = page.js('return camera.distance')
     page.key('+', '+')
     page.check('+ goes nearer', page.js('return camera.distance') < 0.85 * distance)

@@ -218,6 +218,17 @@ section_orbit() {
     expect "an orbit with the photos" 0 "" "$cln" render "$work/run" --orbit 2 \
         -o "$work/orbit with" --scene "$work/elsewhere"
     check "is the same, bit by bit" diff -r "$work/orbit" "$work/orbit with"
+    cp -r "$work/run" "$work/nowhere"
+    rm "$work/nowhere/cameras.json"
+    for run in run nowhere; do
+        expect "an orbit about another up, of $run" 0 "" "$cln" render "$work/$run" --orbit 2 \
+            --up -z -o "$work/up $run"
+        check "is told in render.json" grep -q '"up": \[0.0, 0.0, -1.0\]' \
+            <(tr -d '\n' <"$work/up $run/render.json" | sed 's/\[ */[/g; s/, */, /g; s/ *\]/]/g')
+        check "has other pictures" eval \
+            '! cmp -s "$work/orbit/orbit_0001.png" "$work/up $run/orbit_0001.png"'
+    done
+    expect "no direction" 2 "--up 'up'" "$cln" render "$work/run" --orbit 2 --up up
     cp -r "$work/run" "$work/old"
     sed -i '/^  "orbit": {/,/^  }/d' "$work/old/run.json"
     sed -i ':a;N;$!ba;s/,\n}/\n}/' "$work/old/run.json"
@@ -411,6 +422,9 @@ section_nadir() {
     "$make_scene" "$air" --kind terrain --size 96 --train 24 --test 0 --format nerfstudio \
         --offset 500000,4600000,90 >/dev/null
     rm "$air"/images/frame_000{13..24}.png # the oblique ones
+    expect "info of a place far from the origin" 0 "" "$cln" info "$air" --missing skip
+    check "tells it to a thousandth of the cube" \
+        grep -qE '^centre +(499999|500000)\.[0-9]{2,}, (4599999|4600000)\.[0-9]+,' "$work/out"
     expect "cameras that look in parallel: the cube is a guess, and what to do" 0 \
         "~guess.*in.parallel ~cl-nascent.check.*--bbox" "$cln" info "$air" --missing skip --json
     half=$(json half)
@@ -780,6 +794,39 @@ the cube" \
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
+# Masks where COLMAP and OpenDroneMap have them, of the shapes: black is left out, as in
+# nerfstudio's, which leave the same.
+section_masks() {
+    local at=$work/masked file left
+    "$make_scene" "$work/named" --format nerfstudio --masks --size 32 --train 6 >/dev/null
+    "$make_scene" "$at" --format colmap --size 32 --train 6 >/dev/null
+    expect "masks that a file names" 0 "~masks.of.[0-9]*.images.leave" "$cln" train \
+        "$work/named" -o "$work/named run" "${small[@]}" --steps 1
+    mkdir "$at/masks"
+    for file in "$work/named"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
+    expect "COLMAP's masks" 0 "" "$cln" info "$at" --json
+    check "are counted" grep -q 'because.*images, 14 of them with a mask' "$work/out"
+    expect "and used" 0 "~masks.of.14.images.leave" "$cln" train "$at" -o "$at run" \
+        "${small[@]}" --steps 1
+    left=$(sed -n 's/.*leave[s]* \([0-9.]*\) %.*/\1/p' "$work/err")
+    check "black is left out: $left % are kept" awk -v a="$left" 'BEGIN { exit !(a > 1 && a < 60) }'
+    for file in "$at"/masks/*.png.png; do
+        mv "$file" "$at/images/$(basename "$file" .png.png)_mask.png"
+    done
+    expect "OpenDroneMap's" 0 "" "$cln" info "$at" --json
+    check "are counted, too" grep -q 'because.*images, 14 of them with a mask' "$work/out"
+    check "and are no photos without poses" eval '! said no.pose'
+    rm "$at/images/frame_00002_mask.png"
+    expect "a photo without one" 0 "~13.of.14.photos.have.a.mask" "$cln" info "$at"
+    rm "$at"/images/*_mask.png
+    cp "$work/named"/masks/*.png "$at/masks"
+    expect "other names are told" 0 "~no.mask.is.read" "$cln" info "$at"
+    rm "$at"/masks/*
+    "$make_scene" "$work/less" --format nerfstudio --masks --size 16 --train 6 >/dev/null
+    for file in "$work/less"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
+    expect "and other sizes" 0 "~14.masks.are.not.read" "$cln" info "$at"
+}
+
 every="missing moved second orbit frames evals disk doubts nadir check depth sparse"
-every+=" forward beyond"
+every+=" forward beyond masks"
 run_sections "$every" "$@"

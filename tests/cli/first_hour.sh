@@ -396,6 +396,7 @@ section_scenes() {
     expect "info" 0 "" "$cln" info "$s"
     check "info has intrinsics" grep -qE 'views 9, width 32, .* fx [0-9.]+' "$work/out"
     check "info has a training's memory" grep -qE '^  device_memory +[0-9.]+ [KMG]iB' "$work/out"
+    check "and its disk" grep -qE '^  disk +[0-9.]+ [KMG]iB' "$work/out"
     check "info has a training's steps" grep -qE '^  steps +[0-9]+' "$work/out"
     check "info says how to get its time" printed "--like RUN"
     expect "info with an option without effect" 0 "~--holdout.has.no.effect:.*names.the.splits" \
@@ -410,6 +411,9 @@ section_scenes() {
     check "of these alone" [ "$(grep -c "has no effect" "$work/err")" = 3 ]
     expect "info without a device" 0 "" env OCL_ICD_VENDORS="$work/none" "$cln" info "$s" --json
     check "info says why memory is unknown" [ -n "$(json training.no_device)" ]
+    expect "PoCL without devices" 0 "" env POCL_DEVICES=none "$cln" info "$s" --json
+    check "names what took them" eval '[ -z "$(json training.no_device)" ] ||
+        json training.no_device | grep -q POCL_DEVICES'
     expect "train" 0 "keys depth_file_path" \
         "$cln" train "$s" -o "$work/keys" "${small[@]}" --steps 2
 }

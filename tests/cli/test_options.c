@@ -240,6 +240,12 @@ static void units_and_negative_numbers_are_values(void **state)
     parsed(&l, "render r --orbit --elevation -30");
     assert_true(l.options.elevation == -30);
     done(&l);
+    parsed(&l, "render r --orbit --up -z --elevation 60");
+    assert_string_equal(l.options.up, "-z");
+    done(&l);
+    parsed(&l, "view r --up -0.1,0,1");
+    assert_string_equal(l.options.up, "-0.1,0,1");
+    done(&l);
 }
 
 /* ---- the other options ---- */
@@ -636,6 +642,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"render r --orbit --split test", "--orbit and --split cannot be combined"},
         {"render r --elevation 6", "--elevation requires --orbit"},
         {"render r --spiral --circle", "--circle requires --orbit"},
+        {"render r --up z", "--up requires --orbit, --spiral or --interpolate"},
         {"render r --fov 40", "--fov requires --orbit or --spiral"},
         {"render r --poses f.json --split test", "--poses and --split cannot be combined"},
         {"render r --spiral --interpolate", "--interpolate cannot be combined with --spiral"},

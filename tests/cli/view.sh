@@ -347,12 +347,23 @@ section_film() {
 }
 
 section_token() {
-    local port cookie
+    local port cookie holder
     viewer
     port=${address##*:}
     expect "a port that is taken" 2 "--port $port" "$cln" view "$work/run" --port "$port"
     stop TERM
     check "SIGTERM ends it without an error" [ $rc = 0 ]
+    # 7007 is taken from now on, here or by another program
+    perl -MIO::Socket::INET -e '$s = IO::Socket::INET->new(LocalAddr => "127.0.0.1:7007",
+        Listen => 1, ReuseAddr => 1); $| = 1; print "\n"; sleep 300' >"$work/holds" &
+    holder=$!
+    until [ -s "$work/holds" ]; do sleep 0.05; done
+    serve
+    port=${address##*:}
+    check "another port is told" said "port 7007 is taken"
+    check "with ssh's words for it" said "ssh -L $port:127.0.0.1:$port"
+    stop TERM
+    kill $holder
     expect "a name instead of an address" 2 "localhost ~not.an.IP.address 0.0.0.0" \
         "$cln" view "$work/run" --listen localhost
     mv "$work/photos" "$work/elsewhere"

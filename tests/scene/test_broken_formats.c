@@ -422,7 +422,8 @@ static void test_opensfm(void **state)
 {
     static const replacement cases[] = {
         {"\"focal\": 1.25", "\"focal\": \"wide\"", {"'view_00.png'", "focal must be a number"}},
-        {"\"focal\": 1.25", "\"focal\": 0", {"'view_00.png'", "fl_x = 0"}},
+        {"\"focal\": 1.25", "\"focal\": 0", {"'view_00.png'", "no focal length"}},
+        {"\"focal\": 1.25", "\"local\": 1", {"'view_00.png'", "no focal length"}},
         {"perspective", "dual", {"'view_00.png'", "projection_type dual", "perspective, simple"}},
         {"\"perspective\"", "7", {"'view_00.png'", "projection_type (no text)"}},
         {"\"width\": 16", "\"width\": -16", {"'view_00.png'", "image size -16 x 12"}},

@@ -21,6 +21,7 @@ static char folder[] = "scene", rule[] = "a test's";
 typedef struct capture {
     cln_scene scene;
     cln_view views[CAMERAS];
+    cln_reader_result result;
 } capture;
 
 static void cross(const double a[3], const double b[3], double out[3])
@@ -100,7 +101,7 @@ static int warnings(capture *c)
 {
     int count = 0;
 
-    cln_scene_find_doubts(&c->scene);
+    cln_scene_find_doubts(&c->scene, &c->result);
     cln_log_set_sink(scratch_count_warnings, &count);
     cln_scene_warn_doubts(&c->scene);
     cln_log_set_sink(NULL, NULL);
@@ -143,8 +144,45 @@ static void test_sound_captures(void **state)
     c.scene.space.half = 50; /* the cube fills a quarter of its image */
     for (int a = 0; a < 3; a++)
         c.scene.space.centre[a] = a == 1 ? 60 : 50;
-    cln_scene_find_doubts(&c.scene);
+    cln_scene_find_doubts(&c.scene, NULL);
     assert_true(c.scene.cube_share == 0.25);
+}
+
+/* Sparse points decide: before cameras that lean apart, as in a strip over land, nothing is
+ * doubted; behind turned ones it is. */
+static void test_points(void **state)
+{
+    enum { COUNT = 200 };
+    cln_point points[COUNT];
+    capture c;
+
+    (void)state;
+    memset(points, 0, sizeof points);
+    for (int i = 0; i < COUNT; i++)
+        for (int a = 0; a < 3; a++)
+            points[i].xyz[a] = (a == 2 ? 0.1 : 20) * noise(i, a);
+    for (int turned = 0; turned < 2; turned++) {
+        start(&c, 40);
+        for (int i = 0; i < CAMERAS; i++)
+            add_camera(&c, (const double[3]){i - 0.5 * CAMERAS, 0, 30},
+                       (const double[3]){0.06 * (i - 0.5 * CAMERAS), 0, -1});
+        if (turned)
+            turn_axes(&c);
+        assert_int_equal(warnings(&c), !turned); /* without points */
+        c.result.points = points;
+        c.result.point_count = COUNT;
+        assert_int_equal(warnings(&c), 0);
+        assert_true(c.scene.before_share == !turned);
+    }
+    around(&c, 12, 4, 360);
+    turn_axes(&c);
+    for (int i = 0; i < COUNT; i++)
+        for (int a = 0; a < 3; a++)
+            points[i].xyz[a] = noise(i, a);
+    c.result.points = points;
+    c.result.point_count = COUNT;
+    assert_int_equal(warnings(&c), 1);
+    assert_true(c.scene.before_share == 0);
 }
 
 static void test_planted_faults(void **state)
@@ -186,6 +224,7 @@ int test_group_doubts(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_sound_captures),
+        cmocka_unit_test(test_points),
         cmocka_unit_test(test_planted_faults),
     };
 

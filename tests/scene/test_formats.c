@@ -662,6 +662,13 @@ static void test_opensfm(void **state)
         assert_true(scene->space.shell);
         cln_scene_free(scene);
     }
+    { /* its folder alone has the photos beside it */
+        cln_scene *scene = load(scratch_path(*state, "c/opensfm"), plain());
+
+        assert_same_rays(scene, cameras, 1, 1e-7);
+        assert_non_null(strstr(scene->because, "tracks.csv"));
+        cln_scene_free(scene);
+    }
 }
 
 /* Files of thousands of photos are larger than other JSON may be: this one is refused for its

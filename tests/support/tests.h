@@ -113,6 +113,7 @@ int test_group_training(void);
 int test_group_tree_from(void);
 int test_group_tune(void);
 int test_group_tuner(void);
+int test_group_up(void);
 int test_group_view_request(void);
 int test_group_units(void);
 int test_group_watch(void);

@@ -1,0 +1,223 @@
+/* Up from the training cameras. See up.h.
+ *
+ * Cameras are held level, so up is the axis along which their x axes point least. Photos of an
+ * object or a room show its side by their own up vectors, whose mean also decides where the x axes
+ * leave the axis open, as all of them lie along a line. Of a flight to and fro that looks down, the
+ * up vectors cancel out: there it is a camera's looking rather down than up that tells. */
+#include "render/up.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/given.h"
+#include "base/number.h"
+#include "scene/vectors.h"
+
+static const double LEVEL = 1e-3; /* the square of how level cameras are held */
+static const double LONG = 0.5;   /* of a mean up vector that tells by itself */
+static const double CLEAR = 10; /* times: how much more x axes spread across the axis than along */
+static const double THIN = 0.1; /* of their spread: below, they lie along a line */
+static const double FEWER = 0.25; /* of the cameras face back, of a flight to and fro */
+/* How much looking down weighs against the pictures' up: a dome, seen from below, is not turned
+ * over until cameras look up by 76 degrees, a flight not until they look back by 14. */
+static const double DOWN = 0.25;
+
+static const double LONGEST = 1e30; /* of a vector that is given: its square is a number */
+
+enum { SWEEPS = 12 }; /* of Jacobi's turns: plenty for three */
+
+typedef struct facing {
+    double up[3], back[3]; /* mean of the pictures' up, and against the mean viewing direction */
+    double across[3][3];   /* mean of x x^T */
+} facing;
+
+/* Eigenvalues of a symmetric matrix, ascending, and their unit vectors, by Jacobi's turns. */
+static void solve(const double matrix[3][3], double value[3], double vector[3][3])
+{
+    double m[3][3], v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}; /* rows of v: the vectors */
+
+    memcpy(m, matrix, sizeof m);
+    for (int turn = 0; turn < 3 * SWEEPS; turn++) {
+        const int p = turn % 3, q = (p + 1) % 3;
+        const double angle = 0.5 * atan2(2 * m[p][q], m[p][p] - m[q][q]);
+        const double c = cos(angle), s = sin(angle);
+
+        for (int k = 0; k < 3; k++) {
+            const double a = m[p][k], b = m[q][k], x = v[p][k], y = v[q][k];
+
+            m[p][k] = c * a + s * b;
+            m[q][k] = c * b - s * a;
+            v[p][k] = c * x + s * y;
+            v[q][k] = c * y - s * x;
+        }
+        for (int k = 0; k < 3; k++) {
+            const double a = m[k][p], b = m[k][q];
+
+            m[k][p] = c * a + s * b;
+            m[k][q] = c * b - s * a;
+        }
+    }
+    for (int i = 0; i < 3; i++) {
+        int rank = 0;
+
+        for (int k = 0; k < 3; k++)
+            rank += m[k][k] < m[i][i] || (m[k][k] == m[i][i] && k < i);
+        value[rank] = m[i][i];
+        memcpy(vector[rank], v[i], sizeof v[i]);
+    }
+}
+
+static const double *pose_of(const cln_scene *scene, int i)
+{
+    return cln_scene_training_view(scene, i)->camera.c2w;
+}
+
+static void face(const cln_scene *scene, int count, facing *out)
+{
+    memset(out, 0, sizeof *out);
+    for (int i = 0; i < count; i++) {
+        const double *c2w = pose_of(scene, i);
+
+        for (int a = 0; a < 3; a++) {
+            out->up[a] -= c2w[4 * a + 1] / count; /* the camera's y points down */
+            out->back[a] -= c2w[4 * a + 2] / count;
+            for (int b = 0; b < 3; b++)
+                out->across[a][b] += c2w[4 * a] * c2w[4 * b] / count;
+        }
+    }
+}
+
+/* Of a flight to and fro along a line: means in which both ways weigh alike, however many photos
+ * each has. False if nearly all face the same way. */
+static bool balance(const cln_scene *scene, int count, const double line[3], facing *f)
+{
+    double up[2][3] = {{0}}, back[2][3] = {{0}};
+    int of[2] = {0, 0};
+
+    for (int i = 0; i < count; i++) {
+        const double *c2w = pose_of(scene, i);
+        const int way = line[0] * c2w[0] + line[1] * c2w[4] + line[2] * c2w[8] < 0;
+
+        of[way]++;
+        for (int a = 0; a < 3; a++) {
+            up[way][a] -= c2w[4 * a + 1];
+            back[way][a] -= c2w[4 * a + 2];
+        }
+    }
+    if (of[0] < FEWER * count || of[1] < FEWER * count)
+        return false;
+    for (int a = 0; a < 3; a++) {
+        f->up[a] = 0.5 * (up[0][a] / of[0] + up[1][a] / of[1]);
+        f->back[a] = 0.5 * (back[0][a] / of[0] + back[1][a] / of[1]);
+    }
+    return true;
+}
+
+/* Solves (mean of x x^T + LEVEL) out = mean up, which keeps to the mean where x axes leave it open.
+ * The mean alone would lean over where cameras look down in an arc. */
+static void lean_least(const facing *f, double out[3])
+{
+    double column[3][3];
+
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++)
+            column[b][a] = f->across[a][b] + (a == b ? LEVEL : 0);
+    for (int a = 0; a < 3; a++) { /* Cramer, but for the determinant, which is above 0 */
+        double n[3];
+
+        cln_cross(column[(a + 1) % 3], column[(a + 2) % 3], n);
+        out[a] = cln_dot(f->up, n);
+    }
+}
+
+static double length(const double v[3])
+{
+    return sqrt(cln_dot(v, v));
+}
+
+/* Of x axes along a line: up across it, or where that is too short, up and back. False if they are,
+ * too. */
+static bool across_line(const facing *f, const double line[3], double out[3])
+{
+    const double weight = length(f->up) > LONG ? 0 : 1;
+    double along = 0;
+
+    for (int a = 0; a < 3; a++)
+        out[a] = f->up[a] + weight * f->back[a];
+    along = cln_dot(out, line);
+    for (int a = 0; a < 3; a++)
+        out[a] -= along * line[a];
+    return length(out) > DOWN;
+}
+
+/* An axis, of the x axes' plane, on the side of up and back. */
+static void off_plane(const facing *f, const double axis[3], double out[3])
+{
+    const double side = cln_dot(axis, f->up) + DOWN * cln_dot(axis, f->back);
+
+    for (int a = 0; a < 3; a++)
+        out[a] = side < 0 ? -axis[a] : axis[a];
+}
+
+void cln_up_of_cameras(const cln_scene *scene, double up[3])
+{
+    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    double value[3], axis[3][3];
+    bool found = false;
+    facing f;
+
+    face(scene, count, &f);
+    solve(f.across, value, axis);
+    if (value[1] < THIN * value[2]) {
+        if (balance(scene, count, axis[2], &f) || length(f.up) < LONG)
+            found = across_line(&f, axis[2], up);
+    } else if (length(f.up) < LONG && value[1] > CLEAR * (value[0] + LEVEL)) {
+        off_plane(&f, axis[0], up);
+        found = true;
+    }
+    if (!found) {
+        off_plane(&f, axis[0], up);
+        if (cln_dot(f.up, up) < 0) /* a strip would lean to the nadir by mere scatter */
+            for (int a = 0; a < 3; a++)
+                f.up[a] += DOWN * f.back[a];
+        lean_least(&f, up);
+    }
+    if (!cln_normalise(up))
+        memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
+}
+
+bool cln_up_given(const double up[3])
+{
+    return up[0] != 0 || up[1] != 0 || up[2] != 0;
+}
+
+cln_status cln_up_check(const char *call, const double up[3])
+{
+    cln_status st = CLN_OK;
+    double copy[3];
+
+    memcpy(copy, up, sizeof copy);
+    for (int a = 0; a < 3; a++)
+        CLN_TRY(cln_given_number(call, "up", up[a], -LONGEST, LONGEST));
+    if (cln_up_given(up) && !cln_normalise(copy))
+        CLN_TRY(cln_fail(CLN_USAGE, "%s: up is too short to have a direction; give a longer one",
+                         call));
+done:
+    return st;
+}
+
+cln_status cln_up_read(const char *name, const char *text, double up[3])
+{
+    const bool minus = text[0] == '-';
+    const char *letter = text[minus] ? strchr("xyz", text[minus]) : NULL; /* strchr finds a 0 */
+
+    memset(up, 0, 3 * sizeof *up);
+    if (letter && !text[minus + 1])
+        up[letter[0] - 'x'] = minus ? -1 : 1;
+    else if (!cln_reals_read(text, 3, up) || !cln_up_given(up) || cln_up_check(name, up) != CLN_OK)
+        return cln_fail(CLN_USAGE,
+                        "%s: '%s' is no direction; give x, y, z, -x, -y or -z, an axis of the "
+                        "scene's frame, or three numbers with commas",
+                        name, text);
+    return CLN_OK;
+}

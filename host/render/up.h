@@ -1,0 +1,20 @@
+/* Which way is up in a scene, told by its training cameras or by the user. */
+#ifndef CLN_UP_H
+#define CLN_UP_H
+
+#include "scene/scene.h"
+
+/* A unit vector in the scene's frame. z if the cameras do not tell. */
+void cln_up_of_cameras(const cln_scene *scene, double up[3]);
+
+/* Of a desc's member `up`: is one given? All 0 is none. */
+bool cln_up_given(const double up[3]);
+
+/* Of a desc of this call: CLN_USAGE unless it is a vector or all 0. */
+cln_status cln_up_check(const char *call, const double up[3]);
+
+/* Of an option: x, y, z, -x, -y, -z, or three numbers with commas, a vector longer than about 0.
+ * CLN_USAGE; name: what the message calls it. */
+cln_status cln_up_read(const char *name, const char *text, double up[3]);
+
+#endif
