@@ -358,10 +358,12 @@ section_token() {
         Listen => 1, ReuseAddr => 1); $| = 1; print "\n"; sleep 300' >"$work/holds" &
     holder=$!
     until [ -s "$work/holds" ]; do sleep 0.05; done
-    serve
+    serve --up 0,0,-2
     port=${address##*:}
     check "another port is told" said "port 7007 is taken"
     check "with ssh's words for it" said "ssh -L $port:127.0.0.1:$port"
+    gets "the facts" 200 /facts
+    check "the up that was asked for" [ "$(json up.2)" = -1 ]
     stop TERM
     kill $holder
     expect "a name instead of an address" 2 "localhost ~not.an.IP.address 0.0.0.0" \
