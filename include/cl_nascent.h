@@ -237,6 +237,7 @@ typedef struct cln_train_result {
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
     uint64_t digest;               /* model_digest */
     int psnr_train_steps;          /* psnr_train is over the last so many steps; 0 if unknown */
+    double cpu_seconds; /* of processors for `seconds`; NaN if earlier starts tell none */
 } cln_train_result;
 
 /* Trains until a budget is used up; docs/formats.md describes RUN/. *result is filled in as far as

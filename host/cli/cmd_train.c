@@ -20,32 +20,41 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
                                const cln_train_result *r)
 {
     char digest[32], step[32], training[32], wall[32], train[32], test[32], leaves[32], device[32];
-    char host[32], quoted[CLN_QUOTED_BYTES];
+    char cpu[64] = "", host[32], quoted[CLN_QUOTED_BYTES];
 
     cln_digest_text(r->digest, digest);
     if (options->json)
         return cln_print_json(json_pack(
-            "{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:i s:i s:i s:f s:f s:s}", "schema",
+            "{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:o s:i s:i s:i s:f s:f s:s}", "schema",
             "cl-nascent.train/1", "run", run, "state", state_of(trained), "step",
-            (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "wall_seconds",
-            cln_json_real(r->wall_seconds), "psnr_train", cln_json_real(r->psnr_train), "psnr_test",
-            cln_json_real(r->psnr_test), "psnr_exposed", cln_json_real(r->psnr_exposed),
-            "eval_views", r->eval_views, "test_views", r->test_views, "leaves", r->leaves,
-            "device_peak", r->device_peak, "host_peak", r->host_peak, "model_digest", digest));
+            (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "cpu_seconds",
+            cln_json_real(r->cpu_seconds), "wall_seconds", cln_json_real(r->wall_seconds),
+            "psnr_train", cln_json_real(r->psnr_train), "psnr_test", cln_json_real(r->psnr_test),
+            "psnr_exposed", cln_json_real(r->psnr_exposed), "eval_views", r->eval_views,
+            "test_views", r->test_views, "leaves", r->leaves, "device_peak", r->device_peak,
+            "host_peak", r->host_peak, "model_digest", digest));
     cln_format_count((double)r->step, step);
     cln_format_duration(r->seconds, training);
     cln_format_duration(r->wall_seconds, wall);
+    if (isfinite(r->cpu_seconds)) {
+        char seconds[32];
+
+        cln_format_duration(r->cpu_seconds, seconds);
+        snprintf(cpu, sizeof cpu, " (%s of processors)", seconds);
+    }
     cln_format_real(r->psnr_train, 2, train);
     cln_format_real(r->psnr_test, 2, test);
     cln_format_count(r->leaves, leaves);
     printf("run           %s (%s)\n", run, state_of(trained));
     printf("steps         %s\n", step);
     if (options->resume)
-        printf("time          %s of training since the run began; %s from this start to the end\n",
-               training, wall);
+        printf(
+            "time          %s of training since the run began%s; %s from this start to the end\n",
+            training, cpu, wall);
     else
-        printf("time          %s of training; %s in all, with start, evaluation and checkpoints\n",
-               training, wall);
+        printf(
+            "time          %s of training%s; %s in all, with start, evaluation and checkpoints\n",
+            training, cpu, wall);
     if (!isfinite(r->psnr_train) && !isfinite(r->psnr_test))
         printf("PSNR          not measured yet");
     else
@@ -90,7 +99,8 @@ cln_status cln_cmd_train(const cln_options *options)
     cln_status st = CLN_OK;
     cln_status trained = CLN_OK;
     cln_console console = {0};
-    cln_train_result result = {.psnr_train = NAN, .psnr_test = NAN, .psnr_exposed = NAN};
+    cln_train_result result = {
+        .cpu_seconds = NAN, .psnr_train = NAN, .psnr_test = NAN, .psnr_exposed = NAN};
     const char *run = options->resume ? options->resume : options->output;
     const cln_live_desc live = {.listen = options->listen,
                                 .port = options->port,

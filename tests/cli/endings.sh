@@ -165,7 +165,36 @@ section_again() {
     expect "other views of the evaluation" 0 "~nothing.is.left" \
         "$cln" train --resume "$work/done" --skip-selftest --progress none --eval-images 1
     expect "smaller photos and more steps" 0 "" "$cln" train --resume "$work/done" \
-        --skip-selftest --progress none --downscale 2 --steps +2
+        --skip-selftest --progress none --downscale 2 --steps +2 --json
+    check "processors' seconds are told" number_above "$(json cpu_seconds)" 0
+    cp "$work/done/run.json" "$work/out"
+    check "they are in run.json" number_above "$(json result.cpu_seconds)" 0
+    check "the start that went on is in the history, and what it changed" \
+        [ "$(json history.1.step) $(json history.1.changed.steps.0)" = "20 20" ]
+    tail -n 1 "$work/done/metrics.jsonl" >"$work/out"
+    check "the last row has the last evaluation, and these seconds" eval \
+        'number_above "$(json psnr_test)" 1 && number_above "$(json cpu_seconds)" 0'
+    expect "info of it" 0 "" "$cln" info "$work/done"
+    check "tells of the other settings" grep -qE \
+        '^  resumed at step 20 with other settings: steps 20 -> 22, downscale 0 -> 2 ' "$work/out"
+    cp -r "$work/done" "$work/twin"
+    expect "beside its twin" 0 "" "$cln" info "$work/done" "$work/twin"
+    check "it is no run in one go" printed "No setting of the last start differs."
+}
+
+# --target-psnr by itself is looked for at steps; and what is measured needs test views.
+section_target() {
+    scene
+    expect "a target, without --eval-every" 0 "~target.of.1.dB.test.PSNR.reached:.*64.steps" \
+        "$cln" train "$work/scene" -o "$work/target" "${tiny[@]}" --steps 200 --target-psnr 1 --json
+    check "it ends at the first look" [ "$(json step)" = 64 ]
+    expect "one that is not reached" 0 "~target.of.99.dB.test.PSNR.not.reached" \
+        "$cln" train "$work/scene" -o "$work/missed" "${tiny[@]}" --steps 20 --target-psnr 99
+    cp -r "$work/scene" "$work/untested"
+    rm -r "$work/untested/transforms_test.json" "$work/untested/test"
+    expect "without test views" 0 "~target-psnr.has.no.effect ~eval-every.has.no.effect" \
+        "$cln" train "$work/untested" -o "$work/blind" "${tiny[@]}" --steps 5 --target-psnr 9 \
+        --eval-every 2 --holdout 0
 }
 
 # Evaluations that never come.
@@ -246,4 +275,4 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again points disk demo" "$@"
+run_sections "killed short doubtful exposure again target points disk demo" "$@"
