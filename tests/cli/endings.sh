@@ -93,6 +93,11 @@ section_short() {
     expect "a try of a few steps" 0 "~single.leaf" \
         "$cln" train -o "$work/try" "${grows[@]}" --steps 20
     check "is not warned" not_said "warning: no single leaf"
+    expect "photos that tell no finer voxels" 0 "~nor.would.any.be.in.more.steps:.*cell-pixels.1" \
+        "$cln" train -o "$work/coarse" "${grows[@]}" --steps 60 --cell-pixels 1 --start-level 1 \
+        --level-at 2:0.01,3:0.03
+    check "nor is that hoped of single leaves" said "stays at level 1, and single leaves cannot split"
+    check "no number of steps is advised" not_said "or more"
 }
 
 # pose_of_next SCENE: each photo gets the pose of the next one
