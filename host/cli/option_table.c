@@ -138,7 +138,8 @@ const cln_arg cln_args[] = {
         "frames to take from a video; all, if it has fewer", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE | CLN_INFO, "preset", preset, CLN_PRESETS,
          "defaults of the options below: leaves of voxels; of networks, chosen for a CPU (fast) or "
-         "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones)",
+         "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones); "
+         "`help train --preset NAME` lists its values",
          .standard = CLN_DEFAULT_PRESET),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
          "continue a run with its settings; options that are given replace them; --steps, --epochs "

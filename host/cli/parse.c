@@ -357,7 +357,12 @@ done:
     return st;
 }
 
-/* help [CMD], --help, --version [-v], or a command. */
+static bool takes_preset(const cln_command *command)
+{
+    return command && cln_arg_find(command, "preset", 6);
+}
+
+/* help [CMD [--preset NAME]], --help, --version [-v], or a command. */
 static cln_status parse_first(parser *p)
 {
     cln_options *out = p->out;
@@ -378,9 +383,20 @@ static cln_status parse_first(parser *p)
             if (!out->command && strcmp(about, "help") != 0 && strcmp(about, "version") != 0)
                 return cln_fail_command(about);
         }
+        if (p->at < p->argc && takes_preset(out->command)) {
+            const char *argument = p->argv[p->at];
+
+            if (strncmp(argument, "--preset=", 9) == 0)
+                out->help_preset = argument + 9;
+            else if (strcmp(argument, "--preset") == 0 && p->at + 1 < p->argc)
+                out->help_preset = p->argv[++p->at];
+            p->at += out->help_preset != NULL;
+        }
         if (p->at < p->argc)
-            return cln_fail(CLN_USAGE, "unexpected argument '%s': help takes one command",
-                            p->argv[p->at]);
+            return cln_fail(CLN_USAGE, "unexpected argument '%s': help takes one command, and %s",
+                            p->argv[p->at],
+                            takes_preset(out->command) ? "--preset NAME for its values there"
+                                                       : "nothing else");
         return CLN_OK;
     }
     if (first[0] == '-' || strcmp(first, "version") == 0) {
@@ -675,6 +691,8 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
         goto done;
     read_environment(&p);
     CLN_TRY(parse_rest(&p));
+    if (out->help && takes_preset(out->command) && is_given(&p, "preset"))
+        out->help_preset = out->preset;
     if (!out->help && !out->version)
         CLN_TRY(settle(&p));
 done:
