@@ -93,6 +93,24 @@ section_missing() {
     check "leaving all out is not proposed" eval '! said "--missing skip"'
 }
 
+# Splits under other names, and one file of the three.
+section_splits() {
+    local s=$work/splits
+    baseline
+    cp -r "$work/photos" "$s"
+    cp "$s/transforms_train.json" "$s/transforms_train_8views.json"
+    rm -f "$s/transforms_val.json"
+    expect "info of a scene without val" 0 "" "$cln" info "$s/transforms_test.json"
+    check "is silent of somebody's choice of views" [ ! -s "$work/err" ]
+    check "one file of the three stands for all" grep -q \
+        '^because .*transforms_test.json is one of the files of its splits' "$work/out"
+    mv "$s/transforms_test.json" "$s/transforms_testing.json"
+    expect "test views by another name" 0 \
+        "~warning:.*transforms_testing.json.is.not.read:.splits.are ~transforms_test.json" \
+        "$cln" info "$s"
+    check "only that" eval "! said 8views"
+}
+
 section_moved() {
     local at
     baseline
@@ -780,6 +798,6 @@ the cube" \
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
-every="missing moved second orbit frames evals disk doubts nadir check depth sparse"
+every="missing splits moved second orbit frames evals disk doubts nadir check depth sparse"
 every+=" forward beyond"
 run_sections "$every" "$@"
