@@ -290,12 +290,13 @@ typedef struct cln_eval_result {
     uint64_t digest;
     float background[3];
     char split[8];
+    uint64_t scene_digest; /* of the scene that the views are of */
 } cln_eval_result;
 
 typedef struct cln_eval_desc {
     const char *run;
     const char *scene; /* NULL = the run's own */
-    const char *split; /* "train", "val", "test"; NULL = "test" */
+    const char *split; /* "train", "val", "test", "all"; NULL = "test" */
     int max_images;    /* evenly chosen; 0 = all */
     int antialias;     /* n x n rays for pixels at edges, 2..8; 0 or 1 = one ray a pixel */
     bool fast;         /* fewer samples: less time, a little more error */

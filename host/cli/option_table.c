@@ -165,7 +165,7 @@ const cln_arg cln_args[] = {
          "write the integer program of each structure decision to this file, in LP format; each "
          "replaces the one before"),
 
-    WORD(CLN_EVAL, "split", split, "train|val|test",
+    WORD(CLN_EVAL, "split", split, "train|val|test|all",
          "which views of the scene are measured", .standard = "test"),
     WORD(CLN_RENDER, "split", split, "train|val|test",
          "the poses of these views of the scene", .standard = "test"),

@@ -25,6 +25,12 @@ typedef struct curve {
 
 /* ---- error against run time ---- */
 
+/* Whether it is of no training view. */
+static bool is_held_out(const cln_report_eval *e)
+{
+    return strcmp(e->split, "train") != 0 && strcmp(e->split, "all") != 0;
+}
+
 /* Positions on an axis of the decisions on single leaves; returns how many, at most MARKS. */
 static int find_marks(const cln_report_data *data, bool over_steps, double x[MARKS])
 {
@@ -67,7 +73,7 @@ static bool put_psnr(FILE *to, const cln_report_data *data, bool over_steps)
     full.count = 0;
     for (int i = 0; i < data->eval_count && full.count < CLN_REPORT_POINTS; i++) {
         const cln_report_eval *e = &data->evals[i];
-        if (strcmp(e->split, "train") == 0)
+        if (!is_held_out(e))
             continue;
         full.x[full.count] = over_steps ? e->step : e->seconds;
         full.y[full.count++] = e->psnr;
@@ -176,7 +182,7 @@ static int find_points(const cln_report_data *data, point *out)
     }
     for (int i = 0; i < data->eval_count; i++) {
         const cln_report_eval *e = &data->evals[i];
-        if (strcmp(e->split, "train") != 0 && isfinite(e->seconds))
+        if (is_held_out(e) && isfinite(e->seconds))
             out[count++] =
                 (point){e->seconds, e->step, e->psnr, e->ssim, NAN, e->images, e->how, i};
     }

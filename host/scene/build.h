@@ -18,8 +18,9 @@ cln_status cln_camera_check(cln_camera *camera, const char *frame);
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
 /* split.c: every holdout-th view by name becomes test, unless the dataset named the splits; fills
- * split_rule; then orders the views, and checks for duplicates and for a training view. */
-cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout);
+ * split_rule; then orders the views, and checks for duplicates and for a training view, or as
+ * cln_scene_desc.measured has it. */
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout, bool measured);
 
 /* split.c: order of names, runs of digits by their value: "r_2" before "r_10". */
 int cln_natural_compare(const char *a, const char *b);

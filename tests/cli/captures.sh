@@ -111,6 +111,31 @@ section_splits() {
     check "only that" eval "! said 8views"
 }
 
+# Views of a file of one's own, measured: without training views, and whatever their split.
+section_measured() {
+    local s=$work/photos list=$work/photos/mine.json
+    baseline
+    sed 's/"camera_angle_x"/"test_filenames": ["train\/r_001", "train\/r_002"], &/' \
+        "$s/transforms_train.json" >"$list"
+    expect "a file without training views" 0 "" "$cln" eval "$work/run" --scene "$list" \
+        -o "$work/mine" --progress none --json
+    check "its views are measured" [ "$(json split) $(json images.1.name)" = "test train/r_002" ]
+    check "by the scheme of names" [ -e "$work/mine/00000020-test.json" ]
+    expect "those of another scene replace nothing" 7 "~00000020-test.json:.*another.scene -o" \
+        "$cln" eval "$work/run" --scene "$s" -o "$work/mine" --progress none
+    expect "--seams without training views" 3 "--seams" "$cln" eval "$work/run" --scene "$list" \
+        -o "$work/seams" --progress none --seams
+    cp "$s/transforms_train.json" "$list" # 24 views, of which every eighth is held out
+    expect "all views of a file" 0 "" "$cln" eval "$work/run" --scene "$list" --split all \
+        -o "$work/all" --progress none --json
+    check "whatever their split" [ "$(json split) $(json images.23.name | wc -w)" = "all 1" ]
+    expect "some of them" 0 "" "$cln" eval "$work/run" --scene "$list" --split all \
+        --max-images 5 -o "$work/all" --progress none
+    check "have a name of their own" [ -e "$work/all/00000020-all-5.json" ]
+    check "and a sentence" grep -q '^5 images of all splits at step 20' "$work/out"
+    rm "$list"
+}
+
 section_moved() {
     local at
     baseline
@@ -798,6 +823,6 @@ the cube" \
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
-every="missing splits moved second orbit frames evals disk doubts nadir check depth sparse"
+every="missing splits measured moved second orbit frames evals disk doubts nadir check depth sparse"
 every+=" forward beyond"
 run_sections "$every" "$@"
