@@ -655,6 +655,8 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
         resume && t->model.step >= config->precrop_steps && t->model.step >= saved->precrop_steps;
     facts.ranks = cln_ranks_count();
     cln_scene_warn_doubts(t->scene);
+    if (!resume)
+        cln_scene_warn_wide(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
     warn_points(t, config);
 }

@@ -173,6 +173,14 @@ cln_status cln_scene_path_from(const cln_scene *scene, const char *path, char **
 /* Warns of what looks like a mistake in the poses, with its likely cause (doubts.c). */
 void cln_scene_warn_doubts(const cln_scene *scene);
 
+/* silhouette.c: the box, in scene units, of what the alpha of the training photos shows in the cube,
+ * from a coarse grid of points, with a margin; false if it shows nothing. */
+bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3]);
+
+/* Warns if a cube that was guessed from the cameras is much wider than that, and names a box. Does
+ * nothing where training photos are not loaded. */
+void cln_scene_warn_wide(const cln_scene *scene);
+
 /* Gives views that count as training views, as the scene names none, their own splits again. */
 void cln_scene_return_splits(cln_scene *scene);
 

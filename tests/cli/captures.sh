@@ -136,6 +136,23 @@ section_measured() {
     rm "$list"
 }
 
+# Photos with alpha whose file does not tell where the scene is: a cube out to the cameras.
+section_wide() {
+    local box
+    baseline
+    cp -r "$work/photos" "$work/wide"
+    mv "$work/wide/transforms_train.json" "$work/wide/transforms.json"
+    expect "a cube that alpha shows to be too wide" 0 "~warning:.*alpha.shows.spans.[3-5][0-9]%" \
+        "$cln" train "$work/wide" -o "$work/wide run" "${small[@]}" --steps 2
+    box=$(grep -oE -- '--bbox=[-0-9.,e]+' "$work/err" | head -1)
+    check "the object's 1.5 is within the box, of at most 2" awk -v box="${box#*=}" 'BEGIN {
+        n = split(box, b, ",")
+        for (i = 1; i <= n; i++) bad += b[i] > 2 || b[i] < -2
+        exit n != 6 || bad || b[1] > -1 || b[4] < 1 }'
+    expect "with it" 0 "" "$cln" train "$work/wide" -o "$work/tight run" "${small[@]}" --steps 2 "$box"
+    check "nothing is said" eval '! said "the cube is a guess"'
+}
+
 section_moved() {
     local at
     baseline
@@ -823,6 +840,6 @@ the cube" \
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
-every="missing splits measured moved second orbit frames evals disk doubts nadir check depth sparse"
+every="missing splits measured wide moved second orbit frames evals disk doubts nadir check depth sparse"
 every+=" forward beyond"
 run_sections "$every" "$@"
