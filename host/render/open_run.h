@@ -42,8 +42,8 @@ cln_status cln_open_run_model(const char *run, cln_open_run *out);
 cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *device, unsigned lenses);
 void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 
-/* Finds a split by its name: "train", "val" or "test", of which the scene has views; with `all` also
- * "all", which is CLN_SPLITS. CLN_USAGE, CLN_INPUT. */
+/* Finds a split by its name: "train", "val" or "test", of which the scene has views; with `all`
+ * also "all", which is CLN_SPLITS. CLN_USAGE, CLN_INPUT. */
 cln_status cln_open_run_split(const cln_scene *scene, const char *name, bool all, cln_split *split);
 
 #endif

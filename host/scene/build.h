@@ -107,6 +107,9 @@ cln_status cln_scene_check_seen(const cln_scene *scene);
 /* doubts.c: of fewer training photos, nothing is known of what lies how far. */
 enum { CLN_LEAST_PHOTOS = 3 };
 
+/* alpha.c: adds to the findings that colours look as if they were multiplied by alpha. */
+void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings);
+
 /* doubts.c: fills cube_share, spread and apart_share. */
 void cln_scene_find_doubts(cln_scene *scene);
 /* Adds what they make doubtful to the findings (inspect.h). */

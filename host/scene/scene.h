@@ -173,7 +173,7 @@ cln_status cln_scene_path_from(const cln_scene *scene, const char *path, char **
 /* Warns of what looks like a mistake in the poses, with its likely cause (doubts.c). */
 void cln_scene_warn_doubts(const cln_scene *scene);
 
-/* silhouette.c: the box, in scene units, of what the alpha of the training photos shows in the cube,
+/* alpha.c: the box, in scene units, of what the alpha of the training photos shows in the cube,
  * from a coarse grid of points, with a margin; false if it shows nothing. */
 bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3]);
 

@@ -1,14 +1,21 @@
-/* Where the scene is by the alpha of its training photos: a point is empty if a photo that sees it
- * is transparent there. Looked at on a grid of points of the cube, so it is coarse; it only tells
- * whether a cube that was guessed from the cameras is much too large. */
-#include "scene/scene.h"
+/* What the alpha of photos tells besides their background.
+ *   where the scene is: a point is empty if a training photo that sees it is transparent there.
+ *     Looked at on a grid of points of the cube, so it is coarse; it only tells whether a cube that
+ *     was guessed from the cameras is much too large.
+ *   whether colours were multiplied by it: then none exceeds it, in any pixel of any photo. */
+#include "scene/build.h"
 
 #include <math.h>
 #include "base/log.h"
 #include "base/number.h"
+#include "scene/inspect.h"
 
 enum { GRID = 48, LEAST_VIEWS = 3 }; /* points along an axis; views that must see a point */
-static const double WIDE = 0.6;      /* share of the cube's side, from which it is wide enough */
+enum {
+    SOFT = 8,
+    BRIGHT = 64
+}; /* half transparent pixels of a photo; a colour of some opaque one */
+static const double WIDE = 0.6; /* share of the cube's side, from which it is wide enough */
 
 /* Is the point, in scene units, opaque in all photos that see it, which are enough? */
 static bool is_shown(const cln_scene *scene, const double point[3])
@@ -84,4 +91,45 @@ void cln_scene_warn_wide(const cln_scene *scene)
              scene->folder, scene->space.half, scene->bounds_rule,
              100 * side / (2 * scene->space.half), n, box[0], n, box[1], n, box[2], n, box[3], n,
              box[4], n, box[5]);
+}
+
+/* Counts a loaded view's half transparent pixels; false at one with a colour above its alpha. */
+static bool is_multiplied(const cln_view *view, double *soft, int *brightest)
+{
+    for (int y = 0; y < view->camera.height; y++)
+        for (int x = 0; x < view->camera.width; x++) {
+            uint8_t p[4];
+
+            cln_view_bytes(view, x, y, p);
+            for (int c = 0; c < 3; c++) {
+                if (p[c] > p[3])
+                    return false;
+                *brightest = p[c] > *brightest ? p[c] : *brightest;
+            }
+            *soft += p[3] > 0 && p[3] < 255;
+        }
+    return true;
+}
+
+void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings)
+{
+    double soft = 0;
+    int brightest = 0, views = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+
+        if (view->channels != 4 || !cln_view_is_loaded(view))
+            continue;
+        views++;
+        if (!is_multiplied(view, &soft, &brightest))
+            return;
+    }
+    if (views > 0 && soft >= SOFT * (double)views && brightest >= BRIGHT)
+        cln_found_fault(findings, "alpha", false, NULL,
+                        "no colour exceeds its pixel's alpha in any of %d photos, as if colours "
+                        "were multiplied by it. They are read as straight alpha: edges get dark "
+                        "rims if they were. Divide them by alpha, or save them without "
+                        "premultiplication",
+                        views);
 }
