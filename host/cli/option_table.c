@@ -141,6 +141,9 @@ const cln_arg cln_args[] = {
          "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones); "
          "`help train --preset NAME` lists its values",
          .standard = CLN_DEFAULT_PRESET),
+    TEXT(CLN_TRAIN, "settings-of", settings_of, "RUN",
+         "begin a new run with that run's settings, in place of a preset's and cl-nascent.conf's; "
+         "options that are given replace them"),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
          "continue a run with its settings; options that are given replace them; --steps, --epochs "
          "and --time-limit take +N for N more"),

@@ -187,6 +187,33 @@ section_again() {
     check "it is no run in one go" printed "No setting of the last start differs."
 }
 
+# The settings of a run, used again: all of them, and in a conf by the names that run.json has.
+section_reused() {
+    local digest
+    local -a plain=(--skip-selftest --progress none --json)
+    scene
+    run "$cln" train "$work/scene" -o "$work/first" "${tiny[@]}" --steps 12 --seed 7 --json
+    digest=$(json model_digest)
+    printf 'view_width = 16\nlr 0.5\n' >"$work/scene/cl-nascent.conf"
+    expect "a run's settings" 0 "" "$cln" train "$work/scene" -o "$work/second" \
+        --settings-of "$work/first" "${plain[@]}"
+    check "make the same model, whatever the conf says" [ "$(json model_digest)" = "$digest" ]
+    cp "$work/second/run.json" "$work/out"
+    check "of the same preset" [ "$(json preset)" = fast ]
+    expect "and another seed" 0 "" "$cln" train "$work/scene" -o "$work/third" \
+        --settings-of "$work/first" --seed 2 "${plain[@]}"
+    check "another one" [ "$(json model_digest)" != "$digest" ]
+    expect "the runs side by side" 0 "" "$cln" info "$work/first" "$work/third"
+    check "differ in the seed" grep -qE '^  seed +7 +2$' "$work/out"
+    expect "a preset, too" 2 "--settings-of --preset" "$cln" train "$work/scene" -o "$work/none" \
+        --settings-of "$work/first" --preset voxel
+    expect "of what is no run" 3 "~settings-of" "$cln" train "$work/scene" -o "$work/none" \
+        --settings-of "$work/scene"
+    expect "a conf with a key of run.json" 0 "~conf:.view-width.16,.lr.0.5" \
+        "$cln" info "$work/scene"
+    rm "$work/scene/cl-nascent.conf"
+}
+
 # --target-psnr by itself is looked for at steps; and what is measured needs test views.
 section_target() {
     scene
@@ -280,4 +307,4 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again target points disk demo" "$@"
+run_sections "killed short doubtful exposure again reused target points disk demo" "$@"

@@ -620,7 +620,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"devices here", "'here'"},
         {"eval r --max-images many", "--max-images|'many'"},
         {"eval r --max-images 1.5", "--max-images|'1.5'|whole"},
-        {"eval r --split all", "--split|'all'|train|val|test"},
+        {"eval r --split every", "--split|'all'|train|val|test"},
         {"eval r --scene=", "--scene|empty"},
         {"render r --orbit --split test", "--orbit and --split cannot be combined"},
         {"render r --elevation 6", "--elevation requires --orbit"},
