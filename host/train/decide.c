@@ -53,9 +53,10 @@ static bool decision_comes(cln_trainer *t, double fraction)
     return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
 }
 
-/* Would a training of so many steps with these settings make a decision, and at which level? Its levels come when a
- * training like this one's would (grow.c), which has reached a level with so many leaves; a level
- * that it has not reached counts twice the leaves of the one before, as few as are usual. */
+/* Would a training of so many steps with these settings make a decision, and at which level? Its
+ * levels come when a training like this one's would (grow.c), which has reached a level with so
+ * many leaves; a level that it has not reached counts twice the leaves of the one before, as few as
+ * are usual. */
 static bool would_decide(const cln_trainer *t, const cln_config *c, double steps, int *at_level)
 {
     const double wait = c->cull_after + c->refresh_every, end = c->structure_until * steps;

@@ -149,7 +149,8 @@ section_wide() {
         n = split(box, b, ",")
         for (i = 1; i <= n; i++) bad += b[i] > 2 || b[i] < -2
         exit n != 6 || bad || b[1] > -1 || b[4] < 1 }'
-    expect "with it" 0 "" "$cln" train "$work/wide" -o "$work/tight run" "${small[@]}" --steps 2 "$box"
+    expect "with it" 0 "" "$cln" train "$work/wide" -o "$work/tight run" "${small[@]}" --steps 2 \
+        "$box"
     check "nothing is said" eval '! said "the cube is a guess"'
 }
 
@@ -840,6 +841,6 @@ the cube" \
         -o "$work/street near" "${net[@]}" --space shell --near 0.05 --steps 20
 }
 
-every="missing splits measured wide moved second orbit frames evals disk doubts nadir check depth sparse"
-every+=" forward beyond"
+every="missing splits measured wide moved second orbit frames evals disk doubts nadir check depth"
+every+=" sparse forward beyond"
 run_sections "$every" "$@"

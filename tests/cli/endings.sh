@@ -96,7 +96,7 @@ section_short() {
     expect "photos that tell no finer voxels" 0 "~nor.would.any.be.in.more.steps:.*cell-pixels.1" \
         "$cln" train -o "$work/coarse" "${grows[@]}" --steps 60 --cell-pixels 1 --start-level 1 \
         --level-at 2:0.01,3:0.03
-    check "nor is that hoped of single leaves" said "stays at level 1, and single leaves cannot split"
+    check "nor is that hoped of single leaves" said "level 1, and single leaves cannot split"
     check "no number of steps is advised" not_said "or more"
 }
 
