@@ -20,7 +20,7 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
                                const cln_train_result *r)
 {
     char digest[32], step[32], training[32], wall[32], train[32], test[32], leaves[32], device[32];
-    char cpu[64] = "", host[32], quoted[CLN_QUOTED_BYTES];
+    char host[32], quoted[CLN_QUOTED_BYTES];
 
     cln_digest_text(r->digest, digest);
     if (options->json)
@@ -36,25 +36,21 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     cln_format_count((double)r->step, step);
     cln_format_duration(r->seconds, training);
     cln_format_duration(r->wall_seconds, wall);
-    if (isfinite(r->cpu_seconds)) {
-        char seconds[32];
-
-        cln_format_duration(r->cpu_seconds, seconds);
-        snprintf(cpu, sizeof cpu, " (%s of processors)", seconds);
-    }
     cln_format_real(r->psnr_train, 2, train);
     cln_format_real(r->psnr_test, 2, test);
     cln_format_count(r->leaves, leaves);
     printf("run           %s (%s)\n", run, state_of(trained));
     printf("steps         %s\n", step);
     if (options->resume)
-        printf(
-            "time          %s of training since the run began%s; %s from this start to the end\n",
-            training, cpu, wall);
+        printf("time          %s of training since the run began; %s from this start to the end\n",
+               training, wall);
     else
-        printf(
-            "time          %s of training%s; %s in all, with start, evaluation and checkpoints\n",
-            training, cpu, wall);
+        printf("time          %s of training; %s in all, with start, evaluation and checkpoints\n",
+               training, wall);
+    if (isfinite(r->cpu_seconds)) {
+        cln_format_duration(r->cpu_seconds, training);
+        printf("processors    %s for that training, all threads together\n", training);
+    }
     if (!isfinite(r->psnr_train) && !isfinite(r->psnr_test))
         printf("PSNR          not measured yet");
     else
