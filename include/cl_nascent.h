@@ -237,6 +237,7 @@ typedef struct cln_train_result {
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
     uint64_t digest;               /* model_digest */
     int psnr_train_steps;          /* psnr_train is over the last so many steps; 0 if unknown */
+    double cpu_seconds; /* of processors for `seconds`; NaN if earlier starts tell none */
 } cln_train_result;
 
 /* Trains until a budget is used up; docs/formats.md describes RUN/. *result is filled in as far as
@@ -289,12 +290,13 @@ typedef struct cln_eval_result {
     uint64_t digest;
     float background[3];
     char split[8];
+    uint64_t scene_digest; /* of the scene that the views are of */
 } cln_eval_result;
 
 typedef struct cln_eval_desc {
     const char *run;
     const char *scene; /* NULL = the run's own */
-    const char *split; /* "train", "val", "test"; NULL = "test" */
+    const char *split; /* "train", "val", "test", "all"; NULL = "test" */
     int max_images;    /* evenly chosen; 0 = all */
     int antialias;     /* n x n rays for pixels at edges, 1..8; 0 = as in training */
     bool fast;         /* fewer samples: less time, a little more error */

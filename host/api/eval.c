@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/given.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "io/disk.h"
 #include "ranks/ranks.h"
 #include "train/record.h"
@@ -19,8 +20,9 @@
 #include "render/seams.h"
 #include "report/report.h"
 
-/* Checks an older file in the user's folder: only figures of the same model may replace it. */
-static cln_status check_place(const char *place, uint64_t model)
+/* Checks an older file in the user's folder: only figures of the same model and scene may replace
+ * it; older ones do not tell their scene. */
+static cln_status check_place(const char *place, uint64_t model, uint64_t scene)
 {
     cln_status st = CLN_OK;
     char *path = NULL, digest[CLN_DIGEST_TEXT];
@@ -38,6 +40,13 @@ static cln_status check_place(const char *place, uint64_t model)
                          "%s: holds the evaluation of another model (%s); choose another folder "
                          "with -o",
                          path, saved ? saved : "unknown"));
+    cln_digest_text(scene, digest);
+    saved = json_string_value(json_object_get(document, "scene_digest"));
+    if (saved && strcmp(saved, digest) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: holds the evaluation of views of another scene; choose another "
+                         "folder with -o",
+                         path));
 done:
     json_decref(document);
     free(path);
@@ -66,7 +75,8 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
 {
     cln_status st = CLN_OK;
     const cln_split s = opened->scene->views[views[0]].split;
-    const int all = cln_scene_split_count(opened->scene, s);
+    const int all = strcmp(split, "all") == 0 ? opened->scene->view_count
+                                              : cln_scene_split_count(opened->scene, s);
     char *evals = NULL, *plain = NULL, *why = NULL, finer[24] = "", choice[CLN_DIGEST_TEXT];
 
     if (!desc->out && !opened->same_scene)
@@ -82,7 +92,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
         snprintf(finer, sizeof finer, "-antialias%d", desc->antialias);
     CLN_TRY(cln_asprintf(place, "%s%s%s%s", plain, choice, finer, desc->fast ? "-fast" : ""));
     if (desc->out)
-        CLN_TRY(check_place(*place, cln_model_digest(&opened->model)));
+        CLN_TRY(check_place(*place, cln_model_digest(&opened->model), opened->scene->digest));
     if (desc->save_images) {
         st = cln_disk_check(desc->out ? desc->out : evals,
                             cln_quality_bytes(opened->scene, views, count),
@@ -148,18 +158,23 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_given_number("cln_eval", "antialias", desc->antialias, 0, 8));
     CLN_TRY(cln_views_check(desc->views, desc->max_images));
     for (int s = 0; s < CLN_SPLITS; s++)
-        pixels[s] = strcmp(name, cln_split_names[s]) == 0;
+        pixels[s] = strcmp(name, cln_split_names[s]) == 0 || strcmp(name, "all") == 0;
     if (desc->out && writes)
         CLN_TRY(cln_disk_check(desc->out, 0, "")); /* before photos are read */
     CLN_TRY(cln_device_check(&desc->device));
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &opened));
     antialias = cln_open_run_antialias(&opened, desc->antialias);
-    CLN_TRY(cln_open_run_split(opened.scene, name, &split));
+    CLN_TRY(cln_open_run_split(opened.scene, name, true, &split));
     CLN_TRY(cln_views_choose(opened.scene, split, desc->views, desc->max_images, &views, &count));
     CLN_TRY(cln_quality_check(opened.scene, views, count));
     if (writes)
         CLN_TRY(find_place(desc, &opened, name, views, count, &place));
     CLN_TRY(check_ranks(desc, &opened, views, count));
+    if (desc->seams && cln_scene_split_count(opened.scene, CLN_SPLIT_TRAIN) == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: --seams looks where training views see a surface, and "
+                         "there is none",
+                         opened.scene->folder));
     if (desc->seams && cln_ranks_count() > 1)
         CLN_TRY(cln_fail(CLN_USAGE, "--seams: works in one process only; run eval without mpirun"));
     for (int i = 0; i < opened.scene->view_count && antialias > 1; i++) {
@@ -180,6 +195,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (desc->seams)
         CLN_TRY(cln_seams_measure(&opened.pipeline, &opened.model, opened.scene, &desc->callbacks,
                                   &result->seams));
+    cln_format(result->split, sizeof result->split, "%s", name);
     result->antialias = antialias;
     result->fast = desc->fast;
     result->step = opened.model.step;

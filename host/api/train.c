@@ -250,6 +250,7 @@ static cln_status load_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_same_tree(&t->model.config, config));
         CLN_TRY(check_straight(t->desc->run, config, t->model.space.shell));
         CLN_TRY(check_depth(t->desc->run, &t->model.config, config, &t->model));
+        t->trained = t->model.config;
         CLN_TRY(take_settings(config, &t->model));
         t->scene->space = t->model.space; /* a run from before forward spaces has a cube */
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
@@ -654,6 +655,8 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
         resume && t->model.step >= config->precrop_steps && t->model.step >= saved->precrop_steps;
     facts.ranks = cln_ranks_count();
     cln_scene_warn_doubts(t->scene);
+    if (!resume)
+        cln_scene_warn_wide(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
     warn_points(t, config);
 }
@@ -792,6 +795,7 @@ done:
     cln_watch_close(&t);
     result->step = t.model.step;
     result->seconds = t.model.train_seconds;
+    result->cpu_seconds = t.cpu_seconds;
     result->wall_seconds = cln_now() - t.began;
     result->psnr_train = t.psnr_train;
     result->psnr_train_steps = t.psnr_train_steps;

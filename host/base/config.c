@@ -262,6 +262,10 @@ const cln_config_row *cln_config_find(const char *option)
         if (cln_config_named(&cln_config_rows[i], option, strlen(option)))
             return &cln_config_rows[i];
     }
+    for (int i = 0; i < cln_config_row_count; i++) {
+        if (strcmp(cln_config_rows[i].field, option) == 0)
+            return &cln_config_rows[i];
+    }
     return NULL;
 }
 

@@ -32,7 +32,8 @@ extern const char *const cln_config_groups[CLN_CONFIG_GROUPS][2];
 /* Returns whether the first `length` characters of name are the row's option or alias. */
 bool cln_config_named(const cln_config_row *row, const char *name, size_t length);
 
-/* The row of an option name or alias ("rays", without dashes), or NULL; and for misspelt names the
+/* The row of an option name or alias ("rays", without dashes), or of a key of run.json
+ * ("view_width"), or NULL; and for misspelt names the
  * nearest option, or NULL if none is near. */
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);

@@ -331,7 +331,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "budget: training seconds, or 90s 10m 2h 1:30 (0 = none)",                                \
          .flags = CLN_ROW_SECONDS | CLN_ROW_BUDGET)                                                \
     REAL(target_psnr, "target-psnr", 0, 0, 0, 200,                                                 \
-         "budget: stop when test PSNR reaches this (0 = none)")                                    \
+         "budget: stop when test PSNR reaches this (0 = none); measured at --eval-every or "       \
+         "--eval-at; with neither after 64 steps, then after a quarter more each time")            \
     INT(epochs, "epochs", 30, 30, 1, 1000000,                                                      \
         "budget when none other is set; an epoch draws a tenth of all training pixels; if it is "  \
         "not given either, voxels have at least 1500 steps",                                       \

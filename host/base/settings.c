@@ -136,8 +136,8 @@ static cln_status extend(cln_settings *settings, const cln_config_row *row, cons
                         "--%s +%s: the run has no such budget to extend, and has not ended; "
                         "give --%s N for the whole",
                         row->option, more, row->option);
-    cln_format(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.17g",
-               (whole ? budget : used) + number_of(&added, row));
+    cln_format(sum, sizeof sum, row->type == CLN_ROW_INT ? "%.0f" : "%.10g",
+               (whole ? budget : ceil(1e3 * used) / 1e3) + number_of(&added, row));
     CLN_TRY(cln_config_set(&added, row, sum)); /* if it is too much, nothing changes */
     lift_used_up(settings);
     CLN_TRY(cln_config_set(&settings->config, row, sum));

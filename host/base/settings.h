@@ -38,6 +38,7 @@ typedef struct cln_settings_facts {
     bool no_box;     /* no box is known within the cube */
     bool has_splits; /* its dataset names the splits */
     bool few_views;  /* --seen-by asks for more training views than there are */
+    bool no_tests;   /* there is no test view */
 } cln_settings_facts;
 
 /* Why the row's setting has no effect with the others and the facts: reason; way out. NULL if it

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 50 };
+enum { IDLE_ROWS = 51 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -110,6 +110,9 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"slab", c->slab && facts->no_box,
          "no box in the cube is known, as there are no sparse points; give --bbox"},
         {"holdout", facts->has_splits, "the dataset names the splits; leave it out"},
+        {"target-psnr eval-at eval-every eval-images", facts->no_tests,
+         "the scene has no test view; name some in its files, or measure others afterwards: "
+         "`cl-nascent eval RUN --split val`, or train"},
         {"seen-by", facts->few_views, "there are fewer training views; give less"},
         {"exchange", facts->ranks <= 1,
          "a single process exchanges nothing; start several (docs/scale-out.md)"},

@@ -83,6 +83,7 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
 
 static void print_table(const cln_eval_result *r, bool exposure)
 {
+    const bool all = strcmp(r->split, "all") == 0;
     char digest[32], step[32], duration[32];
     int width = 5;
 
@@ -110,9 +111,10 @@ static void print_table(const cln_eval_result *r, bool exposure)
                    100 * r->opaque_air);
         putchar('\n');
     }
-    printf("\n%d %s image%s at step %s, after %s of training; background %g,%g,%g; model %s\n",
-           r->count, r->split, cln_plural(r->count, "", "s"), step, duration, r->background[0],
-           r->background[1], r->background[2], digest);
+    printf("\n%d%s%s image%s%s at step %s, after %s of training; background %g,%g,%g; model %s\n",
+           r->count, all ? "" : " ", all ? "" : r->split, cln_plural(r->count, "", "s"),
+           all ? " of all splits" : "", step, duration, r->background[0], r->background[1],
+           r->background[2], digest);
 }
 
 cln_status cln_cmd_eval(const cln_options *options)

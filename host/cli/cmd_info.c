@@ -15,6 +15,7 @@
 #include "base/text.h"
 #include "cli/console.h"
 #include "io/run_folder.h"
+#include "io/run_history.h"
 
 enum { LISTED = 8, NAMED = 16 };
 
@@ -357,6 +358,29 @@ static void say_broken_off(const char *run, const json_t *about)
         cln_warn("%s: " CLN_RUN_BROKEN_OFF CLN_RUN_NO_CHECKPOINT, run);
 }
 
+/* Lays out the starts of a run, a line each: "begun COMMAND", "resumed at step 120 ... COMMAND". */
+static void lay_out_history(json_t *about)
+{
+    const json_t *history = json_object_get(about, "history");
+    json_t *lines = json_array();
+    char text[CLN_HISTORY_BYTES];
+
+    for (size_t i = 0; i < json_array_size(history); i++) {
+        const json_t *start = json_array_get(history, i), *step = json_object_get(start, "step");
+        const char *command = json_string_value(json_object_get(start, "command"));
+
+        cln_history_text(start, text);
+        if (json_integer_value(step) == 0)
+            cln_format(text, sizeof text, "begun");
+        json_array_append_new(lines, json_pack("{s:s}", text, command ? command : ""));
+    }
+    if (json_array_size(history) > 1)
+        json_object_set(about, "history", lines);
+    else
+        json_object_del(about, "history"); /* `command` tells the same */
+    json_decref(lines);
+}
+
 cln_status cln_cmd_info(const cln_options *options)
 {
     cln_status st = CLN_OK;
@@ -387,8 +411,10 @@ cln_status cln_cmd_info(const cln_options *options)
         CLN_TRY(add_time(options, document, json_object_get(document, "training")));
     if (options->json)
         CLN_TRY(cln_print_json(json_incref(document)));
-    else
+    else {
+        lay_out_history(document);
         CLN_TRY(print_object("", document, 0));
+    }
 done:
     json_decref(document);
     free(text);

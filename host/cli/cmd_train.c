@@ -25,13 +25,14 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     cln_digest_text(r->digest, digest);
     if (options->json)
         return cln_print_json(json_pack(
-            "{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:i s:i s:i s:f s:f s:s}", "schema",
+            "{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:o s:i s:i s:i s:f s:f s:s}", "schema",
             "cl-nascent.train/1", "run", run, "state", state_of(trained), "step",
-            (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "wall_seconds",
-            cln_json_real(r->wall_seconds), "psnr_train", cln_json_real(r->psnr_train), "psnr_test",
-            cln_json_real(r->psnr_test), "psnr_exposed", cln_json_real(r->psnr_exposed),
-            "eval_views", r->eval_views, "test_views", r->test_views, "leaves", r->leaves,
-            "device_peak", r->device_peak, "host_peak", r->host_peak, "model_digest", digest));
+            (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "cpu_seconds",
+            cln_json_real(r->cpu_seconds), "wall_seconds", cln_json_real(r->wall_seconds),
+            "psnr_train", cln_json_real(r->psnr_train), "psnr_test", cln_json_real(r->psnr_test),
+            "psnr_exposed", cln_json_real(r->psnr_exposed), "eval_views", r->eval_views,
+            "test_views", r->test_views, "leaves", r->leaves, "device_peak", r->device_peak,
+            "host_peak", r->host_peak, "model_digest", digest));
     cln_format_count((double)r->step, step);
     cln_format_duration(r->seconds, training);
     cln_format_duration(r->wall_seconds, wall);
@@ -46,6 +47,10 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     else
         printf("time          %s of training; %s in all, with start, evaluation and checkpoints\n",
                training, wall);
+    if (isfinite(r->cpu_seconds)) {
+        cln_format_duration(r->cpu_seconds, training);
+        printf("processors    %s for that training, all threads together\n", training);
+    }
     if (!isfinite(r->psnr_train) && !isfinite(r->psnr_test))
         printf("PSNR          not measured yet");
     else
@@ -90,7 +95,8 @@ cln_status cln_cmd_train(const cln_options *options)
     cln_status st = CLN_OK;
     cln_status trained = CLN_OK;
     cln_console console = {0};
-    cln_train_result result = {.psnr_train = NAN, .psnr_test = NAN, .psnr_exposed = NAN};
+    cln_train_result result = {
+        .cpu_seconds = NAN, .psnr_train = NAN, .psnr_test = NAN, .psnr_exposed = NAN};
     const char *run = options->resume ? options->resume : options->output;
     const cln_live_desc live = {.listen = options->listen,
                                 .port = options->port,

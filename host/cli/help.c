@@ -242,6 +242,42 @@ void cln_help_print(FILE *to, const cln_command *command)
         put_program(to);
 }
 
+cln_status cln_help_print_preset(FILE *to, const cln_command *command, const char *preset)
+{
+    cln_status st = CLN_OK;
+    cln_config its, standard;
+
+    CLN_TRY(cln_config_preset(preset, &its));
+    CLN_TRY(cln_config_preset(CLN_DEFAULT_PRESET, &standard));
+    fprintf(to, "Settings of --preset %s", preset);
+    if (strcmp(preset, CLN_DEFAULT_PRESET) != 0)
+        fprintf(to, " (in brackets those of " CLN_DEFAULT_PRESET ", where they differ)");
+    fprintf(to, ".\nWhat each is: `cl-nascent help %s`\n", command->name);
+    for (int g = 0; g < CLN_CONFIG_GROUPS; g++) {
+        bool titled = false;
+
+        for (int i = 0; i < cln_config_row_count; i++) {
+            const cln_config_row *row = &cln_config_rows[i];
+            char value[CLN_TEXT_BYTES], other[CLN_TEXT_BYTES];
+
+            if (strcmp(row->group, cln_config_groups[g][0]) != 0 ||
+                !cln_command_takes_row(command, row))
+                continue;
+            if (!titled)
+                fprintf(to, "\n%s:\n", cln_config_groups[g][1]);
+            titled = true;
+            cln_config_text(&its, row, value);
+            cln_config_text(&standard, row, other);
+            fprintf(to, "  --%-22s %s", row->option, *value ? value : "none");
+            if (strcmp(value, other) != 0)
+                fprintf(to, "  (%s)", *other ? other : "none");
+            fputc('\n', to);
+        }
+    }
+done:
+    return st;
+}
+
 const char *cln_built_with(void)
 {
 #ifdef CLN_WITH_MICROHTTPD

@@ -8,6 +8,10 @@
 /* Prints the help of a command, or with NULL the list of commands. */
 void cln_help_print(FILE *to, const cln_command *command);
 
+/* Prints the value of every setting of a command in a preset, and in brackets the default preset's
+ * where that is another. CLN_USAGE: no such preset. */
+cln_status cln_help_print_preset(FILE *to, const cln_command *command, const char *preset);
+
 /* The optional libraries that this program was or was not built with, a line without newline. */
 const char *cln_built_with(void);
 

@@ -28,6 +28,7 @@ static const struct {
     {"tune", "kernel parameters", LIST},
     {"step", "steps", COUNT},
     {"seconds", "training time", DURATION},
+    {"cpu_seconds", "processor time", DURATION},
     {"leaves", "leaves", COUNT},
     {"psnr_train", "PSNR train", REAL_2},
     {"psnr_test", "PSNR test", REAL_2},
@@ -222,6 +223,17 @@ static bool has_idle(const json_t *document)
     return false;
 }
 
+/* Whether a run went on with other settings than it began with. */
+static bool has_resumed(const json_t *document)
+{
+    const json_t *resumed = json_object_get(document, "resumed");
+
+    for (size_t i = 0; i < json_array_size(resumed); i++)
+        if (json_array_size(json_array_get(resumed, i)) > 0)
+            return true;
+    return false;
+}
+
 static void print_table(const json_t *document)
 {
     json_t *settings = shown(document, "settings"), *facts = shown(document, "facts");
@@ -261,7 +273,8 @@ static void print_table(const json_t *document)
     if (has_idle(document))
         puts("-: without effect there");
     if (all_read && json_object_size(settings) == 0)
-        puts("No setting differs.");
+        puts(has_resumed(document) ? "No setting of the last start differs."
+                                   : "No setting differs.");
     for (size_t i = 0; i < json_array_size(notes); i++)
         cln_print_wrapped(0, INDENT, t.columns, json_string_value(json_array_get(notes, i)));
     json_decref(settings);

@@ -138,8 +138,12 @@ const cln_arg cln_args[] = {
         "frames to take from a video; all, if it has fewer", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE | CLN_INFO, "preset", preset, CLN_PRESETS,
          "defaults of the options below: leaves of voxels; of networks, chosen for a CPU (fast) or "
-         "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones)",
+         "the paper's; or baselines (nerf: one network; kilonerf: a uniform grid of small ones); "
+         "`help train --preset NAME` lists its values",
          .standard = CLN_DEFAULT_PRESET),
+    TEXT(CLN_TRAIN, "settings-of", settings_of, "RUN",
+         "begin a new run with that run's settings, in place of a preset's and cl-nascent.conf's; "
+         "options that are given replace them"),
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
          "continue a run with its settings; options that are given replace them; --steps, --epochs "
          "and --time-limit take +N for N more"),
@@ -164,7 +168,7 @@ const cln_arg cln_args[] = {
          "write the integer program of each structure decision to this file, in LP format; each "
          "replaces the one before"),
 
-    WORD(CLN_EVAL, "split", split, "train|val|test",
+    WORD(CLN_EVAL, "split", split, "train|val|test|all",
          "which views of the scene are measured", .standard = "test"),
     WORD(CLN_RENDER, "split", split, "train|val|test",
          "the poses of these views of the scene", .standard = "test"),

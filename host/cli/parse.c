@@ -17,11 +17,14 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/settings.h"
 #include "base/text.h"
 #include "cli/conf.h"
 #include "cli/option_table.h"
 #include "export/list.h"
 #include "io/film.h"
+#include "io/json.h"
+#include "io/run_folder.h"
 #include "scene/dataset.h"
 
 /* "--points FILE.ply", ..., a line each. */
@@ -357,7 +360,12 @@ done:
     return st;
 }
 
-/* help [CMD], --help, --version [-v], or a command. */
+static bool takes_preset(const cln_command *command)
+{
+    return command && cln_arg_find(command, "preset", 6);
+}
+
+/* help [CMD [--preset NAME]], --help, --version [-v], or a command. */
 static cln_status parse_first(parser *p)
 {
     cln_options *out = p->out;
@@ -378,9 +386,20 @@ static cln_status parse_first(parser *p)
             if (!out->command && strcmp(about, "help") != 0 && strcmp(about, "version") != 0)
                 return cln_fail_command(about);
         }
+        if (p->at < p->argc && takes_preset(out->command)) {
+            const char *argument = p->argv[p->at];
+
+            if (strncmp(argument, "--preset=", 9) == 0)
+                out->help_preset = argument + 9;
+            else if (strcmp(argument, "--preset") == 0 && p->at + 1 < p->argc)
+                out->help_preset = p->argv[++p->at];
+            p->at += out->help_preset != NULL;
+        }
         if (p->at < p->argc)
-            return cln_fail(CLN_USAGE, "unexpected argument '%s': help takes one command",
-                            p->argv[p->at]);
+            return cln_fail(CLN_USAGE, "unexpected argument '%s': help takes one command, and %s",
+                            p->argv[p->at],
+                            takes_preset(out->command) ? "--preset NAME for its values there"
+                                                       : "nothing else");
         return CLN_OK;
     }
     if (first[0] == '-' || strcmp(first, "version") == 0) {
@@ -432,6 +451,28 @@ static bool is_given(const parser *p, const char *name)
     return arg && p->given[arg - cln_args];
 }
 
+/* Settings for a new run that are those of another one, as if they were a preset's. */
+static cln_status take_settings_of(const char *run, cln_settings **out)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    cln_config known;
+
+    st = cln_settings_of_run(run, out);
+    if (st != CLN_OK)
+        cln_note("taking the settings of --settings-of");
+    CLN_TRY(st);
+    CLN_TRY(cln_run_read(run, &document));
+    cln_format((*out)->preset, sizeof(*out)->preset, "%s", cln_json_text(document, "preset"));
+    if (cln_config_preset((*out)->preset, &known) != CLN_OK) { /* another version's */
+        cln_clear_error();
+        cln_format((*out)->preset, sizeof(*out)->preset, "%s", CLN_DEFAULT_PRESET);
+    }
+done:
+    json_decref(document);
+    return st;
+}
+
 static cln_status apply_settings(parser *p)
 {
     cln_status st = CLN_OK;
@@ -443,9 +484,12 @@ static cln_status apply_settings(parser *p)
         overridden[p->settings[i].row - cln_config_rows] = true;
     if (out->resume)
         CLN_TRY(cln_settings_of_run(out->resume, &out->settings));
+    else if (out->settings_of)
+        CLN_TRY(take_settings_of(out->settings_of, &out->settings));
     else
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
-    if (out->conf && out->operand_count == 1 && !out->resume && out->command->bit != CLN_TUNE)
+    if (out->conf && out->operand_count == 1 && !out->resume && !out->settings_of &&
+        out->command->bit != CLN_TUNE)
         CLN_TRY(cln_conf_read(out->operand, overridden, is_given(p, "preset"), out->settings,
                               &out->conf_said));
     if (out->conf && out->resume)
@@ -470,6 +514,11 @@ static cln_status check_train(const parser *p)
         return cln_fail(CLN_USAGE,
                         "--output '%s' cannot be combined with --resume '%s', which is the folder",
                         out->output, out->resume);
+    if (out->settings_of && (out->resume || is_given(p, "preset")))
+        return cln_fail(CLN_USAGE,
+                        "--settings-of cannot be combined with --%s: both have all settings; leave "
+                        "one out",
+                        out->resume ? "resume" : "preset");
     if (out->resume && is_given(p, "preset"))
         return cln_fail(CLN_USAGE, "--preset cannot be combined with --resume: a run keeps its "
                                    "settings; give single options");
@@ -680,6 +729,8 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
         goto done;
     read_environment(&p);
     CLN_TRY(parse_rest(&p));
+    if (out->help && takes_preset(out->command) && is_given(&p, "preset"))
+        out->help_preset = out->preset;
     if (!out->help && !out->version)
         CLN_TRY(settle(&p));
 done:

@@ -84,6 +84,7 @@ typedef struct header {
     int channels;
     cln_exif exif;
     bool png, cut;
+    bool deep; /* 16 bits a value */
     const char *problem;
 } header;
 
@@ -125,6 +126,7 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
     }
     head->width = big_endian(data + 16, 4);
     head->height = big_endian(data + 20, 4);
+    head->deep = data[24] == 16;
     head->channels = data[25] & 4 ? 4 : 3;
     for (;;) {
         size_t length = 0;
@@ -403,6 +405,23 @@ cln_status cln_image_check_ends(const char *path)
     return ended ? CLN_OK : cln_image_check(path);
 }
 
+/* Decodes values of 16 bits, rounded to 8; the decoder by itself cuts them. */
+static uint8_t *load_deep(const uint8_t *data, int bytes, int *w, int *h, int channels)
+{
+    int file_channels = 0;
+    uint16_t *deep = stbi_load_16_from_memory(data, bytes, w, h, &file_channels, channels);
+    uint8_t *out = (uint8_t *)deep, *fitted = NULL;
+    const size_t count = deep ? (size_t)*w * (size_t)*h * (size_t)channels : 0;
+
+    for (size_t i = 0; i < count; i++) { /* in place: byte i was read before */
+        const uint32_t value = deep[i];
+
+        out[i] = (uint8_t)((value * 255 + 32767) / 65535);
+    }
+    fitted = deep ? realloc(deep, count) : NULL;
+    return fitted ? fitted : out;
+}
+
 cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
                             int *height, int *channels, uint8_t **pixels)
 {
@@ -420,7 +439,9 @@ cln_status cln_image_decode(const char *path, const void *data, size_t bytes, in
     /* Enough for 16-bit RGBA twice (inflate doubles its buffer), a progressive JPEG's coefficients
      * padded to blocks of 32 pixels, the file, and the decoder's tables. */
     decoder_limit = (size_t)(head.width + 64) * (size_t)(head.height + 64) * 32 + bytes + (1 << 20);
-    decoded = stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, head.channels);
+    decoded = head.deep
+                  ? load_deep(data, (int)bytes, &w, &h, head.channels)
+                  : stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, head.channels);
     if (!decoded)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: damaged or unsupported %s (decoder: %s); save the image again", path,

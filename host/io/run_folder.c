@@ -425,6 +425,65 @@ done:
     return st;
 }
 
+/* The last whole row up to `step` that is no event, its first byte, and how many follow it. */
+static cln_status find_last(const char *path, int64_t step, json_t **row, size_t *at,
+                            size_t *behind)
+{
+    cln_status st = CLN_OK;
+    char *text = NULL;
+    size_t bytes = 0, end = 0;
+
+    *row = NULL;
+    CLN_TRY(cln_read_file(path, (size_t)METRICS_MAX_GIB << 30, &text, &bytes));
+    for (end = bytes; end > 0 && !*row; end = *at) {
+        for (*at = end - 1; *at > 0 && text[*at - 1] != '\n'; --*at)
+            ;
+        *behind = bytes - end;
+        if (text[end - 1] == '\n' && keep_row(text + *at, end - *at, step))
+            *row = json_loadb(text + *at, end - *at, 0, NULL);
+        if (json_object_get(*row, "event")) {
+            json_decref(*row);
+            *row = NULL;
+        }
+    }
+done:
+    free(text);
+    return st;
+}
+
+cln_status cln_metrics_amend(cln_metrics *metrics, int64_t step, const char *key, double number)
+{
+    cln_status st = CLN_OK;
+    json_t *row = NULL;
+    size_t at = 0, behind = 0;
+
+    CLN_TRY(find_last(metrics->path, step, &row, &at, &behind));
+    if (!row || behind > 0 || json_integer_value(json_object_get(row, "step")) != step)
+        goto done;
+    json_object_set_new(row, key, cln_json_real(number));
+    if (ftruncate(metrics->fd, (off_t)at) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", metrics->path, strerror(errno)));
+    CLN_TRY(cln_metrics_add(metrics, row));
+done:
+    json_decref(row);
+    return st;
+}
+
+cln_status cln_metrics_last(const char *run, int64_t step, json_t **row)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    size_t at = 0, behind = 0;
+
+    *row = NULL;
+    CLN_TRY(cln_path_join(&path, run, "metrics.jsonl"));
+    if (cln_is_file(path))
+        CLN_TRY(find_last(path, step, row, &at, &behind));
+done:
+    free(path);
+    return st;
+}
+
 void cln_metrics_close(cln_metrics *metrics)
 {
     if (!metrics)

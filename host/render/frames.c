@@ -52,7 +52,7 @@ static cln_status of_split(const cln_render_desc *desc, const cln_scene *scene, 
     cln_split split = CLN_SPLIT_TEST;
     int *views = NULL, count = 0;
 
-    CLN_TRY(cln_open_run_split(scene, desc->split, &split));
+    CLN_TRY(cln_open_run_split(scene, desc->split, false, &split));
     CLN_TRY(cln_views_choose(scene, split, desc->views, desc->max_images, &views, &count));
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {

@@ -58,13 +58,24 @@ static bool is_named(const cln_scene *scene, const cln_view *view, const char *n
            (view->path && strcmp(name, view->path) == 0);
 }
 
+/* Whether the view is of the split; CLN_SPLITS: of any. */
+static bool is_in(const cln_view *view, cln_split split)
+{
+    return split == CLN_SPLITS || view->split == split;
+}
+
+static const char *name_of(cln_split split)
+{
+    return split == CLN_SPLITS ? "all" : cln_split_names[split];
+}
+
 /* Marks the split's views of this name, and returns how many it has. */
 static int mark(const cln_scene *scene, cln_split split, const char *name, bool *chosen)
 {
     int found = 0;
 
     for (int i = 0; i < scene->view_count; i++) {
-        if (scene->views[i].split != split || !is_named(scene, &scene->views[i], name))
+        if (!is_in(&scene->views[i], split) || !is_named(scene, &scene->views[i], name))
             continue;
         found++;
         if (chosen)
@@ -104,7 +115,7 @@ static void list_names(const cln_scene *scene, cln_split split, const char *name
             const cln_view *v = &scene->views[i];
             const size_t used = strlen(out);
 
-            if (v->split == split && (!name || distance(v, name) == edits))
+            if (is_in(v, split) && (!name || distance(v, name) == edits))
                 snprintf(out + used, bytes - used, "%s'%s'", listed++ ? ", " : "",
                          without_dot(v->name));
         }
@@ -121,17 +132,18 @@ static cln_status fail_name(const cln_scene *scene, cln_split split, const char 
         if (mark(scene, (cln_split)s, name, NULL) > 0)
             return cln_fail(CLN_USAGE,
                             "--views: '%s' is in the split %s, not %s; give --split %s with it",
-                            name, cln_split_names[s], cln_split_names[split], cln_split_names[s]);
+                            name, cln_split_names[s], name_of(split), cln_split_names[s]);
     list_names(scene, split, name, names, sizeof names);
     if (*names)
         return cln_fail(CLN_USAGE,
                         "--views: no view of the split %s is called '%s'; did you mean "
                         "%s?",
-                        cln_split_names[split], name, names);
+                        name_of(split), name, names);
     list_names(scene, split, NULL, names, sizeof names);
     return cln_fail(CLN_USAGE, "--views: no view of the split %s is called '%s'; it has %s%s",
-                    cln_split_names[split], name, names,
-                    cln_scene_split_count(scene, split) > LISTED ? ", ..." : "");
+                    name_of(split), name, names,
+                    split == CLN_SPLITS || cln_scene_split_count(scene, split) > LISTED ? ", ..."
+                                                                                        : "");
 }
 
 /* ---- a list of names ---- */

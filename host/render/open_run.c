@@ -25,8 +25,11 @@ int cln_open_run_antialias(const cln_open_run *opened, int asked)
     return asked ? asked : cln_model_antialias(&opened->model);
 }
 
-cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split)
+cln_status cln_open_run_split(const cln_scene *scene, const char *name, bool all, cln_split *split)
 {
+    *split = CLN_SPLITS;
+    if (all && strcmp(name, "all") == 0)
+        return CLN_OK;
     for (int s = 0; s < CLN_SPLITS; s++) {
         if (strcmp(name, cln_split_names[s]) != 0)
             continue;
@@ -34,10 +37,11 @@ cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_spli
         if (cln_scene_split_count(scene, *split) > 0)
             return CLN_OK;
         return cln_fail(CLN_INPUT,
-                        "%s: no view is in the split %s (%s); choose another with --split",
-                        scene->folder, name, scene->split_rule);
+                        "%s: no view is in the split %s (%s); choose another with --split%s",
+                        scene->folder, name, scene->split_rule, all ? ", or all" : "");
     }
-    return cln_fail(CLN_USAGE, "--split: '%s' is not one of train|val|test", name);
+    return cln_fail(CLN_USAGE, "--split: '%s' is not one of train|val|test%s", name,
+                    all ? "|all" : "");
 }
 
 cln_status cln_open_run_model(const char *run, cln_open_run *out)
@@ -86,9 +90,12 @@ cln_status cln_open_run_open(const char *run, const char *scene, const bool pixe
     memset(out, 0, sizeof *out);
     out->run = run;
     memcpy(desc.pixels, pixels, sizeof desc.pixels);
+    for (int s = 0; s < CLN_SPLITS && scene; s++)
+        desc.measured |= pixels[s];
     CLN_TRY(cln_open_run_model(run, out));
     CLN_TRY(cln_recorded_load(run, &desc, &out->scene, &out->same_scene));
     adapt_scene(out);
+    cln_scene_return_splits(out->scene);
 done:
     if (st != CLN_OK)
         cln_open_run_close(out);

@@ -21,7 +21,8 @@ typedef struct cln_open_run {
 } cln_open_run;
 
 /* Opens the checkpoint and the scene (NULL = the run's own, where cln_recorded_load finds it) with
- * the images of these splits. No device yet. callbacks: told of the images; NULL: none. CLN_SIGINT,
+ * the images of these splits; a scene that is given for its images needs no training view. No
+ * device yet. callbacks: told of the images; NULL: none. CLN_SIGINT,
  * CLN_SIGTERM: they stopped it. */
 cln_status cln_open_run_open(const char *run, const char *scene, const bool pixels[CLN_SPLITS],
                              const cln_callbacks *callbacks, cln_open_run *out);
@@ -49,8 +50,8 @@ void cln_open_run_close(cln_open_run *opened); /* accepts a zeroed one */
 /* n x n rays that pixels at edges get: as many as are asked for, or, of 0, as in training. */
 int cln_open_run_antialias(const cln_open_run *opened, int asked);
 
-/* Finds a split by its name: "train", "val" or "test", of which the scene has views. CLN_USAGE,
- * CLN_INPUT. */
-cln_status cln_open_run_split(const cln_scene *scene, const char *name, cln_split *split);
+/* Finds a split by its name: "train", "val" or "test", of which the scene has views; with `all`
+ * also "all", which is CLN_SPLITS. CLN_USAGE, CLN_INPUT. */
+cln_status cln_open_run_split(const cln_scene *scene, const char *name, bool all, cln_split *split);
 
 #endif

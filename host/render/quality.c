@@ -38,12 +38,14 @@ cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most,
                               int *count)
 {
     cln_status st = CLN_OK;
-    const int total = cln_scene_split_count(scene, split);
+    const bool all = split == CLN_SPLITS;
+    const int total = all ? scene->view_count : cln_scene_split_count(scene, split);
 
     *count = most > 0 && most < total ? most : total;
     CLN_TRY(cln_alloc(views, (size_t)*count, sizeof **views, "views"));
     for (int i = 0; i < *count; i++)
-        (*views)[i] = cln_scene_spread_view(scene, split, i, *count);
+        (*views)[i] = all ? (int)((int64_t)i * total / *count)
+                          : cln_scene_spread_view(scene, split, i, *count);
 done:
     return st;
 }
@@ -280,6 +282,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
     CLN_TRY(cln_alloc(&result->images, (size_t)count, sizeof *result->images, "evaluation"));
     result->count = count;
     memcpy(result->background, scene->background, sizeof result->background);
+    result->scene_digest = scene->digest;
     if (count > 0)
         snprintf(result->split, sizeof result->split, "%s",
                  cln_split_names[scene->views[views[0]].split]);
@@ -399,6 +402,9 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         r->seconds, "std", "psnr", cln_json_real(deviation(r, false)), "ssim",
         cln_json_real(deviation(r, true)), "psnr_of_mean_mse", cln_json_real(r->psnr_of_mean_mse),
         "images", images);
+    cln_digest_text(r->scene_digest, digest);
+    if (*out && r->scene_digest)
+        json_object_set_new(*out, "scene_digest", json_string(digest));
     if (*out && r->antialias > 1)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
     if (*out && r->fast)

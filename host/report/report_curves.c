@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "report/html.h"
+#include "io/json.h"
 #include "io/progress.h"
 #include "report/svg.h"
 
@@ -23,6 +24,12 @@ typedef struct curve {
 } curve;
 
 /* ---- error against run time ---- */
+
+/* Whether it is of no training view. */
+static bool is_held_out(const cln_report_eval *e)
+{
+    return strcmp(e->split, "train") != 0 && strcmp(e->split, "all") != 0;
+}
 
 /* Positions on an axis of the decisions on single leaves; returns how many, at most MARKS. */
 static int find_marks(const cln_report_data *data, bool over_steps, double x[MARKS])
@@ -66,7 +73,7 @@ static bool put_psnr(FILE *to, const cln_report_data *data, bool over_steps)
     full.count = 0;
     for (int i = 0; i < data->eval_count && full.count < CLN_REPORT_POINTS; i++) {
         const cln_report_eval *e = &data->evals[i];
-        if (strcmp(e->split, "train") == 0)
+        if (!is_held_out(e))
             continue;
         full.x[full.count] = over_steps ? e->step : e->seconds;
         full.y[full.count++] = e->psnr;
@@ -149,18 +156,33 @@ static double train_at(const cln_report_rows *r, double seconds)
     return psnr;
 }
 
+/* Whether a row's figure is that of an evaluation, which tells more: the one at the end. */
+static bool has_eval(const cln_report_data *data, int row)
+{
+    const cln_report_rows *r = &data->rows;
+
+    for (int i = 0; i < data->eval_count; i++) {
+        const cln_report_eval *e = &data->evals[i];
+
+        if (strcmp(e->split, "test") == 0 && !e->how[0] && e->step == (int64_t)r->step[row] &&
+            fabs(e->psnr - r->psnr_test[row]) < 1e-6)
+            return true;
+    }
+    return false;
+}
+
 static int find_points(const cln_report_data *data, point *out)
 {
     const cln_report_rows *r = &data->rows;
     int count = 0;
 
     for (int i = 0; i < r->count; i++) {
-        if (isfinite(r->psnr_test[i]) && isfinite(r->seconds[i]))
+        if (isfinite(r->psnr_test[i]) && isfinite(r->seconds[i]) && !has_eval(data, i))
             out[count++] = (point){r->seconds[i], r->step[i], r->psnr_test[i], NAN, NAN, 0, "", i};
     }
     for (int i = 0; i < data->eval_count; i++) {
         const cln_report_eval *e = &data->evals[i];
-        if (strcmp(e->split, "train") != 0 && isfinite(e->seconds))
+        if (is_held_out(e) && isfinite(e->seconds))
             out[count++] =
                 (point){e->seconds, e->step, e->psnr, e->ssim, NAN, e->images, e->how, i};
     }
@@ -173,6 +195,9 @@ static void put_points(FILE *to, const cln_report_data *data)
     point *points = calloc((size_t)data->rows.count + (size_t)data->eval_count + 1, sizeof *points);
     int count = points ? find_points(data, points) : 0;
     int shown = count < TABLE_ROWS ? count : TABLE_ROWS;
+    const json_t *splits = json_object_get(json_object_get(data->run, "dataset"), "splits");
+    const bool sees_all = cln_json_number(json_object_get(data->run, "config"), "eval_images") >=
+                          cln_json_number(splits, "test");
 
     if (count > 0) {
         fputs("<table><tr><th>training time<th class=n>steps<th class=n>test PSNR<th class=n>SSIM"
@@ -194,7 +219,7 @@ static void put_points(FILE *to, const cln_report_data *data)
                 fprintf(to, "<td>an evaluation of %d image%s%s\n", p->images,
                         cln_plural(p->images, "", "s"), p->how);
             else
-                fputs("<td>some images, while training\n", to);
+                fprintf(to, "<td>%s images, while training\n", sees_all ? "all" : "some");
         }
         fputs("</table>\n", to);
         if (shown < count)

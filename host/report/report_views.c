@@ -164,6 +164,11 @@ cln_status cln_report_views(FILE *to, const cln_report_data *data)
     }
     if (strcmp(e->split, "train") == 0)
         fputs("<p class=soft>No held-out view was evaluated; these are training views.</p>\n", to);
+    if (strcmp(e->split, "all") == 0)
+        fputs(
+            "<p class=soft>No held-out view was evaluated by itself; these are all views, training "
+            "views among them.</p>\n",
+            to);
     cln_format_duration(e->seconds, time);
     cln_format_count(e->step, steps);
     fprintf(to, "<p>%d view%s of the split <b>", e->images, cln_plural(e->images, "", "s"));

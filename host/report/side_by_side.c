@@ -14,6 +14,7 @@
 #include "base/settings.h"
 #include "base/text.h"
 #include "io/json.h"
+#include "io/run_history.h"
 #include "io/run_folder.h"
 #include "report/report_data.h"
 #include "report/report_sections.h"
@@ -38,11 +39,11 @@ static const struct {
     const char *key;
     bool test; /* of test views */
     int quality;
-} rows[] = {{"step", false, 0},        {"seconds", false, 0},     {"leaves", false, 0},
-            {"psnr_train", false, 2},  {"psnr_test", true, 2},    {"ssim", true, 4},
-            {"psnr_fitted", true, 2},  {"psnr_exposed", true, 2}, {"eval_views", true, 0},
-            {"test_views", true, 0},   {"eval_step", true, 0},    {"seconds_a_view", true, 0},
-            {"device_peak", false, 0}, {"host_peak", false, 0}};
+} rows[] = {{"step", false, 0},          {"seconds", false, 0},     {"cpu_seconds", false, 0},
+            {"leaves", false, 0},        {"psnr_train", false, 2},  {"psnr_test", true, 2},
+            {"ssim", true, 4},           {"psnr_fitted", true, 2},  {"psnr_exposed", true, 2},
+            {"eval_views", true, 0},     {"test_views", true, 0},   {"eval_step", true, 0},
+            {"seconds_a_view", true, 0}, {"device_peak", false, 0}, {"host_peak", false, 0}};
 enum { ROWS = sizeof rows / sizeof rows[0] };
 
 /* ---- reading ---- */
@@ -86,8 +87,9 @@ static double last_of(const side *s, const double *column, const double *where)
 /* Figures of the end or, before it, of metrics.jsonl; those of test views by an evaluation. */
 static void find_figures(side *s)
 {
-    static const char *const ends[] = {"step",      "seconds",    "leaves",      "psnr_train",
-                                       "psnr_test", "eval_views", "device_peak", "host_peak"};
+    static const char *const ends[] = {"step",       "seconds",     "cpu_seconds",
+                                       "leaves",     "psnr_train",  "psnr_test",
+                                       "eval_views", "device_peak", "host_peak"};
     const cln_report_rows *r = &s->data.rows;
     const json_t *result = json_object_get(s->data.run, "result"), *mean = NULL;
     const cln_report_eval *eval = choose_eval(s);
@@ -404,6 +406,28 @@ static void add_results(int count, const side *sides, bool comparable, json_t *d
     }
 }
 
+/* Adds the starts of a run that went on with other settings, and notes them: the settings above are
+ * those of the last one. */
+static void add_history(const side *s, json_t *histories, json_t *notes)
+{
+    const json_t *history = json_object_get(s->data.run, "history");
+    json_t *changes = json_array();
+    char text[CLN_HISTORY_BYTES];
+
+    for (size_t i = 0; i < json_array_size(history); i++) {
+        json_t *start = json_array_get(history, i);
+
+        if (!cln_history_changed(start))
+            continue;
+        cln_history_text(start, text);
+        add_note(notes, "%s: %s", s->name, text);
+        json_array_append_new(changes,
+                              json_pack("{s:O, s:O}", "step", json_object_get(start, "step"),
+                                        "changed", json_object_get(start, "changed")));
+    }
+    json_array_append_new(histories, changes);
+}
+
 /* Notes what a reader should know of a run, by itself and beside an earlier one. */
 static void note_run(const side *sides, int which, json_t *notes)
 {
@@ -438,9 +462,9 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
     cln_status st = CLN_OK;
     side *sides = NULL;
     json_t *document =
-        json_pack("{s:s, s:[], s:[], s:[], s:{}, s:{}, s:{}, s:{}, s:b, s:[]}", "schema",
-                  "cl-nascent.runs/1", "runs", "names", "readable", "settings", "facts", "results",
-                  "best", "comparable", false, "notes");
+        json_pack("{s:s, s:[], s:[], s:[], s:{}, s:[], s:{}, s:{}, s:{}, s:b, s:[]}", "schema",
+                  "cl-nascent.runs/1", "runs", "names", "readable", "settings", "resumed", "facts",
+                  "results", "best", "comparable", false, "notes");
     json_t *settings = json_object_get(document, "settings"), *presets = NULL;
     json_t *facts = json_object_get(document, "facts"), *notes = json_object_get(document, "notes");
     bool same_names = false, comparable = false;
@@ -473,8 +497,10 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
     if (json_object_get(facts, "device"))
         add_note(notes, "Devices or drivers differ, so times do not compare");
     add_results(count, sides, comparable, document);
-    for (int i = 0; i < count; i++)
+    for (int i = 0; i < count; i++) {
         note_run(sides, i, notes);
+        add_history(&sides[i], json_object_get(document, "resumed"), notes);
+    }
     *out = json_incref(document);
 done:
     for (int i = 0; i < count && sides; i++) {

@@ -11,8 +11,9 @@
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
 /* split.c: every holdout-th view by name becomes test, unless the dataset named the splits; fills
- * split_rule; then orders the views, and checks for duplicates and for a training view. */
-cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout);
+ * split_rule; then orders the views, and checks for duplicates and for a training view, or as
+ * cln_scene_desc.measured has it. */
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout, bool measured);
 
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
  * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with
@@ -95,6 +96,9 @@ cln_status cln_scene_check_seen(const cln_scene *scene);
 
 /* doubts.c: of fewer training photos, nothing is known of what lies how far. */
 enum { CLN_LEAST_PHOTOS = 3 };
+
+/* alpha.c: adds to the findings that colours look as if they were multiplied by alpha. */
+void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings);
 
 /* doubts.c: fills cube_share, spread, apart_share and, by the reader's points, before_share. */
 void cln_scene_find_doubts(cln_scene *scene, const cln_reader_result *result);

@@ -773,6 +773,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
     cln_scene_tell_turns(scene, in.findings);
+    cln_scene_tell_multiplied(scene, in.findings);
     check_agreement(&in);
     check_strays(&in);
     CLN_TRY(check_far(&in));

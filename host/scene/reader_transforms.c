@@ -9,6 +9,7 @@
  * depth images are left out. */
 #include "scene/reader.h"
 
+#include <dirent.h>
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
@@ -335,14 +336,45 @@ done:
     return st;
 }
 
-static cln_status read_blender(const char *folder, cln_reader_result *result)
+/* Warns of files that look like a split that is missing, under another name:
+ * transforms_testing.json. Others of training views are choices of somebody's. */
+static void warn_other_names(const char *folder)
+{
+    const bool val = cln_has_file(folder, "transforms_val.json");
+    const bool test = cln_has_file(folder, "transforms_test.json");
+    DIR *dir = val && test ? NULL : opendir(folder);
+
+    for (struct dirent *e = dir ? readdir(dir) : NULL; e; e = readdir(dir)) {
+        const char *split = strncmp(e->d_name, "transforms_", 11) == 0 ? e->d_name + 11 : "train";
+
+        if (strncmp(split, "train", 5) == 0 || !cln_ends_with(split, ".json") ||
+            strcmp(split, "val.json") == 0 || strcmp(split, "test.json") == 0 ||
+            (test && strncmp(split, "val", 3) != 0))
+            continue;
+        cln_warn("%s/%s is not read: splits are transforms_train.json, transforms_val.json and "
+                 "transforms_test.json; rename it if it is one of them",
+                 folder, e->d_name);
+    }
+    if (dir)
+        closedir(dir);
+}
+
+/* given: the folder, or one of its files. */
+static cln_status read_blender(const char *folder, const char *given, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
+    const char *slash = strrchr(given, '/');
     json_t *roots[CLN_SPLITS] = {NULL};
     char *files[CLN_SPLITS] = {NULL}, *name = NULL;
 
     result->dialect = "blender";
-    CLN_TRY(cln_asprintf(&result->because, "it has transforms_train.json"));
+    if (cln_is_dir(given))
+        CLN_TRY(cln_asprintf(&result->because, "it has transforms_train.json"));
+    else
+        CLN_TRY(cln_asprintf(&result->because,
+                             "%s is one of the files of its splits, which are read together",
+                             slash ? slash + 1 : given));
+    warn_other_names(folder);
     for (int s = 0; s < CLN_SPLITS; s++) {
         free(name);
         name = NULL;
@@ -468,7 +500,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
         CLN_TRY(cln_path_join(&file, folder, "transforms.json"));
         CLN_TRY(read_single(folder, file, result));
     } else {
-        CLN_TRY(read_blender(folder, result));
+        CLN_TRY(read_blender(folder, path, result));
     }
 done:
     free(folder);

@@ -78,6 +78,7 @@ typedef struct cln_view {
     bool mask_black;  /* the black ones count; else all others do */
     int mask_least;   /* a mask's pixel is black if all its values are below this */
     cln_split split;
+    cln_split named;             /* of a scene without training views: its split */
     cln_camera camera;           /* at the size of `pixels` */
     double near, far;            /* depths that the scene lies between; both 0 = not told */
     int number;                  /* among the views as its reader gave them */
@@ -115,6 +116,7 @@ typedef struct cln_scene {
     json_t *ignored;     /* array of strings: keys of its files that are not read; may be NULL */
     char *split_rule;    /* how views were split, a phrase */
     bool has_splits;     /* the dataset named the splits */
+    bool lent;           /* views count as training views that are not (cln_view.named) */
     bool stored_poses;   /* its poses are of pixels as stored, whatever EXIF data say */
     int downscale, downscale_least; /* the views' largest and least */
     int view_count;
@@ -152,6 +154,8 @@ typedef struct cln_scene_desc {
     bool pixels[CLN_SPLITS];  /* load the images of these splits, of several ranks each its own;
                                  cameras, sizes and masks always */
     bool unseen;              /* no error if no camera sees the cube */
+    bool measured;            /* its views are only measured: nor if there is no training view, but
+                                 all count as such until cln_scene_return_splits */
     bool keep_alpha;          /* photos that are opaque everywhere keep their alpha, too */
     uint64_t opaque_digest;   /* of the scene when its photos were found to be opaque: they are not
                                  looked at again if they still are the same; 0: not known */
@@ -176,6 +180,17 @@ cln_status cln_scene_path_from(const cln_scene *scene, const char *path, char **
 
 /* Warns of what looks like a mistake in the poses, with its likely cause (doubts.c). */
 void cln_scene_warn_doubts(const cln_scene *scene);
+
+/* alpha.c: the box, in scene units, of what the alpha of the training photos shows in the cube,
+ * from a coarse grid of points, with a margin; false if it shows nothing. */
+bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3]);
+
+/* Warns if a cube that was guessed from the cameras is much wider than that, and names a box. Does
+ * nothing where training photos are not loaded. */
+void cln_scene_warn_wide(const cln_scene *scene);
+
+/* Gives views that count as training views, as the scene names none, their own splits again. */
+void cln_scene_return_splits(cln_scene *scene);
 
 /* Number of views of a split, and the index in views[] of its i-th. */
 int cln_scene_split_count(const cln_scene *scene, cln_split split);

@@ -50,7 +50,7 @@ done:
     return st;
 }
 
-cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout)
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout, bool measured)
 {
     cln_status st = CLN_OK;
 
@@ -76,6 +76,11 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
                              "the two frames",
                              scene->folder, a->name, cln_split_names[a->split]));
     }
+    scene->lent = measured && cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0;
+    for (int i = 0; i < scene->view_count && scene->lent; i++) { /* keeps their order */
+        scene->views[i].named = scene->views[i].split;
+        scene->views[i].split = CLN_SPLIT_TRAIN;
+    }
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view among %d (%s)%s", scene->folder,
                          scene->view_count, scene->split_rule,
@@ -83,6 +88,13 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdou
                                       : "; with --holdout 0 all of them are training views"));
 done:
     return st;
+}
+
+void cln_scene_return_splits(cln_scene *scene)
+{
+    for (int i = 0; i < scene->view_count && scene->lent; i++)
+        scene->views[i].split = scene->views[i].named;
+    scene->lent = false;
 }
 
 int cln_scene_split_count(const cln_scene *scene, cln_split split)

@@ -97,6 +97,30 @@ bool cln_grow_whole(const cln_trainer *t, int level, double leaves)
            !(level == t->model.level && (t->finest || t->no_room_for_level));
 }
 
+/* Width of a voxel of a whole level, in half sides of the cube, in a shell of its core. */
+static double cell_of(const cln_config *c, int level)
+{
+    return 2 * ldexp(1.0 / c->grid_cells, -level);
+}
+
+cln_status cln_grow_finest(const cln_trainer *t, int *level)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    double pixel = 0;
+
+    *level = CLN_MAX_LEVEL;
+    if (!cln_leaf_kind_of(c->encoding)->levels_first || c->cell_pixels <= 0)
+        return CLN_OK;
+    CLN_TRY(cln_scene_pixel_width(t->scene, (const double(*)[12])t->refine.given, &t->model.space,
+                                  &pixel));
+    *level = t->model.level;
+    while (*level < CLN_MAX_LEVEL && cell_of(c, *level + 1) >= c->cell_pixels * pixel)
+        ++*level;
+done:
+    return st;
+}
+
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
  * must have been culled, as growth splits every leaf, the finer voxels must not be finer than the
  * photos can tell (--cell-pixels), and in a tree that adapts they must be few. */
@@ -105,8 +129,9 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     const int level = t->model.level + 1;
-    const double cell = 2 * ldexp(1.0 / c->grid_cells, -level); /* in a shell's core, too */
+    const double cell = cell_of(c, level);
     double pixel = 0;
+    bool splits = false;
 
     *grows = !cln_leaf_kind_of(c->encoding)->levels_first;
     if (*grows || t->finest)
@@ -128,10 +153,17 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
                                   &pixel));
     *grows = cell * cln_model_antialias(&t->model) >= c->cell_pixels * pixel;
     t->finest = !*grows;
-    if (t->finest)
-        cln_info("the tree stays at level %d%s: voxels of the next level would be %.2g pixels of "
-                 "the photos wide (--cell-pixels)",
-                 t->model.level, c->adaptive ? ", but for single leaves" : "", cell / pixel);
+    if (!t->finest)
+        goto done;
+    if (c->adaptive)
+        CLN_TRY(cln_measure_can_split(t, t->model.level, &splits));
+    cln_info("the tree stays at level %d%s: voxels of the next level would be %.2g pixels of the "
+             "photos wide (--cell-pixels)",
+             t->model.level,
+             splits        ? ", but for single leaves"
+             : c->adaptive ? ", and single leaves cannot split"
+                           : "",
+             cell / pixel);
 done:
     return st;
 }

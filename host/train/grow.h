@@ -18,6 +18,10 @@ bool cln_grow_awaited(const cln_trainer *t, double fraction);
  * present level and those to come, whose leaves the caller guesses. */
 bool cln_grow_whole(const cln_trainer *t, int level, double leaves);
 
+/* *level: the deepest whole level, of the present one and those to come, whose voxels the photos
+ * can tell (--cell-pixels). CLN_MEMORY. */
+cln_status cln_grow_finest(const cln_trainer *t, int *level);
+
 /* Splits every leaf once by the exact split (model/fold.c), after cln_grow_due() found that it may:
  * the next step needs a refresh. CLN_BUILD, CLN_MEMORY, CLN_CL, CLN_DIVERGED. */
 cln_status cln_grow_level(cln_trainer *t);

@@ -30,7 +30,7 @@
 #include "train/step.h"
 #include "train/watch.h"
 
-static const double TARGET_SECONDS = 15; /* between evaluations for --target-psnr */
+enum { TARGET_STEP = 64 }; /* of the first evaluation for --target-psnr */
 
 /* ---- budgets ---- */
 
@@ -218,8 +218,20 @@ static bool watches_target(const cln_trainer *t)
     return c->target_psnr > 0 && c->eval_every == 0 && t->point_count == 0;
 }
 
+/* Number of evaluations for --target-psnr up to a step: the first one is after TARGET_STEP steps,
+ * the next after a quarter more, and so on. Steps, not seconds, so that a run ends at the same one
+ * again; ever farther apart, so that all of them take a fair share of the time. */
+static int target_looks(double step)
+{
+    int count = 0;
+
+    for (int64_t at = TARGET_STEP; (double)at <= step && at < INT64_MAX / 2; at += at / 4)
+        count++;
+    return count;
+}
+
 /* Returns whether an evaluation is due: at points in seconds or steps, every N steps, or, for a
- * target PSNR, every 15 s. */
+ * target PSNR, as target_looks has it. */
 static bool evaluation_due(cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
@@ -230,7 +242,7 @@ static bool evaluation_due(cln_trainer *t)
         due |= t->point_steps[i] > 0 ? t->model.step == t->point_steps[i]
                                      : before < t->point_seconds[i] && now >= t->point_seconds[i];
     if (watches_target(t))
-        due |= floor(before / TARGET_SECONDS) < floor(now / TARGET_SECONDS);
+        due |= target_looks((double)t->model.step - 1) < target_looks((double)t->model.step);
     t->looked_seconds = now;
     return due;
 }
@@ -252,7 +264,7 @@ static int evaluations_left(const cln_trainer *t, double fraction)
     if (c->eval_every > 0)
         count += floor(end_step / c->eval_every) - floor(step / c->eval_every);
     if (watches_target(t))
-        count += floor(end_seconds / TARGET_SECONDS) - floor(seconds / TARGET_SECONDS);
+        count += target_looks(end_step) - target_looks(step);
     return (int)fmin(count, 1e6);
 }
 
@@ -343,6 +355,19 @@ done:
     return st;
 }
 
+/* Says at the end whether --target-psnr was reached. */
+static void say_target(const cln_trainer *t, bool evaluated)
+{
+    const double target = t->model.config.target_psnr;
+
+    if (!(target > 0) || !(evaluated || t->hit_target))
+        return;
+    cln_info("target of %g dB test PSNR %s: %.2f dB after %lld step%s and %.0f s", target,
+             t->psnr_test >= target ? "reached" : "not reached", t->psnr_test,
+             (long long)t->model.step, cln_plural((double)t->model.step, "", "s"),
+             t->model.train_seconds);
+}
+
 static cln_status stopped(const cln_trainer *t, const char *when)
 {
     char run[CLN_QUOTED_BYTES];
@@ -379,11 +404,19 @@ static void say_how_to_keep(const cln_trainer *t)
                  (long long)kept, run);
 }
 
-/* Adds the time since `began` to this rank's clock. With several ranks train_seconds is rank 0's
- * clock, once that was told. */
+/* The moment from which on time is spent on training. */
+static double start_clock(cln_trainer *t)
+{
+    t->cpu_began = cln_processor_seconds();
+    return cln_now();
+}
+
+/* Adds the time since `began` to this rank's clock, and what processors worked. With several ranks
+ * train_seconds is rank 0's clock, once that was told. */
 static void spend(cln_trainer *t, double began)
 {
     t->clock += cln_now() - began;
+    t->cpu_seconds += cln_processor_seconds() - t->cpu_began;
     if (cln_ranks_count() == 1)
         t->model.train_seconds = t->clock;
 }
@@ -391,7 +424,7 @@ static void spend(cln_trainer *t, double began)
 /* Waits for the newest step to end, which counts as training time. */
 static cln_status wait_for_step(cln_trainer *t)
 {
-    const double began = cln_now();
+    const double began = start_clock(t);
     const cln_status st = cln_step_catch_up(t);
 
     spend(t, began);
@@ -502,14 +535,14 @@ cln_status cln_loop_run(cln_trainer *t)
     t->saved_at = cln_now();
     t->clock = t->model.train_seconds;
     while (cln_step_fraction(t) < 1 && t->signal == 0) {
-        double began = cln_now();
+        double began = start_clock(t);
         const double fraction = cln_step_fraction(t);
         bool row = false;
 
         CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(cln_refine_poses(t, fraction));
         spend(t, began);
-        began = cln_now();
+        began = start_clock(t);
         tell(t);
         CLN_TRY(cln_step(t, fraction));
         spend(t, began);
@@ -526,8 +559,7 @@ cln_status cln_loop_run(cln_trainer *t)
             CLN_TRY(log_row(t, fraction, evaluated));
         }
         if (evaluated && c->target_psnr > 0 && t->psnr_test >= c->target_psnr) {
-            cln_info("target reached: %.2f dB test PSNR at %.0f s", t->psnr_test,
-                     t->model.train_seconds);
+            t->hit_target = true;
             break;
         }
         (void)obey(t, cln_ranks_count() > 1 ? t->pipeline.told[CLN_TOLD_SIGNAL] : poll_here(t));
@@ -549,6 +581,9 @@ cln_status cln_loop_run(cln_trainer *t)
     CLN_TRY(evaluate(t, t->eval_folder, &evaluated));
     if (t->signal && !evaluated)
         CLN_TRY(stopped(t, "in the last evaluation, after a checkpoint"));
+    if (evaluated && t->writes)
+        CLN_TRY(cln_metrics_amend(t->metrics, t->model.step, "psnr_test", t->psnr_test));
+    say_target(t, evaluated);
 done:
     if (st == CLN_OUTPUT)
         say_how_to_keep(t);

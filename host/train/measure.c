@@ -78,6 +78,53 @@ done:
     return st;
 }
 
+/* Are the voxels of some part of the box wide enough to be halved, once it is split `deeper` times
+ * more? Looked at in up to four places along an axis. */
+static bool has_wide(const cln_trainer *t, const float box[4], int deeper, double *each)
+{
+    const cln_config *c = &t->model.config;
+    const double half = ldexp(0.5 * box[3] / c->grid_cells, -deeper);
+    const int parts = 1 << (deeper < 2 ? deeper : 2);
+
+    for (int i = 0; i < parts * parts * parts; i++) {
+        const int at[3] = {i % parts, i / parts % parts, i / parts / parts};
+        double centre[3];
+
+        for (int a = 0; a < 3; a++)
+            centre[a] = box[a] + (at[a] + 0.5) * box[3] / parts;
+        if (cln_scene_cell_pixels(t->scene, &t->model.space, centre, half, each) >= c->cell_pixels)
+            return true;
+    }
+    return false;
+}
+
+cln_status cln_measure_can_split(cln_trainer *t, int level, bool *can)
+{
+    cln_status st = CLN_OK;
+    const cln_config *c = &t->model.config;
+    const cln_octree *tree = &t->model.tree;
+    const int deeper = level > t->model.level ? level - t->model.level : 0;
+    double *each = NULL;
+
+    *can = level < c->max_level;
+    if (!*can || c->encoding != CLN_ENCODING_VOXEL || c->cell_pixels <= 0)
+        return CLN_OK;
+    *can = false;
+    CLN_TRY(cln_alloc(&each, (size_t)cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN), sizeof *each,
+                      "views"));
+    for (int s = 0; s < tree->leaf_count && !*can; s++) {
+        float box[4];
+
+        if (tree->level[tree->leaf[s]] + deeper >= c->max_level + t->model.space.shell)
+            continue;
+        cln_octree_box(tree, tree->leaf[s], box);
+        *can = has_wide(t, box, deeper, each);
+    }
+done:
+    free(each);
+    return st;
+}
+
 cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure **out,
                               uint8_t **children)
 {

@@ -22,4 +22,8 @@ cln_status cln_measure_stats(cln_trainer *t, cln_leaf_stats *out);
 cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure **out,
                               uint8_t **children);
 
+/* *can: some leaf of the whole level `level`, which the present tree has or may grow to, could be
+ * split by --max-level and --cell-pixels, however much it is met. CLN_MEMORY. */
+cln_status cln_measure_can_split(cln_trainer *t, int level, bool *can);
+
 #endif

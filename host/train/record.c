@@ -12,6 +12,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
+#include "io/run_history.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
 #include "render/quality.h"
@@ -138,10 +139,28 @@ static void take_result(cln_trainer *t, const json_t *result)
     t->psnr_test = json_is_number(test) ? json_number_value(test) : NAN;
 }
 
+/* Takes over the processors' seconds of the starts before: of run.json if it is of the checkpoint's
+ * step, else of the newest row up to there. A run of an older program tells none. */
+static cln_status take_processor_seconds(cln_trainer *t, const json_t *result)
+{
+    cln_status st = CLN_OK;
+    json_t *row = NULL;
+
+    if (!(cln_json_number(result, "step") == (double)t->model.step)) {
+        CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, &row));
+        result = row;
+    }
+    t->cpu_seconds = cln_json_number(result, "cpu_seconds");
+done:
+    json_decref(row);
+    return st;
+}
+
 /* A resumed run keeps its preset and its first start's time from run.json. */
 cln_status cln_record_start(cln_trainer *t)
 {
     cln_status st = CLN_OK;
+    json_t *history = NULL;
     json_t *config = NULL, *scene = NULL, *plan = NULL, *host_plan = NULL, *before = NULL;
     const char *preset = t->desc->resume ? NULL : t->desc->settings->preset;
     char now[32], tune[CLN_TUNE_TEXT];
@@ -161,16 +180,21 @@ cln_status cln_record_start(cln_trainer *t)
     CLN_TRY(cln_recorded_place(t->desc->run, t->scene, scene));
     CLN_TRY(cln_orbit_frame_of(t->scene, (const double[3]){0}, &frame));
     cln_utc_now(now);
+    CLN_TRY(cln_history_add(json_object_get(before, "history"), t->model.step,
+                            t->desc->command ? t->desc->command : "", now,
+                            t->desc->resume ? &t->trained : NULL, &t->model.config, &history));
+    if (t->desc->resume)
+        CLN_TRY(take_processor_seconds(t, json_object_get(before, "result")));
     cln_tune_text(&t->pipeline.tune, tune);
     t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:s, "
-                       "s:n, s:o}",
+                       "s:n, s:o, s:o}",
                        "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
                        t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
                        "device", device_json(&t->device->info), "dataset", scene, "state",
                        "running", "started", text_of(before, "started", now), "ended", "plan", plan,
                        "host_plan", host_plan, "tune", tune, "tune_from", t->pipeline.tune_from,
-                       "result", "orbit", cln_orbit_frame_json(&frame));
-    config = scene = plan = host_plan = NULL;
+                       "result", "orbit", cln_orbit_frame_json(&frame), "history", history);
+    config = scene = plan = host_plan = history = NULL;
     if (!t->run) {
         st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");
         goto done;
@@ -184,6 +208,7 @@ done:
     json_decref(plan);
     json_decref(host_plan);
     json_decref(before);
+    json_decref(history);
     return st;
 }
 
@@ -206,18 +231,18 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     json_object_set_new(t->run, "ended", json_string(now));
     json_object_set_new(
         t->run, "result",
-        json_pack("{s:I, s:f, s:f, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
-                  (json_int_t)t->model.step, "epochs",
-                  cln_config_step_epochs(&t->model.config,
-                                         (double)t->batch.first[t->batch.train_views],
-                                         t->model.step),
-                  "seconds", t->model.train_seconds, "wall_seconds", cln_now() - t->began,
-                  "start_seconds", cln_json_real(t->start_seconds), "eval_seconds",
-                  cln_json_real(t->eval_seconds), "psnr_train", cln_json_real(t->psnr_train),
-                  "psnr_test", cln_json_real(t->psnr_test), "eval_views", t->eval_count, "leaves",
-                  t->model.tree.leaf_count, "params",
-                  cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
-                  (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
+        json_pack(
+            "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
+            (json_int_t)t->model.step, "epochs",
+            cln_config_step_epochs(&t->model.config, (double)t->batch.first[t->batch.train_views],
+                                   t->model.step),
+            "seconds", t->model.train_seconds, "cpu_seconds", cln_json_real(t->cpu_seconds),
+            "wall_seconds", cln_now() - t->began, "start_seconds", cln_json_real(t->start_seconds),
+            "eval_seconds", cln_json_real(t->eval_seconds), "psnr_train",
+            cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test), "eval_views",
+            t->eval_count, "leaves", t->model.tree.leaf_count, "params",
+            cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
+            (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
     CLN_TRY(cln_plan_json(&t->host_plan, &plan));
@@ -314,11 +339,12 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
             json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
     }
     row = json_pack(
-        "{s:I, s:f, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
-        (json_int_t)t->model.step, "seconds", t->model.train_seconds, "wall_seconds",
-        cln_now() - t->began, "from_step", (json_int_t)t->from_step, "loss",
-        cln_json_real(t->window.loss / t->window.steps), "psnr_train", cln_json_real(t->psnr_train),
-        "lr", lr, "rays_per_s", cln_json_real((double)t->window.rays / spent), "samples_per_ray",
+        "{s:I, s:f, s:o, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
+        (json_int_t)t->model.step, "seconds", t->model.train_seconds, "cpu_seconds",
+        cln_json_real(t->cpu_seconds), "wall_seconds", cln_now() - t->began, "from_step",
+        (json_int_t)t->from_step, "loss", cln_json_real(t->window.loss / t->window.steps),
+        "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
+        cln_json_real((double)t->window.rays / spent), "samples_per_ray",
         cln_json_real((double)t->window.samples / (double)t->window.rays), "leaves",
         t->pipeline.leaves, "params", cln_network_learned(&t->pipeline.net, t->pipeline.leaves),
         "host_mem", cln_peak_rss(), "dev_mem", (double)t->device->allocated, "host_waits", waits,

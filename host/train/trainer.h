@@ -22,6 +22,7 @@ typedef struct cln_trainer {
     cln_device *device;
     cln_scene *scene;
     cln_model model;
+    cln_config trained; /* of a resumed run: the settings of its checkpoint */
     cln_pipeline pipeline;
     cln_plan plan, host_plan;
     struct {
@@ -47,10 +48,13 @@ typedef struct cln_trainer {
     bool finest;                  /* voxels are as fine as the photos: said once */
     bool whole;                   /* no whole level of voxels comes any more: said once */
     bool none_came;               /* no decision until --structure-until: warned once */
+    bool hit_target;              /* --target-psnr */
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     int64_t from_step;            /* step that this process began after */
     double clock;                 /* training seconds by this rank's clock */
+    double cpu_began;             /* this process's, when `clock` last went on */
+    double cpu_seconds;           /* of processors for these; NaN if an earlier start tells none */
     double psnr_train, psnr_test; /* newest, NaN before */
     int psnr_train_steps;         /* steps that psnr_train is of; 0 before */
     double psnr_exposed;          /* of the same views as psnr_test (cln_eval_image) */

@@ -93,6 +93,67 @@ section_missing() {
     check "leaving all out is not proposed" eval '! said "--missing skip"'
 }
 
+# Splits under other names, and one file of the three.
+section_splits() {
+    local s=$work/splits
+    baseline
+    cp -r "$work/photos" "$s"
+    cp "$s/transforms_train.json" "$s/transforms_train_8views.json"
+    rm -f "$s/transforms_val.json"
+    expect "info of a scene without val" 0 "" "$cln" info "$s/transforms_test.json"
+    check "is silent of somebody's choice of views" [ ! -s "$work/err" ]
+    check "one file of the three stands for all" grep -q \
+        '^because .*transforms_test.json is one of the files of its splits' "$work/out"
+    mv "$s/transforms_test.json" "$s/transforms_testing.json"
+    expect "test views by another name" 0 \
+        "~warning:.*transforms_testing.json.is.not.read:.splits.are ~transforms_test.json" \
+        "$cln" info "$s"
+    check "only that" eval "! said 8views"
+}
+
+# Views of a file of one's own, measured: without training views, and whatever their split.
+section_measured() {
+    local s=$work/photos list=$work/photos/mine.json
+    baseline
+    sed 's/"camera_angle_x"/"test_filenames": ["train\/r_001", "train\/r_002"], &/' \
+        "$s/transforms_train.json" >"$list"
+    expect "a file without training views" 0 "" "$cln" eval "$work/run" --scene "$list" \
+        -o "$work/mine" --progress none --json
+    check "its views are measured" [ "$(json split) $(json images.1.name)" = "test train/r_002" ]
+    check "by the scheme of names" [ -e "$work/mine/00000020-test.json" ]
+    expect "those of another scene replace nothing" 7 "~00000020-test.json:.*another.scene -o" \
+        "$cln" eval "$work/run" --scene "$s" -o "$work/mine" --progress none
+    expect "--seams without training views" 3 "--seams" "$cln" eval "$work/run" --scene "$list" \
+        -o "$work/seams" --progress none --seams
+    cp "$s/transforms_train.json" "$list" # 24 views, of which every eighth is held out
+    expect "all views of a file" 0 "" "$cln" eval "$work/run" --scene "$list" --split all \
+        -o "$work/all" --progress none --json
+    check "whatever their split" [ "$(json split) $(json images.23.name | wc -w)" = "all 1" ]
+    expect "some of them" 0 "" "$cln" eval "$work/run" --scene "$list" --split all \
+        --max-images 5 -o "$work/all" --progress none
+    check "have a name of their own" [ -e "$work/all/00000020-all-5.json" ]
+    check "and a sentence" grep -q '^5 images of all splits at step 20' "$work/out"
+    rm "$list"
+}
+
+# Photos with alpha whose file does not tell where the scene is: a cube out to the cameras.
+section_wide() {
+    local box
+    baseline
+    cp -r "$work/photos" "$work/wide"
+    mv "$work/wide/transforms_train.json" "$work/wide/transforms.json"
+    expect "a cube that alpha shows to be too wide" 0 "~warning:.*alpha.shows.spans.[3-5][0-9]%" \
+        "$cln" train "$work/wide" -o "$work/wide run" "${small[@]}" --steps 2
+    box=$(grep -oE -- '--bbox=[-0-9.,e]+' "$work/err" | head -1)
+    check "the object's 1.5 is within the box, of at most 2" awk -v box="${box#*=}" 'BEGIN {
+        n = split(box, b, ",")
+        for (i = 1; i <= n; i++) bad += b[i] > 2 || b[i] < -2
+        exit n != 6 || bad || b[1] > -1 || b[4] < 1 }'
+    expect "with it" 0 "" "$cln" train "$work/wide" -o "$work/tight run" "${small[@]}" --steps 2 \
+        "$box"
+    check "nothing is said" eval '! said "the cube is a guess"'
+}
+
 section_moved() {
     local at
     baseline
@@ -827,6 +888,6 @@ section_masks() {
     expect "and other sizes" 0 "~14.masks.are.not.read" "$cln" info "$at"
 }
 
-every="missing moved second orbit frames evals disk doubts nadir check depth sparse"
-every+=" forward beyond masks"
+every="missing splits measured wide moved second orbit frames evals disk doubts nadir check depth"
+every+=" sparse forward beyond masks"
 run_sections "$every" "$@"

@@ -93,6 +93,11 @@ section_short() {
     expect "a try of a few steps" 0 "~single.leaf" \
         "$cln" train -o "$work/try" "${grows[@]}" --steps 20
     check "is not warned" not_said "warning: no single leaf"
+    expect "photos that tell no finer voxels" 0 "~nor.would.any.be.in.more.steps:.*cell-pixels.1" \
+        "$cln" train -o "$work/coarse" "${grows[@]}" --steps 60 --cell-pixels 1 --start-level 1 \
+        --level-at 2:0.01,3:0.03
+    check "nor is that hoped of single leaves" said "level 1, and single leaves cannot split"
+    check "no number of steps is advised" not_said "or more"
 }
 
 # pose_of_next SCENE: each photo gets the pose of the next one
@@ -171,7 +176,63 @@ section_again() {
     expect "other views of the evaluation" 0 "~nothing.is.left" \
         "$cln" train --resume "$work/done" --skip-selftest --progress none --eval-images 1
     expect "smaller photos and more steps" 0 "" "$cln" train --resume "$work/done" \
-        --skip-selftest --progress none --downscale 2 --steps +2
+        --skip-selftest --progress none --downscale 2 --steps +2 --json
+    check "processors' seconds are told" number_above "$(json cpu_seconds)" 0
+    cp "$work/done/run.json" "$work/out"
+    check "they are in run.json" number_above "$(json result.cpu_seconds)" 0
+    check "the start that went on is in the history, and what it changed" \
+        [ "$(json history.1.step) $(json history.1.changed.steps.0)" = "20 20" ]
+    tail -n 1 "$work/done/metrics.jsonl" >"$work/out"
+    check "the last row has the last evaluation, and these seconds" eval \
+        'number_above "$(json psnr_test)" 1 && number_above "$(json cpu_seconds)" 0'
+    expect "info of it" 0 "" "$cln" info "$work/done"
+    check "tells of the other settings" grep -qE \
+        '^  resumed at step 20 with other settings: steps 20 -> 22, downscale 0 -> 2 ' "$work/out"
+    cp -r "$work/done" "$work/twin"
+    expect "beside its twin" 0 "" "$cln" info "$work/done" "$work/twin"
+    check "it is no run in one go" printed "No setting of the last start differs."
+}
+
+# The settings of a run, used again: all of them, and in a conf by the names that run.json has.
+section_reused() {
+    local digest
+    local -a plain=(--skip-selftest --progress none --json)
+    scene
+    run "$cln" train "$work/scene" -o "$work/first" "${tiny[@]}" --steps 12 --seed 7 --json
+    digest=$(json model_digest)
+    printf 'view_width = 16\nlr 0.5\n' >"$work/scene/cl-nascent.conf"
+    expect "a run's settings" 0 "" "$cln" train "$work/scene" -o "$work/second" \
+        --settings-of "$work/first" "${plain[@]}"
+    check "make the same model, whatever the conf says" [ "$(json model_digest)" = "$digest" ]
+    cp "$work/second/run.json" "$work/out"
+    check "of the same preset" [ "$(json preset)" = fast ]
+    expect "and another seed" 0 "" "$cln" train "$work/scene" -o "$work/third" \
+        --settings-of "$work/first" --seed 2 "${plain[@]}"
+    check "another one" [ "$(json model_digest)" != "$digest" ]
+    expect "the runs side by side" 0 "" "$cln" info "$work/first" "$work/third"
+    check "differ in the seed" grep -qE '^  seed +7 +2$' "$work/out"
+    expect "a preset, too" 2 "--settings-of --preset" "$cln" train "$work/scene" -o "$work/none" \
+        --settings-of "$work/first" --preset voxel
+    expect "of what is no run" 3 "~settings-of" "$cln" train "$work/scene" -o "$work/none" \
+        --settings-of "$work/scene"
+    expect "a conf with a key of run.json" 0 "~conf:.view-width.16,.lr.0.5" \
+        "$cln" info "$work/scene"
+    rm "$work/scene/cl-nascent.conf"
+}
+
+# --target-psnr by itself is looked for at steps; and what is measured needs test views.
+section_target() {
+    scene
+    expect "a target, without --eval-every" 0 "~target.of.1.dB.test.PSNR.reached:.*64.steps" \
+        "$cln" train "$work/scene" -o "$work/target" "${tiny[@]}" --steps 200 --target-psnr 1 --json
+    check "it ends at the first look" [ "$(json step)" = 64 ]
+    expect "one that is not reached" 0 "~target.of.99.dB.test.PSNR.not.reached" \
+        "$cln" train "$work/scene" -o "$work/missed" "${tiny[@]}" --steps 20 --target-psnr 99
+    cp -r "$work/scene" "$work/untested"
+    rm -r "$work/untested/transforms_test.json" "$work/untested/test"
+    expect "without test views" 0 "~target-psnr.has.no.effect ~eval-every.has.no.effect" \
+        "$cln" train "$work/untested" -o "$work/blind" "${tiny[@]}" --steps 5 --target-psnr 9 \
+        --eval-every 2 --holdout 0
 }
 
 # Evaluations that never come.
@@ -252,4 +313,4 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again points disk demo" "$@"
+run_sections "killed short doubtful exposure again reused target points disk demo" "$@"

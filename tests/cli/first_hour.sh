@@ -435,6 +435,7 @@ section_training() {
     check "no speed is 0" not_said " 0 rays/s"
     check "training time and wall time" grep -qE \
         '^time +[0-9:]+ of training; [0-9:]+ in all' "$work/out"
+    check "and that of processors" grep -qE '^processors +[0-9:]+ for that' "$work/out"
     check "the test PSNR is of some views: how to have all, quoted" printed \
         "(over 2 of 3 test views; of all: \`cl-nascent eval '$work/run'\''s 1'\`)"
     check "run.json has what the conf file set" \

@@ -96,6 +96,29 @@ static void help_shows_ranges_words_and_presets(void **state)
     free(text);
 }
 
+static void print_kilonerf(FILE *to, const cln_command *command)
+{
+    assert_int_equal(cln_help_print_preset(to, command, "kilonerf"), CLN_OK);
+}
+
+static void help_lists_a_presets_values(void **state)
+{
+    const cln_command *command = cln_command_find("train");
+    char *text = printed(print_kilonerf, command, true), wanted[64];
+
+    (void)state;
+    for (int i = 0; i < cln_config_row_count; i++) {
+        snprintf(wanted, sizeof wanted, " --%s ", cln_config_rows[i].option);
+        if (cln_command_takes_row(command, &cln_config_rows[i]) && !strstr(text, wanted))
+            fail_msg("help train --preset kilonerf: no %s", wanted);
+    }
+    assert_non_null(strstr(text, " --depth 2 (3) --view-width 32 --bands 10 (6) "));
+    assert_non_null(strstr(text, " --level-at none (3:"));
+    free(text);
+    assert_int_equal(cln_help_print_preset(stdout, command, "mine"), CLN_USAGE);
+    cln_clear_error();
+}
+
 static void help_fits_eighty_columns(void **state)
 {
     (void)state;
@@ -262,6 +285,7 @@ int test_group_help(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(help_names_every_option_with_its_defaults),
+        cmocka_unit_test(help_lists_a_presets_values),
         cmocka_unit_test(commands_stand_apart_from_purposes),
         cmocka_unit_test(help_shows_ranges_words_and_presets),
         cmocka_unit_test(help_fits_eighty_columns),

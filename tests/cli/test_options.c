@@ -637,7 +637,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"render r --poses f --views a", "--views cannot be combined with --poses"},
         {"view r --views a", "--views is not an option of view|only of eval, render"},
         {"eval r --max-images 1.5", "--max-images|'1.5'|whole"},
-        {"eval r --split all", "--split|'all'|train|val|test"},
+        {"eval r --split every", "--split|'every'|train|val|test|all"},
         {"eval r --scene=", "--scene|empty"},
         {"render r --orbit --split test", "--orbit and --split cannot be combined"},
         {"render r --elevation 6", "--elevation requires --orbit"},
@@ -684,6 +684,16 @@ static void help_is_asked_for_in_three_ways(void **state)
     done(&l);
     parsed(&l, "help");
     assert_true(l.options.help);
+    done(&l);
+    parsed(&l, "help train --preset nerf");
+    assert_true(l.options.help);
+    assert_string_equal(l.options.help_preset, "nerf");
+    done(&l);
+    parsed(&l, "train --help --preset=paper");
+    assert_string_equal(l.options.help_preset, "paper");
+    done(&l);
+    parsed(&l, "train --help");
+    assert_null(l.options.help_preset);
     done(&l);
     parsed(&l, "help --help");
     assert_true(l.options.help);

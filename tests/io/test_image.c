@@ -121,6 +121,29 @@ static void test_png_transparent_colour(void **state)
     free(pixels);
 }
 
+/* Values of 16 bits are rounded: v / 257. 0x0080 is 0.498, 0x0081 0.502, 0xfeff 254.004. */
+static void test_png_of_sixteen_bits(void **state)
+{
+    const char *path = scratch_path(*state, "deep.png");
+    const uint8_t rows[] = {0, 0x00, 0x80, 0x00, 0x81, 0xfe, 0xff, 0xff, 0xff};
+    uint8_t png[256], packed[64], ihdr[13] = {0, 0, 0, 1, 0, 0, 0, 1, 16, 6}, *pixels = NULL;
+    uLongf bytes = sizeof packed;
+    size_t used = 0;
+    int w, h, c;
+    const uint8_t expected[4] = {0, 1, 254, 255};
+
+    memcpy(png, "\x89PNG\r\n\x1a\n", 8);
+    used = put_chunk(png, 8, "IHDR", ihdr, sizeof ihdr);
+    assert_int_equal(compress(packed, &bytes, rows, sizeof rows), Z_OK);
+    used = put_chunk(png, used, "IDAT", packed, bytes);
+    used = put_chunk(png, used, "IEND", NULL, 0);
+    scratch_put(path, png, used);
+    assert_int_equal(cln_image_load(path, &w, &h, &c, &pixels), CLN_OK);
+    assert_int_equal(c, 4);
+    assert_memory_equal(pixels, expected, sizeof expected);
+    free(pixels);
+}
+
 /* A smooth picture is preserved approximately, in few bytes. */
 static void test_jpeg_of_a_gradient(void **state)
 {
@@ -564,6 +587,7 @@ int test_group_image(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_png_round_trip, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_png_transparent_colour, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_png_of_sixteen_bits, scratch_make, scratch_remove),
         cmocka_unit_test(test_jpeg_of_a_gradient),
         cmocka_unit_test_setup_teardown(test_png_damage, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_absurd_sizes, scratch_make, scratch_remove),

@@ -171,6 +171,40 @@ static void add_rows(cln_metrics *metrics, int first, int last)
 
 /* Interrupted at step 160 with a checkpoint of step 100, then resumed: the same bytes as without
  * the interruption. */
+/* The last row gets what was measured at its step, and is found again. */
+static void test_metrics_last(void **state)
+{
+    const char *run = *state;
+    json_t *row = NULL, *event = json_pack("{s:s s:i}", "event", "structure", "step", 60);
+    cln_metrics *metrics = NULL;
+    char *text = NULL;
+    size_t bytes = 0;
+
+    assert_ok(cln_metrics_last(run, 100, &row)); /* no file */
+    assert_null(row);
+    assert_ok(cln_metrics_open(run, 0, &metrics));
+    add_rows(metrics, 25, 75);
+    assert_ok(cln_metrics_amend(metrics, 80, "psnr_end", 31.5)); /* no row of it */
+    assert_ok(cln_metrics_amend(metrics, 75, "psnr_end", 31.5));
+    assert_ok(cln_metrics_add(metrics, event));
+    assert_ok(cln_metrics_amend(metrics, 60, "psnr_end", 1.5)); /* an event */
+    cln_metrics_close(metrics);
+    text = scratch_get(scratch_path(run, "metrics.jsonl"), &bytes);
+    assert_non_null(strstr(text, "\"psnr_end\":31.5}\n{\"event\""));
+    assert_null(strstr(text, "1.5}\n{\"step\":75"));
+    assert_null(strstr(text, "\"psnr_end\":1.5"));
+    free(text);
+    assert_ok(cln_metrics_last(run, 100, &row));
+    assert_int_equal(json_integer_value(json_object_get(row, "step")), 75);
+    json_decref(row);
+    assert_ok(cln_metrics_last(run, 74, &row));
+    assert_int_equal(json_integer_value(json_object_get(row, "step")), 50);
+    json_decref(row);
+    assert_ok(cln_metrics_last(run, 3, &row));
+    assert_null(row);
+    json_decref(event);
+}
+
 static void test_metrics_resume(void **state)
 {
     const char *whole = scratch_path(*state, "whole"), *parts = scratch_path(*state, "parts");
@@ -448,6 +482,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_run_json, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_in_a_run, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_metrics_last, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_resume, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),

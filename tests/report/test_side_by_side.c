@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include "base/config.h"
 #include "io/run_folder.h"
+#include "io/run_history.h"
 #include "report/side_by_side.h"
 #include "scratch.h"
 #include "tests.h"
@@ -337,6 +338,50 @@ static void a_name_that_is_no_utf8(void **state)
     json_decref(document);
 }
 
+/* Adds a start with these settings to a history, which is freed. */
+static void add_start(json_t **history, int64_t step, const cln_config *saved,
+                      const cln_config *now)
+{
+    json_t *longer = NULL;
+
+    assert_int_equal(cln_history_add(*history, step, "train", "today", saved, now, &longer),
+                     CLN_OK);
+    json_decref(*history);
+    *history = longer;
+}
+
+/* A run that went on with other settings is told from one that has them from the start. */
+static void resumed_with_other_settings_is_told(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d1", NULL);
+    json_t *history = NULL, *run = NULL, *document = NULL;
+    cln_config first, second;
+
+    assert_int_equal(cln_config_preset("voxel", &first), CLN_OK);
+    second = first;
+    second.seed = 7;
+    second.eval_images = 1; /* is only measured by */
+    add_start(&history, 0, NULL, &first);
+    add_start(&history, 100, &first, &first);
+    assert_int_equal(cln_run_read(b, &run), CLN_OK);
+    json_object_set(run, "history", history);
+    put_json(b, "run.json", json_incref(run));
+    document = beside(a, b);
+    assert_note(document, "resumed", false); /* with the same settings */
+    json_decref(document);
+
+    add_start(&history, 120, &first, &second);
+    add_start(&history, 120, &first, &second); /* the start before left no step */
+    assert_int_equal(json_array_size(history), 3);
+    json_object_set_new(run, "history", history);
+    put_json(b, "run.json", run);
+    document = beside(a, b);
+    assert_note(document, "b: resumed at step 120 with other settings: seed 42 -> 7\"", true);
+    assert_int_equal(json_array_size(json_array_get(json_object_get(document, "resumed"), 0)), 0);
+    assert_int_equal(json_array_size(json_array_get(json_object_get(document, "resumed"), 1)), 1);
+    json_decref(document);
+}
+
 int test_group_side_by_side(void)
 {
     const struct CMUnitTest tests[] = {
@@ -348,6 +393,8 @@ int test_group_side_by_side(void)
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(odd_runs_are_ordinary, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(a_name_that_is_no_utf8, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(resumed_with_other_settings_is_told, scratch_make,
+                                        scratch_remove),
     };
 
     return cmocka_run_group_tests_name("side by side", tests, NULL, NULL);

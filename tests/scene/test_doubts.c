@@ -220,12 +220,45 @@ static void test_planted_faults(void **state)
     assert_true(c.scene.spread < 0.003 && c.scene.cube_share == 1);
 }
 
+/* Colours multiplied by alpha never exceed it; one straight pixel in one photo tells otherwise, and
+ * so few half transparent pixels, or so dark ones, tell nothing. */
+static void multiplied_colours_are_told(void **state)
+{
+    static uint8_t pixels[CAMERAS][16 * 16][4];
+    capture c;
+
+    (void)state;
+    for (int which = 0; which < 4; which++) {
+        json_t *findings = json_array();
+
+        around(&c, 1.5, 4, 360);
+        for (int i = 0; i < CAMERAS; i++) {
+            for (int k = 0; k < 16 * 16; k++) {
+                const uint8_t alpha = k % 16 < 2 ? (uint8_t)(20 + k / 2) : k % 2 ? 255 : 0;
+                const uint8_t soft = which == 2 && alpha > 0 ? 255 : alpha;
+
+                pixels[i][k][3] = soft;
+                for (int a = 0; a < 3; a++)
+                    pixels[i][k][a] = (uint8_t)(which == 3 ? soft / 8 : soft * 3 / 4);
+            }
+            c.views[i].channels = 4;
+            c.views[i].pixels = pixels[i][0];
+        }
+        if (which == 1)
+            pixels[7][2][0] = 1 + pixels[7][2][3];
+        cln_scene_tell_multiplied(&c.scene, findings);
+        assert_int_equal(json_array_size(findings), which == 0);
+        json_decref(findings);
+    }
+}
+
 int test_group_doubts(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_sound_captures),
         cmocka_unit_test(test_points),
         cmocka_unit_test(test_planted_faults),
+        cmocka_unit_test(multiplied_colours_are_told),
     };
 
     return cmocka_run_group_tests_name("doubts", tests, NULL, NULL);

@@ -1,0 +1,111 @@
+/* See run_history.h. A start is {"step", "started", "command", "changed"}; `changed` has, by field
+ * name, an array of the value before and the one since. */
+#include "io/run_history.h"
+
+#include <stdio.h>
+#include <string.h>
+#include "base/number.h"
+
+/* What is only measured or written does not change the model. */
+static bool shapes_model(const cln_config_row *row)
+{
+    return strncmp(row->option, "eval-", 5) != 0 && strcmp(row->option, "log-every") != 0 &&
+           strcmp(row->option, "save-every") != 0;
+}
+
+static json_int_t step_of(const json_t *start)
+{
+    return json_integer_value(json_object_get(start, "step"));
+}
+
+/* By field: what differs. */
+static cln_status compare(const cln_config *saved, const cln_config *now, json_t *changed)
+{
+    cln_status st = CLN_OK;
+    json_t *before = NULL, *since = NULL, *value = NULL;
+    const char *field = NULL;
+
+    CLN_TRY(cln_config_to_json(saved, &before));
+    CLN_TRY(cln_config_to_json(now, &since));
+    json_object_foreach(since, field, value)
+    {
+        json_t *old = json_object_get(before, field);
+
+        if (!json_equal(old, value))
+            json_object_set_new(changed, field, json_pack("[O, O]", old, value));
+    }
+done:
+    json_decref(before);
+    json_decref(since);
+    return st;
+}
+
+cln_status cln_history_add(const json_t *before, int64_t step, const char *command,
+                           const char *started, const cln_config *saved, const cln_config *now,
+                           json_t **out)
+{
+    cln_status st = CLN_OK;
+    json_t *history = json_array(), *changed = json_object(), *start = NULL;
+
+    *out = NULL;
+    if (saved)
+        CLN_TRY(compare(saved, now, changed));
+    for (size_t i = 0; i < json_array_size(before); i++) {
+        json_t *earlier = json_array_get(before, i);
+
+        if (i == 0 || step_of(earlier) < step) /* else its steps are trained anew */
+            json_array_append(history, earlier);
+    }
+    start = json_pack("{s:I, s:s, s:s, s:O}", "step", (json_int_t)step, "started", started,
+                      "command", command, "changed", changed);
+    if (json_array_append_new(history, start) != 0)
+        CLN_TRY(cln_fail(CLN_MEMORY, "history: cannot make JSON"));
+    *out = history;
+    history = NULL;
+done:
+    json_decref(history);
+    json_decref(changed);
+    return st;
+}
+
+bool cln_history_changed(const json_t *start)
+{
+    const json_t *changed = json_object_get(start, "changed");
+
+    for (int i = 0; i < cln_config_row_count; i++)
+        if (shapes_model(&cln_config_rows[i]) && json_object_get(changed, cln_config_rows[i].field))
+            return true;
+    return false;
+}
+
+static void write_value(const json_t *value, char *out, size_t bytes)
+{
+    if (json_is_string(value))
+        cln_format(out, bytes, "%s", *json_string_value(value) ? json_string_value(value) : "none");
+    else if (json_is_boolean(value))
+        cln_format(out, bytes, "%s", json_is_true(value) ? "yes" : "no");
+    else
+        cln_format(out, bytes, "%.10g", json_number_value(value));
+}
+
+void cln_history_text(const json_t *start, char out[CLN_HISTORY_BYTES])
+{
+    const json_t *changed = json_object_get(start, "changed");
+    char text[CLN_HISTORY_BYTES] = "";
+    size_t used = 0;
+
+    for (int i = 0; i < cln_config_row_count && used < sizeof text; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+        const json_t *pair = json_object_get(changed, row->field);
+        char before[64], since[64];
+
+        if (!pair || !shapes_model(row))
+            continue;
+        write_value(json_array_get(pair, 0), before, sizeof before);
+        write_value(json_array_get(pair, 1), since, sizeof since);
+        used += (size_t)snprintf(text + used, sizeof text - used, "%s%s %s -> %s", used ? ", " : "",
+                                 row->option, before, since);
+    }
+    cln_format(out, CLN_HISTORY_BYTES, "resumed at step %lld with %s%s", (long long)step_of(start),
+               *text ? "other settings: " : "the same settings", text);
+}

@@ -1,0 +1,24 @@
+/* The member `history` of run.json: the starts of a run, a new one and each that resumed it, with
+ * the settings that changed between them (docs/formats.md). Runs of older programs lack it. */
+#ifndef CLN_RUN_HISTORY_H
+#define CLN_RUN_HISTORY_H
+
+#include <jansson.h>
+#include <stdint.h>
+#include "base/config.h"
+
+enum { CLN_HISTORY_BYTES = 512 }; /* of a text about a start */
+
+/* *out: `before`, the history so far (NULL: none), without starts that left no step behind, and a
+ * start at `step` with the settings `now`; `saved`: those that the checkpoint was trained with,
+ * NULL for a new run. The caller owns *out. CLN_MEMORY. */
+cln_status cln_history_add(const json_t *before, int64_t step, const char *command,
+                           const char *started, const cln_config *saved, const cln_config *now,
+                           json_t **out);
+
+/* Whether a start went on with other settings, of those that a model depends on; and that as text:
+ * "resumed at step 120 with other settings: lr 0.1 -> 0.05, seed 7 -> 9". */
+bool cln_history_changed(const json_t *start);
+void cln_history_text(const json_t *start, char out[CLN_HISTORY_BYTES]);
+
+#endif

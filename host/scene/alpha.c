@@ -1,0 +1,135 @@
+/* What the alpha of photos tells besides their background.
+ *   where the scene is: a point is empty if a training photo that sees it is transparent there.
+ *     Looked at on a grid of points of the cube, so it is coarse; it only tells whether a cube that
+ *     was guessed from the cameras is much too large.
+ *   whether colours were multiplied by it: then none exceeds it, in any pixel of any photo. */
+#include "scene/build.h"
+
+#include <math.h>
+#include "base/log.h"
+#include "base/number.h"
+#include "scene/inspect.h"
+
+enum { GRID = 48, LEAST_VIEWS = 3 }; /* points along an axis; views that must see a point */
+enum {
+    SOFT = 8,
+    BRIGHT = 64
+}; /* half transparent pixels of a photo; a colour of some opaque one */
+static const double WIDE = 0.6; /* share of the cube's side, from which it is wide enough */
+
+/* Is the point, in scene units, opaque in all photos that see it, which are enough? */
+static bool is_shown(const cln_scene *scene, const double point[3])
+{
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    int seen = 0;
+
+    for (int i = 0; i < views; i++) {
+        const cln_view *view = cln_scene_training_view(scene, i);
+        const cln_camera *c = &view->camera;
+        uint8_t rgba[4];
+        double u = 0, v = 0, z = 0;
+
+        if (!cln_camera_project(c, point, &u, &v, &z) || z <= 0 ||
+            !(u >= 0 && u < c->width && v >= 0 && v < c->height))
+            continue;
+        cln_view_bytes(view, (int)u, (int)v, rgba);
+        if (view->channels == 4 && rgba[3] == 0)
+            return false;
+        seen++;
+    }
+    return seen >= LEAST_VIEWS && 4 * seen >= 3 * views;
+}
+
+bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3])
+{
+    const cln_space *space = &scene->space;
+    const double cell = 2 * space->half / GRID;
+    bool any = false;
+
+    for (int a = 0; a < 3; a++) {
+        low[a] = INFINITY;
+        high[a] = -INFINITY;
+    }
+    for (int i = 0; i < GRID * GRID * GRID; i++) {
+        const int at[3] = {i % GRID, i / GRID % GRID, i / GRID / GRID};
+        double point[3];
+
+        for (int a = 0; a < 3; a++)
+            point[a] = space->centre[a] - space->half + (at[a] + 0.5) * cell;
+        if (!is_shown(scene, point))
+            continue;
+        any = true;
+        for (int a = 0; a < 3; a++) { /* what is thinner than a cell may end one farther */
+            low[a] = fmin(low[a], point[a] - 1.5 * cell);
+            high[a] = fmax(high[a], point[a] + 1.5 * cell);
+        }
+    }
+    return any;
+}
+
+void cln_scene_warn_wide(const cln_scene *scene)
+{
+    double box[6], side = 0, least = INFINITY;
+    int n = 0;
+
+    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++)
+        if (!cln_view_is_loaded(cln_scene_training_view(scene, i)))
+            return;
+    if (!scene->cube_guessed || !scene->has_alpha || scene->space.forward || scene->space.shell ||
+        !cln_scene_silhouette(scene, box, box + 3))
+        return;
+    for (int a = 0; a < 3; a++) {
+        side = fmax(side, box[3 + a] - box[a]);
+        least = fmin(least, box[3 + a] - box[a]);
+    }
+    if (side > WIDE * 2 * scene->space.half)
+        return;
+    n = cln_reals_digits(6, box, least);
+    cln_warn("%s: the cube is a guess (half side %g; %s), and what the photos' alpha shows spans "
+             "%.0f%% of its side, so most voxels are empty and the others coarse. A tighter box: "
+             "--bbox=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
+             scene->folder, scene->space.half, scene->bounds_rule,
+             100 * side / (2 * scene->space.half), n, box[0], n, box[1], n, box[2], n, box[3], n,
+             box[4], n, box[5]);
+}
+
+/* Counts a loaded view's half transparent pixels; false at one with a colour above its alpha. */
+static bool is_multiplied(const cln_view *view, double *soft, int *brightest)
+{
+    for (int y = 0; y < view->camera.height; y++)
+        for (int x = 0; x < view->camera.width; x++) {
+            uint8_t p[4];
+
+            cln_view_bytes(view, x, y, p);
+            for (int c = 0; c < 3; c++) {
+                if (p[c] > p[3])
+                    return false;
+                *brightest = p[c] > *brightest ? p[c] : *brightest;
+            }
+            *soft += p[3] > 0 && p[3] < 255;
+        }
+    return true;
+}
+
+void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings)
+{
+    double soft = 0;
+    int brightest = 0, views = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+
+        if (view->channels != 4 || !cln_view_is_loaded(view))
+            continue;
+        views++;
+        if (!is_multiplied(view, &soft, &brightest))
+            return;
+    }
+    if (views > 0 && soft >= SOFT * (double)views && brightest >= BRIGHT)
+        cln_found_fault(findings, "alpha", false, NULL,
+                        "no colour exceeds its pixel's alpha in any of %d photos, as if colours "
+                        "were multiplied by it. They are read as straight alpha: edges get dark "
+                        "rims if they were. Divide them by alpha, or save them without "
+                        "premultiplication",
+                        views);
+}
