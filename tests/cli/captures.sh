@@ -858,13 +858,13 @@ the cube" \
 # Masks where COLMAP and OpenDroneMap have them, of the shapes: black is left out, as in
 # nerfstudio's, which leave the same.
 section_masks() {
-    local at=$work/masked file left
-    "$make_scene" "$work/named" --format nerfstudio --masks --size 32 --train 6 >/dev/null
+    local at=$work/masks at file left
+    "$make_scene" "$work/masks named" --format nerfstudio --masks --size 32 --train 6 >/dev/null
     "$make_scene" "$at" --format colmap --size 32 --train 6 >/dev/null
     expect "masks that a file names" 0 "~masks.of.[0-9]*.images.leave" "$cln" train \
-        "$work/named" -o "$work/named run" "${small[@]}" --steps 1
+        "$work/masks named" -o "$work/masks named run" "${small[@]}" --steps 1
     mkdir "$at/masks"
-    for file in "$work/named"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
+    for file in "$work/masks named"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
     expect "COLMAP's masks" 0 "" "$cln" info "$at" --json
     check "are counted" grep -q 'because.*images, 14 of them with a mask' "$work/out"
     expect "and used" 0 "~masks.of.14.images.leave" "$cln" train "$at" -o "$at run" \
@@ -880,11 +880,11 @@ section_masks() {
     rm "$at/images/frame_00002_mask.png"
     expect "a photo without one" 0 "~13.of.14.photos.have.a.mask" "$cln" info "$at"
     rm "$at"/images/*_mask.png
-    cp "$work/named"/masks/*.png "$at/masks"
+    cp "$work/masks named"/masks/*.png "$at/masks"
     expect "other names are told" 0 "~no.mask.is.read" "$cln" info "$at"
     rm "$at"/masks/*
-    "$make_scene" "$work/less" --format nerfstudio --masks --size 16 --train 6 >/dev/null
-    for file in "$work/less"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
+    "$make_scene" "$work/masks less" --format nerfstudio --masks --size 16 --train 6 >/dev/null
+    for file in "$work/masks less"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
     expect "and other sizes" 0 "~14.masks.are.not.read" "$cln" info "$at"
 }
 
