@@ -109,7 +109,7 @@ section_voxels() {
     expect "train --preset voxel" 0 "~stays.at.level.3:.*pixels.of.the.photos" \
         "$cln" train "$work/object" -o "$work/voxels" --preset voxel --skip-selftest \
         --progress none --rays 1024 --leaf-samples 0 --steps 500 --no-adaptive \
-        --level-at 3:0.1,4:0.3,5:0.6,6:0.8
+        --level-at 3:0.1,4:0.3,5:0.6,6:0.8 --antialias 1
     expect "resume" 0 "" "$cln" train --resume "$work/voxels" --skip-selftest --progress none \
         --steps +40
     expect "eval --seams" 0 "" "$cln" eval "$work/voxels" --seams --json --no-save-images
