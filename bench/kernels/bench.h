@@ -157,6 +157,7 @@ bench_work bench_work_samples(double rays, double intervals, double cells, doubl
 bench_work bench_work_project(double cells, double views, double entries);
 bench_work bench_work_lists(double entries, double cells, double lists, double padded);
 bench_work bench_work_composite(double rays, double n);
+bench_work bench_work_composite_pixels(double rays, double n);
 bench_work bench_work_composite_train(double rays, double n, double measures);
 bench_work bench_work_seen(double cells, double views);
 bench_work bench_work_stats(double cells, double leaves);

@@ -9,9 +9,12 @@
 
 enum { MOST = 2000, PER_RAY = 16 };
 
-enum { COMPOSITE_PART, TRAIN_PART };
+enum { EACH = 4 }; /* rays of a pixel */
+
+enum { COMPOSITE_PART, TRAIN_PART, PIXELS_PART };
 static const bench_part composite_parts[] = {{"composite", "composite"},
-                                             {"composite_train", "composite_train"}};
+                                             {"composite_train", "composite_train"},
+                                             {"composite_pixels", "composite_pixels"}};
 static const int composite_rays[] = {1, 64, 4096, 65536};
 
 typedef struct batch {
@@ -102,6 +105,22 @@ static cln_status train_body(void *context)
     const batch *t = context;
 
     return cln_stage_composite_train(t->p, t->rays, t->samples);
+}
+
+/* The kernel moves the targets. */
+static cln_status pixels_before(void *context)
+{
+    const batch *t = context;
+
+    return cln_check_put(t->p->device, &t->p->targets, t->targets,
+                         (size_t)t->rays * sizeof *t->targets);
+}
+
+static cln_status pixels_body(void *context)
+{
+    const batch *t = context;
+
+    return cln_stage_composite_pixels(t->p, t->rays);
 }
 
 typedef struct wide_ray {
@@ -196,6 +215,73 @@ done:
     return st;
 }
 
+/* Compares the targets of every (pixels / count)-th pixel. */
+static cln_status check_pixels(const batch *t, bench_errors *errors)
+{
+    cln_status st = CLN_OK;
+    const int pixels = (t->rays + EACH - 1) / EACH, most = MOST / EACH;
+    const int count = pixels < most ? pixels : most;
+    float(*targets)[4] = NULL, *got = NULL;
+    double *want = NULL;
+    size_t compared = 0;
+
+    CLN_TRY(cln_alloc(&targets, (size_t)t->rays, sizeof *targets, "bench"));
+    CLN_TRY(cln_alloc(&got, (size_t)(count * EACH) * 4, sizeof *got, "bench"));
+    CLN_TRY(cln_alloc(&want, (size_t)(count * EACH) * 4, sizeof *want, "bench"));
+    CLN_TRY(cln_buffer_read(t->p->device, &t->p->targets, 0, targets,
+                            (size_t)t->rays * sizeof *targets));
+    for (int k = 0; k < count; k++) {
+        const int first = (int)((int64_t)k * pixels / count) * EACH;
+        const int rays = t->rays - first < EACH ? t->rays - first : EACH;
+        double own[EACH][5], mean[4] = {0};
+
+        for (int i = 0; i < rays; i++) {
+            wide_ray w;
+
+            widen(t, first + i, &w);
+            ref_composite(PER_RAY, (const double(*)[4])w.out, w.t, w.delta, w.background, own[i],
+                          &own[i][4], &own[i][3], NULL);
+            for (int c = 0; c < 4; c++)
+                mean[c] += own[i][c] / rays;
+        }
+        for (int i = 0; i < rays; i++)
+            for (int c = 0; c < 4; c++) {
+                want[compared] = t->targets[first + i][c] + own[i][c] - mean[c];
+                got[compared++] = targets[first + i][c];
+            }
+    }
+    bench_compare(errors, got, want, compared, 1e-10, 1e-4);
+done:
+    free(targets);
+    free(got);
+    free(want);
+    return st;
+}
+
+static cln_status run_pixels(bench *b, cln_config *config, int shape)
+{
+    cln_status st = CLN_OK;
+    batch t = {.rays = composite_rays[shape]};
+    bench_errors errors = {0};
+    cln_pixel *pixels = NULL;
+
+    config->antialias = 2;
+    CLN_TRY(bench_pipeline(b, config, false, NULL, &t.p));
+    CLN_TRY(make_batch(&t));
+    CLN_TRY(cln_alloc(&pixels, (size_t)t.rays, sizeof *pixels, "bench"));
+    for (int r = 0; r < t.rays; r++)
+        pixels[r].spot = CLN_SPOT(0, 0, r % EACH, EACH);
+    CLN_TRY(cln_check_put(b->device, &t.p->pixels, pixels, (size_t)t.rays * sizeof *pixels));
+    CLN_TRY(pixels_body(&t));
+    CLN_TRY(check_pixels(&t, &errors));
+    CLN_TRY(bench_add(b, PIXELS_PART, pixels_body, pixels_before, &t, CLN_STAGES,
+                      bench_work_composite_pixels(t.rays, t.samples), &errors));
+done:
+    free(pixels);
+    free_batch(&t);
+    return st;
+}
+
 static cln_status run_composite(bench *b, int shape)
 {
     cln_status st = CLN_OK;
@@ -217,6 +303,8 @@ static cln_status run_composite(bench *b, int shape)
         CLN_TRY(bench_add(b, TRAIN_PART, train_body, NULL, &t, CLN_STAGES,
                           bench_work_composite_train(t.rays, t.samples, 1), &gradients));
     }
+    if (b->wanted[PIXELS_PART])
+        CLN_TRY(run_pixels(b, &config, shape));
 done:
     free_batch(&t);
     return st;
@@ -228,5 +316,5 @@ static void composite_text(int shape, char out[64])
 }
 
 const bench_family bench_composite = {
-    "composite",    composite_parts, 2, sizeof composite_rays / sizeof composite_rays[0],
+    "composite",    composite_parts, 3, sizeof composite_rays / sizeof composite_rays[0],
     composite_text, run_composite};

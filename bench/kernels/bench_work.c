@@ -209,6 +209,13 @@ bench_work bench_work_composite(double rays, double n)
                         .bytes = n * (SAMPLE + COLOUR) + rays * (WORD + RAY / 2 + RESULT)};
 }
 
+/* As above, without distance, opacity and depth. */
+bench_work bench_work_composite_pixels(double rays, double n)
+{
+    return (bench_work){.flop = 14 * n,
+                        .bytes = n * (SAMPLE + COLOUR) + rays * (WORD + PIXEL + 2 * COLOUR)};
+}
+
 /* Backward, per sample: weight 1, gain 5, colours 4, density 6, rest 2, scale 4; per measure 5. */
 bench_work bench_work_composite_train(double rays, double n, double measures)
 {

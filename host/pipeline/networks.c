@@ -150,6 +150,17 @@ cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth)
                       CLN_ARG(p->results.mem), CLN_ARG(rays), CLN_ARG(kind));
 }
 
+cln_status cln_stage_composite_pixels(cln_pipeline *p, int n)
+{
+    const cl_uint rays = (cl_uint)n;
+    const size_t wg = (size_t)p->tune.wg;
+
+    return CLN_LAUNCH(p->device, p->k.composite_pixels, CLN_STAGE_COMPOSITE, cln_groups(rays, wg),
+                      wg, CLN_ARG(p->sample_starts.mem), CLN_ARG(p->samples.mem),
+                      CLN_ARG(p->out.mem), CLN_ARG(p->backgrounds.mem), CLN_ARG(p->pixels.mem),
+                      CLN_ARG(p->targets.mem), CLN_ARG(rays));
+}
+
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count)
 {
     cln_status st = CLN_OK;
@@ -169,11 +180,7 @@ cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_cou
     CLN_TRY(CLN_RESERVE(p, dout, sample_count));
     CLN_TRY(CLN_RESERVE(p, measures, sample_count));
     if (p->averaged)
-        CLN_TRY(CLN_LAUNCH(p->device, p->k.composite_pixels, CLN_STAGE_COMPOSITE,
-                           cln_groups(rays, wg), wg, CLN_ARG(p->sample_starts.mem),
-                           CLN_ARG(p->samples.mem), CLN_ARG(p->out.mem),
-                           CLN_ARG(p->backgrounds.mem), CLN_ARG(p->pixels.mem),
-                           CLN_ARG(p->targets.mem), CLN_ARG(rays)));
+        CLN_TRY(cln_stage_composite_pixels(p, n));
     CLN_ADD(&a, p->sample_starts.mem);
     CLN_ADD(&a, p->samples.mem);
     CLN_ADD(&a, p->out.mem);

@@ -72,6 +72,8 @@ cln_status cln_stage_evaluate(cln_pipeline *p, uint32_t sample_count);
 cln_status cln_stage_composite(cln_pipeline *p, int n, unsigned depth);
 /* With p->stretched: exchanges the sums of stretches between ranks. */
 cln_status cln_stage_composite_train(cln_pipeline *p, int n, uint32_t sample_count);
+/* Its first part where pixels may have several rays (p->averaged): moves their targets. */
+cln_status cln_stage_composite_pixels(cln_pipeline *p, int n);
 /* Chooses the samples of the backward pass (kernels/roulette.cl) in leaves with at least
  * min_samples samples, into p->heads, p->chosen and p->chosen_counts. The backward passes below
  * call it with config.roulette as the cutoff. */
