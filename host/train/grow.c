@@ -115,7 +115,7 @@ cln_status cln_grow_finest(const cln_trainer *t, int *level)
     CLN_TRY(cln_scene_pixel_width(t->scene, (const double(*)[12])t->refine.given, &t->model.space,
                                   &pixel));
     *level = t->model.level;
-    while (*level < CLN_MAX_LEVEL && cell_of(c, *level + 1) >= c->cell_pixels * pixel)
+    while (*level < CLN_MAX_LEVEL && cell_of(c, *level + 1) >= cln_measure_cell_pixels(t) * pixel)
         ++*level;
 done:
     return st;
@@ -151,7 +151,7 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     /* by poses that do not change, so that a resumed run finds the same */
     CLN_TRY(cln_scene_pixel_width(t->scene, (const double(*)[12])t->refine.given, &t->model.space,
                                   &pixel));
-    *grows = cell * cln_model_antialias(&t->model) >= c->cell_pixels * pixel;
+    *grows = cell >= cln_measure_cell_pixels(t) * pixel;
     t->finest = !*grows;
     if (!t->finest)
         goto done;

@@ -43,9 +43,14 @@ done:
     return st;
 }
 
-/* Marks leaves whose voxels must not become finer, [slot]: half of one would be below --cell-pixels
- * pixels of the photos that see it, or, where pixels are means, below that of their rays. None
- * without voxels. met: leaves that met too few samples to split are left out. */
+double cln_measure_cell_pixels(const cln_trainer *t)
+{
+    return t->model.config.cell_pixels / cln_model_antialias(&t->model);
+}
+
+/* Marks leaves whose voxels must not become finer, [slot]: half of one would be below
+ * cln_measure_cell_pixels() of the photos that see it. None without voxels. met: leaves that met
+ * too few samples to split are left out. */
 static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
 {
     cln_status st = CLN_OK;
@@ -68,10 +73,9 @@ static cln_status fine_leaves(cln_trainer *t, const int32_t *met, uint8_t **out)
         cln_octree_box(tree, tree->leaf[s], box);
         for (int a = 0; a < 3; a++)
             centre[a] = box[a] + 0.5 * box[3];
-        (*out)[s] = cln_scene_cell_pixels(t->scene, &t->model.space, centre,
-                                          0.5 * box[3] / c->grid_cells, each) *
-                        cln_model_antialias(&t->model) <
-                    c->cell_pixels;
+        (*out)[s] =
+            cln_scene_cell_pixels(t->scene, &t->model.space, centre, 0.5 * box[3] / c->grid_cells,
+                                  each) < cln_measure_cell_pixels(t);
     }
 done:
     free(each);
@@ -92,7 +96,8 @@ static bool has_wide(const cln_trainer *t, const float box[4], int deeper, doubl
 
         for (int a = 0; a < 3; a++)
             centre[a] = box[a] + (at[a] + 0.5) * box[3] / parts;
-        if (cln_scene_cell_pixels(t->scene, &t->model.space, centre, half, each) >= c->cell_pixels)
+        if (cln_scene_cell_pixels(t->scene, &t->model.space, centre, half, each) >=
+            cln_measure_cell_pixels(t))
             return true;
     }
     return false;

@@ -22,6 +22,10 @@ cln_status cln_measure_stats(cln_trainer *t, cln_leaf_stats *out);
 cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure **out,
                               uint8_t **children);
 
+/* The least pixels of a photo that a voxel may have now: --cell-pixels, and where pixels are means
+ * of n x n rays, an n-th of that, as what is between their centres is seen, too. */
+double cln_measure_cell_pixels(const cln_trainer *t);
+
 /* *can: some leaf of the whole level `level`, which the present tree has or may grow to, could be
  * split by --max-level and --cell-pixels, however much it is met. CLN_MEMORY. */
 cln_status cln_measure_can_split(cln_trainer *t, int level, bool *can);
