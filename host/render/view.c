@@ -9,7 +9,6 @@
 #include "pipeline/plan.h"
 #include "pipeline/stage1.h"
 #include "ranks/ranks.h"
-#include "render/antialias.h"
 
 /* Side of the squares of pixels whose rays are taken together: neighbours meet the same leaves. */
 enum { SQUARE = 128 };
@@ -46,7 +45,9 @@ cln_status cln_rendering_follow(cln_pipeline *p, int view, const float backgroun
     cln_status st = CLN_OK;
     const cln_device_camera *camera = &p->host_cameras[view];
 
+    cln_antialias_free(&r->edges);
     r->view = view;
+    r->antialias = p->antialias;
     r->most = r->next =
         p->max_rays > 0 && p->max_rays < CLN_RENDER_RAYS ? p->max_rays : CLN_RENDER_RAYS;
     r->side = cln_stage1_of(&p->config)->by_view ? 1 : SQUARE; /* 1: row by row */
@@ -87,6 +88,7 @@ void cln_rendering_end(cln_pipeline *p, cln_rendering *r)
     if (r->under_way)
         (void)cln_device_finish(p->device); /* the queue may still use these arrays */
     cln_picture_free(&r->picture);
+    cln_antialias_free(&r->edges);
     free(r->pixels);
     free(r->results);
     free(r->backgrounds);
@@ -133,7 +135,17 @@ static void choose_next(const cln_pipeline *p, cln_rendering *r, int n)
         r->next = 1;
 }
 
-cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r)
+static bool has_centres(const cln_rendering *r)
+{
+    return r->done == r->picture.width * r->picture.height;
+}
+
+bool cln_rendering_whole(const cln_rendering *r)
+{
+    return has_centres(r) && (r->antialias <= 1 || cln_antialias_done(&r->edges));
+}
+
+static cln_status step_centres(cln_pipeline *p, cln_rendering *r)
 {
     cln_status st = CLN_OK;
     cln_picture *out = &r->picture;
@@ -160,6 +172,27 @@ done:
     return st;
 }
 
+static cln_status step_edges(cln_pipeline *p, cln_rendering *r)
+{
+    cln_status st = CLN_OK;
+    int n = 0, rendered = 0;
+
+    if (!r->edges.pixels)
+        CLN_TRY(cln_antialias_find(&r->picture, r->antialias, r->most, &r->edges));
+    n = cln_antialias_rays(&r->edges, (cln_u32)(r->view + p->view_count), r->most, r->pixels);
+    if (n == 0)
+        goto done;
+    CLN_TRY(render_some(p, r, n, &rendered));
+    cln_antialias_add(&r->edges, r->results, rendered, &r->picture);
+done:
+    return st;
+}
+
+cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r)
+{
+    return has_centres(r) ? step_edges(p, r) : step_centres(p, r);
+}
+
 /* All ranks poll at the same places, and each obeys a signal to any of them. */
 static cln_status poll_signal(const cln_pipeline *p, const cln_callbacks *callbacks)
 {
@@ -170,136 +203,15 @@ static cln_status poll_signal(const cln_pipeline *p, const cln_callbacks *callba
     return cln_stopped_by((int)most, NULL);
 }
 
-/* Edge pixels in some whole rows of a picture, and the n x n rays of each. */
-typedef struct block {
-    int n;
-    int *edges; /* [count] of the picture: y width + x */
-    int count;
-    cln_pixel *rays;   /* [count n n] by rows of the finer picture, as splatting by view needs */
-    int *edge_of;      /* [count n n] index into edges */
-    double (*sums)[4]; /* [count] r, g, b, opacity */
-    float (*best)[2];  /* [count] opacity and depth of the most opaque ray */
-} block;
-
-/* Counts edges in whole rows from the first edge on: at most `most`, but at least one row. */
-static int count_rows(const int *edges, int count, int width, int most)
-{
-    int end = 0;
-
-    while (end < count) {
-        int row_end = end;
-
-        while (row_end < count && edges[row_end] / width == edges[end] / width)
-            row_end++;
-        if (end > 0 && row_end > most)
-            break;
-        end = row_end;
-    }
-    return end;
-}
-
-static void make_rays(block *b, int width, int view)
-{
-    int ray = 0;
-
-    for (int begin = 0, end = 0; begin < b->count; begin = end) {
-        const int y = b->edges[begin] / width;
-
-        end = begin + count_rows(b->edges + begin, b->count - begin, width, 0);
-        for (int row = 0; row < b->n; row++)
-            for (int i = begin; i < end; i++)
-                for (int column = 0; column < b->n; column++) {
-                    b->edge_of[ray] = i;
-                    b->rays[ray++] =
-                        (cln_pixel){.view = (cln_u32)view,
-                                    .x = (cln_u32)(b->edges[i] % width * b->n + column),
-                                    .y = (cln_u32)(y * b->n + row)};
-                }
-    }
-}
-
-static cln_status render_block(cln_pipeline *p, cln_rendering *r, block *b,
-                               const cln_callbacks *callbacks)
-{
-    cln_status st = CLN_OK;
-    const int each = b->n * b->n, total = b->count * each;
-    cln_picture *out = &r->picture;
-
-    memset(b->sums, 0, (size_t)b->count * sizeof *b->sums);
-    memset(b->best, 0, (size_t)b->count * sizeof *b->best);
-    make_rays(b, out->width, r->view + p->view_count);
-    for (int first = 0, rendered = 0; first < total; first += rendered) {
-        const int some = total - first < r->most ? total - first : r->most;
-
-        memcpy(r->pixels, b->rays + first, (size_t)some * sizeof *b->rays);
-        CLN_TRY(poll_signal(p, callbacks));
-        CLN_TRY(render_some(p, r, some, &rendered));
-        for (int i = 0; i < rendered; i++) {
-            double *sum = b->sums[b->edge_of[first + i]];
-            float *best = b->best[b->edge_of[first + i]];
-
-            sum[0] += r->results[i].r;
-            sum[1] += r->results[i].g;
-            sum[2] += r->results[i].b;
-            sum[3] += r->results[i].opacity;
-            if (r->results[i].opacity > best[0]) {
-                best[0] = r->results[i].opacity;
-                best[1] = r->results[i].depth;
-            }
-        }
-    }
-    for (int i = 0; i < b->count; i++) {
-        for (int c = 0; c < 3; c++)
-            out->rgb[3 * b->edges[i] + c] = (float)(b->sums[i][c] / each);
-        if (!(out->opacity[b->edges[i]] > 0) && b->best[i][0] > 0)
-            out->depth[b->edges[i]] = b->best[i][1];
-        out->opacity[b->edges[i]] = (float)(b->sums[i][3] / each);
-    }
-done:
-    return st;
-}
-
-/* Gives pixels at edges the means of n x n rays. Depth stays that of the ray through the centre, as
- * a mean of depths is on no surface; if that ray meets nothing, it is that of the most opaque one.
- * Memory is that of a batch of rays or of one row's, however large the picture. */
-static cln_status render_edges(cln_pipeline *p, cln_rendering *r, const cln_callbacks *callbacks)
-{
-    cln_status st = CLN_OK;
-    const int n = p->antialias, width = r->picture.width, some = r->most / (n * n);
-    const size_t most = (size_t)(some > width ? some : width);
-    block b = {.n = n};
-    int *edges = NULL, count = 0;
-
-    CLN_TRY(cln_antialias_edges(&r->picture, &edges, &count));
-    CLN_TRY(cln_alloc(&b.rays, most * (size_t)(n * n), sizeof *b.rays, "edges"));
-    CLN_TRY(cln_alloc(&b.edge_of, most * (size_t)(n * n), sizeof *b.edge_of, "edges"));
-    CLN_TRY(cln_alloc(&b.sums, most, sizeof *b.sums, "edges"));
-    CLN_TRY(cln_alloc(&b.best, most, sizeof *b.best, "edges"));
-    for (int first = 0; first < count; first += b.count) {
-        b.edges = edges + first;
-        b.count = count_rows(b.edges, count - first, width, some);
-        CLN_TRY(render_block(p, r, &b, callbacks));
-    }
-done:
-    free(edges);
-    free(b.rays);
-    free(b.edge_of);
-    free(b.sums);
-    free(b.best);
-    return st;
-}
-
 /* Renders all of a picture that was begun. */
 static cln_status render_all(cln_pipeline *p, const cln_callbacks *callbacks, cln_rendering *r)
 {
     cln_status st = CLN_OK;
 
-    while (r->done < r->picture.width * r->picture.height) {
+    while (!cln_rendering_whole(r)) {
         CLN_TRY(poll_signal(p, callbacks));
         CLN_TRY(cln_rendering_step(p, r));
     }
-    if (p->antialias > 1)
-        CLN_TRY(render_edges(p, r, callbacks));
 done:
     return st;
 }

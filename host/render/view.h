@@ -5,6 +5,7 @@
 #define CLN_VIEW_H
 
 #include "pipeline/pipeline.h"
+#include "render/antialias.h"
 #include "render/picture.h"
 #include "render/ray_batch.h"
 
@@ -22,12 +23,14 @@ void cln_render_release(cln_pipeline *p);
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_picture *out);
 
-/* The same batch by batch, one ray per pixel, for callers that do other work in between: begin,
- * step until done, end. In between, the pipeline may have other cameras if these are put back
- * before the next step. */
+/* The same batch by batch, for callers that do other work in between: begin, step until it is
+ * whole, end. In between, the pipeline may have other cameras and another `antialias` if these are
+ * put back before the next step. */
 typedef struct cln_rendering {
-    cln_picture picture; /* whole when `done` is the number of its pixels */
-    int done;            /* pixels, in the order of their rays */
+    cln_picture picture;
+    int done;            /* pixels with the ray through their centre, in the order of these */
+    int antialias;       /* the pipeline's when it began */
+    cln_antialias edges; /* once all are done */
     int view, most;      /* most: rays of a batch */
     int next, side; /* rays of the next batch; squares of side x side pixels are taken in turn, 1:
                        row by row */
@@ -46,6 +49,7 @@ cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background
 cln_status cln_rendering_follow(cln_pipeline *p, int view, const float background[3],
                                 cln_rendering *r);
 cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
+bool cln_rendering_whole(const cln_rendering *r);
 void cln_rendering_end(cln_pipeline *p, cln_rendering *r); /* accepts a zeroed one */
 
 /* Like cln_render_view, into arrays that are there: all of r->picture. r: zeroed, or of an earlier

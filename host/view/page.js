@@ -173,17 +173,21 @@ function post(path, query, more) {
 
 const underWay = () => training !== null && !ended && training.state !== 'paused';
 
+/* The sharp picture is there, and one whose edges are better can be had. */
+const isRough = () => last.full && last.finer > 0 && !underWay();
+
 /* What the next picture may take; 0 = as long as the sharp one needs. */
 function nextMs(refining) {
   if (!refining) return MOVING_MS;
+  if (isRough()) return 0;
   return last.ms === MOVING_MS ? BETTER_MS : underWay() ? WHOLE_MS : 0;
 }
 
-const isNew = () => !(training && training.step > last.step) &&
+const isNew = () => !(training && training.step > last.step) && !isRough() &&
   (last.full || (underWay() && last.ms === WHOLE_MS));
 
 /* One request at a time: small pictures while the camera moves, then a better one, then the sharp
- * one, which a motion cancels; of a training, again when it has gone on. */
+ * one and then its edges, which a motion cancels; of a training, again when it has gone on. */
 async function pump() {
   if (busy || !facts) return;
   busy = true;
@@ -213,14 +217,17 @@ async function fetchPicture(now, ms, refining) {
   const box = at >= 0 ? inset(f) : {x: 0, y: 0, width: f.width, height: f.height};
   abort = new AbortController();
   abort.refining = refining;
-  const answer = await ask('/picture', {...cameraQuery(f), ms, ...looks()}, viewer, abort.signal);
+  const edges = Number(refining && isRough());
+  const answer = await ask('/picture', {...cameraQuery(f), ms, edges, ...looks()}, viewer,
+    abort.signal);
   if (answer.status === 409) return;
   if (!answer.ok) throw Object.assign(new Error(), {refused: (await answer.text()).trim()});
   const bitmap = await createImageBitmap(await answer.blob());
-  const [width, height, took, near, far] = answer.headers.get('X-Picture').split(' ').map(Number);
+  const [width, height, took, near, far, finer] =
+    answer.headers.get('X-Picture').split(' ').map(Number);
   if (last) last.bitmap.close();
-  last = {bitmap, version: now, ms, width, height, took, near, far, at, frame: f, box, step, show,
-    full: width >= box.width, whole: performance.now() - began};
+  last = {bitmap, version: now, ms, width, height, took, near, far, finer, at, frame: f, box, step,
+    show, full: width >= box.width, whole: performance.now() - began};
   draw();
 }
 
@@ -284,8 +291,8 @@ function drawDifference(b) {
 async function savePicture() {
   say('Rendering…', true);
   try {
-    const answer = await ask('/picture', {...cameraQuery(frame()), ...looks(), format: 'png'},
-      viewer + '-s');
+    const answer = await ask('/picture', {...cameraQuery(frame()), ...looks(), edges: 1,
+      format: 'png'}, viewer + '-s');
     if (!answer.ok) throw new Error((await answer.text()).trim());
     download(await answer.blob(), `${facts.run.split('/').filter(Boolean).pop()}.png`);
     say('');

@@ -296,12 +296,23 @@ done:
     return st;
 }
 
+/* n x n rays that a pixel at an edge gets. Other ranks follow batches of whole pictures alone. */
+static int rays_at_edges(const cln_painter *painter, const cln_ask *ask)
+{
+    const bool mixes = ask->show == CLN_SHOW_COLOUR || ask->show == CLN_SHOW_OPACITY;
+
+    return mixes && !painter->leads ? cln_model_antialias(painter->model) : 1;
+}
+
 static cln_status step_picture(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = painter->pipeline;
     cln_rendering *r = &g->rendering;
 
+    p->antialias = g->begun ? r->antialias : 1;
+    if (!g->begun && g->ask.edges)
+        p->antialias = rays_at_edges(painter, &g->ask);
     if (!g->begun) {
         cln_camera camera;
 
@@ -318,8 +329,10 @@ static cln_status step_picture(cln_painter *painter, cln_painting *g)
     }
     lead(painter, &g->ask, &g->ask.camera, r);
     CLN_TRY(step_rendering(painter, r));
-    if (r->done == g->width * g->height)
+    if (cln_rendering_whole(r)) {
+        g->finer = r->antialias < rays_at_edges(painter, &g->ask);
         CLN_TRY(deliver(painter, g));
+    }
 done:
     return st;
 }
@@ -487,7 +500,9 @@ cln_status cln_painter_step(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
     const double began = cln_now();
+    const int antialias = painter->pipeline->antialias;
 
+    painter->pipeline->antialias = 1;
     if (!g->begun)
         take_pose(painter, &g->ask);
     switch (g->ask.kind) {
@@ -513,8 +528,9 @@ cln_status cln_painter_step(cln_painter *painter, cln_painting *g)
         break;
     }
     painter->pipeline->crop = NULL;
+    painter->pipeline->antialias = antialias;
     g->seconds += cln_now() - began;
-    if (g->status == 200 && g->ask.kind == CLN_ASK_PICTURE && !g->ask.png)
+    if (g->status == 200 && g->ask.kind == CLN_ASK_PICTURE && !g->ask.png && !g->ask.edges)
         learn_speed(painter, g);
     if (st == CLN_OK || st == CLN_CL || st == CLN_BUILD || st == CLN_INTERNAL)
         return st;

@@ -32,6 +32,7 @@ typedef struct cln_painting {
     uint8_t *body; /* the caller frees it, by cln_painting_free */
     size_t bytes;
     int width, height; /* picture: as rendered */
+    bool finer;        /* picture: with `edges` it would be a better one */
     double near, far;  /* ends of a picture's scale of depths (scene units) or errors; else 0 */
     bool is_file;      /* the answer is a film's file, not the body */
     int file;          /* its descriptor, the caller's */

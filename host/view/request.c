@@ -227,15 +227,17 @@ static cln_status read_background(const float standard[3], cln_ask_get *get, voi
 static cln_status read_looks(cln_ask_get *get, void *query, cln_ask *out)
 {
     static const char *const shows[CLN_SHOWS] = {"colour", "depth", "opacity", "level", "error"};
-    static const char *const formats[] = {"jpeg", "png"};
+    static const char *const formats[] = {"jpeg", "png"}, *const flags[] = {"0", "1"};
     cln_status st = CLN_OK;
     double ms = 0;
-    int show = 0, format = 0;
+    int show = 0, format = 0, edges = 0;
 
     CLN_TRY(read_real(get, query, "ms", 0, 60000, 0, &ms));
     CLN_TRY(read_word(get, query, "show", shows, CLN_SHOWS, &show));
     CLN_TRY(read_word(get, query, "format", formats, 2, &format));
+    CLN_TRY(read_word(get, query, "edges", flags, 2, &edges));
     out->budget = out->kind == CLN_ASK_PICTURE ? ms / 1000 : 0;
+    out->edges = edges == 1 || out->kind == CLN_ASK_FILM_FRAME;
     out->show = (cln_show)show;
     out->png = format == 1;
 done:

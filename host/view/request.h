@@ -46,6 +46,7 @@ typedef struct cln_ask {
     double x, y;       /* point: pixel position */
     double budget;     /* picture: seconds that it may take, for which its size is reduced; 0 = full
                           size, however long it takes */
+    bool edges;        /* picture: pixels at edges as the model learnt them, if by several rays */
     cln_show show;
     bool png;                  /* else JPEG */
     float background[3];       /* picture, photo */
@@ -64,7 +65,7 @@ typedef const char *cln_ask_get(void *query, const char *name);
  *   focal=PIXELS           of both axes at the full size
  *   width= height=         full size (of a view: 0 or none as the photo, or by the other)
  *   crop=X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ] only what is in this box; scene units, degrees
- *   ms= show=colour|depth|opacity|level|error format=jpeg|png background=R,G,B (0..1)    picture
+ *   ms= edges=0|1 show=colour|depth|opacity|level|error format=jpeg|png background=R,G,B (0..1)    picture
  *   x= y=                  point
  *   view=I side=PIXELS background=   photo
  *   width= height= frames= fps=      film to begin

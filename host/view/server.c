@@ -217,8 +217,8 @@ static enum MHD_Result send_painting(cln_server *s, struct MHD_Connection *conne
         set_deadline(s, connection, FILM_SECONDS);
         return sent;
     }
-    cln_format(about, sizeof about, "%d %d %.2f %.6g %.6g", g->width, g->height, 1e3 * g->seconds,
-               g->near, g->far);
+    cln_format(about, sizeof about, "%d %d %.2f %.6g %.6g %d", g->width, g->height,
+               1e3 * g->seconds, g->near, g->far, g->finer);
     if (g->width > 0)
         MHD_add_response_header(response, "X-Picture", about);
     return send_response(s, connection, g->status, g->type, g->bytes, response);

@@ -161,6 +161,9 @@ def look_around(page):
     page.check('a drag turns the camera', moved(at, page.pose()) > 0.1)
     page.settle()
     page.check('the picture is sharp at rest', page.js('return last.width === last.box.width'))
+    asked = page.js('return performance.getEntriesByType("resource").map((e) => e.name)')
+    page.check('pixels at edges are as the model learnt them',
+               page.js('return last.finer') == 0 and any('edges=1' in name for name in asked))
     page.shot('dragged')
     page.key('h')
     time.sleep(0.6)

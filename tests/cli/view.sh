@@ -139,6 +139,9 @@ section_pictures() {
         "/picture?pose=$pose&focal=$focal&width=48&height=48&format=png" "${me[@]}"
     check "a free camera in that place sees the same" \
         cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    gets "edges as the model learnt them" 200 "/picture?view=6&format=png&edges=1" "${me[@]}"
+    check "of one ray a pixel: the same picture" cmp -s "$work/out" "$work/rendered/test_r_000.png"
+    gets "edges without a number" 400 "/picture?view=6&edges=2" "${me[@]}"
     gets "another size" 200 "/picture?view=6&width=96" "${me[@]}"
     check "the picture has the requested size" has_header '^x-picture: 96 96 '
     check "JPEG is the default" has_header '^content-type: image/jpeg'

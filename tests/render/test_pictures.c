@@ -16,6 +16,7 @@
 #include "render/view.h"
 #include "run_fixture.h"
 #include "tests.h"
+#include "view/painter.h"
 
 /* What render_fine shows: a run, and a part of it; NULL: all. */
 static const char *run = "whole";
@@ -328,18 +329,19 @@ static int check_antialias(void)
 {
     enum { N = 3 };
     cln_picture own, blocks, plain, fine;
-    int *edges = NULL, count = 0, next = 0, taken = 0;
+    cln_antialias edges;
+    int next = 0, taken = 0;
 
     render(NULL, &plain);
     render_fine(NULL, N, 1, 0, &own);
     render_fine(NULL, N, 1, 200, &blocks); /* a row of pixels needs more than one batch */
     render_fine(NULL, 1, N, 0, &fine);
-    assert_ok(cln_antialias_edges(&plain, &edges, &count));
-    print_message("edges: %d of %d pixels\n", count, plain.width * plain.height);
-    assert_in_range(count, 1, plain.width * plain.height - 1);
+    assert_ok(cln_antialias_find(&plain, N, 1024, &edges));
+    print_message("edges: %d of %d pixels\n", edges.count, plain.width * plain.height);
+    assert_in_range(edges.count, 1, plain.width * plain.height - 1);
     assert_int_equal(own.width, plain.width);
     for (int i = 0; i < plain.width * plain.height; i++) {
-        const bool edge = next < count && edges[next] == i;
+        const bool edge = next < edges.count && edges.pixels[next] == i;
         double sum[4] = {0};
         float best[2] = {0, plain.depth[i]}; /* opacity, depth */
 
@@ -365,7 +367,7 @@ static int check_antialias(void)
         assert_memory_equal(blocks.rgb + 3 * i, own.rgb + 3 * i, 3 * sizeof *own.rgb);
         assert_true(blocks.opacity[i] == own.opacity[i]);
     }
-    free(edges);
+    cln_antialias_free(&edges);
     cln_picture_free(&own);
     cln_picture_free(&blocks);
     cln_picture_free(&plain);
@@ -488,6 +490,74 @@ static void test_follow(void **state)
     cln_open_run_close(&v);
 }
 
+/* The viewer's picture as PNG has these colours. */
+static void check_painting(cln_painter *painter, const cln_ask *ask, bool finer,
+                           const cln_picture *wanted)
+{
+    cln_painting g = {.ask = *ask};
+    uint8_t *got = NULL;
+    int width = 0, height = 0, channels = 0;
+
+    while (g.status == 0) {
+        assert_ok(cln_painter_step(painter, &g));
+        assert_int_equal(painter->pipeline->antialias, 3); /* as it was */
+    }
+    assert_int_equal(g.status, 200);
+    assert_int_equal(g.finer, finer);
+    assert_ok(cln_image_decode("picture", g.body, g.bytes, &width, &height, &channels, &got));
+    assert_int_equal(width, wanted->width);
+    assert_int_equal(height, wanted->height);
+    for (int i = 0; i < width * height * channels; i++)
+        assert_int_equal(got[i], ask->show == CLN_SHOW_COLOUR
+                                     ? cln_to_u8(wanted->rgb[i])
+                                     : cln_to_u8(wanted->opacity[i / channels]));
+    free(got);
+    cln_painting_free(painter, &g);
+}
+
+/* Of a model that learnt pixels at edges as means, the viewer has one ray a pixel first, and then,
+ * where that shows, the means. */
+static void test_viewer_edges(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    cln_picture plain, means;
+    cln_open_run v;
+    cln_painter painter = {.pipeline = &v.pipeline, .model = &v.model};
+    cln_ask ask = {.kind = CLN_ASK_PICTURE, .view = -1, .png = true};
+    int *views = NULL, count = 0;
+
+    (void)state;
+    NEED_DEVICE();
+    render_fine(NULL, 1, 1, 0, &plain);
+    render_fine(NULL, 2, 1, 0, &means);
+    assert_memory_not_equal(plain.rgb, means.rgb,
+                            3 * sizeof(float) * (size_t)(plain.width * plain.height));
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
+    v.model.config.antialias = 2;
+    assert_ok(cln_open_run_start(&v, &device, false));
+    v.pipeline.antialias = 3;
+    painter.scene = v.scene;
+    assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
+    ask.camera = v.scene->views[views[0]].camera;
+    free(views);
+    memcpy(ask.background, v.scene->background, sizeof ask.background);
+    assert_ok(cln_painter_open(&painter, &ask.camera));
+    for (int averaged = 0; averaged < 2; averaged++) {
+        v.model.averaged = averaged;
+        for (int show = 0; show < 2; show++) {
+            ask.show = show ? CLN_SHOW_OPACITY : CLN_SHOW_COLOUR;
+            ask.edges = false;
+            check_painting(&painter, &ask, averaged, &plain);
+            ask.edges = true;
+            check_painting(&painter, &ask, false, averaged ? &means : &plain);
+        }
+    }
+    cln_picture_free(&plain);
+    cln_picture_free(&means);
+    cln_open_run_close(&v);
+}
+
 static void count_warnings(cln_log_level level, const char *line, void *user)
 {
     *(int *)user += level == CLN_LOG_WARN && strstr(line, "r_0") && strstr(line, "no SSIM");
@@ -563,6 +633,7 @@ int test_group_pictures(void)
         cmocka_unit_test(test_keeps_to_the_plan),
         cmocka_unit_test(test_wide),
         cmocka_unit_test_teardown(test_antialias, show_all_of_whole),
+        cmocka_unit_test(test_viewer_edges),
         cmocka_unit_test(test_fast),
         cmocka_unit_test(test_crop)};
 
