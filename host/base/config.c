@@ -364,6 +364,8 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
                             "--%s: its text is not UTF-8, and run.json could not hold it; give it "
                             "as UTF-8",
                             row->option);
+        if (row->flags & CLN_ROW_NONE && strcmp(text, "none") == 0)
+            text = "";
         memset(field, 0, CLN_TEXT_BYTES);
         memcpy(field, text, strlen(text));
         break;

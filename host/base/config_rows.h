@@ -40,6 +40,7 @@ enum {
     CLN_ROW_BYTES = 128,  /* REAL: also 512M, 4G */
     CLN_ROW_AUTO = 256,   /* INT: "auto" is 0 */
     CLN_ROW_TIME = 512,   /* a step's time depends on it: `info --like` names it if it differs */
+    CLN_ROW_NONE = 1024,  /* TEXT: "none" is the empty text */
     CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE | CLN_ROW_TIME
 };
 
@@ -126,7 +127,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(start_level, "start-level", 1, 2, 0, CLN_FULL_LEVELS - 1,                               \
         "level of the full tree at the first step", .flags = CLN_ROW_TIME)                      \
     TEXT(level_at, "level-at", "2:0.067,3:0.133", "3:0.08,4:0.25",                              \
-         "growth: LEVEL:FRACTION of the budget, comma separated", .flags = CLN_ROW_TIME)        \
+         "growth: LEVEL:FRACTION of the budget, comma separated",                               \
+         .flags = CLN_ROW_TIME | CLN_ROW_NONE)                                                  \
     REAL(cell_pixels, "cell-pixels", 0, 0, 0, 1000,                                             \
          "voxel: no cells below so many pixels of the photos that see them, or, where a whole " \
          "level grows, in the cube's middle (0: any)",                                          \
@@ -186,7 +188,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(distil_samples, "distil-samples", 256, 256, 8, 65536, "merge: samples per step")        \
     REAL(distil_lr, "distil-lr", 1e-3, 1e-3, 1e-8, 1, "merge: learning rate")                   \
     REAL(distil_stop, "distil-stop", 1e-4, 1e-4, 0, 1, "merge: stop at this loss")              \
-    TEXT(tree_from, "tree-from", "", "", "take over the tree of this run and keep it as it is")
+    TEXT(tree_from, "tree-from", "", "", "take over the tree of this run and keep it as it is", \
+         .flags = CLN_ROW_NONE)
 
 /* Stage 1 and stage 2 sampling (method.md sections 4 to 7). */
 #define CLN_CONFIG_SAMPLING(INT, REAL, BOOL, ENUM, TEXT)                                           \
@@ -339,7 +342,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         .flags = CLN_ROW_BUDGET)                                                                   \
     INT(log_every, "log-every", 25, 25, 1, 1000000, "steps between rows of metrics.jsonl")         \
     TEXT(eval_at, "eval-at", "", "",                                                               \
-         "test PSNR during training at these points: 60s,2m,5m or steps")                          \
+         "test PSNR during training at these points: 60s,2m,5m or steps", .flags = CLN_ROW_NONE)   \
     INT(eval_every, "eval-every", 0, 0, 0, 1000000000,                                             \
         "test PSNR during training every N steps (0 = never)")                                     \
     INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")         \
@@ -356,7 +359,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         .flags = CLN_ROW_SCENE | CLN_ROW_AUTO)                                                     \
     TEXT(bbox, "bbox", "", "",                                                                     \
          "scene box minx,miny,minz,maxx,maxy,maxz in scene units; none: by the reader",            \
-         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                   \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_NONE)                                    \
     ENUM(space, "space", CLN_SPACE_AUTO, CLN_SPACE_AUTO, "auto|cube|ndc|shell",                    \
          "what the tree divides: a cube of the scene, normalised device coordinates for cameras "  \
          "that all look one way, or a cube and a shell that holds all that lies beyond it; auto, " \

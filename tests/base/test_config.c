@@ -399,6 +399,7 @@ static void test_words_and_flags(void **state)
 
 static void test_units(void **state)
 {
+    static const char *const texts[] = {"level-at", "eval-at", "tree-from", "bbox"};
     static const struct {
         const char *text;
         double value;
@@ -426,6 +427,14 @@ static void test_units(void **state)
     assert_int_equal(cln_config_set(&config, row_of("downscale"), "auto"), CLN_OK);
     assert_true(config.downscale == 0);
     assert_failed(cln_config_set(&config, row_of("rays"), "auto"), CLN_USAGE, "'auto'|--rays");
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) { /* as help and info say it */
+        char got[CLN_TEXT_BYTES];
+
+        assert_int_equal(cln_config_set(&config, row_of(texts[i]), "none"), CLN_OK);
+        cln_config_text(&config, row_of(texts[i]), got);
+        assert_string_equal(got, "");
+    }
+    assert_int_equal(cln_config_check(&config), CLN_OK);
 
     assert_int_equal(cln_config_set(&config, row_of("time-limit"), "1:30"), CLN_OK);
     assert_true(config.time_limit == 90);
