@@ -37,7 +37,9 @@ STB := $(or $(patsubst -I%,-isystem %,$(shell $(PKG_CONFIG) --cflags stb 2>/dev/
          -isystem /usr/include/stb)
 # the viewer's server; without it `view` says what is missing
 MICROHTTPD := $(shell $(PKG_CONFIG) --exists libmicrohttpd && echo libmicrohttpd)
-PKGS := OpenCL jansson zlib $(MICROHTTPD)
+# for photos with colour profiles; without it their colours count as sRGB's, which is said
+LCMS2 := $(shell $(PKG_CONFIG) --exists lcms2 && echo lcms2)
+PKGS := OpenCL jansson zlib $(MICROHTTPD) $(LCMS2)
 # for export --mesh --triangles; without it that option says what is missing. It has no pkg-config.
 MESHOPTIMIZER := $(shell $(CC) -fsyntax-only -include meshoptimizer.h -x c /dev/null 2>/dev/null \
                          && echo meshoptimizer)
@@ -56,6 +58,7 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(if $(SANITIZE),-fsanitize=$(SANITIZE) -fno-omit-frame-pointer) \
              $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
              $(if $(MESHOPTIMIZER),-DCLN_WITH_MESHOPTIMIZER) \
+             $(if $(LCMS2),-DCLN_WITH_LCMS2) \
              -ffile-prefix-map="$(CURDIR)"=. $(shell $(PKG_CONFIG) --cflags $(PKGS)) \
              $(CPPFLAGS) $(CFLAGS)
 LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(MESHOPTIMIZER:%=-l% )-lm -lpthread
@@ -283,7 +286,7 @@ $B/pages_embed.c: $(PAGES) Makefile
 
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
-    tests/export/test_reduce.o): $B/optional
+    host/cli/help.o host/io/colour.o tests/export/test_reduce.o tests/io/test_colour.o): $B/optional
 # The kernels' bench names its commit.
 COMMIT = $(or $(shell [ ! -e .git ] || git describe --always --dirty --abbrev=12 2>/dev/null), \
                unknown)
@@ -293,7 +296,7 @@ $B/commit: FORCE
 	@mkdir -p $(@D)
 	@echo '$(COMMIT)' | cmp -s - $@ || echo '$(COMMIT)' > $@
 
-OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER)
+OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER) $(LCMS2)
 $B/optional: FORCE
 	@mkdir -p $(@D)
 	@echo '$(OPTIONAL)' | cmp -s - $@ || echo '$(OPTIONAL)' > $@

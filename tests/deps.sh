@@ -4,8 +4,8 @@
 # the first. On other systems it only names the required packages.
 set -eu
 
-build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev libmeshoptimizer-dev
-    libmicrohttpd-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
+build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev liblcms2-dev
+    libmeshoptimizer-dev libmicrohttpd-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
 test="curl libcmocka-dev glpk-utils oclgrind openmpi-bin libopenmpi-dev"
 fuzz="clang-14|clang libclang-rt-14-dev"
 lint="clang-14|clang clang-format-14|clang-format"

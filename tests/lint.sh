@@ -65,6 +65,7 @@ warnings() {
            -isystem /usr/include/stb $(pkg-config --cflags OpenCL jansson zlib)
            $(pkg-config --exists libmicrohttpd && echo -DCLN_WITH_MICROHTTPD)
            $([ -e /usr/include/meshoptimizer.h ] && echo -DCLN_WITH_MESHOPTIMIZER)
+           $(pkg-config --exists lcms2 && echo -DCLN_WITH_LCMS2)
            $(pkg-config --exists ompi-c && echo -DCLN_WITH_MPI "$(pkg-config \
                --cflags-only-I ompi-c)")"
     # shellcheck disable=SC2086

@@ -290,7 +290,12 @@ const char *cln_built_with(void)
 #else
 #define WITH_TRIANGLES "without meshoptimizer (no export --triangles)"
 #endif
-    return "built " WITH_VIEW ", " WITH_TRIANGLES;
+#ifdef CLN_WITH_LCMS2
+#define WITH_COLOURS "with Little CMS (colour profiles of photos)"
+#else
+#define WITH_COLOURS "without Little CMS (colour profiles of photos count as sRGB)"
+#endif
+    return "built " WITH_VIEW ", " WITH_TRIANGLES ", " WITH_COLOURS;
 }
 
 void cln_version_print(FILE *to, bool verbose)

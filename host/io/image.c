@@ -1,5 +1,5 @@
 /* Reads and writes PNG, reads JPEG. The only translation unit with stb_image and stb_image_write.
- * Not a general image library: 8-bit results, no colour profiles, pixels as stored, whatever EXIF
+ * Not a general image library: 8-bit results in sRGB (colour.h), pixels as stored, whatever EXIF
  * data say (cln_image_turn turns them).
  *
  * Files are untrusted, so before stb decodes anything:
@@ -19,6 +19,7 @@
 #include <zlib.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "io/colour.h"
 #include "io/exif.h"
 
 enum {
@@ -83,6 +84,7 @@ typedef struct header {
     int64_t width, height;
     int channels;
     cln_exif exif;
+    cln_colour_mark colour;
     bool png, cut;
     bool deep; /* 16 bits a value */
     const char *problem;
@@ -106,6 +108,44 @@ static uint32_t big_endian(const uint8_t *p, int bytes)
     for (int i = 0; i < bytes; i++)
         value = value << 8 | p[i];
     return value;
+}
+
+/* An iCCP chunk: a name, its end, a method of compression, the profile. */
+static void add_iccp(header *head, const uint8_t *data, size_t bytes)
+{
+    const uint8_t *end = memchr(data, 0, bytes < 80 ? bytes : 80);
+    const size_t skipped = end ? (size_t)(end - data) + 2 : bytes;
+
+    if (skipped >= bytes)
+        return;
+    head->colour.parts = 1;
+    head->colour.deflated = true;
+    head->colour.part[1].at = data + skipped;
+    head->colour.part[1].bytes = bytes - skipped;
+}
+
+static void add_colour_chunk(header *head, const uint8_t *type, size_t length)
+{
+    if (!memcmp(type, "iCCP", 4))
+        add_iccp(head, type + 4, length);
+    if (!memcmp(type, "sRGB", 4))
+        head->colour.srgb = true;
+    if (!memcmp(type, "gAMA", 4) && length == 4)
+        head->colour.gamma = 1e-5 * big_endian(type + 4, 4);
+    for (int i = 0; !memcmp(type, "cHRM", 4) && length == 32 && i < 8; i++)
+        head->colour.chroma[i] = 1e-5 * big_endian(type + 4 + 4 * i, 4);
+}
+
+/* An APP2 segment that has a part of a profile: a mark, its number and how many there are. */
+static void add_icc(header *head, const uint8_t *data, size_t bytes)
+{
+    static const char mark[12] = "ICC_PROFILE";
+
+    if (bytes < 14 || memcmp(data, mark, sizeof mark) != 0 || data[12] == 0 || data[12] > data[13])
+        return;
+    head->colour.parts = data[13];
+    head->colour.part[data[12]].at = data + 14;
+    head->colour.part[data[12]].bytes = bytes - 14;
 }
 
 /* Walks PNG chunks. Without `whole`, only up to the first IDAT (tRNS, which adds alpha, comes
@@ -151,6 +191,8 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
         }
         if (!memcmp(type, "eXIf", 4))
             add_exif(head, cln_exif_read_tiff(type + 4, length));
+        if (!pixels)
+            add_colour_chunk(head, type, length);
         /* Capital first letter: critical chunk. A bad text chunk or profile harms no pixel. */
         if (whole && (!(type[0] & 32) || !memcmp(type, "tRNS", 4)) &&
             crc32(0, type, (uInt)length + 4) != big_endian(type + 4 + length, 4)) {
@@ -249,6 +291,8 @@ static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *hea
         }
         if (marker == 0xE1)
             add_exif(head, cln_exif_read(data + at + 2, length - 2));
+        if (marker == 0xE2)
+            add_icc(head, data + at + 2, length - 2);
         if (marker == 0xC4 && !huffman_tables_fit(data + at + 2, length - 2)) {
             head->problem = "damaged JPEG (Huffman tables); copy it again";
             return;
@@ -348,6 +392,7 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
                             .focal = head.exif.focal,
                             .focal_film = head.exif.focal_film,
                             .jpeg = !head.png};
+    out->colour = cln_colour_of(&head.colour, out->profile);
 done:
     free(all);
     if (file)
@@ -405,21 +450,23 @@ cln_status cln_image_check_ends(const char *path)
     return ended ? CLN_OK : cln_image_check(path);
 }
 
-/* Decodes values of 16 bits, rounded to 8; the decoder by itself cuts them. */
-static uint8_t *load_deep(const uint8_t *data, int bytes, int *w, int *h, int channels)
+/* Values of 16 bits, in sRGB or rounded to 8; the decoder by itself cuts them. */
+static cln_status from_deep(const header *head, const uint16_t *deep, uint8_t **pixels)
 {
-    int file_channels = 0;
-    uint16_t *deep = stbi_load_16_from_memory(data, bytes, w, h, &file_channels, channels);
-    uint8_t *out = (uint8_t *)deep, *fitted = NULL;
-    const size_t count = deep ? (size_t)*w * (size_t)*h * (size_t)channels : 0;
+    const size_t count = (size_t)head->width * (size_t)head->height;
+    const size_t values = count * (size_t)head->channels;
+    cln_status st = CLN_OK;
+    bool done = false;
 
-    for (size_t i = 0; i < count; i++) { /* in place: byte i was read before */
+    CLN_TRY(cln_alloc(pixels, values, 1, "image"));
+    CLN_TRY(cln_colour_convert(&head->colour, count, head->channels, true, deep, *pixels, &done));
+    for (size_t i = 0; i < values && !done; i++) {
         const uint32_t value = deep[i];
 
-        out[i] = (uint8_t)((value * 255 + 32767) / 65535);
+        (*pixels)[i] = (uint8_t)((value * 255 + 32767) / 65535);
     }
-    fitted = deep ? realloc(deep, count) : NULL;
-    return fitted ? fitted : out;
+done:
+    return st;
 }
 
 cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
@@ -427,8 +474,9 @@ cln_status cln_image_decode(const char *path, const void *data, size_t bytes, in
 {
     header head;
     cln_status st = CLN_OK;
-    uint8_t *decoded = NULL;
+    void *decoded = NULL;
     int w = 0, h = 0, file_channels = 0;
+    bool done = false;
 
     *pixels = NULL;
     walk(data, bytes, true, &head);
@@ -440,7 +488,8 @@ cln_status cln_image_decode(const char *path, const void *data, size_t bytes, in
      * padded to blocks of 32 pixels, the file, and the decoder's tables. */
     decoder_limit = (size_t)(head.width + 64) * (size_t)(head.height + 64) * 32 + bytes + (1 << 20);
     decoded = head.deep
-                  ? load_deep(data, (int)bytes, &w, &h, head.channels)
+                  ? (void *)stbi_load_16_from_memory(data, (int)bytes, &w, &h, &file_channels,
+                                                     head.channels)
                   : stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, head.channels);
     if (!decoded)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -450,8 +499,20 @@ cln_status cln_image_decode(const char *path, const void *data, size_t bytes, in
     *width = w;
     *height = h;
     *channels = head.channels;
-    *pixels = decoded;
+    if (head.deep) {
+        CLN_TRY(from_deep(&head, decoded, pixels));
+    } else {
+        CLN_TRY(cln_colour_convert(&head.colour, (size_t)w * (size_t)h, head.channels, false,
+                                   decoded, decoded, &done));
+        *pixels = decoded;
+        decoded = NULL;
+    }
 done:
+    free(decoded);
+    if (st != CLN_OK) {
+        free(*pixels);
+        *pixels = NULL;
+    }
     return st;
 }
 

@@ -7,6 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "base/status.h"
+#include "io/colour.h"
 
 enum { CLN_IMAGE_MAX_SIDE = 1 << 17, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 
@@ -19,10 +20,12 @@ typedef struct cln_image_head {
     int width, height, channels, orientation;
     double focal, focal_film;
     bool jpeg; /* else PNG */
+    cln_colour_kind colour;
+    char profile[CLN_COLOUR_NAME];
 } cln_image_head;
 cln_status cln_image_read_head(const char *path, cln_image_head *out);
 
-/* Decodes to [height][width][channels] u8, channels as cln_image_info says. CLN_INPUT with the path
+/* Decodes to [height][width][channels] u8 in sRGB, channels as cln_image_info says. CLN_INPUT with the path
  * and the decoder's reason; a truncated file is an error. The caller frees *pixels. */
 cln_status cln_image_load(const char *path, int *width, int *height, int *channels,
                           uint8_t **pixels);

@@ -135,8 +135,40 @@ static void name_other_failures(const cln_scene *scene)
     free(first);
 }
 
+/* Photos whose colours are not sRGB's, and what becomes of them. */
+typedef struct profiles {
+    int count[CLN_COLOUR_UNKNOWN + 1];
+    const char *first[CLN_COLOUR_UNKNOWN + 1]; /* photo */
+    char name[CLN_COLOUR_UNKNOWN + 1][CLN_COLOUR_NAME];
+} profiles;
+
+static void add_profile(profiles *p, const cln_view *view, const cln_image_head *head)
+{
+    if (p->count[head->colour]++ == 0) {
+        p->first[head->colour] = view->name;
+        memcpy(p->name[head->colour], head->profile, sizeof head->profile);
+    }
+}
+
+static void tell_profiles(const cln_scene *scene, const profiles *p)
+{
+    const int other = p->count[CLN_COLOUR_OTHER], unknown = p->count[CLN_COLOUR_UNKNOWN];
+
+    if (other > 0)
+        cln_info("colours: of %d of %d images, converted to sRGB from their profile ('%s'%s)",
+                 other, scene->view_count, p->name[CLN_COLOUR_OTHER], other > 1 ? ", ..." : "");
+    if (unknown > 0)
+        cln_warn("%s: %d of %d images ('%s'%s) %s a colour profile that cannot be converted "
+                 "(%s): their colours count as sRGB; convert them to sRGB first if they are not",
+                 scene->folder, unknown, scene->view_count, p->first[CLN_COLOUR_UNKNOWN],
+                 unknown > 1 ? ", ..." : "", cln_plural(unknown, "has", "have"),
+                 cln_colour_unknown_reason());
+}
+
 static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
 {
+    profiles found = {0};
+
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
         cln_image_head head;
@@ -152,7 +184,9 @@ static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
         view->file_height = head.height;
         view->channels = head.channels;
         view->orientation = head.orientation;
+        add_profile(&found, view, &head);
     }
+    tell_profiles(scene, &found);
     return CLN_OK;
 }
 
