@@ -17,6 +17,7 @@
 #include "api/photo_cameras.h"
 #include "io/command.h"
 #include "io/disk.h"
+#include "io/progress.h"
 #include "scene/reader.h"
 
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64 };
@@ -165,6 +166,15 @@ static void learn_names(const char *line, void *user)
         c->extraction = "--FeatureExtraction.use_gpu";
     if (strstr(line, "--FeatureMatching.use_gpu"))
         c->matching = "--FeatureMatching.use_gpu";
+    for (int i = 0; i < 2; i++) {
+        static const char *const threads[] = {"--SiftExtraction.num_threads",
+                                              "--FeatureExtraction.num_threads"};
+        static const char *const sides[] = {"--SiftExtraction.max_image_size",
+                                            "--FeatureExtraction.max_image_size"};
+
+        c->threads = strstr(line, threads[i]) ? threads[i] : c->threads;
+        c->side = strstr(line, sides[i]) ? sides[i] : c->side;
+    }
     c->sized = c->sized || strstr(line, SIZE);
     c->blocks = c->blocks || strstr(line, BLOCK);
     c->lists = c->lists || strstr(line, LIST);
@@ -185,16 +195,78 @@ void cln_colmap_ask(cln_colmap *c)
 
 /* ---- its steps ---- */
 
+cln_colmap_room cln_colmap_fit(double memory, int processors, int longest, double pixels)
+{
+    /* COLMAP 3.8, by photos of 3200 x 2400 and 1600 x 1200: 284 and 292 bytes a pixel of each
+     * photo, beside 140 and 60 MiB */
+    const double bytes = 300, besides = 200e6, room = 0.8 * memory - besides;
+    const int most = 3200, least = 640; /* COLMAP's own most */
+    const double scale = longest > most ? (double)most / longest : 1;
+    cln_colmap_room out = {.each = bytes * pixels * scale * scale};
+
+    if (room < out.each) {
+        out.threads = 1;
+        out.side = (int)(scale * longest * sqrt(fmax(room, 0) / out.each));
+        out.side = out.side > least ? out.side : least;
+        out.each *= pow(out.side / (scale * longest), 2);
+    } else if (room < out.each * processors) {
+        out.threads = (int)(room / out.each);
+    }
+    return out;
+}
+
+static void fit_memory(cln_colmap *c, const cln_photo_cameras *cameras)
+{
+    const long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    const double memory = cln_host_memory();
+    char whole[32], each[32], smaller[64] = "";
+
+    c->room = cln_colmap_fit(memory, processors > 0 ? (int)processors : 1, cameras->longest,
+                             cameras->pixels);
+    if (!c->threads || !c->side)
+        c->room = (cln_colmap_room){0};
+    if (c->room.threads == 0)
+        return;
+    cln_format_bytes(memory, whole);
+    cln_format_bytes(c->room.each, each);
+    if (c->room.side)
+        snprintf(smaller, sizeof smaller, ", and in photos of at most %d pixels a side",
+                 c->room.side);
+    cln_info("memory: features of a photo take %s, and there are %s: COLMAP looks for them in %d "
+             "photo%s at a time%s",
+             each, whole, c->room.threads, cln_plural(c->room.threads, "", "s"), smaller);
+}
+
 /* Finds the features of photos that a camera took, or of all, each with a camera of its own. list:
  * their names, NULL for all. A few photos cannot tell four parameters of a lens. */
 static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char *list)
 {
-    return run(c, "poses: features",
-               (const char *const[]){"colmap", "feature_extractor", "--database_path", c->database,
-                                     "--image_path", c->images, "--ImageReader.camera_model",
-                                     photos < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
-                                     "--ImageReader.single_camera", one_camera ? "1" : "0",
-                                     c->extraction, "0", list ? LIST : NULL, list, NULL});
+    char threads[16], side[16];
+    const char *argv[32] = {"colmap",
+                            "feature_extractor",
+                            "--database_path",
+                            c->database,
+                            "--image_path",
+                            c->images,
+                            "--ImageReader.camera_model",
+                            photos < PLAIN ? "SIMPLE_RADIAL" : "OPENCV",
+                            "--ImageReader.single_camera",
+                            one_camera ? "1" : "0",
+                            c->extraction,
+                            "0"};
+    const char *const more[][2] = {{list ? LIST : NULL, list},
+                                   {c->room.threads ? c->threads : NULL, threads},
+                                   {c->room.side ? c->side : NULL, side}};
+    int n = 12;
+
+    snprintf(threads, sizeof threads, "%d", c->room.threads);
+    snprintf(side, sizeof side, "%d", c->room.side);
+    for (size_t i = 0; i < sizeof more / sizeof *more; i++)
+        if (more[i][0]) {
+            argv[n++] = more[i][0];
+            argv[n++] = more[i][1];
+        }
+    return run(c, "poses: features", argv);
 }
 
 /* A run for each camera: its photos, and no others, get one in the database. */
@@ -228,6 +300,7 @@ cln_status cln_colmap_features(cln_colmap *c)
                !cameras.lengths ? "sizes"
                : cameras.sizes  ? "sizes and focal lengths by EXIF, or none"
                                 : "focal lengths by EXIF, or none");
+    fit_memory(c, &cameras);
     if (cameras.count == 1) {
         cln_info("%d photos, all of one size: one camera", c->photos.count);
         CLN_TRY(extract(c, c->photos.count, true, NULL));

@@ -11,6 +11,16 @@
 
 enum { CLN_POSES_LEAST = 3 }; /* photos that poses can be found of */
 
+/* How features are looked for. */
+typedef struct cln_colmap_room {
+    int threads; /* photos at once; 0: as COLMAP does, one a processor */
+    int side;    /* pixels of a photo's longest side at which; 0: COLMAP's, at most 3200 */
+    double each; /* bytes that one of the largest photos takes at its size of then */
+} cln_colmap_room;
+
+/* What fits in `memory` bytes. longest, pixels: of the largest photo. */
+cln_colmap_room cln_colmap_fit(double memory, int processors, int longest, double pixels);
+
 typedef struct cln_colmap {
     /* The caller's, for all steps. */
     const cln_poses_desc *desc;
@@ -21,6 +31,9 @@ typedef struct cln_colmap {
     FILE *log;
     /* Found out. */
     const char *extraction, *matching; /* how this COLMAP calls its options */
+    const char *threads, *side; /* of features: how many at once, and at which longest side; NULL:
+                                   it has no such option */
+    cln_colmap_room room;
     bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
     int focal_lengths;         /* photos with one by EXIF data, in pixels between these: */
     double focal_least, focal_most;

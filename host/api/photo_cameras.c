@@ -56,6 +56,9 @@ cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
                     out->sizes = true;
             first[out->count++] = head;
         }
+        out->longest = head.width > out->longest ? head.width : out->longest;
+        out->longest = head.height > out->longest ? head.height : out->longest;
+        out->pixels = fmax(out->pixels, (double)head.width * head.height);
         out->camera[i] = camera;
         out->photos[camera]++;
     }

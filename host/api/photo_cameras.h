@@ -9,6 +9,8 @@ typedef struct cln_photo_cameras {
     int count;
     int *camera;         /* [photo] from 0, in the order in which they come */
     int *photos;         /* [camera] how many photos it has */
+    int longest;         /* side of any photo, in pixels */
+    double pixels;       /* of the largest photo */
     bool sizes, lengths; /* photos differ in size; those of one size in focal length */
 } cln_photo_cameras;
 

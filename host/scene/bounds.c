@@ -335,7 +335,7 @@ done:
 }
 
 /* Photos show what lies beyond a cube that was found by sparse points or guessed, but not if their
- * alpha cuts an object out, nor if their file gives the box. */
+ * alpha cuts an object out, nor if their file gives a box that is not for that, too. */
 static bool chooses_shell(const evidence *e, const cln_config *config, bool found)
 {
     return config->space == CLN_SPACE_AUTO && config->stage1 == CLN_STAGE1_GATHER && found &&
@@ -369,7 +369,7 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
     cln_space *space = &scene->space;
     evidence e = {.scene = scene, .result = result, .bbox = config->bbox};
     char refused[CLN_REFUSED_BYTES];
-    bool sane = true, chosen = false;
+    bool sane = true, chosen = false, wide = false;
 
     CLN_TRY(find_forward(scene, result, config, refused));
     gather_axes(scene, &e.mean);
@@ -378,10 +378,14 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
         if (!scene->bounds_rule)
             continue;
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
-        chosen = chooses_shell(&e, config, rules[i] == of_points || rules[i] == looked_at);
+        wide = rules[i] == of_dataset && result->wide;
+        chosen = chooses_shell(&e, config, rules[i] == of_points || rules[i] == looked_at || wide);
         space->shell = chosen || config->space == CLN_SPACE_SHELL;
         if (space->shell && (rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)))
             CLN_TRY(looked_at_in_shell(&e, space, &scene->bounds_rule));
+        if (chosen && wide && space->half == result->space.half) { /* none is looked at */
+            space->shell = chosen = false;
+        }
     }
     if (!space->forward)
         CLN_TRY(add_reasons(scene, refused, chosen));

@@ -45,6 +45,7 @@ typedef struct cln_reader_result {
     cln_observation *observations;
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
     bool beyond;         /* its photos show what lies around, too: a shell */
+    bool wide;           /* its box has room for that: no cube for what the cameras look at */
     bool stored_poses;   /* for cln_scene.stored_poses */
     const char *dialect; /* for cln_scene.dialect */
     char *because;       /* why it was read as that, a phrase */

@@ -301,6 +301,10 @@ done:
     return st;
 }
 
+/* An aabb_scale up to that is somebody's choice: instant-ngp's fox has 4. Its script colmap2nerf
+ * writes 32 by itself, as its grid has finer levels in the middle. */
+static const double NARROW = 4;
+
 /* instant-ngp maps a point p of the file to p * scale + offset, in a box of side aabb_scale around
  * 0.5; its change of axes after that leaves a cube where it is. In the file's own coordinates:
  *   centre = (0.5 - offset) / scale, half = aabb_scale / (2 scale)
@@ -327,6 +331,7 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
     if (aabb)
         CLN_TRY(read_aabb(file, aabb, aabb_scale, result));
     result->has_bounds = true;
+    result->wide = !aabb && aabb_scale > NARROW;
     CLN_TRY(cln_asprintf(&result->bounds_rule, "the file's %s, times aabb_scale %g",
                          aabb                  ? "aabb"
                          : has_scale || offset ? "scale and offset in instant-ngp's unit box"

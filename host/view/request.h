@@ -65,7 +65,8 @@ typedef const char *cln_ask_get(void *query, const char *name);
  *   focal=PIXELS           of both axes at the full size
  *   width= height=         full size (of a view: 0 or none as the photo, or by the other)
  *   crop=X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ] only what is in this box; scene units, degrees
- *   ms= edges=0|1 show=colour|depth|opacity|level|error format=jpeg|png background=R,G,B (0..1)    picture
+ *   ms= edges=0|1 show=colour|depth|opacity|level|error format=jpeg|png background=R,G,B (0..1)
+ *                          picture
  *   x= y=                  point
  *   view=I side=PIXELS background=   photo
  *   width= height= frames= fps=      film to begin
