@@ -16,8 +16,9 @@
 /* ASKED: views that are compared with others, each with NEIGHBOURS. TRIED: ties on which other
  * readings are tried. STRAYS: photos that are compared with all others. */
 enum { ASKED = 96, NEIGHBOURS = 3, TRIED = 12000, STRAYS = 8 };
-/* Fewest ties that say anything about a set, and about a view; agreeing ties that make partners. */
-enum { FEWEST = 100, FEWEST_OF_VIEW = 8, PARTNERS_SHARE = 6 };
+/* Fewest ties that say anything about a set, about a view, and against one (objects of equal parts
+ * have a dozen wrong ones); agreeing ties that make partners. */
+enum { FEWEST = 100, FEWEST_OF_VIEW = 8, FEWEST_OF_BAD = 16, PARTNERS_SHARE = 6 };
 static const double TOLERANCE = 2;    /* pixels, at the size at which features are found */
 static const double STRICT = 0.25;    /* share of it for focal lengths, whose effect is small */
 static const double GOOD = 0.5;       /* share of agreeing ties of a set that can tell bad views */
@@ -479,7 +480,8 @@ static cln_status find_bad(work *w)
         int ties = 0, agreeing = 0;
         double own = 0, best = 0;
 
-        v->bad = v->partners == 0 && share_of_view(v) < BAD && is_related(w, strays[i]);
+        v->bad = v->partners == 0 && v->ties >= FEWEST_OF_BAD && share_of_view(v) < BAD &&
+                 is_related(w, strays[i]);
         CLN_TRY(try_pose(w, strays[i], strays[i], &ties, &agreeing));
         own = (double)agreeing / (ties + 1);
         for (int k = 0; k < count; k++) {

@@ -7,6 +7,7 @@
 #include "scene/colmap.h"
 
 #include <math.h>
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
@@ -157,6 +158,20 @@ done:
 
 /* ---- text ---- */
 
+/* Up to `most` commas behind numbers become blanks, as COLMAP takes them, and kapture writes them;
+ * an image's name keeps its own. */
+static void open_commas(char *line, int most)
+{
+    static const char numbers[] = "0123456789+-.eE \t";
+
+    for (int i = 0; i < most; i++) {
+        line += strspn(line, numbers);
+        if (*line != ',')
+            return;
+        *line = ' ';
+    }
+}
+
 /* The next line with data, "#" begins a comment; NULL after the last. */
 static char *data_line(cln_cursor *c)
 {
@@ -217,8 +232,10 @@ done:
 static bool parse_image(char **line, cln_colmap_image *image)
 {
     double id = 0, camera = 0;
-    bool good = cln_field_whole(line, UINT32_MAX, &id);
+    bool good = false;
 
+    open_commas(*line, 9);
+    good = cln_field_whole(line, UINT32_MAX, &id);
     for (int i = 0; i < 7 && good; i++)
         good = cln_field_number(line, &image->pose[i]);
     good = good && cln_field_whole(line, UINT32_MAX, &camera);
@@ -279,8 +296,10 @@ static cln_status parse_points(cln_cursor *c, cln_colmap *out)
         double value = 0;
         char *word = NULL;
         int words = 0;
-        bool good = cln_field_number(&line, &value);
+        bool good = false;
 
+        open_commas(line, INT_MAX);
+        good = cln_field_number(&line, &value);
         if (out->point_count >= MAX_POINTS)
             CLN_TRY(too_many(c->path, (size_t)MAX_POINTS + 1, "points", MAX_POINTS));
         CLN_TRY(cln_dataset_grow(&out->points, out->point_count, sizeof *out->points, "points"));

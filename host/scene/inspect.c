@@ -31,6 +31,7 @@ static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over t
 static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 static const double COPY = 0.004, FLAT = 0.02;
+static const double COPY_PIXELS = 0.02;                    /* 34 dB; JPEGs of JPEGs have 39 */
 static const double EXPOSURE_RANGE = 0.6;                  /* factors of 2 */
 static const double EXPOSURE_TREND = 2;                    /* a jump over those around it */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
@@ -448,16 +449,40 @@ done:
 
 /* ---- cameras ---- */
 
+/* Degrees from the axis to an end of the longer side, or to the outermost place before it that has
+ * a ray; below 0 if the axis is not in the image, and the end on this side of it. */
+static double reach(const cln_camera *c, bool end)
+{
+    enum { STEPS = 256 };
+    const bool wide = c->width >= c->height;
+    const double middle = wide ? c->cx : c->cy, last = end ? (wide ? c->width : c->height) : 0;
+    const double sign = (last > middle) == end ? 1 : -1;
+
+    for (int i = STEPS; i > 0; i--) {
+        const double at = middle + (last - middle) * i / STEPS;
+        double o[3], d[3], along = 0;
+
+        if (!cln_camera_ray(c, wide ? at : c->cx, wide ? c->cy : at, o, d))
+            continue;
+        for (int a = 0; a < 3; a++)
+            along += d[a] * c->c2w[4 * a + 2];
+        return sign * acos(fmin(fmax(along, -1), 1)) * 57.29577951308232;
+    }
+    return 0;
+}
+
 static void check_intrinsics(inspection *in)
 {
     const cln_fold fold = cln_scene_fold(in->scene);
     double narrowest = INFINITY, widest = 0, ratio = 1;
-    bool planes = true;
+    bool planes = true, odd = false;
 
     for (int i = 0; i < in->scene->view_count; i++) {
         const cln_camera *c = &in->scene->views[i].camera;
-        const double fov = 2 * atan(.5 * fmax(c->width, c->height) / c->fx) * 57.29577951308232;
+        const double fov = reach(c, false) + reach(c, true);
+        const bool flat = c->lens <= CLN_LENS_FULL_OPENCV; /* not for more than half a sphere */
 
+        odd = odd || fov < 5 || (flat && fov > 130);
         planes = planes && c->lens != CLN_LENS_EQUIRECTANGULAR;
         narrowest = fmin(narrowest, fov);
         widest = fmax(widest, fov);
@@ -468,7 +493,7 @@ static void check_intrinsics(inspection *in)
         measure(in, "fov_most", widest);
     }
     measure(in, "beyond_fold", fold.share);
-    if (planes && (narrowest < 5 || widest > 130))
+    if (planes && odd)
         cln_found_fault(in->findings, "focal length", true, NULL,
                         "the field of view is %.3g to %.3g degrees along the longer side: unusual "
                         "for photos. Likely a focal length of another image size, or in "
@@ -620,13 +645,39 @@ static bool in_two_held_out(const cln_view *a, const cln_view *b)
            strcmp(a->path, b->path) == 0;
 }
 
-/* Do two photos look alike? Most pairs differ in their means already, which is found faster. */
+/* Root of the mean square of the difference of two photos of one size, 0..1, over some of their
+ * pixels; 0 for others, of which nothing is known. */
+static double pixels_differ(const cln_view *a, const cln_view *b)
+{
+    enum { ROWS = 200 };
+    const int width = a->camera.width, height = a->camera.height, each = height / ROWS + 1;
+    double sum = 0;
+    size_t n = 0;
+
+    if (width != b->camera.width || height != b->camera.height)
+        return 0;
+    for (int y = 0; y < height; y += each)
+        for (int x = 0; x < width; x += each) {
+            uint8_t one[4], other[4];
+
+            cln_view_bytes(a, x, y, one);
+            cln_view_bytes(b, x, y, other);
+            for (int c = 0; c < 3; c++, n++)
+                sum += (one[c] - other[c]) * (one[c] - other[c]) / 65025.0;
+        }
+    return sqrt(sum / (double)n);
+}
+
+/* Are two photos copies? Most pairs differ in their means already, which is found faster. Views of
+ * an object from nearly one place look alike as a whole, but their pixels differ by more than those
+ * of copies that were saved anew. */
 static bool same_photo(const inspection *in, int a, int b)
 {
     const cln_photo *one = &in->photos[a], *other = &in->photos[b];
 
     return one->contrast > (float)FLAT && fabsf(one->mean - other->mean) < (float)COPY + 1e-4f &&
-           cln_photo_difference(one, other) < COPY;
+           cln_photo_difference(one, other) < COPY &&
+           pixels_differ(&in->scene->views[a], &in->scene->views[b]) < COPY_PIXELS;
 }
 
 static cln_status check_duplicates(inspection *in)
