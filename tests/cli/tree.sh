@@ -1,6 +1,6 @@
 #!/bin/bash
 # The leaves of a trained tree, on small generated scenes: when empty ones are culled, and how far
-# neighbours differ at their faces. cli.sh has what a user sees of the tree.
+# neighbours differ at their faces. training.sh has what a user sees of the tree.
 #   tests/cli/tree.sh [SECTION...]     sections: culling resume seams voxels averages
 #   BUILD=build/sanitize               the programs to test
 set -u
