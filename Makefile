@@ -48,7 +48,8 @@ OPT := $(if $(DEBUG),-O0 -g,$(if $(SANITIZE),-O1 -g1,-O2 -g))
 # tests run once after they are compiled, which takes half the time so
 $B/obj/tests/%: OPT := $(if $(DEBUG),-O0 -g,-O1 -g1)
 VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)
-# The shared library's name for the linker; changes when a function or struct of cl_nascent.h does
+# The shared library's name for the linker. From 1.0 on it changes when a function or struct of
+# cl_nascent.h does; 0 promises nothing (docs/api.md).
 SONAME := libcl-nascent.so.0
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(WERROR),-Werror)
 CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \

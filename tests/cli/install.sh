@@ -197,6 +197,10 @@ exported() {
 declared >declared.txt
 exported >exported.txt
 check "functions are declared for export" [ "$(wc -l <declared.txt)" -gt 20 ]
+while read -r name; do
+    grep -qw "$name" "$usr/share/doc/cl-nascent/docs/api.md" || echo "$name"
+done <declared.txt >out
+check "docs/api.md names every function" [ ! -s out ]
 run diff declared.txt exported.txt
 check "the shared library exports what the header declares, and nothing else" [ $rc = 0 ]
 nm -g --defined-only "$lib/libcl-nascent.a" | awk 'NF == 3 { print $3 }' | sort >exported.txt
