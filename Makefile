@@ -1,7 +1,7 @@
 # cl-nascent: plain GNU make. Only build/ is written.
 #   make                    build/cl-nascent, and the library: libcl-nascent.a and .so
 #   make demo               install missing packages, generate, train two minutes, evaluate, render
-#   make test               install missing packages, run the whole suite
+#   make test | check       install missing packages, run the whole suite
 #   make test-devices       the cases of docs/devices.md on every OpenCL device found
 #   make test-browser       the viewer's page in headless Chromium (a large download; not in test)
 #   make grind              the kernels under Oclgrind, for races and bad accesses
@@ -13,7 +13,9 @@
 #   make bench              install missing packages, time every kernel (docs/benches.md)
 #   make bench-sort         the sort beside other sorts (needs g++)
 #   make bench-scale        what 1 to 1,024 processes would do (needs libopenmpi-dev openmpi-bin)
-#   make install            program and library: PREFIX=/usr/local DESTDIR= LIBDIR=; uninstall
+#   make install            program and library: PREFIX=/usr/local DESTDIR=, and BINDIR, LIBDIR,
+#                           INCLUDEDIR, DATADIR, MANDIR, DOCDIR, as below; uninstall with the same
+#   make dist               the sources of HEAD, build/cl-nascent-VERSION.tar.xz
 #   make deb                a Debian package of the program, in build/
 #   make deps | clean       install what the build needs; remove build/
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
@@ -22,10 +24,15 @@
 #            (docs/scale-out.md; libopenmpi-dev)
 
 PREFIX ?= /usr/local
+BINDIR ?= $(PREFIX)/bin
 LIBDIR ?= $(PREFIX)/lib
-BASHDIR ?= $(PREFIX)/share/bash-completion/completions
-ZSHDIR ?= $(PREFIX)/share/zsh/site-functions
-FISHDIR ?= $(PREFIX)/share/fish/vendor_completions.d
+INCLUDEDIR ?= $(PREFIX)/include
+DATADIR ?= $(PREFIX)/share
+MANDIR ?= $(DATADIR)/man
+DOCDIR ?= $(DATADIR)/doc/cl-nascent
+BASHDIR ?= $(DATADIR)/bash-completion/completions
+ZSHDIR ?= $(DATADIR)/zsh/site-functions
+FISHDIR ?= $(DATADIR)/fish/vendor_completions.d
 B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
 CC ?= gcc
@@ -50,7 +57,8 @@ OPT := $(if $(DEBUG),-O0 -g,$(if $(SANITIZE),-O1 -g1,-O2 -g))
 # tests run once after they are compiled, which takes half the time so
 $B/obj/tests/%: OPT := $(if $(DEBUG),-O0 -g,-O1 -g1)
 VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)
-# The shared library's name for the linker; changes when a function or struct of cl_nascent.h does
+# The shared library's name for the linker. From 1.0 on it changes when a function or struct of
+# cl_nascent.h does; 0 promises nothing (docs/api.md).
 SONAME := libcl-nascent.so.0
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(if $(WERROR),-Werror)
 CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
@@ -168,11 +176,12 @@ $P/$(SONAME): $(LIB_OBJ)
 # Spaces in folders are escaped.
 empty :=
 escaped = $(subst $(empty) ,\ ,$1)
+by_prefix = $(call escaped,$(subst ^,,$(subst ^$(PREFIX)/,$${prefix}/,^$1)))
 $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	@mkdir -p $(@D)
 	@{ echo 'prefix=$(call escaped,$(PREFIX))'; \
-	   echo 'libdir=$(call escaped,$(subst ^,,$(subst ^$(PREFIX)/,$${prefix}/,^$(LIBDIR))))'; \
-	   echo 'includedir=$${prefix}/include'; \
+	   echo 'libdir=$(call by_prefix,$(LIBDIR))'; \
+	   echo 'includedir=$(call by_prefix,$(INCLUDEDIR))'; \
 	   echo; \
 	   echo 'Name: cl-nascent'; \
 	   echo 'Description: Posed photos in, views from anywhere out, on any OpenCL device'; \
@@ -327,6 +336,8 @@ demo:
 	@$(MAKE) --no-print-directory build/cl-nascent build/make-scene
 	@tests/demo.sh
 
+check: test
+
 test:
 	@tests/deps.sh build test lint
 	@MAKE="$(MAKE)" tests/all.sh
@@ -387,27 +398,24 @@ bench-programs:
 	    build/bench-kernels build/bench-table build/bench-views build/bench-growth \
 	    build/bench-floaters
 
-# Quoted, as DESTDIR and PREFIX may have spaces.
+TEXTS := README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE
+
+# Quoted, as the folders may have spaces.
 install: all
-	install -d "$(DESTDIR)$(PREFIX)/bin" "$(DESTDIR)$(PREFIX)/include" \
-	    "$(DESTDIR)$(LIBDIR)/pkgconfig" \
-	    "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune" "$(DESTDIR)$(PREFIX)/share/man/man1" \
-	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples" \
-	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs"
-	install -m 755 $P/cl-nascent "$(DESTDIR)$(PREFIX)/bin/"
-	install -m 644 include/cl_nascent.h "$(DESTDIR)$(PREFIX)/include/"
+	install -d "$(DESTDIR)$(BINDIR)" "$(DESTDIR)$(INCLUDEDIR)" "$(DESTDIR)$(LIBDIR)/pkgconfig" \
+	    "$(DESTDIR)$(DATADIR)/cl-nascent/tune" "$(DESTDIR)$(MANDIR)/man1" \
+	    "$(DESTDIR)$(DOCDIR)/examples" "$(DESTDIR)$(DOCDIR)/docs"
+	install -m 755 $P/cl-nascent "$(DESTDIR)$(BINDIR)/"
+	install -m 644 include/cl_nascent.h "$(DESTDIR)$(INCLUDEDIR)/"
 	install -m 644 $P/public/libcl-nascent.a "$(DESTDIR)$(LIBDIR)/"
 	install -m 755 $P/$(SONAME) "$(DESTDIR)$(LIBDIR)/"
 	ln -sf $(SONAME) "$(DESTDIR)$(LIBDIR)/libcl-nascent.so"
 	install -m 644 $P/cl-nascent.pc "$(DESTDIR)$(LIBDIR)/pkgconfig/"
-	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(PREFIX)/share/cl-nascent/tune/"
-	install -m 644 docs/cl-nascent.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
-	install -m 644 $P/texts/*.1 "$(DESTDIR)$(PREFIX)/share/man/man1/"
-	install -m 644 README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE \
-	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/"
-	install -m 644 docs/*.md docs/*.png docs/*.jpg \
-	    "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/docs/"
-	install -m 644 $(EXAMPLES) "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent/examples/"
+	install -m 644 $(TUNE_ROWS) "$(DESTDIR)$(DATADIR)/cl-nascent/tune/"
+	install -m 644 docs/cl-nascent.1 $P/texts/*.1 "$(DESTDIR)$(MANDIR)/man1/"
+	install -m 644 $(TEXTS) "$(DESTDIR)$(DOCDIR)/"
+	install -m 644 docs/*.md docs/*.png docs/*.jpg "$(DESTDIR)$(DOCDIR)/docs/"
+	install -m 644 $(EXAMPLES) "$(DESTDIR)$(DOCDIR)/examples/"
 	install -d "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" "$(DESTDIR)$(FISHDIR)"
 	install -m 644 $P/texts/completion.bash "$(DESTDIR)$(BASHDIR)/cl-nascent"
 	install -m 644 $P/texts/completion.zsh "$(DESTDIR)$(ZSHDIR)/_cl-nascent"
@@ -415,14 +423,22 @@ install: all
 
 # The same variables as for install. Folders that others use, too, stay.
 uninstall:
-	rm -f "$(DESTDIR)$(PREFIX)/bin/cl-nascent" "$(DESTDIR)$(PREFIX)/include/cl_nascent.h" \
+	rm -f "$(DESTDIR)$(BINDIR)/cl-nascent" "$(DESTDIR)$(INCLUDEDIR)/cl_nascent.h" \
 	    "$(DESTDIR)$(LIBDIR)/libcl-nascent.a" "$(DESTDIR)$(LIBDIR)/$(SONAME)" \
 	    "$(DESTDIR)$(LIBDIR)/libcl-nascent.so" "$(DESTDIR)$(LIBDIR)/pkgconfig/cl-nascent.pc" \
-	    "$(DESTDIR)$(PREFIX)/share/man/man1/cl-nascent.1" \
-	    "$(DESTDIR)$(PREFIX)/share/man/man1/cl-nascent-"*.1 \
+	    "$(DESTDIR)$(MANDIR)/man1/cl-nascent.1" "$(DESTDIR)$(MANDIR)/man1/cl-nascent-"*.1 \
 	    "$(DESTDIR)$(BASHDIR)/cl-nascent" "$(DESTDIR)$(ZSHDIR)/_cl-nascent" \
-	    "$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
-	rm -rf "$(DESTDIR)$(PREFIX)/share/cl-nascent" "$(DESTDIR)$(PREFIX)/share/doc/cl-nascent"
+	    "$(DESTDIR)$(FISHDIR)/cl-nascent.fish" $(TEXTS:%="$(DESTDIR)$(DOCDIR)/%")
+	rm -rf "$(DESTDIR)$(DATADIR)/cl-nascent" "$(DESTDIR)$(DOCDIR)/docs" \
+	    "$(DESTDIR)$(DOCDIR)/examples"
+	rmdir "$(DESTDIR)$(DOCDIR)" 2>/dev/null || true
+
+# Of git alone: what is not committed is left out.
+DIST := cl-nascent-$(VERSION)
+dist:
+	@mkdir -p build
+	git archive --prefix=$(DIST)/ -o build/$(DIST).tar HEAD
+	xz -f build/$(DIST).tar
 
 deb: all
 	@MAKE="$(MAKE)" packaging/deb.sh
@@ -433,6 +449,6 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d) $B/obj/mpi/ranks.d
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test test-devices test-browser grind faults fuzz lint fmt bench \
+.PHONY: all FORCE deps demo test check test-devices test-browser grind faults fuzz lint fmt bench \
         bench-programs bench-peers bench-sort bench-scale bench-scale-programs \
-        install uninstall deb clean
+        install uninstall dist deb clean

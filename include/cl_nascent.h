@@ -24,6 +24,8 @@
 extern "C" {
 #endif
 
+/* Until 1.0 structs get members from one version to the next, and the shared library's name stays:
+ * compile with the header of the library that you run with (docs/api.md, "What may change"). */
 #define CLN_VERSION "0.1.0"
 
 /* Marks the shared library's exports. */

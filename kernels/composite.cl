@@ -121,18 +121,12 @@ __kernel void composite_pixels(const __global uint *restrict sample_starts, /* [
         return;
     for (uint k = 0; k < count; k++) {
         const uint r = first + k;
-        float tau = 0.0f, through = 1.0f;
-        float4 colour = (float4)(0.0f);
+        passed p = {.through = 1.0f};
 
-        for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++) {
-            const float depth_here = OPTICAL_DEPTH(out[i].w * samples[i].delta);
-
-            colour = MAD((float4)(through * ONE_MINUS_EXP(float, depth_here)), out[i], colour);
-            tau += depth_here;
-            through = EXP(-tau);
-        }
-        rays[k] = MAD((float4)(through), BACKGROUND(r), colour);
-        rays[k].w = through;
+        for (uint i = sample_starts[r]; i < sample_starts[r + 1u]; i++)
+            pass_sample(&p, out[i], samples[i].delta);
+        rays[k] = MAD((float4)(p.through), BACKGROUND(r), p.colour);
+        rays[k].w = p.through;
         mean += rays[k];
     }
     mean /= convert_float(count);
@@ -170,34 +164,27 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
 #endif
     /* moments are about the first sample: differences of those about 0 would cancel far away */
     const float start = begin < end ? samples[begin].t : 0.0f;
-    float tau = 0.0f, through = 1.0f, opacity = 0.0f, moment = 0.0f;
-    float4 colour = (float4)(0.0f);
+    float opacity = 0.0f, moment = 0.0f;
+    passed p = {.through = 1.0f};
 #if MEASURES > 0
     float length = 0.0f; /* of the ray in the leaves with samples: their deltas sum to it */
 #endif
 
-    for (uint i = begin; i < end; i++) { /* dout keeps T_i, alpha_i, T_(i+1) for what follows */
-        const float4 o = out[i];
-        const float depth_here = OPTICAL_DEPTH(o.w * samples[i].delta);
-        const float alpha = ONE_MINUS_EXP(float, depth_here);
-        const float weight = through * alpha;
+    for (uint i = begin; i < end; i++) {
+        const float4 kept = pass_sample(&p, out[i], samples[i].delta);
+        const float weight = kept.x * kept.y;
 
-        colour = MAD((float4)(weight), o, colour);
+        dout[i] = kept; /* for what follows */
         opacity += weight;
         moment = MAD(weight, samples[i].t - start, moment);
-        tau += depth_here;
-        const float behind = EXP(-tau);
-
-        dout[i] = (float4)(through, alpha, behind, 0.0f);
-        through = behind;
 #if MEASURES > 0
         length += samples[i].delta;
 #endif
     }
-    colour = MAD((float4)(through), back, colour);
+    const float4 colour = MAD((float4)(p.through), back, p.colour);
     const float2 pull = DEPTH_PASS(r);
-    const ray_loss l = loss_of_ray(colour, back, targets[r], through, opacity, huber, alpha_weight,
-                                   opacity_weight, pull);
+    const ray_loss l = loss_of_ray(colour, back, targets[r], p.through, opacity, huber,
+                                   alpha_weight, opacity_weight, pull);
     sweep s = {opacity, moment, l.rest, 0.0f, 0.0f, l.extra};
 
     for (uint i = end; i-- > begin;) {
@@ -208,7 +195,7 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
                   sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy, pull.x,
                              fabs(samples[i].t - pull.y));
 #if MEASURES > 0
-        measure_sample(measures, i, share * l.square, kept, o.w, delta, through, length);
+        measure_sample(measures, i, share * l.square, kept, o.w, delta, p.through, length);
 #endif
     }
     const float depth = MAD(start, opacity, moment) / fmax(opacity, 1e-10f);

@@ -1,7 +1,7 @@
 /* needs: shell */
-/* The loss of a ray, and what compositing's backward sweep begins with (method.md 9, 10; twin:
- * host/reference/composite.c). For composite.cl, and for stretch.cl, where ranks composite parts of
- * a ray.
+/* Samples of a ray one by one from its front, the ray's loss, and compositing's backward sweep
+ * (method.md 9, 10; twin: host/reference/composite.c). For composite.cl, and for stretch.cl, where
+ * ranks composite parts of a ray.
  *
  *   RAY_BACKGROUND 0 | 1   one background for all rays, or one each
  *   LOSS 0 l2 | 1 huber;  ALPHA 0 | 1: opacity is compared with the image's alpha a, too,
@@ -82,6 +82,24 @@ HELPER float2 depth_pull(float4 shown, const __global float4 *ray_o, const __glo
     return (float2)(depth_loss * shown.w, reach_of(shown.xyz, ray_o, ray_d, r));
 }
 #endif
+
+/* What a ray, or a part of one, has passed from its front on; begins with through = 1. */
+typedef struct passed {
+    float4 colour;      /* sum of w_i c_i; its w has no meaning */
+    float tau, through; /* optical depth, T behind it */
+} passed;
+
+/* Takes the next sample; returns its T_i, alpha_i, T_(i+1). */
+HELPER float4 pass_sample(passed *p, float4 o, float delta)
+{
+    const float depth_here = OPTICAL_DEPTH(o.w * delta), before = p->through;
+    const float alpha = ONE_MINUS_EXP(float, depth_here);
+
+    p->colour = MAD((float4)(before * alpha), o, p->colour);
+    p->tau += depth_here;
+    p->through = EXP(-p->tau);
+    return (float4)(before, alpha, p->through, 0.0f);
+}
 
 typedef struct ray_loss {
     float loss, square; /* without the regularisers; mean squared error */

@@ -106,22 +106,20 @@ __kernel void stretch_composite(const __global cln_interval *restrict intervals,
     (void)pull;
     for (uint k = stretch_starts[r]; k < stretch_starts[r + 1u]; k++) {
         const float start = intervals[r].t_in;
-        float tau = 0.0f, through = 1.0f, length = 0.0f, moment = 0.0f, distortion = 0.0f;
-        float cauchy = 0.0f, off = 0.0f;
+        float length = 0.0f, moment = 0.0f, distortion = 0.0f, cauchy = 0.0f, off = 0.0f;
 #if DISTORT
         float weights = 0.0f;
 #endif
-        float4 colour = (float4)(0.0f);
+        passed p = {.through = 1.0f};
 
         if (stretch_rank[k] != me)
             continue;
         for (uint i = stretch_first[k]; i < stretch_first[k + 1u]; i++) {
             const float4 o = out[i];
-            const float delta = samples[i].delta, depth_here = OPTICAL_DEPTH(o.w * delta);
-            const float weight = through * ONE_MINUS_EXP(float, depth_here);
-            const float t = samples[i].t - start;
+            const float delta = samples[i].delta, t = samples[i].t - start;
+            const float4 kept = pass_sample(&p, o, delta);
+            const float weight = kept.x * kept.y;
 
-            colour = MAD((float4)(weight), o, colour);
 #if DISTORT
             /* pairs with what is before, twice, and with itself */
             distortion += weight * (2.0f * (t * weights - moment) + weight * delta * (1.0f / 3.0f));
@@ -135,11 +133,8 @@ __kernel void stretch_composite(const __global cln_interval *restrict intervals,
 #endif
             moment = MAD(weight, t, moment);
             length += delta;
-            tau += depth_here;
-            through = EXP(-tau);
         }
-        colour.w = tau;
-        sums[SUMS * k] = colour;
+        sums[SUMS * k] = (float4)(p.colour.xyz, p.tau);
         sums[SUMS * k + 1u] = (float4)(length, moment, distortion, cauchy);
 #if DEPTH_LOSS
         sums[SUMS * k + 2u] = (float4)(off);
@@ -255,19 +250,11 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
             sweep_over(&s, &l, sums + SUMS * k, distort, pull.x);
             continue;
         }
-        float tau_here = sums[SUMS * k].w, through_here = EXP(-tau_here);
+        passed p = {.tau = sums[SUMS * k].w};
 
-        for (uint i = stretch_first[k]; i < stretch_first[k + 1u]; i++) {
-            /* dout keeps T_i, alpha_i, T_(i+1) for what follows */
-            const float depth_here = OPTICAL_DEPTH(out[i].w * samples[i].delta);
-            const float alpha = ONE_MINUS_EXP(float, depth_here);
-
-            tau_here += depth_here;
-            const float after = EXP(-tau_here);
-
-            dout[i] = (float4)(through_here, alpha, after, 0.0f);
-            through_here = after;
-        }
+        p.through = EXP(-p.tau);
+        for (uint i = stretch_first[k]; i < stretch_first[k + 1u]; i++)
+            dout[i] = pass_sample(&p, out[i], samples[i].delta); /* for what follows */
         for (uint i = stretch_first[k + 1u]; i-- > stretch_first[k];) {
             const float4 kept = dout[i], o = out[i];
             const float delta = samples[i].delta;

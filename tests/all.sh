@@ -107,6 +107,7 @@ wait
 beside "ranks: hangs" tests/cli/ranks.sh hangs
 part "unit: rest" groups build/tests rest
 part ranks tests/cli/ranks.sh -hangs
+part trainings tests/cli/training.sh
 part "command line" tests/cli/cli.sh
 part devices tests/device/devices.sh -q
 part "unit: kernels" groups build/tests kernels
@@ -121,8 +122,9 @@ part "first hour" tests/cli/first_hour.sh
 part tree tests/cli/tree.sh
 part endings tests/cli/endings.sh
 # leaks.sh looks for leaks: looking for them while the driver's threads end now and then crashes
-part "sanitized command line" env BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0" \
-    tests/cli/cli.sh usage scenes resume
+sanitized=(env BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0")
+part "sanitized command line" "${sanitized[@]}" tests/cli/cli.sh usage scenes
+part "sanitized training" "${sanitized[@]}" tests/cli/training.sh resume
 part viewer tests/cli/view.sh
 part leaks tests/cli/leaks.sh
 part "unit: networks" groups build/tests networks

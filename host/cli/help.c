@@ -149,13 +149,11 @@ static void put_row(FILE *to, const cln_config_row *row, const cln_config preset
     put_entry(to, left, help);
 }
 
-static void put_rows(FILE *to, const cln_command *command)
+/* Prints the settings that a command takes, group by group, each by `put` with the same values. */
+static void put_groups(FILE *to, const cln_command *command,
+                       void (*put)(FILE *, const cln_config_row *, const cln_config *),
+                       const cln_config *values)
 {
-    cln_config presets[SHOWN];
-
-    for (int i = 0; i < SHOWN; i++)
-        if (cln_config_preset(shown_presets[i], &presets[i]) != CLN_OK)
-            return;
     for (int g = 0; g < CLN_CONFIG_GROUPS; g++) {
         bool titled = false;
 
@@ -168,9 +166,19 @@ static void put_rows(FILE *to, const cln_command *command)
             if (!titled)
                 fprintf(to, "\n%s:\n", cln_config_groups[g][1]);
             titled = true;
-            put_row(to, row, presets);
+            put(to, row, values);
         }
     }
+}
+
+static void put_rows(FILE *to, const cln_command *command)
+{
+    cln_config presets[SHOWN];
+
+    for (int i = 0; i < SHOWN; i++)
+        if (cln_config_preset(shown_presets[i], &presets[i]) != CLN_OK)
+            return;
+    put_groups(to, command, put_row, presets);
 }
 
 static bool is_of_most(const cln_arg *arg)
@@ -242,38 +250,31 @@ void cln_help_print(FILE *to, const cln_command *command)
         put_program(to);
 }
 
+/* A setting's value; in brackets the default preset's, if it differs. */
+static void put_value(FILE *to, const cln_config_row *row, const cln_config values[2])
+{
+    char value[CLN_TEXT_BYTES], other[CLN_TEXT_BYTES];
+
+    cln_config_text(&values[0], row, value);
+    cln_config_text(&values[1], row, other);
+    fprintf(to, "  --%-22s %s", row->option, *value ? value : "none");
+    if (strcmp(value, other) != 0)
+        fprintf(to, "  (%s)", *other ? other : "none");
+    fputc('\n', to);
+}
+
 cln_status cln_help_print_preset(FILE *to, const cln_command *command, const char *preset)
 {
     cln_status st = CLN_OK;
-    cln_config its, standard;
+    cln_config values[2];
 
-    CLN_TRY(cln_config_preset(preset, &its));
-    CLN_TRY(cln_config_preset(CLN_DEFAULT_PRESET, &standard));
+    CLN_TRY(cln_config_preset(preset, &values[0]));
+    CLN_TRY(cln_config_preset(CLN_DEFAULT_PRESET, &values[1]));
     fprintf(to, "Settings of --preset %s", preset);
     if (strcmp(preset, CLN_DEFAULT_PRESET) != 0)
         fprintf(to, " (in brackets those of " CLN_DEFAULT_PRESET ", where they differ)");
     fprintf(to, ".\nWhat each is: `cl-nascent help %s`\n", command->name);
-    for (int g = 0; g < CLN_CONFIG_GROUPS; g++) {
-        bool titled = false;
-
-        for (int i = 0; i < cln_config_row_count; i++) {
-            const cln_config_row *row = &cln_config_rows[i];
-            char value[CLN_TEXT_BYTES], other[CLN_TEXT_BYTES];
-
-            if (strcmp(row->group, cln_config_groups[g][0]) != 0 ||
-                !cln_command_takes_row(command, row))
-                continue;
-            if (!titled)
-                fprintf(to, "\n%s:\n", cln_config_groups[g][1]);
-            titled = true;
-            cln_config_text(&its, row, value);
-            cln_config_text(&standard, row, other);
-            fprintf(to, "  --%-22s %s", row->option, *value ? value : "none");
-            if (strcmp(value, other) != 0)
-                fprintf(to, "  (%s)", *other ? other : "none");
-            fputc('\n', to);
-        }
-    }
+    put_groups(to, command, put_value, values);
 done:
     return st;
 }

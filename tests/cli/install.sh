@@ -1,8 +1,8 @@
 #!/bin/bash
-# `make install` into a folder of its own, and uninstall; completion; `make deb`; the
-# header by itself, the shared library's exports, pkg-config, and examples/ compiled against only
-# the installed files, shared and static, and run on a tiny generated scene. Runs on any OpenCL
-# device (PoCL is enough).
+# `make install` into a folder of its own and into folders as packagers choose them, and uninstall;
+# completion; `make deb`, `make dist`; the header by itself, the shared library's exports,
+# pkg-config, and examples/ compiled against only the installed files, shared and static, and run on
+# a tiny generated scene. Runs on any OpenCL device (PoCL is enough).
 #   tests/cli/install.sh
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -142,6 +142,45 @@ check "make uninstall leaves only others' files" \
     [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
     ./usr/bin/other ]
 
+# ---- folders that packagers choose ----
+
+chosen=(DESTDIR="$work/chosen" PREFIX=/usr BINDIR=/b LIBDIR=/usr/lib/x86_64-linux-gnu
+    INCLUDEDIR=/usr/include/cl DATADIR=/data MANDIR=/man DOCDIR=/documents
+    BASHDIR=/bash ZSHDIR=/zsh FISHDIR=/fish)
+run "${MAKE:-make}" --no-print-directory install "${chosen[@]}"
+check "make install into other folders" [ $rc = 0 ]
+for file in b/cl-nascent usr/lib/x86_64-linux-gnu/libcl-nascent.so.0 usr/include/cl/cl_nascent.h \
+    usr/lib/x86_64-linux-gnu/pkgconfig/cl-nascent.pc data/cl-nascent/tune man/man1/cl-nascent.1 \
+    documents/README.md bash/cl-nascent zsh/_cl-nascent fish/cl-nascent.fish; do
+    check "$file is there" [ -s "$work/chosen/$file" ]
+done
+check "nothing is elsewhere" [ "$(cd "$work/chosen" && echo * usr/*)" = \
+    "b bash data documents fish man usr zsh usr/include usr/lib" ]
+for pair in libdir=/usr/lib/x86_64-linux-gnu includedir=/usr/include/cl; do
+    check "pkg-config has $pair" [ "$(pkg-config "--variable=${pair%=*}" \
+        "$work/chosen/usr/lib/x86_64-linux-gnu/pkgconfig/cl-nascent.pc")" = "${pair#*=}" ]
+done
+touch "$work/chosen/documents/others"
+run "${MAKE:-make}" --no-print-directory uninstall "${chosen[@]}"
+check "make uninstall from these folders" [ "$(cd "$work/chosen" && find . -type f -o -type l)" = \
+    ./documents/others ]
+
+# ---- the sources as an archive ----
+
+if git rev-parse HEAD >/dev/null 2>&1 && command -v xz >/dev/null; then
+    run "${MAKE:-make}" --no-print-directory dist
+    version=$("$cln" --version | cut -d' ' -f2)
+    check "make dist" [ $rc = 0 ]
+    tar -tf "build/cl-nascent-$version.tar.xz" | grep -v '/$' | sort >"$work/out"
+    check "the archive has what the commit has, in a folder of its own" \
+        diff <(git ls-tree -r --name-only HEAD | sed "s|^|cl-nascent-$version/|" | sort) \
+        "$work/out"
+else
+    skip "make dist" "no git, or no xz"
+fi
+run "${MAKE:-make}" -pn uninstall DESTDIR="$work/none"
+check "make check is make test" grep -qx "check: test" "$work/out"
+
 # ---- variables of make ----
 
 # what make would do for one object and the archive
@@ -197,6 +236,10 @@ exported() {
 declared >declared.txt
 exported >exported.txt
 check "functions are declared for export" [ "$(wc -l <declared.txt)" -gt 20 ]
+while read -r name; do
+    grep -qw "$name" "$usr/share/doc/cl-nascent/docs/api.md" || echo "$name"
+done <declared.txt >out
+check "docs/api.md names every function" [ ! -s out ]
 run diff declared.txt exported.txt
 check "the shared library exports what the header declares, and nothing else" [ $rc = 0 ]
 nm -g --defined-only "$lib/libcl-nascent.a" | awk 'NF == 3 { print $3 }' | sort >exported.txt

@@ -1,6 +1,6 @@
 #!/bin/bash
 # The leaves of a trained tree, on small generated scenes: when empty ones are culled, and how far
-# neighbours differ at their faces. cli.sh has what a user sees of the tree.
+# neighbours differ at their faces. training.sh has what a user sees of the tree.
 #   tests/cli/tree.sh [SECTION...]     sections: culling resume seams voxels averages
 #   BUILD=build/sanitize               the programs to test
 set -u
@@ -64,6 +64,21 @@ section_resume() {
 # scaled FACTOR NUMBER: their product
 scaled() {
     awk -v a="$1" -v b="$2" 'BEGIN { print a * b }'
+}
+
+# interrupted STEP RUN OPTIONS...: trains on the object, and interrupts it after this step
+interrupted() {
+    local step=$1 run=$2 i
+    shift 2
+    rm -rf "$run"
+    "$cln" train "$work/object" -o "$run" "$@" >/dev/null 2>&1 &
+    for ((i = 0; i < 600; i++)); do
+        grep -qs "\"step\":$step," "$run/metrics.jsonl" && break
+        sleep 0.1
+    done
+    kill -INT $!
+    wait $!
+    check "${run##*/} is interrupted after step $step" [ $? = 130 ]
 }
 
 # Bounds of docs/stability.md.
@@ -131,14 +146,7 @@ section_voxels() {
     local -a decoded=(--preset voxel --decoder-width 16 --rays 512 --leaf-samples 0 --steps 120
         --level-at 3:0.3 --progress none --skip-selftest --eval-images 1 --log-every 1)
     expect "train with a decoder" 0 "" "$cln" train "$work/object" -o "$work/whole" "${decoded[@]}"
-    "$cln" train "$work/object" -o "$work/halves" "${decoded[@]}" >/dev/null 2>&1 &
-    for ((i = 0; i < 600; i++)); do
-        grep -qs '"step":40,' "$work/halves/metrics.jsonl" && break
-        sleep 0.1
-    done
-    kill -INT $!
-    wait $!
-    check "a training with a decoder is interrupted" [ $? = 130 ]
+    interrupted 40 "$work/halves" "${decoded[@]}"
     expect "resume with a decoder" 0 "" "$cln" train --resume "$work/halves" --skip-selftest \
         --progress none
     check "a resumed decoder is as one that was not interrupted" \
@@ -194,7 +202,7 @@ section_voxels() {
 # that is before or after a stop, better pictures than with one ray of the same model, as those of
 # training by default, and finer leaves.
 section_averages() {
-    local i at means
+    local at means
     local -a few=(--preset voxel --progress none --skip-selftest --rays 2048 --leaf-samples 0
         --steps 300 --eval-images 3 --log-every 1 --antialias auto)
     [ -e "$work/object" ] || "$make_scene" "$work/object" --size 64 --train 24 --test 3 >/dev/null
@@ -204,14 +212,7 @@ section_averages() {
     check "not before the photos were seen twice" \
         number_above "$(grep -o 'from step [0-9]*' "$work/err" | grep -o '[0-9]*')" 95
     for at in 50 200; do
-        rm -rf "$work/part"
-        "$cln" train "$work/object" -o "$work/part" "${few[@]}" >/dev/null 2>&1 &
-        for ((i = 0; i < 600; i++)); do
-            grep -qs "\"step\":$at," "$work/part/metrics.jsonl" && break
-            sleep 0.1
-        done
-        kill -INT $!
-        wait $!
+        interrupted $at "$work/part" "${few[@]}"
         expect "resume after step $at" 0 "" "$cln" train --resume "$work/part" --skip-selftest \
             --progress none
         check "resumed after step $at, it is as if not stopped" \

@@ -1,6 +1,6 @@
 /* The report. Tested: the page shows the contents of a hand-made run folder, its HTML is well
- * formed, names with markup stay text, missing and damaged files still give a page; charts have
- * round ticks. Oracle: literal texts and numbers; for base64, the vectors of RFC 4648. */
+ * formed, names with markup stay text, missing and damaged files still give a page. Oracle: literal
+ * texts and numbers. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -13,13 +13,12 @@
 #include <string.h>
 #include <unistd.h>
 #include "base/config.h"
-#include "report/html.h"
 #include "io/image.h"
 #include "report/report.h"
 #include "report/report_data.h"
 #include "report/report_sections.h"
 #include "io/run_folder.h"
-#include "report/svg.h"
+#include "page.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -124,119 +123,6 @@ static void put_picture(const char *run, const char *stem, const char *file)
         CLN_OK);
 }
 
-static int count_of(const char *page, const char *text)
-{
-    int count = 0;
-
-    for (; (page = strstr(page, text)); page += strlen(text))
-        count++;
-    return count;
-}
-
-/* In the section of this id. */
-static int count_in(const char *page, const char *id, const char *text)
-{
-    char head[64];
-    const char *from = NULL, *to = NULL;
-    int count = 0;
-
-    snprintf(head, sizeof head, "<h2 id='%s'>", id);
-    from = strstr(page, head);
-    assert_non_null(from);
-    to = strstr(from + 1, "<h2 ");
-    for (; (from = strstr(from, text)) && (!to || from < to); from += strlen(text))
-        count++;
-    return count;
-}
-
-/* Is there a character reference at `at`: &name; &#39; &#xFFFD; */
-static bool is_reference(const char *at)
-{
-    const char *end = at + 1 +
-                      strspn(at + 1, "#abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-                                     "0123456789");
-
-    return end > at + 1 && *end == ';';
-}
-
-/* Steps over a tag (a name, then attributes, which may be quoted) and copies its name. */
-static const char *read_tag(const char *at, char name[16])
-{
-    size_t length = 0;
-
-    at++;
-    length = strspn(at, "!/abcdefghijklmnopqrstuvwxyz0123456789");
-    if (length == 0 || length >= 16)
-        fail_msg("'<' begins no tag: %.60s", at);
-    memcpy(name, at, length);
-    name[length] = 0;
-    for (at += length; *at != '>';) {
-        size_t space = strspn(at, " \n");
-        size_t key =
-            strspn(at + space, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-:/");
-        char quote = 0;
-
-        if (space + key == 0)
-            fail_msg("no attribute: %.60s", at);
-        at += space + key;
-        if (*at != '=')
-            continue;
-        quote = *++at;
-        if (quote != '"' && quote != '\'') {
-            at += strcspn(at, " >");
-            continue;
-        }
-        for (at++; *at != quote; at++)
-            if (!*at || *at == '<' || (*at == '&' && !is_reference(at)))
-                fail_msg("in an attribute: %.60s", at);
-        at++;
-    }
-    return at + 1;
-}
-
-/* Every '<' begins a tag and every '&' a reference; elements are closed in order; every link
- * targets one id of the page. */
-static void assert_well_formed(const char *page)
-{
-    static const char *const closed[] = {
-        "main", "div", "span",  "section", "table", "svg", "h1",     "h2",    "h3",    "p", "code",
-        "b",    "i",   "small", "a",       "nav",   "ul",  "footer", "title", "style", "g", "text"};
-    char open[64][16];
-    int depth = 0;
-
-    for (const char *at = page; *at;) {
-        char name[16];
-        bool must = false;
-
-        if (*at == '&' && !is_reference(at))
-            fail_msg("'&' begins no reference: %.60s", at);
-        if (*at != '<') {
-            at++;
-            continue;
-        }
-        at = read_tag(at, name);
-        for (size_t i = 0; i < sizeof closed / sizeof closed[0]; i++)
-            must = must || strcmp(closed[i], name + (name[0] == '/')) == 0;
-        if (!must || at[-2] == '/')
-            continue;
-        if (name[0] != '/') {
-            assert_in_range(depth, 0, 63);
-            strcpy(open[depth++], name);
-        } else if (depth == 0 || strcmp(open[--depth], name + 1) != 0) {
-            fail_msg("<%s> closes <%s> before %.60s", name, depth >= 0 ? open[depth] : "", at);
-        }
-    }
-    assert_int_equal(depth, 0);
-    for (const char *at = strstr(page, "href="); at; at = strstr(at + 1, "href=")) {
-        char id[64];
-
-        assert_int_equal(sscanf(at, "href='#%31[a-z-]'", id + 4), 1);
-        memcpy(id, "id='", 4);
-        strcat(id, "'");
-        assert_int_equal(count_of(page, id), 1);
-    }
-}
-
 /* The page of the run; the caller frees it. */
 static char *page_of(const char *run)
 {
@@ -254,18 +140,6 @@ static char *page_of(const char *run)
     assert_null(strstr(page, "inf"));
     assert_well_formed(page);
     return page;
-}
-
-static void assert_has(const char *page, const char *text)
-{
-    if (!strstr(page, text))
-        fail_msg("the page has no \"%s\"", text);
-}
-
-static void assert_has_not(const char *page, const char *text)
-{
-    if (strstr(page, text))
-        fail_msg("the page has \"%s\"", text);
 }
 
 /* ---- the page ---- */
@@ -839,132 +713,6 @@ static void an_earlier_error_is_kept(void **state)
     assert_string_equal(cln_error_text(), "what really happened");
 }
 
-/* ---- decimation, charts, escaping ---- */
-
-static void decimation_keeps_ends_and_extremes(void **state)
-{
-    enum { COUNT = 5000 };
-    double x[COUNT], y[COUNT], to_x[CLN_REPORT_POINTS], to_y[CLN_REPORT_POINTS];
-    double least = INFINITY, greatest = -INFINITY;
-    int kept = 0;
-
-    (void)state;
-    for (int i = 0; i < COUNT; i++) {
-        x[i] = i;
-        y[i] = i % 7 == 3 ? NAN : sin(0.01 * i);
-    }
-    y[2345] = 9;
-    y[4001] = -9;
-    kept = cln_report_decimate(COUNT, x, y, to_x, to_y);
-    assert_in_range(kept, 500, CLN_REPORT_POINTS);
-    for (int i = 0; i < kept; i++) {
-        assert_true(isfinite(to_x[i]) && isfinite(to_y[i]));
-        assert_true(to_y[i] == y[(int)to_x[i]]);
-        assert_true(i == 0 || to_x[i] >= to_x[i - 1]);
-        least = fmin(least, to_y[i]);
-        greatest = fmax(greatest, to_y[i]);
-    }
-    assert_true(least == -9 && greatest == 9);
-    /* few points: keeps all but the NaN */
-    assert_int_equal(cln_report_decimate(10, x, y, to_x, to_y), 9);
-    assert_true(to_x[3] == 4);
-    assert_int_equal(cln_report_decimate(0, x, y, to_x, to_y), 0);
-}
-
-static char *chart_text(const cln_chart *chart, bool drawn)
-{
-    char *text = NULL;
-    size_t bytes = 0;
-    FILE *stream = open_memstream(&text, &bytes);
-
-    assert_non_null(stream);
-    assert_int_equal(cln_svg_chart(stream, chart), drawn);
-    assert_int_equal(fclose(stream), 0);
-    return text;
-}
-
-static void charts_have_round_ticks_and_no_nan(void **state)
-{
-    const double x[] = {60, 120, 600}, y[] = {20, NAN, 27};
-    const double nothing[] = {NAN};
-    cln_series series = {"a<b", "#123456", CLN_SERIES_DOTS, 3, x, y};
-    cln_chart chart = {.title = "T&T",
-                       .x_label = "time",
-                       .x_axis = CLN_AXIS_SECONDS,
-                       .width = 560,
-                       .height = 330,
-                       .series_count = 1,
-                       .series = &series};
-    char *text = chart_text(&chart, true);
-
-    (void)state;
-    assert_has(text, "T&amp;T");
-    assert_has(text, "a&lt;b");
-    assert_has(text, ">10 min</text>");
-    assert_has(text, ">20</text>");
-    assert_has(text, ">28</text>");
-    assert_int_equal(count_of(text, "<title>"), 2);
-    assert_has_not(text, "nan");
-    free(text);
-    series = (cln_series){"one", "#123456", CLN_SERIES_LINE, 1, x, y}; /* a single point */
-    text = chart_text(&chart, true);
-    assert_has_not(text, "nan");
-    assert_has_not(text, "inf");
-    free(text);
-    series = (cln_series){"none", "#123456", CLN_SERIES_LINE, 1, nothing, nothing};
-    text = chart_text(&chart, false);
-    assert_string_equal(text, "");
-    free(text);
-}
-
-static void html_text_is_escaped(void **state)
-{
-    static const char *const cases[][2] = {
-        {"a<b>&\"'", "a&lt;b&gt;&amp;&quot;&#39;"},
-        {"\xc3\xbc \xe2\x82\xac\n\t", "\xc3\xbc \xe2\x82\xac\n\t"},
-        {"\001\x7f", "&#xFFFD;&#xFFFD;"},
-        {"l\xfc \xe2\x82", "l&#xFFFD; &#xFFFD;&#xFFFD;"}, /* Latin-1, and a truncated euro sign */
-    };
-
-    (void)state;
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        char *text = NULL;
-        size_t bytes = 0;
-        FILE *stream = open_memstream(&text, &bytes);
-
-        assert_non_null(stream);
-        cln_html_text(stream, cases[i][0]);
-        assert_int_equal(fclose(stream), 0);
-        assert_string_equal(text, cases[i][1]);
-        free(text);
-    }
-}
-
-static void base64_agrees_with_rfc_4648(void **state)
-{
-    static const char *const vectors[][2] = {{"", ""},
-                                             {"f", "Zg=="},
-                                             {"fo", "Zm8="},
-                                             {"foo", "Zm9v"},
-                                             {"foob", "Zm9vYg=="},
-                                             {"fooba", "Zm9vYmE="},
-                                             {"foobar", "Zm9vYmFy"},
-                                             {"\xff\xfe\xfd", "//79"}};
-
-    (void)state;
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++) {
-        char *text = NULL;
-        size_t bytes = 0;
-        FILE *stream = open_memstream(&text, &bytes);
-
-        assert_non_null(stream);
-        cln_base64_write(stream, (const uint8_t *)vectors[i][0], strlen(vectors[i][0]));
-        assert_int_equal(fclose(stream), 0);
-        assert_string_equal(text, vectors[i][1]);
-        free(text);
-    }
-}
-
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
 int test_group_report(void)
@@ -990,10 +738,6 @@ int test_group_report(void)
         ON_DISK(an_unwritable_folder_is_said),
         ON_DISK(an_earlier_error_is_kept),
         ON_DISK(colours_are_for_light_and_dark),
-        cmocka_unit_test(decimation_keeps_ends_and_extremes),
-        cmocka_unit_test(charts_have_round_ticks_and_no_nan),
-        cmocka_unit_test(html_text_is_escaped),
-        cmocka_unit_test(base64_agrees_with_rfc_4648),
     };
 
     return cmocka_run_group_tests_name("report", tests, NULL, NULL);

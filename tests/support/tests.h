@@ -83,6 +83,7 @@ int test_group_regrow(void);
 int test_group_regularise(void);
 int test_group_report(void);
 int test_group_report_clock(void);
+int test_group_report_pieces(void);
 int test_group_report_state(void);
 int test_group_named_views(void);
 int test_group_results(void);

@@ -1,7 +1,7 @@
 /* The search for places that lack a leaf. Tested: on the fixture's ball, in a tree of a single
  * place far from it, that the ball's inside is found and what photos show to be empty is not; that
  * what it hands back follows what is found, not the finest leaf; when culling waits for what came
- * back. Oracle: the ball. tests/cli/cli.sh trains. */
+ * back. Oracle: the ball. tests/cli/training.sh trains. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
