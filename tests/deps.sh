@@ -6,6 +6,8 @@ set -eu
 
 build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev liblcms2-dev
     libmeshoptimizer-dev libmicrohttpd-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
+# the program is built without these, too
+optional=" liblcms2-dev libmeshoptimizer-dev libmicrohttpd-dev "
 test="curl libcmocka-dev glpk-utils oclgrind openmpi-bin libopenmpi-dev"
 fuzz="clang-14|clang libclang-rt-14-dev"
 lint="clang-14|clang clang-format-14|clang-format"
@@ -37,7 +39,7 @@ installed() {
     dpkg-query -W -f '${db:Status-Status}\n' "$1" 2>/dev/null | grep -qx installed
 }
 
-missing=""
+missing="" required=""
 for one in $wanted; do
     found=no
     for name in $(echo "$one" | tr '|' ' '); do
@@ -47,6 +49,7 @@ for one in $wanted; do
     done
     if [ $found = no ]; then
         missing="$missing ${one%%|*}"
+        case $optional in *" $one "*) ;; *) required="$required ${one%%|*}" ;; esac
     fi
 done
 if [ -z "$missing" ]; then
@@ -57,6 +60,10 @@ echo "missing Debian packages:$missing"
 as_root=""
 if [ "$(id -u)" != 0 ]; then
     if ! command -v sudo >/dev/null; then
+        if [ -z "$required" ]; then
+            echo "deps.sh: not root and no sudo: built without these, which are optional (README.md)"
+            exit 0
+        fi
         echo "deps.sh: not root and no sudo; please run as root: apt-get install$missing" >&2
         exit 1
     fi

@@ -6,6 +6,7 @@
 #include "scene/build.h"
 
 #include <math.h>
+#include <string.h>
 #include "base/log.h"
 #include "base/number.h"
 #include "scene/inspect.h"
@@ -91,6 +92,56 @@ void cln_scene_warn_wide(const cln_scene *scene)
              scene->folder, scene->space.half, scene->bounds_rule,
              100 * side / (2 * scene->space.half), n, box[0], n, box[1], n, box[2], n, box[3], n,
              box[4], n, box[5]);
+}
+
+/* The largest alpha of a loaded view, or any from HALF on. */
+static int largest_alpha(const cln_view *view)
+{
+    enum { HALF = 128 };
+    int largest = 0;
+
+    for (int y = 0; y < view->camera.height; y++)
+        for (int x = 0; x < view->camera.width && largest < HALF; x++) {
+            uint8_t p[4];
+
+            cln_view_bytes(view, x, y, p);
+            largest = p[3] > largest ? p[3] : largest;
+        }
+    return largest;
+}
+
+bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
+{
+    enum { LABELS = 16, NAMED = 5 };
+    char names[512] = "";
+    int views = 0, empty = 0, largest = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        int alpha = 0;
+
+        if (view->channels != 4 || !cln_view_is_loaded(view))
+            continue;
+        alpha = largest_alpha(view);
+        largest = alpha > largest ? alpha : largest;
+        views++;
+        if (alpha > 0)
+            continue;
+        if (empty++ < NAMED)
+            snprintf(names + strlen(names), sizeof names - strlen(names), "%s'%s'",
+                     names[0] ? ", " : "", view->name);
+    }
+    if (views > 0 && largest < LABELS)
+        snprintf(text, CLN_EMPTY_BYTES,
+                 "alpha is at most %d of 255 in all of %d photos, so they show nothing. If it "
+                 "is labels, not opacity, write 255 where the object is",
+                 largest, views);
+    else if (empty > 0)
+        snprintf(text, CLN_EMPTY_BYTES,
+                 "of %d of %d photos alpha shows nothing: %s%s. If their masks failed, leave "
+                 "them out, as they teach that nothing is there",
+                 empty, views, names, empty > NAMED ? ", ..." : "");
+    return views > 0 && (largest < LABELS || empty > 0);
 }
 
 /* Counts a loaded view's half transparent pixels; false at one with a colour above its alpha. */

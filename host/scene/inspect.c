@@ -812,6 +812,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
                      .callbacks = callbacks,
                      .findings = json_array(),
                      .measures = json_object()};
+    char empty[CLN_EMPTY_BYTES];
 
     *out = NULL;
     CLN_TRY(cln_alloc(&in.photos, (size_t)scene->view_count, sizeof *in.photos, "photos"));
@@ -825,6 +826,8 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     cln_scene_tell_doubts(scene, in.findings);
     cln_scene_tell_turns(scene, in.findings);
     cln_scene_tell_multiplied(scene, in.findings);
+    if (cln_scene_is_empty(scene, empty))
+        cln_found_fault(in.findings, "alpha", true, NULL, "%s", empty);
     check_agreement(&in);
     check_strays(&in);
     CLN_TRY(check_far(&in));

@@ -189,6 +189,11 @@ bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3])
  * nothing where training photos are not loaded. */
 void cln_scene_warn_wide(const cln_scene *scene);
 
+/* Of loaded photos: does alpha show nothing in some, or is it nowhere above a few of 255, as if
+ * labels of 0 and 1 were given as alpha? A sentence about it. */
+enum { CLN_EMPTY_BYTES = 1024 };
+bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
+
 /* Gives views that count as training views, as the scene names none, their own splits again. */
 void cln_scene_return_splits(cln_scene *scene);
 

@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <string.h>
+#include "io/image.h"
 #include "near.h"
 #include "scene/build.h"
 #include "scene_fixture.h"
@@ -474,6 +475,39 @@ static void test_background(void **state)
     check_background(folder, "0,0.25,1", false, (const double[]){0, 0.25, 1});
 }
 
+/* Masks that failed, and labels of 0 and 1 in the place of alpha. */
+static void test_empty_alpha(void **state)
+{
+    static const char *const said[] = {"", "of 1 of 3 photos alpha shows nothing: '1.png'",
+                                       "alpha is at most 1 of 255 in all of 3 photos",
+                                       "alpha is at most 0 of 255 in all of 3 photos"};
+    const char *folder = *state;
+    const cln_config config = default_config();
+    uint8_t rgba[8 * 8 * 4];
+    double mean[3];
+
+    for (int i = 0; i < 4; i++) {
+        char text[CLN_EMPTY_BYTES] = "";
+        cln_scene *scene = NULL;
+
+        put_photos(folder, 4, mean);
+        for (int k = 0; k < 3; k++) {
+            const char *const names[] = {"0.png", "1.png", "2.png"};
+
+            memset(rgba, 100, sizeof rgba);
+            for (int p = 0; p < 64; p++)
+                rgba[4 * p + 3] = i == 2 ? p % 2 : 0;
+            if (i > 1 || (i == 1 && k == 1))
+                assert_int_equal(cln_image_write_png(scratch_path(folder, names[k]), 8, 8, 4, rgba),
+                                 CLN_OK);
+        }
+        scene = load(folder, &config);
+        assert_int_equal(cln_scene_is_empty(scene, text), i > 0);
+        assert_true(strncmp(text, said[i], strlen(said[i])) == 0);
+        cln_scene_free(scene);
+    }
+}
+
 /* ---- bounds ---- */
 
 /* Loads one document with two frames and checks the cube. */
@@ -836,6 +870,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_downscale, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wanted_splits, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_background, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_empty_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bounds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_box_of_aabb, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_small_cubes_are_seen, scratch_make, scratch_remove),
