@@ -238,11 +238,12 @@ static bool parse_image(char **line, cln_colmap_image *image)
     good = cln_field_whole(line, UINT32_MAX, &id);
     for (int i = 0; i < 7 && good; i++)
         good = cln_field_number(line, &image->pose[i]);
-    good = good && cln_field_whole(line, UINT32_MAX, &camera);
+    if (!good || !cln_field_whole(line, UINT32_MAX, &camera))
+        return false; /* numbers may be out of range */
     image->id = (uint32_t)id;
     image->camera = (uint32_t)camera;
     *line += strspn(*line, " \t");
-    return good && **line;
+    return **line;
 }
 
 /* Is it an image's line, where that of the points of the one before it belongs? Points are numbers
