@@ -268,8 +268,13 @@ done:
     return st;
 }
 
-/* By the ends of paths alone, or by what a file is called, too. */
-static cln_status move_views(cln_moved *moved, bool by_name, cln_reader_result *result)
+typedef enum rule {
+    BY_ENDS,  /* of paths alone */
+    BY_NAMES, /* or by what a file is called, if the dataset does not say where it is */
+    ANYWHERE  /* or by that in any case */
+} rule;
+
+static cln_status move_views(cln_moved *moved, rule how, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     char **old = NULL;
@@ -281,9 +286,9 @@ static cln_status move_views(cln_moved *moved, bool by_name, cln_reader_result *
         char *found = NULL;
 
         if (cln_is_file(view->path) ||
-            (by_name && !view->leads_out && !(moved->bare && !strchr(view->name, '/'))))
+            (how == BY_NAMES && !view->leads_out && !(moved->bare && !strchr(view->name, '/'))))
             continue;
-        CLN_TRY(cln_moved_find(moved, view->name, by_name, &found));
+        CLN_TRY(cln_moved_find(moved, view->name, how != BY_ENDS, &found));
         if (!found)
             continue;
         any = true;
@@ -308,12 +313,35 @@ done:
     return st;
 }
 
-cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result)
+/* Is no image where its path leads, and has each one file with its name? */
+static cln_status lie_elsewhere(cln_moved *moved, const cln_reader_result *result, bool *all)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(move_views(moved, false, result));
-    CLN_TRY(move_views(moved, true, result));
+    *all = true;
+    for (int i = 0; i < result->view_count && *all; i++)
+        *all = !cln_is_file(result->views[i].path);
+    for (int i = 0; i < result->view_count && *all; i++) {
+        char *found = NULL;
+
+        CLN_TRY(cln_moved_find(moved, result->views[i].name, true, &found));
+        *all = found != NULL;
+        free(found);
+    }
+done:
+    return st;
+}
+
+cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    bool elsewhere = false;
+
+    CLN_TRY(move_views(moved, BY_ENDS, result));
+    CLN_TRY(move_views(moved, BY_NAMES, result));
+    CLN_TRY(lie_elsewhere(moved, result, &elsewhere));
+    if (elsewhere)
+        CLN_TRY(move_views(moved, ANYWHERE, result));
 done:
     return st;
 }

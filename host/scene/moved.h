@@ -6,7 +6,8 @@
  *     images/a.png for /home/x/data/images/a.png;
  *   - of a path that leads out of the folder, or (bare) has no folders where the dataset does not
  *     say where its images are, the only file below it with that name, but in folders of masks and
- *     the like.
+ *     the like;
+ *   - that file, too, if no image of the dataset is anywhere else, and each has one.
  * Nothing is taken where two files match alike, nor a file that a frame of another name has by an
  * earlier rule or by the same one. */
 #ifndef CLN_SCENE_MOVED_H
