@@ -484,6 +484,10 @@ typedef struct cln_export_desc {
     double crop_turn[3]; /* degrees by which it is turned about its middle: about x, then y, then
                             z */
     bool largest;        /* points, mesh: only the connected part with the most triangles */
+    /* points, mesh: which way is up, in the scene's frame, a vector of any length; what is written
+     * is turned so that it is z. All 0: the scene's frame. A GLB file's root node brings it to y,
+     * or else what the training cameras tell. */
+    double up[3];
 } cln_export_desc;
 
 enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */
@@ -501,11 +505,11 @@ typedef struct cln_export_result {
     int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
 } cln_export_result;
 
-/* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
- * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
- * for options that it does not read, for a grid that is too fine, and for a crop box that nothing
- * of the cube is in; CLN_FAILED for `triangles` in
- * a library that was built without meshoptimizer. */
+/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns them, to a
+ * file for other programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an
+ * unknown `what`, for options that it does not read, for a grid that is too fine, and for a crop
+ * box that nothing of the cube is in; CLN_FAILED for `triangles` in a library that was built
+ * without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text about a scene or a run; the caller frees it. settings: to read the scene with; NULL =

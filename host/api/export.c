@@ -13,6 +13,7 @@
 #include "export/reduce.h"
 #include "io/disk.h"
 #include "io/run_folder.h"
+#include "render/orbit.h"
 #include "render/tree_picture.h"
 
 typedef struct export_row {
@@ -112,6 +113,7 @@ static cln_status check_options(const cln_export_desc *desc)
         {"closed", "points mesh", desc->closed},
         {"crop", "points mesh volume", desc->cropped},
         {"largest", "points mesh", desc->largest},
+        {"up", "points mesh", cln_up_given(desc->up)},
         {"triangles", "mesh", desc->triangles != 0},
         {"colour", "octree", desc->colour && strcmp(desc->colour, "level") != 0},
     };
@@ -129,6 +131,7 @@ static cln_status check_options(const cln_export_desc *desc)
     CLN_TRY(cln_given_number("cln_export", "spacing", desc->spacing, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "count", (double)desc->count, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "triangles", (double)desc->triangles, 0, 1e12));
+    CLN_TRY(cln_up_check("cln_export", desc->up));
     if (desc->triangles)
         CLN_TRY(cln_mesh_reduce_possible());
 done:
@@ -178,6 +181,21 @@ static cln_status check_space(const export_row *row, const cln_export_desc *desc
     return CLN_OK;
 }
 
+/* As render --orbit has it, so that what stands upright there does so here. */
+static void find_up(const json_t *run, cln_export_job *job)
+{
+    cln_orbit_frame frame = {0};
+
+    if (cln_up_given(job->desc->up)) {
+        memcpy(job->up, job->desc->up, sizeof job->up);
+    } else if (cln_orbit_frame_read(json_object_get(run, "orbit"), &frame) == CLN_OK) {
+        memcpy(job->up, frame.up, sizeof job->up);
+    } else { /* an older run has none */
+        cln_clear_error();
+        cln_up_of_cameras(job->opened.scene, job->up);
+    }
+}
+
 static cln_status open_for(const export_row *row, cln_export_job *job)
 {
     cln_status st = CLN_OK;
@@ -219,6 +237,8 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     CLN_TRY(cln_run_read(desc->run, &run));
     CLN_TRY(check_target(desc, row));
     CLN_TRY(open_for(row, &job));
+    if (row->needs & CLN_EXPORT_SCENE)
+        find_up(run, &job);
     CLN_TRY(row->write(&job));
     result->step = model->step;
     result->leaves = model->tree.leaf_count;

@@ -24,6 +24,7 @@ typedef struct cln_export_job {
     const cln_export_desc *desc;
     cln_open_run opened;
     cln_crop crop; /* its planes are set */
+    double up[3];  /* with SCENE: desc's, else what render --orbit takes for it */
     cln_export_result *result;
 } cln_export_job;
 

@@ -8,6 +8,7 @@
 #include "export/reduce.h"
 #include "export/surface.h"
 #include "io/disk.h"
+#include "render/up.h"
 
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)
 {
@@ -46,11 +47,27 @@ static cln_status write_stl(const char *file, const cln_mesh *mesh)
     return cln_mesh_write_stl(file, mesh);
 }
 
+/* Up becomes y in glTF, which says so, by a node; in other files z, if up is given, by the numbers
+ * themselves. */
+static void stand_up(const cln_export_job *job, bool glb, cln_mesh *mesh)
+{
+    static const double none[3] = {0};
+    double turn[4];
+
+    cln_mesh_upright(glb ? job->up : none, 1, mesh->turn);
+    mesh->scale = 1;
+    if (glb || !cln_up_given(job->desc->up))
+        return;
+    cln_mesh_upright(job->desc->up, 2, turn);
+    cln_mesh_place(mesh, turn, 1);
+}
+
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
     const cln_space *space = &job->opened.model.space;
     const char *file = job->desc->file;
+    const bool glb = cln_export_ends(file, ".glb");
     char *comment = NULL;
 
     if (job->opened.model.space.shell)
@@ -59,10 +76,11 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
     mesh->comment = comment;
     mesh->fine = cln_space_distance_to_scene(space, cln_surface_cell(&job->opened.model));
     memcpy(mesh->origin, space->centre, sizeof mesh->origin);
+    stand_up(job, glb, mesh);
     CLN_TRY(cln_disk_check_file(file, cln_mesh_bytes(mesh), what));
     if (cln_export_ends(file, ".obj"))
         CLN_TRY(cln_mesh_write_obj(file, mesh));
-    else if (cln_export_ends(file, ".glb"))
+    else if (glb)
         CLN_TRY(cln_mesh_write_glb(file, mesh));
     else if (cln_export_ends(file, ".stl"))
         CLN_TRY(write_stl(file, mesh));

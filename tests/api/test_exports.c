@@ -10,6 +10,7 @@
 #include <unistd.h>
 #include "comma.h"
 #include "export/reduce.h"
+#include "glb.h"
 #include "io/npy.h"
 #include "near.h"
 #include "run_fixture.h"
@@ -159,6 +160,64 @@ static void formats_of_a_mesh_agree(void **state)
     assert_int_equal(lines, n);
     free(text);
     free(obj);
+}
+
+/* The ball is the bluer the higher it is, as its cameras see it: z. In glTF that is y. Other files
+ * are turned if up is given, and then the other way round. */
+static void a_mesh_stands_upright(void **state)
+{
+    static const double ups[3][3] = {{0, 0, 0}, {0, 0, -1}, {1, 0, 0}};
+    const vertex *plain = NULL, *turned = NULL;
+    char *texts[2] = {NULL};
+    int n = 0, m = 0;
+    cln_export_result result;
+
+    NEED_DEVICE();
+    for (int i = 0; i < 3; i++) {
+        cln_export_desc desc = export_desc("mesh", "up.glb");
+        double blue[2] = {0}, count[2] = {0};
+        size_t vertices = 0;
+        glb g;
+
+        memcpy(desc.up, ups[i], sizeof desc.up);
+        desc.overwrite = true;
+        assert_ok(cln_export(&desc, &result));
+        vertices = (size_t)result.vertices;
+        g = glb_open(desc.file);
+        for (size_t k = 0; k < vertices; k++) {
+            double v[3];
+            uint16_t rgba[4];
+
+            glb_vertex(&g, k, v);
+            memcpy(rgba, g.numbers + 24 * vertices + 8 * k, sizeof rgba);
+            if (fabs(v[1]) > 0.6) {
+                blue[v[1] > 0] += rgba[2] / 65535.0;
+                count[v[1] > 0]++;
+            }
+        }
+        for (int side = 0; side < 2; side++)
+            blue[side] /= count[side];
+        print_message("    blue %.2f below, %.2f above\n", blue[0], blue[1]);
+        if (i < 2)
+            assert_true(i == 0 ? blue[1] > 1.3 * blue[0] : blue[0] > 1.3 * blue[1]);
+        else
+            assert_near(blue[0] / blue[1], 1, 0.2);
+        glb_close(&g);
+        desc.file = fixture_path("up.ply");
+        assert_ok(cln_export(&desc, &result));
+        if (i == 1)
+            continue;
+        (*(i ? &turned : &plain)) = read_ply(desc.file, &texts[i != 0], i ? &m : &n);
+    }
+    assert_int_equal(n, m);
+    for (int i = 0; i < n; i++) {
+        assert_near(turned[i].at[0], -plain[i].at[2], 1e-6);
+        assert_near(turned[i].at[1], plain[i].at[1], 1e-6);
+        assert_near(turned[i].at[2], plain[i].at[0], 1e-6);
+        assert_near(turned[i].normal[2], plain[i].normal[0], 1e-6);
+    }
+    free(texts[0]);
+    free(texts[1]);
 }
 
 static int by_sides(const void *a, const void *b)
@@ -675,6 +734,12 @@ static void mistakes_are_named(void **state)
     desc = export_desc("octree", "x.ply");
     desc.spacing = 1;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "no effect on --octree");
+    desc = export_desc("octree", "x.ply");
+    desc.up[0] = 1;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "--up: has no effect on --octree");
+    desc = export_desc("mesh", "x.ply");
+    desc.up[0] = 1e-12;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "up is too short");
     desc = export_desc("mesh", "x.ply");
     desc.scene = fixture_path("nowhere");
     assert_fails(cln_export(&desc, &result), CLN_INPUT, "nowhere");
@@ -700,6 +765,7 @@ int test_group_exports(void)
         cmocka_unit_test(points_are_on_the_ball),
         cmocka_unit_test(normals_of_points_are_between),
         cmocka_unit_test(formats_of_a_mesh_agree),
+        cmocka_unit_test(a_mesh_stands_upright),
         cmocka_unit_test(a_coarser_mesh),
         cmocka_unit_test(closed_keeps_what_no_view_sees),
         cmocka_unit_test(a_mesh_of_fewer_triangles),
