@@ -488,6 +488,8 @@ typedef struct cln_export_desc {
      * is turned so that it is z. All 0: the scene's frame. A GLB file's root node brings it to y,
      * or else what the training cameras tell. */
     double up[3];
+    double scale; /* of all lengths in what is written, a GLB file's by its root node: 0.001 makes
+                     metres of a scene in millimetres; 0 = 1 */
 } cln_export_desc;
 
 enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */
@@ -497,7 +499,8 @@ typedef struct cln_export_result {
     int leaves, levels[CLN_LEVELS]; /* active leaves, in all and by level */
     int64_t vertices, faces;        /* points, mesh */
     int64_t faces_before;           /* mesh: before `triangles` left some out; 0 = none left out */
-    double reduction_error;         /* about how far that moved the surface at most; scene units */
+    double reduction_error;         /* about how far that moved the surface at most; scene units
+                                       times `scale` */
     int shape[3];                   /* volume: of the grid, z, y, x */
     int views;                      /* cameras */
     bool refined;                   /* cameras: training views have corrected poses */
@@ -505,8 +508,8 @@ typedef struct cln_export_result {
     int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
 } cln_export_result;
 
-/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns them, to a
- * file for other programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an
+/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or
+ * `scale` scales them, to a file for other programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an
  * unknown `what`, for options that it does not read, for a grid that is too fine, and for a crop
  * box that nothing of the cube is in; CLN_FAILED for `triangles` in a library that was built
  * without meshoptimizer. */

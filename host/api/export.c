@@ -8,6 +8,7 @@
 
 #include "base/given.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "cl_nascent.h"
 #include "export/export.h"
 #include "export/reduce.h"
@@ -34,8 +35,12 @@ enum { EXPORTS = sizeof exports / sizeof exports[0] };
 
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text)
 {
-    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units", what,
-                        (long long)job->opened.model.step);
+    char times[64] = "";
+
+    if (job->scale != 1)
+        cln_format(times, sizeof times, " x %.12g", job->scale);
+    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s", what,
+                        (long long)job->opened.model.step, times);
 }
 
 static const char *ending_of(const char *file)
@@ -131,6 +136,7 @@ static cln_status check_options(const cln_export_desc *desc)
     CLN_TRY(cln_given_number("cln_export", "spacing", desc->spacing, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "count", (double)desc->count, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "triangles", (double)desc->triangles, 0, 1e12));
+    CLN_TRY(cln_given_number("cln_export", "scale", desc->scale, 0, 1e12));
     CLN_TRY(cln_up_check("cln_export", desc->up));
     if (desc->triangles)
         CLN_TRY(cln_mesh_reduce_possible());
@@ -222,7 +228,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
 {
     cln_status st = CLN_OK;
     const export_row *row = NULL;
-    cln_export_job job = {.desc = desc, .result = result};
+    cln_export_job job = {.desc = desc, .result = result, .scale = 1};
     const cln_model *model = &job.opened.model;
     json_t *run = NULL;
 
@@ -232,6 +238,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     CLN_TRY(cln_given("cln_export", "run", desc->run));
     CLN_TRY(cln_given("cln_export", "file", desc->file));
     CLN_TRY(find_export(desc->what, &row));
+    job.scale = desc->scale != 0 ? desc->scale : 1;
     CLN_TRY(check_options(desc));
     CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &job.crop));
     CLN_TRY(cln_run_read(desc->run, &run));

@@ -214,6 +214,7 @@ cln_status cln_cmd_export(const cln_options *options)
                             .spacing = options->spacing,
                             .count = options->count,
                             .closed = options->closed,
+                            .scale = options->scale,
                             .triangles = options->triangles,
                             .largest = options->largest,
                             .device = options->device};

@@ -47,19 +47,20 @@ static cln_status write_stl(const char *file, const cln_mesh *mesh)
     return cln_mesh_write_stl(file, mesh);
 }
 
-/* Up becomes y in glTF, which says so, by a node; in other files z, if up is given, by the numbers
- * themselves. */
+/* Turns and scales: for glTF, where up is y, by a node; else, where z is up if any is given, the
+ * numbers themselves. */
 static void stand_up(const cln_export_job *job, bool glb, cln_mesh *mesh)
 {
     static const double none[3] = {0};
     double turn[4];
 
     cln_mesh_upright(glb ? job->up : none, 1, mesh->turn);
-    mesh->scale = 1;
-    if (glb || !cln_up_given(job->desc->up))
+    mesh->scale = glb ? job->scale : 1;
+    if (glb)
         return;
     cln_mesh_upright(job->desc->up, 2, turn);
-    cln_mesh_place(mesh, turn, 1);
+    if (cln_up_given(job->desc->up) || job->scale != 1)
+        cln_mesh_place(mesh, turn, job->scale);
 }
 
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
@@ -125,6 +126,7 @@ cln_status cln_export_mesh(cln_export_job *job)
     if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
         job->result->faces_before = (int64_t)mesh.faces;
         CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error));
+        job->result->reduction_error *= job->scale;
         if (mesh.faces > (size_t)desc->triangles)
             cln_warn("--triangles %lld: %zu are left, as fewer would tear the surface",
                      (long long)desc->triangles, mesh.faces);
