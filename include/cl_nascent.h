@@ -486,6 +486,12 @@ typedef struct cln_export_desc {
     double crop_turn[3]; /* degrees by which it is turned about its middle: about x, then y, then
                             z */
     bool largest;        /* points, mesh: only the connected part with the most triangles */
+    /* points, mesh: which way is up, in the scene's frame, a vector of any length; what is written
+     * is turned so that it is z. All 0: the scene's frame. A GLB file's root node brings it to y,
+     * or else what the training cameras tell. */
+    double up[3];
+    double scale; /* of all lengths in what is written, a GLB file's by its root node: 0.001 makes
+                     metres of a scene in millimetres; 0 = 1 */
 } cln_export_desc;
 
 enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */
@@ -495,7 +501,8 @@ typedef struct cln_export_result {
     int leaves, levels[CLN_LEVELS]; /* active leaves, in all and by level */
     int64_t vertices, faces;        /* points, mesh */
     int64_t faces_before;           /* mesh: before `triangles` left some out; 0 = none left out */
-    double reduction_error;         /* about how far that moved the surface at most; scene units */
+    double reduction_error;         /* about how far that moved the surface at most; scene units
+                                       times `scale` */
     int shape[3];                   /* volume: of the grid, z, y, x */
     int views;                      /* cameras */
     bool refined;                   /* cameras: training views have corrected poses */
@@ -503,11 +510,11 @@ typedef struct cln_export_result {
     int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
 } cln_export_result;
 
-/* Writes contents of the newest checkpoint, in the scene's coordinates, to a file for other
- * programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an unknown `what`,
- * for options that it does not read, for a grid that is too fine, and for a crop box that nothing
- * of the cube is in; CLN_FAILED for `triangles` in
- * a library that was built without meshoptimizer. */
+/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or
+ * `scale` scales them, to a file for other programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an
+ * unknown `what`, for options that it does not read, for a grid that is too fine, and for a crop
+ * box that nothing of the cube is in; CLN_FAILED for `triangles` in a library that was built
+ * without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text about a scene or a run; the caller frees it. settings: to read the scene with; NULL =

@@ -8,11 +8,13 @@
 
 #include "base/given.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "cl_nascent.h"
 #include "export/export.h"
 #include "export/reduce.h"
 #include "io/disk.h"
 #include "io/run_folder.h"
+#include "render/orbit.h"
 #include "render/tree_picture.h"
 
 typedef struct export_row {
@@ -33,8 +35,12 @@ enum { EXPORTS = sizeof exports / sizeof exports[0] };
 
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text)
 {
-    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units", what,
-                        (long long)job->opened.model.step);
+    char times[64] = "";
+
+    if (job->scale != 1)
+        cln_format(times, sizeof times, " x %.12g", job->scale);
+    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s", what,
+                        (long long)job->opened.model.step, times);
 }
 
 static const char *ending_of(const char *file)
@@ -112,6 +118,7 @@ static cln_status check_options(const cln_export_desc *desc)
         {"closed", "points mesh", desc->closed},
         {"crop", "points mesh volume", desc->cropped},
         {"largest", "points mesh", desc->largest},
+        {"up", "points mesh", cln_up_given(desc->up)},
         {"triangles", "mesh", desc->triangles != 0},
         {"colour", "octree", desc->colour && strcmp(desc->colour, "level") != 0},
     };
@@ -129,6 +136,8 @@ static cln_status check_options(const cln_export_desc *desc)
     CLN_TRY(cln_given_number("cln_export", "spacing", desc->spacing, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "count", (double)desc->count, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "triangles", (double)desc->triangles, 0, 1e12));
+    CLN_TRY(cln_given_number("cln_export", "scale", desc->scale, 0, 1e12));
+    CLN_TRY(cln_up_check("cln_export", desc->up));
     if (desc->triangles)
         CLN_TRY(cln_mesh_reduce_possible());
 done:
@@ -178,6 +187,21 @@ static cln_status check_space(const export_row *row, const cln_export_desc *desc
     return CLN_OK;
 }
 
+/* As render --orbit has it, so that what stands upright there does so here. */
+static void find_up(const json_t *run, cln_export_job *job)
+{
+    cln_orbit_frame frame = {0};
+
+    if (cln_up_given(job->desc->up)) {
+        memcpy(job->up, job->desc->up, sizeof job->up);
+    } else if (cln_orbit_frame_read(json_object_get(run, "orbit"), &frame) == CLN_OK) {
+        memcpy(job->up, frame.up, sizeof job->up);
+    } else { /* an older run has none */
+        cln_clear_error();
+        cln_up_of_cameras(job->opened.scene, job->up);
+    }
+}
+
 static cln_status open_for(const export_row *row, cln_export_job *job)
 {
     cln_status st = CLN_OK;
@@ -204,7 +228,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
 {
     cln_status st = CLN_OK;
     const export_row *row = NULL;
-    cln_export_job job = {.desc = desc, .result = result};
+    cln_export_job job = {.desc = desc, .result = result, .scale = 1};
     const cln_model *model = &job.opened.model;
     json_t *run = NULL;
 
@@ -214,11 +238,14 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     CLN_TRY(cln_given("cln_export", "run", desc->run));
     CLN_TRY(cln_given("cln_export", "file", desc->file));
     CLN_TRY(find_export(desc->what, &row));
+    job.scale = desc->scale != 0 ? desc->scale : 1;
     CLN_TRY(check_options(desc));
     CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &job.crop));
     CLN_TRY(cln_run_read(desc->run, &run));
     CLN_TRY(check_target(desc, row));
     CLN_TRY(open_for(row, &job));
+    if (row->needs & CLN_EXPORT_SCENE)
+        find_up(run, &job);
     CLN_TRY(row->write(&job));
     result->step = model->step;
     result->leaves = model->tree.leaf_count;

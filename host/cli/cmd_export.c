@@ -12,6 +12,7 @@
 #include "cli/console.h"
 #include "export/list.h"
 #include "render/crop.h"
+#include "render/up.h"
 
 /* The counts of an export, by the words that document and sentence have for them. */
 static json_t *counts_of(const cln_export_result *r)
@@ -213,12 +214,15 @@ cln_status cln_cmd_export(const cln_options *options)
                             .spacing = options->spacing,
                             .count = options->count,
                             .closed = options->closed,
+                            .scale = options->scale,
                             .triangles = options->triangles,
                             .largest = options->largest,
                             .device = options->device};
 
     CLN_TRY(check_order(options));
     CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
+    if (options->up)
+        CLN_TRY(cln_up_read("--up", options->up, desc.up));
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     if (to_stdout)

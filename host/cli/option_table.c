@@ -55,8 +55,8 @@ const cln_command cln_commands[] = {
      cln_cmd_check},
     {"export", CLN_EXPORT, "RUN", true, "export RUN --mesh FILE.ply [OPTIONS]",
      "Surface, volume, cameras, octree of a run, for other programs",
-     "Exports the newest checkpoint, in the scene's coordinates. The octree and cameras need no "
-     "device.",
+     "Exports the newest checkpoint, in the scene's coordinates and units: --scale changes these; "
+     "in GLB, and with --up, it is turned. The octree and cameras need no device.",
      cln_cmd_export},
     {"devices", CLN_DEVICES, NULL, false, "devices [OPTIONS]",
      "The OpenCL devices, and whether they compute correctly",
@@ -262,6 +262,14 @@ const cln_arg cln_args[] = {
     TEXT(CLN_EXPORT, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ]",
          "points, mesh, volume: only what is inside this box, as for render; with --closed a mesh "
          "ends in the box's faces"),
+    TEXT(CLN_EXPORT, "up", up, "X,Y,Z|z|...",
+         "points, mesh: which way is up, in the scene's frame (x, y, z, -x, -y, -z or a vector): "
+         "becomes z in what is written. In GLB y is always up: by this, or as the training cameras "
+         "tell"),
+    REAL(CLN_EXPORT, "scale", scale, "N", 1e-12, 1e12,
+         "all lengths in what is written times N: 0.001 for a scene in millimetres as metres, which "
+         "GLB is in; of a length that is L in truth and D in a mesh program, L / D",
+         .standard = "1"),
     FLAG(CLN_EXPORT, "largest", largest,
          "points, mesh: only the connected part with the most triangles"),
     INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,

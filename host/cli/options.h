@@ -30,7 +30,7 @@ typedef struct cln_options {
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
     const char *poses, *depth, *crop, *up;
     bool pfm, normals;
-    double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe;
+    double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe, scale;
     double spacing;       /* 0 = not given */
     int count, triangles; /* 0 = not given */
     bool closed, largest;

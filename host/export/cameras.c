@@ -55,9 +55,9 @@ static void put_intrinsics(json_t *to, const cln_view *view)
         json_object_set_new(to, lens->params[i], json_real(c.distortion[i]));
 }
 
-static json_t *frame_of(const cln_view *view, const char *name)
+static json_t *frame_of(const cln_view *view, double scale, const char *name)
 {
-    static const double flip[4] = {1, -1, -1, 1}; /* camera axes: OpenCV's to OpenGL's */
+    static const double flip[3] = {1, -1, -1}; /* camera axes: OpenCV's to OpenGL's */
     json_t *rows = json_array();
     json_t *frame = json_pack("{s:s, s:o}", "file_path", name, "transform_matrix", rows);
 
@@ -65,7 +65,7 @@ static json_t *frame_of(const cln_view *view, const char *name)
         const double *row = r < 3 ? view->camera.c2w + 4 * r : (const double[4]){0, 0, 0, 1};
 
         json_array_append_new(rows, json_pack("[f,f,f,f]", row[0] * flip[0], row[1] * flip[1],
-                                              row[2] * flip[2], row[3] * flip[3]));
+                                              row[2] * flip[2], r < 3 ? row[3] * scale : 1.0));
     }
     return frame;
 }
@@ -153,7 +153,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         free(name);
         name = NULL;
         CLN_TRY(cln_scene_path_from(scene, view->path, &name));
-        frame = frame_of(view, name);
+        frame = frame_of(view, job->scale, name);
         if (!one_lens)
             json_object_set_new(frame, "camera_model", json_string(lens_name(view)));
         if (!one_camera)
@@ -297,7 +297,7 @@ static void pose_of(const double c2w[12], double q[4], double t[3])
 }
 
 /* Writes all three files; successive views with the same camera share its entry. */
-static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
+static cln_status put_views(const cln_scene *scene, double scale, FILE *const to[FILES])
 {
     cln_status st = CLN_OK;
     int cameras = 0;
@@ -321,7 +321,7 @@ static cln_status put_views(const cln_scene *scene, FILE *const to[FILES])
         for (int k = 0; k < 4; k++)
             put_number(to[IMAGES], q[k]);
         for (int k = 0; k < 3; k++)
-            put_number(to[IMAGES], t[k]);
+            put_number(to[IMAGES], t[k] * scale);
         fprintf(to[IMAGES], " %d %s\n\n", cameras, name);
     }
 done:
@@ -355,7 +355,7 @@ static cln_status write_colmap(const cln_export_job *job, const cln_scene *scene
         CLN_TRY(cln_atomic_open(paths[i], &files[i]));
         streams[i] = cln_atomic_stream(files[i]);
     }
-    CLN_TRY(put_views(scene, streams));
+    CLN_TRY(put_views(scene, job->scale, streams));
     CLN_TRY(cln_atomic_commit_all(
         (cln_atomic_file **const[]){&files[CAMERAS], &files[POINTS], &files[IMAGES]}, FILES));
 done:
@@ -392,7 +392,7 @@ done:
 }
 
 /* Says what of the scene a training on these cameras would lack. */
-static void say_left_out(bool json, const cln_scene *scene)
+static void say_left_out(bool json, double scale, const cln_scene *scene)
 {
     const cln_space *space = &scene->space;
     /* a shell may be around another cube than the box's */
@@ -414,8 +414,9 @@ static void say_left_out(bool json, const cln_scene *scene)
         return;
     }
     for (int i = 0; i < 3; i++) {
-        cln_number_write(boxed ? scene->box[i] : space->centre[i] - space->half, box[i]);
-        cln_number_write(boxed ? scene->box[i + 3] : space->centre[i] + space->half, box[i + 3]);
+        cln_number_write(scale * (boxed ? scene->box[i] : space->centre[i] - space->half), box[i]);
+        cln_number_write(scale * (boxed ? scene->box[i + 3] : space->centre[i] + space->half),
+                         box[i + 3]);
     }
     cln_info("cameras: the scene's cube and sparse points are left out; to train with these in "
              "that cube: --bbox=%s,%s,%s,%s,%s,%s%s",
@@ -432,7 +433,7 @@ cln_status cln_export_cameras(cln_export_job *job)
     CLN_TRY(cln_disk_check_file(job->desc->file, bytes, "the cameras"));
     CLN_TRY(json ? write_transforms(job, scene) : write_colmap(job, scene));
     CLN_TRY(say_where(job->desc->file, json, scene));
-    say_left_out(json, scene);
+    say_left_out(json, job->scale, scene);
     job->result->views = scene->view_count;
     job->result->refined = job->opened.refined;
 done:

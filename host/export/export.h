@@ -24,6 +24,8 @@ typedef struct cln_export_job {
     const cln_export_desc *desc;
     cln_open_run opened;
     cln_crop crop; /* its planes are set */
+    double scale;  /* of lengths, above 0 */
+    double up[3];  /* with SCENE: desc's, else what render --orbit takes for it */
     cln_export_result *result;
 } cln_export_job;
 
@@ -31,7 +33,8 @@ typedef struct cln_export_job {
 CLN_EXPORT_LIST(X)
 #undef X
 
-/* "cl-nascent VERSION: WHAT at step N; scene units", for a file's comment; the caller frees it. */
+/* "cl-nascent VERSION: WHAT at step N; scene units", and the scale if it is not 1, for the comment
+ * of a file whose numbers are scaled so; the caller frees it. */
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text);
 
 /* Returns whether the file's name has this ending (".obj"), in upper or lower case. */

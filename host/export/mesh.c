@@ -8,6 +8,7 @@
 #include "export/reduce.h"
 #include "export/surface.h"
 #include "io/disk.h"
+#include "render/up.h"
 
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)
 {
@@ -46,11 +47,28 @@ static cln_status write_stl(const char *file, const cln_mesh *mesh)
     return cln_mesh_write_stl(file, mesh);
 }
 
+/* Turns and scales: for glTF, where up is y, by a node; else, where z is up if any is given, the
+ * numbers themselves. */
+static void stand_up(const cln_export_job *job, bool glb, cln_mesh *mesh)
+{
+    static const double none[3] = {0};
+    double turn[4];
+
+    cln_mesh_upright(glb ? job->up : none, 1, mesh->turn);
+    mesh->scale = glb ? job->scale : 1;
+    if (glb)
+        return;
+    cln_mesh_upright(job->desc->up, 2, turn);
+    if (cln_up_given(job->desc->up) || job->scale != 1)
+        cln_mesh_place(mesh, turn, job->scale);
+}
+
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
     const cln_space *space = &job->opened.model.space;
     const char *file = job->desc->file;
+    const bool glb = cln_export_ends(file, ".glb");
     char *comment = NULL;
 
     if (job->opened.model.space.shell)
@@ -59,10 +77,11 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
     mesh->comment = comment;
     mesh->fine = cln_space_distance_to_scene(space, cln_surface_cell(&job->opened.model));
     memcpy(mesh->origin, space->centre, sizeof mesh->origin);
+    stand_up(job, glb, mesh);
     CLN_TRY(cln_disk_check_file(file, cln_mesh_bytes(mesh), what));
     if (cln_export_ends(file, ".obj"))
         CLN_TRY(cln_mesh_write_obj(file, mesh));
-    else if (cln_export_ends(file, ".glb"))
+    else if (glb)
         CLN_TRY(cln_mesh_write_glb(file, mesh));
     else if (cln_export_ends(file, ".stl"))
         CLN_TRY(write_stl(file, mesh));
@@ -107,6 +126,7 @@ cln_status cln_export_mesh(cln_export_job *job)
     if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
         job->result->faces_before = (int64_t)mesh.faces;
         CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error));
+        job->result->reduction_error *= job->scale;
         if (mesh.faces > (size_t)desc->triangles)
             cln_warn("--triangles %lld: %zu are left, as fewer would tear the surface",
                      (long long)desc->triangles, mesh.faces);

@@ -11,10 +11,11 @@
 #include "io/palette.h"
 #include "io/ply.h"
 
-/* The leaves' boxes in scene units. */
-static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box **out)
+/* The leaves' boxes in scene units, scaled. */
+static cln_status make_boxes(const cln_export_job *job, bool by_error, cln_ply_box **out)
 {
     cln_status st = CLN_OK;
+    const cln_model *model = &job->opened.model;
     const cln_octree *tree = &model->tree;
     double low = NAN, high = NAN;
 
@@ -30,6 +31,10 @@ static cln_status make_boxes(const cln_model *model, bool by_error, cln_ply_box 
 
         cln_octree_box(tree, node, cube);
         cln_space_box_to_scene(&model->space, cube, box->min, box->max);
+        for (int a = 0; a < 3; a++) {
+            box->min[a] *= job->scale;
+            box->max[a] *= job->scale;
+        }
         box->level = (uint8_t)level;
         box->error = model->error ? model->error[s] : NAN;
         if (by_error)
@@ -49,20 +54,19 @@ cln_status cln_export_octree(cln_export_job *job)
     const char *colour = desc->colour ? desc->colour : "level";
     const bool by_error = strcmp(colour, "error") == 0;
     cln_ply_box *boxes = NULL;
-    char *comment = NULL;
+    char *what = NULL, *comment = NULL;
     double fine = 0;
 
-    CLN_TRY(make_boxes(model, by_error, &boxes));
+    CLN_TRY(make_boxes(job, by_error, &boxes));
     CLN_TRY(cln_disk_check_file(
         desc->file, 1024 + (double)CLN_PLY_BOX_BYTES * model->tree.leaf_count, "the boxes"));
-    CLN_TRY(cln_asprintf(&comment,
-                         "cl-nascent " CLN_VERSION ": leaves of the octree at step %lld, coloured "
-                         "by %s; scene units",
-                         (long long)model->step, colour));
-    fine = cln_space_distance_to_scene(&model->space, cln_surface_cell(model));
+    CLN_TRY(cln_asprintf(&what, "leaves of the octree, coloured by %s,", colour));
+    CLN_TRY(cln_export_comment(job, what, &comment));
+    fine = job->scale * cln_space_distance_to_scene(&model->space, cln_surface_cell(model));
     CLN_TRY(cln_ply_write_boxes(desc->file, model->tree.leaf_count, boxes, fine, comment));
 done:
     free(boxes);
+    free(what);
     free(comment);
     return st;
 }

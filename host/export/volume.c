@@ -74,7 +74,7 @@ static cln_status place_grid(const cln_export_job *job, grid *g)
     return cln_disk_check_file(job->desc->file, 4096 + bytes, "the volume");
 }
 
-/* Cubes first .. first + n of slice z; values: [n][CHANNELS] r, g, b, density per scene unit. */
+/* Cubes first .. first + n of slice z; values: [n][CHANNELS] r, g, b, density per scaled scene unit. */
 static cln_status ask_cells(cln_export_job *job, grid *g, int z, size_t first, size_t n,
                             float (*values)[CHANNELS])
 {
@@ -105,7 +105,8 @@ static cln_status ask_cells(cln_export_job *job, grid *g, int z, size_t first, s
 
             any |= seen;
             values[i][3] =
-                (float)cln_space_density_to_scene(&model->space, NULL, NULL, g->out[i][3]);
+                (float)(cln_space_density_to_scene(&model->space, NULL, NULL, g->out[i][3]) /
+                        job->scale);
             for (int c = 0; c < 3 && seen; c++)
                 values[i][c] += g->out[i][c] / 6;
         }
@@ -172,12 +173,14 @@ static cln_status write_about(const cln_export_job *job, const grid *g, const ch
     for (int a = 0; a < 3; a++)
         middle[a] = g->low[a] + 0.5 * g->side;
     cln_space_point_to_scene(space, middle, first);
+    for (int a = 0; a < 3; a++)
+        first[a] *= job->scale;
     CLN_TRY(cln_export_comment(job, "colour and density on a grid", &comment));
     about = json_pack("{s:s, s:s, s:[i,i,i,i], s:[s,s,s,s], s:[s,s,s,s], s:[f,f,f], s:f}", "schema",
                       "cl-nascent.volume/1", "tool", comment, "shape", g->shape[0], g->shape[1],
                       g->shape[2], CHANNELS, "axes", "z", "y", "x", "channel", "channels", "r", "g",
                       "b", "density", "first", first[0], first[1], first[2], "spacing",
-                      cln_space_distance_to_scene(space, g->side));
+                      job->scale * cln_space_distance_to_scene(space, g->side));
     text = about ? json_dumps(about, JSON_INDENT(1)) : NULL;
     if (!text)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", path));

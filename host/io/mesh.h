@@ -3,6 +3,7 @@
 #ifndef CLN_MESH_H
 #define CLN_MESH_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "base/status.h"
@@ -16,7 +17,20 @@ typedef struct cln_mesh {
     double origin[3];     /* a point near all vertices */
     double fine;          /* smallest length that positions must resolve */
     const char *comment;  /* one line */
+    /* GLB: how its root node places the numbers; other files have none. */
+    double turn[4]; /* unit quaternion x, y, z, w */
+    double scale;   /* above 0 */
 } cln_mesh;
+
+/* The shortest turn that brings the direction `up` (of any length; all 0: no turn) onto an axis (1:
+ * y, 2: z), as a unit quaternion x, y, z, w. Of the opposite one half a turn about x. */
+void cln_mesh_upright(const double up[3], int axis, double turn[4]);
+
+/* A vector, turned; out may be v. */
+void cln_mesh_turned(const double turn[4], const double v[3], double out[3]);
+
+/* Turns places, origin and normals about 0, and scales all lengths. */
+void cln_mesh_place(cln_mesh *mesh, const double turn[4], double scale);
 
 /* How far positions move at most as floats. */
 double cln_mesh_rounding(const cln_mesh *mesh);

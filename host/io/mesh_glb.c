@@ -1,7 +1,8 @@
 /* Meshes as GLB, binary glTF 2.0: a header, a chunk of JSON, a chunk of numbers. See mesh.h.
- * Positions are floats relative to the origin, which is the node's translation, a number in the
- * JSON. Colours are linear 16-bit numbers, as in glTF, and the material is unlit, as colours
- * contain the light. Axes stay the scene's, though y is up in glTF. */
+ * Positions are floats relative to the origin, which is the mesh's node's translation, numbers in
+ * the JSON. A root node above it turns and scales the scene to glTF's frame, y up and metres.
+ * Colours are linear 16-bit numbers, as in glTF, and the material is unlit, as colours contain the
+ * light. */
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
@@ -72,14 +73,17 @@ static json_t *document_of(const cln_mesh *mesh, const part *parts, int count, s
     if (mesh->faces)
         json_object_set_new(primitive, "indices", json_integer(3));
     return json_pack(
-        "{s:{s:s, s:s}, s:[s], s:i, s:[{s:[i]}], s:[{s:i, s:s, s:[f,f,f]}], s:[{s:[o]}],"
+        "{s:{s:s, s:s}, s:[s], s:i, s:[{s:[i]}],"
+        " s:[{s:s, s:[i], s:[f,f,f,f], s:[f,f,f]}, {s:i, s:s, s:[f,f,f]}], s:[{s:[o]}],"
         " s:[{s:{s:f, s:f}, s:b, s:{s:{}}}], s:o, s:o, s:[{s:I}]}",
         "asset", "version", "2.0", "generator", mesh->comment, "extensionsUsed",
-        "KHR_materials_unlit", "scene", 0, "scenes", "nodes", 0, "nodes", "mesh", 0, "name",
-        "surface", "translation", mesh->origin[0], mesh->origin[1], mesh->origin[2], "meshes",
-        "primitives", primitive, "materials", "pbrMetallicRoughness", "metallicFactor", 0.0,
-        "roughnessFactor", 1.0, "doubleSided", 1, "extensions", "KHR_materials_unlit", "accessors",
-        accessors, "bufferViews", views, "buffers", "byteLength", (json_int_t)*total);
+        "KHR_materials_unlit", "scene", 0, "scenes", "nodes", 0, "nodes", "name", "scene",
+        "children", 1, "rotation", mesh->turn[0], mesh->turn[1], mesh->turn[2], mesh->turn[3],
+        "scale", mesh->scale, mesh->scale, mesh->scale, "mesh", 0, "name", "surface", "translation",
+        mesh->origin[0], mesh->origin[1], mesh->origin[2], "meshes", "primitives", primitive,
+        "materials", "pbrMetallicRoughness", "metallicFactor", 0.0, "roughnessFactor", 1.0,
+        "doubleSided", 1, "extensions", "KHR_materials_unlit", "accessors", accessors,
+        "bufferViews", views, "buffers", "byteLength", (json_int_t)*total);
 }
 
 static uint16_t linear_of(uint8_t srgb)

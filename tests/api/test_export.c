@@ -160,7 +160,7 @@ static void boxes_are_the_active_leaves(void **state)
 {
     static const char header[] =
         "ply\nformat binary_little_endian 1.0\n"
-        "comment cl-nascent " CLN_VERSION ": leaves of the octree at step 321, coloured by level; "
+        "comment cl-nascent " CLN_VERSION ": leaves of the octree, coloured by level, at step 321; "
         "scene units\n"
         "element vertex 112\nproperty float x\nproperty float y\nproperty float z\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\n"
@@ -197,6 +197,26 @@ static void boxes_are_the_active_leaves(void **state)
             assert_colour(&v, 86, 180, 233);
         assert_true(i < 8 ? v.error == 0.25f : isnan(v.error));
     }
+    free(m.text);
+    cln_model_free(&model);
+}
+
+static void boxes_are_scaled(void **state)
+{
+    const char *file = scratch_path(*state, "tree.ply");
+    cln_export_result result;
+    cln_export_desc desc;
+    cln_model model;
+    mesh m;
+
+    make_tree(&model);
+    desc = export_desc(make_run(*state, &model), file);
+    desc.scale = 0.25;
+    assert_ok(cln_export(&desc, &result));
+    m = read_mesh(file);
+    assert_non_null(strstr(m.text, "at step 321; scene units x 0.25\n"));
+    assert_box(&m, 0, 2, (double[]){0.25, -0.5, -0.25}, (double[]){0.75, 0, 0.25});
+    assert_box(&m, 13, 1, (double[]){0.25, 0.5, 0.75}, (double[]){1.25, 1.5, 1.75});
     free(m.text);
     cln_model_free(&model);
 }
@@ -561,6 +581,7 @@ int test_group_export(void)
 {
     const struct CMUnitTest tests[] = {
         ON_DISK(boxes_are_the_active_leaves),
+        ON_DISK(boxes_are_scaled),
         ON_DISK(boxes_far_away_keep_their_sides),
         ON_DISK(faces_look_outwards),
         ON_DISK(errors_are_coloured_on_a_log_scale),

@@ -10,6 +10,7 @@
 #include <unistd.h>
 #include "comma.h"
 #include "export/reduce.h"
+#include "glb.h"
 #include "io/npy.h"
 #include "near.h"
 #include "run_fixture.h"
@@ -159,6 +160,136 @@ static void formats_of_a_mesh_agree(void **state)
     assert_int_equal(lines, n);
     free(text);
     free(obj);
+}
+
+/* The ball is the bluer the higher it is, as its cameras see it: z. In glTF that is y. Other files
+ * are turned if up is given, and then the other way round. */
+static void a_mesh_stands_upright(void **state)
+{
+    static const double ups[3][3] = {{0, 0, 0}, {0, 0, -1}, {1, 0, 0}};
+    const vertex *plain = NULL, *turned = NULL;
+    char *texts[2] = {NULL};
+    int n = 0, m = 0;
+    cln_export_result result;
+
+    NEED_DEVICE();
+    for (int i = 0; i < 3; i++) {
+        cln_export_desc desc = export_desc("mesh", "up.glb");
+        double blue[2] = {0}, count[2] = {0};
+        size_t vertices = 0;
+        glb g;
+
+        memcpy(desc.up, ups[i], sizeof desc.up);
+        desc.overwrite = true;
+        assert_ok(cln_export(&desc, &result));
+        vertices = (size_t)result.vertices;
+        g = glb_open(desc.file);
+        for (size_t k = 0; k < vertices; k++) {
+            double v[3];
+            uint16_t rgba[4];
+
+            glb_vertex(&g, k, v);
+            memcpy(rgba, g.numbers + 24 * vertices + 8 * k, sizeof rgba);
+            if (fabs(v[1]) > 0.6) {
+                blue[v[1] > 0] += rgba[2] / 65535.0;
+                count[v[1] > 0]++;
+            }
+        }
+        for (int side = 0; side < 2; side++)
+            blue[side] /= count[side];
+        print_message("    blue %.2f below, %.2f above\n", blue[0], blue[1]);
+        if (i < 2)
+            assert_true(i == 0 ? blue[1] > 1.3 * blue[0] : blue[0] > 1.3 * blue[1]);
+        else
+            assert_near(blue[0] / blue[1], 1, 0.2);
+        glb_close(&g);
+        desc.file = fixture_path("up.ply");
+        assert_ok(cln_export(&desc, &result));
+        if (i == 1)
+            continue;
+        (*(i ? &turned : &plain)) = read_ply(desc.file, &texts[i != 0], i ? &m : &n);
+    }
+    assert_int_equal(n, m);
+    for (int i = 0; i < n; i++) {
+        assert_near(turned[i].at[0], -plain[i].at[2], 1e-6);
+        assert_near(turned[i].at[1], plain[i].at[1], 1e-6);
+        assert_near(turned[i].at[2], plain[i].at[0], 1e-6);
+        assert_near(turned[i].normal[2], plain[i].normal[0], 1e-6);
+    }
+    free(texts[0]);
+    free(texts[1]);
+}
+
+/* Everything that is exported is ten times as large; of GLB by the node. */
+static void all_lengths_are_scaled(void **state)
+{
+    const vertex *plain = NULL, *scaled = NULL;
+    char *texts[2] = {NULL};
+    json_t *about[2] = {NULL};
+    float *values[2] = {NULL};
+    double first[3], most = 0;
+    cln_export_desc desc = export_desc("mesh", "scaled.ply");
+    cln_export_result results[2];
+    int n = 0, m = 0, shape[4], dims = 0;
+    glb g;
+
+    NEED_DEVICE();
+    for (int i = 0; i < 2; i++) {
+        desc.what = "mesh";
+        desc.file = fixture_path(i ? "scaled.ply" : "plain.ply");
+        desc.spacing = 0.2;
+        desc.triangles = 300;
+        desc.scale = i ? 10 : 0;
+        if (cln_mesh_reduce_possible() != CLN_OK) {
+            desc.triangles = 0;
+            cln_clear_error();
+        }
+        assert_ok(cln_export(&desc, &results[i]));
+        (*(i ? &scaled : &plain)) = read_ply(desc.file, &texts[i], i ? &m : &n);
+        desc.what = "volume";
+        desc.triangles = 0;
+        desc.file = fixture_path(i ? "scaled.npy" : "plain.npy");
+        assert_ok(cln_export(&desc, &(cln_export_result){0}));
+        assert_ok(cln_npy_read_f32(desc.file, &dims, shape, &values[i]));
+        about[i] = json_load_file(fixture_path(i ? "scaled.json" : "plain.json"), 0, NULL);
+        assert_non_null(about[i]);
+    }
+    assert_non_null(strstr(texts[1], "; scene units x 10\n"));
+    assert_int_equal(n, m);
+    for (int i = 0; i < n; i++)
+        for (int a = 0; a < 3; a++)
+            assert_near(scaled[i].at[a], 10 * (double)plain[i].at[a], 1e-5);
+    assert_near(results[1].reduction_error, 10 * results[0].reduction_error, 1e-6);
+    for (size_t a = 0; a < 3; a++) {
+        first[a] = json_number_value(glb_at(about[1], "first", a));
+        assert_near(first[a], 10 * json_number_value(glb_at(about[0], "first", a)), 1e-9);
+    }
+    assert_near(json_number_value(json_object_get(about[1], "spacing")), 2, 1e-9);
+    for (int i = 0; i < 4 * shape[0] * shape[1] * shape[2]; i++) {
+        assert_near(values[1][i], (double)values[0][i] * (i % 4 == 3 ? 0.1 : 1), 1e-5);
+        most = fmax(most, values[1][i]);
+    }
+    assert_true(most > 0.1);
+    desc.what = "mesh";
+    desc.file = fixture_path("scaled.glb");
+    desc.up[2] = 1; /* x, y, z to x, z, -y */
+    assert_ok(cln_export(&desc, &results[1]));
+    g = glb_open(desc.file);
+    assert_near(json_number_value(glb_at(glb_at(g.document, "nodes", 0), "scale", 1)), 10, 0);
+    most = 0;
+    for (int i = 0; i < results[1].vertices; i++) {
+        double v[3];
+
+        glb_vertex(&g, (size_t)i, v);
+        most = fmax(most, sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]));
+    }
+    assert_true(most > 9 && most < 20);
+    glb_close(&g);
+    for (int i = 0; i < 2; i++) {
+        json_decref(about[i]);
+        free(texts[i]);
+        free(values[i]);
+    }
 }
 
 static int by_sides(const void *a, const void *b)
@@ -560,7 +691,7 @@ static bool same_name(const char *is, const char *was)
 
 /* The file has every view of the scene, with the same camera, and in the same split if it has
  * splits. */
-static void assert_same_cameras(const char *path, bool has_splits)
+static void assert_same_cameras(const char *path, bool has_splits, double scale)
 {
     const cln_config config = fixture_config();
     cln_scene_desc desc = {.path = fixture_path("scene"), .config = &config};
@@ -581,7 +712,7 @@ static void assert_same_cameras(const char *path, bool has_splits)
             fail_msg("%s: no %s, but %s", path, a->name, is->views[0].name);
         assert_true(cln_camera_is_like(&a->camera, &b->camera));
         for (int m = 0; m < 12; m++)
-            assert_near(b->camera.c2w[m], a->camera.c2w[m], 1e-12);
+            assert_near(b->camera.c2w[m], a->camera.c2w[m] * (m % 4 == 3 ? scale : 1), 1e-12);
     }
     cln_scene_free(was);
     cln_scene_free(is);
@@ -598,7 +729,7 @@ static void cameras_come_back(void **state)
     desc.device.spec = "no such device"; /* needs none */
     assert_ok(cln_export(&desc, &result));
     assert_int_equal(result.views, TRAIN_VIEWS + TEST_VIEWS);
-    assert_same_cameras(desc.file, true);
+    assert_same_cameras(desc.file, true, 1);
     text = scratch_get(desc.file, &bytes); /* one camera, before the frames */
     assert_true(strstr(text, "camera_model") < strstr(text, "frames"));
     assert_null(strstr(strstr(text, "frames"), "fl_x"));
@@ -609,7 +740,14 @@ static void cameras_come_back(void **state)
     desc.file = fixture_path("colmap/sparse/0");
     assert_ok(cln_export(&desc, &result));
     assert_fails(cln_export(&desc, &result), CLN_OUTPUT, "cameras.txt");
-    assert_same_cameras(fixture_path("colmap"), false);
+    assert_same_cameras(fixture_path("colmap"), false, 1);
+    desc.scale = 3;
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &result));
+    assert_same_cameras(fixture_path("colmap"), false, 3);
+    desc.file = fixture_path("scene/cameras.json");
+    assert_ok(cln_export(&desc, &result));
+    assert_same_cameras(desc.file, true, 3);
 }
 
 static void assert_same_files(const char *a, const char *b)
@@ -675,6 +813,15 @@ static void mistakes_are_named(void **state)
     desc = export_desc("octree", "x.ply");
     desc.spacing = 1;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "no effect on --octree");
+    desc = export_desc("octree", "x.ply");
+    desc.scale = -1;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "scale");
+    desc = export_desc("octree", "x.ply");
+    desc.up[0] = 1;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "--up: has no effect on --octree");
+    desc = export_desc("mesh", "x.ply");
+    desc.up[0] = 1e-12;
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "up is too short");
     desc = export_desc("mesh", "x.ply");
     desc.scene = fixture_path("nowhere");
     assert_fails(cln_export(&desc, &result), CLN_INPUT, "nowhere");
@@ -700,6 +847,8 @@ int test_group_exports(void)
         cmocka_unit_test(points_are_on_the_ball),
         cmocka_unit_test(normals_of_points_are_between),
         cmocka_unit_test(formats_of_a_mesh_agree),
+        cmocka_unit_test(a_mesh_stands_upright),
+        cmocka_unit_test(all_lengths_are_scaled),
         cmocka_unit_test(a_coarser_mesh),
         cmocka_unit_test(closed_keeps_what_no_view_sees),
         cmocka_unit_test(a_mesh_of_fewer_triangles),

@@ -148,7 +148,7 @@ section_exports() {
     clean 0 export "$work/run" --mesh "$work/mesh.ply" --spacing 0.2 --closed
     clean 0 export "$work/run" --mesh "$work/part.ply" --spacing 0.2 --crop=-0.1,-2,-2,2,2,2
     clean 2 export "$work/run" --mesh "$work/none.ply" --crop 90,90,90,91,91,91
-    clean 0 export "$work/run" --mesh "$work/mesh.obj" --spacing 0.2 --triangles 50
+    clean 0 export "$work/run" --mesh "$work/mesh.obj" --spacing 0.2 --triangles 50 --up x --scale 2
     clean 0 export "$work/run" --mesh "$work/one.ply" --spacing 0.2 --largest
     clean 0 export "$work/run" --mesh "$work/mesh.glb" --spacing 0.2
     clean 0 export "$work/run" --mesh "$work/mesh.stl" --spacing 0.2

@@ -243,6 +243,9 @@ static void units_and_negative_numbers_are_values(void **state)
     parsed(&l, "render r --orbit --up -z --elevation 60");
     assert_string_equal(l.options.up, "-z");
     done(&l);
+    parsed(&l, "export r --mesh x.glb --up y");
+    assert_string_equal(l.options.up, "y");
+    done(&l);
     parsed(&l, "view r --up -0.1,0,1");
     assert_string_equal(l.options.up, "-0.1,0,1");
     done(&l);

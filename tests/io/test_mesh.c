@@ -5,7 +5,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
-#include <jansson.h>
+#include "glb.h"
 #include "io/mesh.h"
 #include "near.h"
 #include "scratch.h"
@@ -31,7 +31,9 @@ static cln_mesh make(double x, double y)
                      .face = face,
                      .origin = {500000 - x, 4100000 - y, 90},
                      .fine = 0.01,
-                     .comment = "a test; scene units"};
+                     .comment = "a test; scene units",
+                     .turn = {0, 0, 0, 1},
+                     .scale = 1};
 
     for (int i = 0; i < 4; i++) {
         moved[i][0] = at[i][0] - x;
@@ -118,58 +120,110 @@ static void obj_has_digits_and_colours(void **state)
     free(text);
 }
 
-static uint32_t word_at(const char *bytes, size_t offset)
-{
-    uint32_t word = 0;
-
-    memcpy(&word, bytes + offset, sizeof word);
-    return word;
-}
-
 static void glb_is_gltf(void **state)
 {
     const char *file = scratch_path(*state, "x.glb");
     const cln_mesh mesh = make(0, 0);
-    size_t bytes = 0, numbers = 0;
-    char *data = NULL;
-    const json_t *accessors = NULL, *node = NULL, *moved = NULL;
-    json_t *document = NULL;
+    const json_t *accessors = NULL;
+    glb g;
 
     assert_int_equal(cln_mesh_write_glb(file, &mesh), CLN_OK);
-    data = scratch_get(file, &bytes);
-    assert_memory_equal(data, "glTF", 4);
-    assert_int_equal(word_at(data, 4), 2);
-    assert_int_equal(word_at(data, 8), bytes);
-    assert_int_equal(word_at(data, 12) % 4, 0);
-    assert_memory_equal(data + 16, "JSON", 4);
-    document = json_loadb(data + 20, word_at(data, 12), 0, NULL);
-    assert_non_null(document);
-    numbers = 20 + word_at(data, 12);
-    assert_memory_equal(data + numbers + 4, "BIN", 4);
-    assert_int_equal(numbers + 8 + word_at(data, numbers), bytes);
-    numbers += 8;
-    assert_int_equal(bytes - numbers, 4 * (12 + 12 + 8) + 12);
-    accessors = json_object_get(document, "accessors");
+    g = glb_open(file);
+    assert_int_equal(g.count, 4 * (12 + 12 + 8) + 12);
+    accessors = json_object_get(g.document, "accessors");
     assert_int_equal(json_array_size(accessors), 4);
-    node = json_array_get(json_object_get(document, "nodes"), 0);
-    moved = json_object_get(node, "translation");
-    for (size_t i = 0; i < 4; i++)
-        for (size_t a = 0; a < 3; a++) {
-            float value = 0;
+    for (size_t i = 0; i < 4; i++) {
+        double v[3];
 
-            memcpy(&value, data + numbers + 12 * i + 4 * a, 4);
-            assert_near((double)value + json_number_value(json_array_get(moved, a)), at[i][a],
-                        1e-7);
-        }
-    assert_near(
-        json_number_value(json_array_get(json_object_get(json_array_get(accessors, 0), "max"), 1)),
-        2.75, 1e-6);
+        glb_vertex(&g, i, v);
+        for (int a = 0; a < 3; a++)
+            assert_near(v[a], at[i][a], 1e-7);
+    }
+    assert_near(json_number_value(glb_at(json_array_get(accessors, 0), "max", 1)), 2.75, 1e-6);
     /* colours are linear: of 128, (128 / 255 + 0.055)^2.4 / 1.055^2.4 */
-    assert_int_equal(word_at(data, numbers + 96) & 0xffff, 65535);
-    assert_near((double)(word_at(data, numbers + 100) & 0xffff), 0.2158605 * 65535, 1);
-    assert_int_equal(word_at(data, bytes - 4), 2);
-    json_decref(document);
-    free(data);
+    assert_int_equal(glb_word(g.numbers + 96) & 0xffff, 65535);
+    assert_near((double)(glb_word(g.numbers + 100) & 0xffff), 0.2158605 * 65535, 1);
+    assert_int_equal(glb_word(g.numbers + g.count - 4), 2);
+    glb_close(&g);
+}
+
+/* Where a turn that makes `up` the y (or z) axis brings x, y and z, by hand. */
+static const struct {
+    double up[3];
+    int axis;
+    double is[3][3];
+} turns[] = {
+    {{0, 0, 0}, 1, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
+    {{0, 2, 0}, 1, {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
+    {{0, 0, 5}, 1, {{1, 0, 0}, {0, 0, -1}, {0, 1, 0}}},  /* as Blender turns it back */
+    {{0, 0, -1}, 1, {{1, 0, 0}, {0, 0, 1}, {0, -1, 0}}}, /* cameras that look along z */
+    {{0, -1, 0}, 1, {{1, 0, 0}, {0, -1, 0}, {0, 0, -1}}},
+    {{-3, 0, 0}, 1, {{0, -1, 0}, {1, 0, 0}, {0, 0, 1}}},
+    {{0, 1, 0}, 2, {{1, 0, 0}, {0, 0, 1}, {0, -1, 0}}},
+    {{0, 0, -1}, 2, {{1, 0, 0}, {0, -1, 0}, {0, 0, -1}}},
+    {{1, 0, 0}, 2, {{0, 0, 1}, {0, 1, 0}, {-1, 0, 0}}},
+    {{-1e-12, 0, -1}, 2, {{1, 0, 0}, {0, -1, 0}, {0, 0, -1}}}, /* nearly upside down */
+};
+
+/* The numbers stay the scene's: the root node places them. */
+static void glb_stands_upright(void **state)
+{
+    const char *file = scratch_path(*state, "x.glb");
+    const double scale = 0.001;
+
+    for (size_t t = 0; t < sizeof turns / sizeof *turns; t++) {
+        cln_mesh mesh = make(0, 0), plain = make(0, 0);
+        glb g, before;
+
+        assert_int_equal(cln_mesh_write_glb(file, &plain), CLN_OK);
+        before = glb_open(file);
+        cln_mesh_upright(turns[t].up, turns[t].axis, mesh.turn);
+        mesh.scale = scale;
+        assert_int_equal(cln_mesh_write_glb(file, &mesh), CLN_OK);
+        g = glb_open(file);
+        assert_int_equal(g.count, before.count);
+        assert_memory_equal(g.numbers, before.numbers, g.count);
+        for (size_t i = 0; i < 4; i++) {
+            double v[3];
+
+            glb_vertex(&g, i, v);
+            for (int a = 0; a < 3; a++)
+                assert_near(v[a],
+                            scale * (at[i][0] * turns[t].is[0][a] + at[i][1] * turns[t].is[1][a] +
+                                     at[i][2] * turns[t].is[2][a]),
+                            1e-8);
+        }
+        glb_close(&before);
+        glb_close(&g);
+    }
+}
+
+/* Other files have the turned numbers themselves. */
+static void places_turn_and_grow(void **state)
+{
+    (void)state;
+    for (size_t t = 0; t < sizeof turns / sizeof *turns; t++) {
+        float kept[4][3];
+        double turn[4];
+        cln_mesh mesh = make(0, 0);
+
+        memcpy(kept, normal, sizeof kept);
+        mesh.normal = kept;
+        cln_mesh_upright(turns[t].up, turns[t].axis, turn);
+        cln_mesh_place(&mesh, turn, 1000);
+        for (int i = 0; i < 4; i++)
+            for (int a = 0; a < 3; a++) {
+                double where = 0, facing = 0;
+
+                for (int k = 0; k < 3; k++) {
+                    where += 1000 * at[i][k] * turns[t].is[k][a];
+                    facing += (double)normal[i][k] * turns[t].is[k][a];
+                }
+                assert_near(mesh.at[i][a], where, 0.01);
+                assert_near(kept[i][a], facing, 1e-6);
+            }
+        assert_near(mesh.fine, 10, 1e-9);
+    }
 }
 
 static double float_at(const char *bytes, size_t offset)
@@ -226,6 +280,7 @@ int test_group_mesh(void)
     const struct CMUnitTest tests[] = {
         ON_DISK(ply_is_wide_where_it_must_be), ON_DISK(points_have_no_faces),
         ON_DISK(obj_has_digits_and_colours),   ON_DISK(glb_is_gltf),
+        ON_DISK(glb_stands_upright),           cmocka_unit_test(places_turn_and_grow),
         ON_DISK(stl_is_what_slicers_read),
     };
 
