@@ -530,7 +530,8 @@ static void check_masks(inspection *in)
         cln_found_fault(in->findings, "masks", true, NULL,
                         "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
                         "show alike. Likely the wrong colour counts: invert them",
-                        masks ? "masks" : "alpha channels", 100 * area, 100 * agreeing);
+                        masks || in->scene->masks_alpha ? "masks" : "alpha channels", 100 * area,
+                        100 * agreeing);
     else if (masks && (area < MASKS_LEAST || area > 1 - 1e-9))
         cln_found_fault(
             in->findings, "masks", false, NULL,
@@ -538,6 +539,11 @@ static void check_masks(inspection *in)
             "counts, invert %s",
             cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
             cln_plural(masks, "s", ""), 100 * area, cln_plural(masks, "it", "them"));
+    else if (masks && in->scene->masks_doubtful && area < CLN_MASKS_LEAVE)
+        cln_found_fault(in->findings, "masks", false, NULL,
+                        "the mask%s of %d photo%s leave%s %.3g%% of the pixels: " CLN_MASKS_ADVICE,
+                        cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
+                        cln_plural(masks, "s", ""), 100 * area);
 }
 
 /* Finds photos that are brighter or darker than their neighbours, much more than these than theirs:
