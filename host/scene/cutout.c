@@ -25,8 +25,9 @@ static const double BORDER = 0.8;                /* of its border, what it drops
 static const double HALF = 0.5;                  /* of it, what others keep beyond doubt */
 static const double ONE_PART = 0.8;              /* of what it keeps, the largest part at least */
 static const double MIDDLE = 0.2;                /* its middle's distance from a side, at least */
-static const double ROUND = 0.95;  /* of what it keeps, what a disc as large holds: a square 0.91 */
-static const double WIDE = 0.75;   /* and that disc's width over the shorter side */
+static const double ROUND = 0.95; /* of what it keeps, what a disc as large holds: a square 0.91 */
+static const double WIDE = 0.75;  /* and that disc's width over the shorter side */
+static const double OF_FISHEYE = 0.35; /* kept by masks of fisheye lenses, whatever their shape */
 static const double CENTRAL = 0.1; /* and its middle's distance from the photo's, over that side */
 
 typedef enum { OTHER, OBJECT, DISC } shape;
@@ -227,6 +228,8 @@ done:
  * *doubt: they may be of one all the same. */
 static const char *why_not(const cln_scene *scene, int masks, const looks *seen, bool *doubt)
 {
+    bool fisheye = false;
+
     *doubt = false;
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *v = &scene->views[i];
@@ -235,7 +238,12 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
             return "beside photos with alpha of their own";
         if (v->camera.lens == CLN_LENS_EQUIRECTANGULAR)
             return "of panoramas";
+        fisheye = fisheye || v->camera.lens == CLN_LENS_OPENCV_FISHEYE ||
+                  v->camera.lens == CLN_LENS_THIN_PRISM_FISHEYE ||
+                  v->camera.lens == CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE;
     }
+    if (fisheye && seen->kept > OF_FISHEYE * seen->count)
+        return "of fisheye lenses, and keep much";
     if (seen->of[DISC] > (1 - NEARLY_ALL) * seen->count && seen->of[DISC] >= seen->of[OBJECT])
         return "round, as the images of fisheye lenses are";
     if (masks < LEAST)

@@ -140,6 +140,14 @@ static void check_agreement(inspection *in)
     measure(in, "ties", a->tie_count);
     measure(in, "agreeing_share", a->share);
     measure(in, "exact_share", isnan(a->share) ? NAN : exact);
+    measure(in, "still_share", a->still_share);
+    if (a->still)
+        cln_found_fault(in->findings, "backdrop", true, NULL,
+                        "%.0f%% of what two photos show stands at one place in both pictures, "
+                        "although the cameras move: a backdrop, lamp or ruler that stands still "
+                        "while the object turns before a camera. It would be learnt as fog around "
+                        "the object: mask all but the object (--masks), or cut it out as alpha",
+                        100 * a->still_share);
     in->posed = !(a->share < UNSOUND || (a->share < UNSURE && exact < EXACT));
     if (isnan(a->share) && a->pairs == 0) {
         cln_found_fault(in->findings, "overlap", false, NULL,
