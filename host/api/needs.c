@@ -213,6 +213,7 @@ cln_settings_facts cln_needs_facts(const cln_scene *scene, const cln_config *con
                                 .no_sights = scene->sight_count == 0,
                                 .no_box = !scene->has_box,
                                 .has_splits = scene->has_splits,
+                                .no_masks = scene->mask_count == 0,
                                 .no_tests = cln_scene_split_count(scene, CLN_SPLIT_TEST) == 0,
                                 .few_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN) <
                                              config->seen_by};

@@ -342,6 +342,8 @@ static void say_what_runs(cln_trainer *t)
     cln_info("scene: %s, read as %s, because %s", scene->folder, scene->dialect, scene->because);
     cln_info("views: %d train, %d test (%s)", cln_scene_split_count(scene, CLN_SPLIT_TRAIN),
              cln_scene_split_count(scene, CLN_SPLIT_TEST), scene->split_rule);
+    if (scene->masks_rule)
+        cln_info("masks: %s", scene->masks_rule);
     cln_info("%s: %s", scene->space.forward ? "space" : "cube", scene->bounds_rule);
     if (json_array_size(scene->ignored) > 0)
         cln_info("scene: keys of its files that are not used: %s",

@@ -39,6 +39,7 @@ typedef struct cln_settings_facts {
     bool has_splits; /* its dataset names the splits */
     bool few_views;  /* --seen-by asks for more training views than there are */
     bool no_tests;   /* there is no test view */
+    bool no_masks;   /* no photo has a mask */
 } cln_settings_facts;
 
 /* Why the row's setting has no effect with the others and the facts: reason; way out. NULL if it

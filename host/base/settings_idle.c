@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 51 };
+enum { IDLE_ROWS = 52 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -109,6 +109,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "only a cube has a box that ends the scene; give --space cube"},
         {"slab", c->slab && facts->no_box,
          "no box in the cube is known, as there are no sparse points; give --bbox"},
+        {"masks", facts->no_masks, "no photo has a mask; leave it out"},
         {"holdout", facts->has_splits, "the dataset names the splits; leave it out"},
         {"target-psnr eval-at eval-every eval-images", facts->no_tests,
          "the scene has no test view; name some in its files, or measure others afterwards: "

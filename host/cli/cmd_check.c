@@ -84,6 +84,8 @@ static void print_measures(const json_t *document)
              cln_json_number(splits, "test"), text_of(scene, "dialect"),
              text_of(scene, "split_rule"));
     print_wrapped(printf("photos   "), 9, line);
+    if (json_is_object(json_object_get(scene, "masks")))
+        print_wrapped(printf("masks    "), 9, text_of(json_object_get(scene, "masks"), "because"));
     snprintf(least, sizeof least, "%.3g", fov[0]);
     snprintf(most, sizeof most, "%.3g", fov[1]);
     one = strcmp(least, most) == 0;

@@ -160,7 +160,8 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
             put_intrinsics(frame, view);
         json_array_append_new(frames, frame);
         json_array_append_new(lists[view->split], json_string(name));
-        CLN_TRY(put_path(scene, frame, "alpha_path", view->alpha_path));
+        CLN_TRY(put_path(scene, frame, view->alpha_mask ? "mask_path" : "alpha_path",
+                         view->alpha_path));
         if (!view->mask_black) /* where black counts, no key says so */
             CLN_TRY(put_path(scene, frame, "mask_path", view->mask_path));
     }

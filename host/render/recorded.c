@@ -245,6 +245,10 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     dataset = json_object_get(document, "dataset");
     if (config.space == CLN_SPACE_AUTO && same_text(dataset, "space", "cube"))
         config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
+    for (int m = CLN_MASKS_ALPHA; m <= CLN_MASKS_IGNORE && config.masks == CLN_MASKS_AUTO; m++)
+        if (same_text(json_object_get(dataset, "masks"), "as",
+                      m == CLN_MASKS_ALPHA ? "alpha" : "ignore"))
+            config.masks = m;
     /* nor do these later on, resumed once; another scene's photos may be of other sizes */
     if (config.downscale == 0 && (!json_object_get(dataset, "downscale_least") ||
                                   ((resumes || !given->path) && !divides_each(dataset))))

@@ -110,6 +110,7 @@ static void put_data(FILE *to, const json_t *dataset)
         cln_report_number(to, cln_json_number(views, "test"), 0);
         fputs(" test\n", to);
     }
+    put_fact(to, "masks", cln_json_text(json_object_get(dataset, "masks"), "because"));
     put_fact(to, "split", cln_json_text(dataset, "split_rule"));
     if (downscale > 1) {
         cln_format_span((int)(least < downscale ? least : downscale), (int)downscale, span);

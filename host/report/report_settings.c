@@ -54,6 +54,7 @@ void cln_report_idle(const cln_report_data *data, bool idle[CLN_SETTINGS_MAX])
     const cln_settings_facts facts = {.has_alpha = json_is_true(json_object_get(dataset, "alpha")),
                                       .forward = strcmp(space, "ndc") == 0,
                                       .shell = strcmp(space, "shell") == 0,
+                                      .no_masks = json_is_null(json_object_get(dataset, "masks")),
                                       .ranks = data->ranks.ranks > 1 ? 2 : 1};
     cln_config config;
     bool readable = cln_config_from_json(json_object_get(data->run, "config"), &config) == CLN_OK;

@@ -18,10 +18,19 @@
 enum { ASKED = 96, NEIGHBOURS = 3, TRIED = 12000, STRAYS = 8 };
 /* Fewest ties that say anything about a set, about a view, and against one (objects of equal parts
  * have a dozen wrong ones); agreeing ties that make partners. */
-enum { FEWEST = 100, FEWEST_OF_VIEW = 8, FEWEST_OF_BAD = 16, PARTNERS_SHARE = 6 };
-static const double TOLERANCE = 2;    /* pixels, at the size at which features are found */
-static const double STRICT = 0.25;    /* share of it for focal lengths, whose effect is small */
+enum {
+    FEWEST = 100,
+    FEWEST_OF_VIEW = 8,
+    FEWEST_OF_BAD = 16,
+    PARTNERS_SHARE = 6,
+    STILL_OF_PAIR = 4
+};
+static const double TOLERANCE = 2; /* pixels, at the size at which features are found */
+static const double STRICT = 0.25; /* share of it for focal lengths, whose effect is small */
+static const double STILL = 1;     /* pixels of the size at which features are found */
+static const double STILL_SHARE = 0.1, STILL_PAIRS = 0.3; /* of the ties; of the pairs */
 static const double GOOD = 0.5;       /* share of agreeing ties of a set that can tell bad views */
+static const double KEPT_GOOD = 0.7;  /* of kept ties, from which on they tell enough */
 static const double BAD = 0.2;        /* share of a bad view; another pose must gain as much */
 static const double STRAY = 0.7;      /* share of a stray over that of all views */
 static const double FAR_APART = 3e-4; /* squared sine of 1 deg, from which on distances are known */
@@ -229,10 +238,16 @@ static cln_status need_features(work *w, int view)
 
 /* ---- ties ---- */
 
-static cln_status add_ties(work *w, int a, int b, const cln_match *matches, int count)
+/* cut: of what is cut away. */
+static cln_status add_ties(work *w, int a, int b, bool cut)
 {
     cln_status st = CLN_OK;
     cln_agreement *out = w->out;
+    const cln_features *found[2] = {&w->features[a], &w->features[b]};
+    const cln_features parts[2] = {cln_features_cut(found[0]), cln_features_cut(found[1])};
+    const cln_features *of_a = cut ? &parts[0] : found[0], *of_b = cut ? &parts[1] : found[1];
+    cln_match matches[CLN_FEATURES_MOST];
+    const int count = cln_features_match(of_a, of_b, matches);
 
     if (out->tie_count + count > w->capacity) {
         const int capacity = 2 * (out->tie_count + count);
@@ -246,8 +261,7 @@ static cln_status add_ties(work *w, int a, int b, const cln_match *matches, int 
         w->capacity = capacity;
     }
     for (int i = 0; i < count; i++) {
-        const cln_feature *f = &w->features[a].list[matches[i].a];
-        const cln_feature *g = &w->features[b].list[matches[i].b];
+        const cln_feature *f = &of_a->list[matches[i].a], *g = &of_b->list[matches[i].b];
 
         out->ties[out->tie_count++] = (cln_tie){.a = a,
                                                 .b = b,
@@ -257,8 +271,7 @@ static cln_status add_ties(work *w, int a, int b, const cln_match *matches, int 
                                                 .vb = g->v,
                                                 .value_a = f->value,
                                                 .value_b = g->value,
-                                                .kept_a = f->kept,
-                                                .kept_b = g->kept};
+                                                .cut = cut};
     }
 done:
     return st;
@@ -267,7 +280,6 @@ done:
 static cln_status compare(work *w, int a, int b)
 {
     cln_status st = CLN_OK;
-    cln_match matches[CLN_FEATURES_MOST];
 
     for (int i = 0; i < w->out->pairs; i++)
         if ((w->pairs[i][0] == a && w->pairs[i][1] == b) ||
@@ -276,8 +288,8 @@ static cln_status compare(work *w, int a, int b)
     CLN_TRY(need_features(w, a));
     CLN_TRY(need_features(w, b));
     w->out->views[a].looked_at = w->out->views[b].looked_at = true;
-    CLN_TRY(
-        add_ties(w, a, b, matches, cln_features_match(&w->features[a], &w->features[b], matches)));
+    CLN_TRY(add_ties(w, a, b, false));
+    CLN_TRY(add_ties(w, a, b, true));
     w->pairs[w->out->pairs][0] = a;
     w->pairs[w->out->pairs++][1] = b;
 done:
@@ -354,10 +366,75 @@ static void try_readings(work *w)
         out->focal_share / share_of_reading(w, &cln_readings[out->reading], out->focal, 1);
 }
 
+/* Leaves out ties of what is cut away, unless these fit the poses and the others do not, or are too
+ * few: then masks keep the wrong side, or a thing without texture in a sound place. */
+static void leave_cut_out(work *w)
+{
+    cln_agreement *out = w->out;
+    int all[2] = {0}, agreeing[2] = {0}, left = 0;
+
+    for (int i = 0; i < out->tie_count; i++) {
+        all[out->ties[i].cut]++;
+        agreeing[out->ties[i].cut] += tie_agrees(w, &out->ties[i], &cln_readings[0], 1, 1);
+    }
+    if (agreeing[0] + agreeing[1] >= FEWEST)
+        out->kept_share = (double)agreeing[0] / (agreeing[0] + agreeing[1]);
+    if (agreeing[1] >= FEWEST && agreeing[1] >= GOOD * all[1] &&
+        (all[0] < FEWEST || agreeing[0] < KEPT_GOOD * all[0]))
+        return;
+    for (int i = 0; i < out->tie_count; i++)
+        if (!out->ties[i].cut)
+            out->ties[left++] = out->ties[i];
+    out->tie_count = left;
+}
+
+/* Is a mark of `view` at one place in both pictures? */
+static bool in_place(const work *w, int view, float ua, float va, float ub, float vb)
+{
+    const float most = (float)(STILL * w->features[view].pixel);
+
+    return fabsf(ua - ub) < most && fabsf(va - vb) < most;
+}
+
+/* Is the tie that, although by the likeliest reading it should not be? */
+static bool is_still(const work *w, const cln_tie *t)
+{
+    return in_place(w, t->a, t->ua, t->va, t->ub, t->vb) &&
+           !tie_agrees(w, t, &cln_readings[w->out->reading], 1, 1);
+}
+
+/* Leaves out what stands still, if that is many ties of many pairs: not of copies of a photo. */
+static bool leave_still_out(work *w)
+{
+    cln_agreement *out = w->out;
+    int still = 0, pairs = 0, of_pair = 0, left = 0;
+
+    for (int i = 0; i < out->tie_count; i++) {
+        const cln_tie *t = &out->ties[i];
+
+        of_pair = i && t[-1].a == t->a && t[-1].b == t->b ? of_pair : 0;
+        of_pair += is_still(w, t);
+        still += is_still(w, t);
+        pairs += is_still(w, t) && of_pair == STILL_OF_PAIR;
+    }
+    if (still < FEWEST || still < STILL_SHARE * out->tie_count || pairs < STILL_PAIRS * out->pairs)
+        return false;
+    for (int i = 0; i < out->tie_count; i++) {
+        const cln_tie *t = &out->ties[i];
+
+        if (!in_place(w, t->a, t->ua, t->va, t->ub, t->vb)) /* some agree by chance */
+            out->ties[left++] = *t;
+    }
+    out->still = out->tie_count - left;
+    out->still_share = (double)out->still / out->tie_count;
+    out->tie_count = left;
+    return true;
+}
+
 static void count_agreeing(work *w)
 {
     cln_agreement *out = w->out;
-    int64_t before = -1, kept = 0;
+    int64_t before = -1;
     int good = 0;
 
     for (int i = 0; i < out->tie_count; i++) {
@@ -371,7 +448,6 @@ static void count_agreeing(work *w)
         a->agreeing += t->agrees;
         b->agreeing += t->agrees;
         out->agreeing += t->agrees;
-        kept += t->agrees * (t->kept_a + t->kept_b);
         good = before == pair ? good + t->agrees : t->agrees;
         before = pair; /* ties of a pair follow each other */
         if (t->agrees && good == PARTNERS_SHARE) {
@@ -380,7 +456,6 @@ static void count_agreeing(work *w)
         }
     }
     out->share = out->tie_count < FEWEST ? NAN : (double)out->agreeing / out->tie_count;
-    out->kept_share = out->agreeing < FEWEST ? NAN : (double)kept / (2 * out->agreeing);
 }
 
 /* ---- single views ---- */
@@ -425,10 +500,21 @@ static bool is_related(const work *w, int photo)
     enum { MANY = 24 };
     cln_match matches[CLN_FEATURES_MOST];
 
-    for (int i = 0; i < w->scene->view_count; i++)
-        if (i != photo && w->features[i].list &&
-            cln_features_match(&w->features[photo], &w->features[i], matches) >= MANY)
+    for (int i = 0; i < w->scene->view_count; i++) {
+        int count = 0, moved = 0;
+
+        if (i == photo || !w->features[i].list)
+            continue;
+        count = cln_features_match(&w->features[photo], &w->features[i], matches);
+        for (int k = 0; k < count; k++) {
+            const cln_feature *f = &w->features[photo].list[matches[k].a];
+            const cln_feature *g = &w->features[i].list[matches[k].b];
+
+            moved += !w->out->still || !in_place(w, photo, f->u, f->v, g->u, g->v);
+        }
+        if (moved >= MANY)
             return true;
+    }
     return false;
 }
 
@@ -670,9 +756,12 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     CLN_TRY(cln_alloc(&w.features, (size_t)scene->view_count, sizeof *w.features, "features"));
     CLN_TRY(find_reach(&w));
     CLN_TRY(find_ties(&w));
-    count_agreeing(&w);
+    leave_cut_out(&w);
     if (out->tie_count >= FEWEST)
         try_readings(&w);
+    if (leave_still_out(&w) && out->tie_count >= FEWEST)
+        try_readings(&w);
+    count_agreeing(&w);
     CLN_TRY(find_bad(&w));
     CLN_TRY(find_exposures(&w));
     CLN_TRY(find_points(&w));

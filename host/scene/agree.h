@@ -1,6 +1,8 @@
 /* Do the photos agree with their poses? Features that two photos share (features.h) must lie on
  * rays that meet: this finds how many do, of each photo and of all; which other axes, matrices or
- * focal length would make more of them meet; and where they meet. Needs loaded pixels. */
+ * focal length would make more of them meet; and where they meet. What masks or alpha cut away does
+ * not count, nor what stands still in the pictures although the cameras move, as the backdrop of a
+ * turntable. Needs loaded pixels. */
 #ifndef CLN_AGREE_H
 #define CLN_AGREE_H
 
@@ -10,7 +12,7 @@
 typedef struct cln_tie {
     int a, b; /* views */
     float ua, va, ub, vb, value_a, value_b;
-    bool kept_a, kept_b, agrees;
+    bool cut, agrees; /* cut: masks or alpha cut it away */
 } cln_tie;
 
 /* Other readings of the poses that are tried, besides the given one. */
@@ -50,7 +52,9 @@ typedef struct cln_agreement {
     double focal_share;  /* share of ties that agree with it, within a quarter of the tolerance */
     double focal_exact;  /* that share over the one of ties that agree with it at all */
     double strict_share; /* as focal_share, with focal lengths as given */
-    double kept_share;   /* of features of agreeing ties: those that masks and alpha keep; or NaN */
+    double kept_share;   /* of what agrees, cut away or not: what masks and alpha keep; or NaN */
+    int still;           /* ties left out, as what they are of stands still in the pictures */
+    double still_share;  /* of all ties */
     int point_count;     /* places where the rays of agreeing ties meet at some angle */
     double (*points)[3]; /* scene units */
 } cln_agreement;

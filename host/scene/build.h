@@ -24,6 +24,21 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 /* load.c: fills in the views' `file`. CLN_MEMORY. */
 cln_status cln_scene_name_files(cln_scene *scene);
 
+/* cutout.c: gives masks that are alpha, by config.masks, to the views as alpha files; fills
+ * mask_count, masks_alpha, masks_doubtful and masks_rule. Once it is known which photos have alpha.
+ * CLN_INPUT if a mask cannot be read. */
+cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc);
+
+/* Below this share of the pixels masks leave little; then masks_doubtful is worth a remark. */
+#define CLN_MASKS_LEAVE 0.7
+#define CLN_MASKS_ADVICE                                                                           \
+    "if the masks are of an object, what they drop is not only of no use but empty: --masks alpha" \
+    " reads them so, --masks ignore as now, without this remark"
+
+/* cutout.c: turns a decoded mask of `count` pixels into alpha, in its first three channels: of
+ * labels (0 and 1) all but 0 is opaque, of a cut-out its own alpha counts. */
+void cln_mask_to_alpha(uint8_t *mask, size_t count, int channels, bool jpeg);
+
 /* turned.c: has the camera the shape of such an image? False if it has no size. */
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height);
 

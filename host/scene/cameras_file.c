@@ -108,6 +108,7 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
         const char *key;
         bool set;
     } flags[] = {{"leads_out", view->leads_out},
+                 {"alpha_mask", view->alpha_mask},
                  {"turned", view->turned},
                  {"mask_black", view->mask_path && view->mask_black}};
 
@@ -282,6 +283,7 @@ static cln_status read_view(const char *path, const json_t *row, int i, const cl
     view->leads_out = json_is_true(json_object_get(row, "leads_out"));
     view->turned = json_is_true(json_object_get(row, "turned"));
     view->mask_black = json_is_true(json_object_get(row, "mask_black"));
+    view->alpha_mask = json_is_true(json_object_get(row, "alpha_mask"));
     if (!*name)
         return fail_row(path, "views", (size_t)i, "name");
     if (!get_numbers(json_object_get(row, "pose"), 12, view->camera.c2w))

@@ -118,6 +118,14 @@ static json_t *describe_missing(const cln_scene *scene)
     return names;
 }
 
+static json_t *describe_masks(const cln_scene *scene)
+{
+    if (!scene->mask_count)
+        return json_null();
+    return json_pack("{s:i, s:s, s:s}", "views", scene->mask_count, "as",
+                     scene->masks_alpha ? "alpha" : "ignore", "because", scene->masks_rule);
+}
+
 static cln_status describe(const cln_scene *scene, json_t **out)
 {
     json_t *splits = json_object(), *centre = json_array(), *background = json_array();
@@ -144,20 +152,22 @@ static cln_status describe(const cln_scene *scene, json_t **out)
             channels = scene->views[i].channels;
     }
     *out = json_pack(
-        "{s:s, s:s, s:s, s:i, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:b, s:{s:i, s:f}, s:i, "
+        "{s:s, s:s, s:s, s:i, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:o, s:b, s:{s:i, s:f}, "
+        "s:i, "
         "s:i, s:o, s:o, s:s, s:s, s:o, s:s, s:o, s:o, s:o, s:o, s:o, s:o}",
         "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
         scene->view_count, "missing", scene->missing, "unreadable", scene->unreadable,
         "missing_names", describe_missing(scene), "splits", splits, "split_rule", scene->split_rule,
         "ignored_keys", scene->ignored ? json_incref(scene->ignored) : json_array(), "sizes",
-        describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha, "distortion",
-        scene->lenses != 0, "beyond_fold", "views", fold.views, "share", fold.share, "downscale",
-        scene->downscale, "downscale_least", scene->downscale_least, "centre", centre, "half",
-        cln_json_real(scene->space.half), "space", cln_space_name(&scene->space), "bounds_rule",
-        scene->bounds_rule, "background", background, "digest", digest, "camera_distance",
-        cln_json_real(distance), "cube_share", cln_json_real(scene->cube_share), "spread",
-        cln_json_real(scene->spread), "apart_share", cln_json_real(scene->apart_share),
-        "intrinsics", describe_intrinsics(scene), "cameras", describe_views(scene));
+        describe_sizes(scene), "channels", channels, "alpha", scene->has_alpha, "masks",
+        describe_masks(scene), "distortion", scene->lenses != 0, "beyond_fold", "views", fold.views,
+        "share", fold.share, "downscale", scene->downscale, "downscale_least",
+        scene->downscale_least, "centre", centre, "half", cln_json_real(scene->space.half), "space",
+        cln_space_name(&scene->space), "bounds_rule", scene->bounds_rule, "background", background,
+        "digest", digest, "camera_distance", cln_json_real(distance), "cube_share",
+        cln_json_real(scene->cube_share), "spread", cln_json_real(scene->spread), "apart_share",
+        cln_json_real(scene->apart_share), "intrinsics", describe_intrinsics(scene), "cameras",
+        describe_views(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;

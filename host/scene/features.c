@@ -313,7 +313,26 @@ static void keep_strongest(found *list, int *count, const found *one)
     }
 }
 
-static void search(const cln_view *view, const octave *o, double pixel, found *list, int *count)
+/* Is any of it cut away, within `reach` pixels of a place? */
+static bool is_cut(const cln_view *view, const cln_feature *f, double reach)
+{
+    for (int k = 0; k < 5; k++) { /* beside it, and itself */
+        const double du = k == 0 ? -reach : k == 1 ? reach : 0;
+        const double dv = k == 2 ? -reach : k == 3 ? reach : 0;
+        const int x = within((int)floor((double)f->u + du), view->camera.width);
+        const int y = within((int)floor((double)f->v + dv), view->camera.height);
+        uint8_t bytes[4];
+
+        cln_view_bytes(view, x, y, bytes);
+        if (!cln_view_keeps(view, x, y) || (view->channels == 4 && bytes[3] < 128))
+            return true;
+    }
+    return false;
+}
+
+/* lists, counts: of what is kept, and of what is cut away. */
+static void search(const cln_view *view, const octave *o, double pixel, found *const lists[2],
+                   int counts[2])
 {
     const plane *p = &o->blurred[0];
 
@@ -324,8 +343,7 @@ static void search(const cln_view *view, const octave *o, double pixel, found *l
                 const double sigma = SIGMA * pow(2, (double)s / STEPS);
                 found one = {.strength = fabsf(here)};
                 float fx = 0, fy = 0;
-                int px = 0, py = 0;
-                uint8_t bytes[4];
+                bool cut = false;
 
                 if (!is_extremum(o, s, x, y))
                     continue;
@@ -338,14 +356,10 @@ static void search(const cln_view *view, const octave *o, double pixel, found *l
                 one.feature.u = (float)((fx * o->pixel + .5) * pixel);
                 one.feature.v = (float)((fy * o->pixel + .5) * pixel);
                 one.feature.value = get(&o->blurred[s], x, y);
-                px = within((int)one.feature.u, view->camera.width);
-                py = within((int)one.feature.v, view->camera.height);
-                cln_view_bytes(view, px, py, bytes);
-                one.feature.kept =
-                    cln_view_keeps(view, px, py) && (view->channels == 3 || bytes[3] > 127);
+                cut = is_cut(view, &one.feature, sigma * o->pixel * pixel);
                 describe(&o->blurred[s], fx, fy, sigma,
                          main_direction(&o->blurred[s], fx, fy, sigma), one.feature.about);
-                keep_strongest(list, count, &one);
+                keep_strongest(lists[cut], &counts[cut], &one);
             }
 }
 
@@ -354,11 +368,13 @@ cln_status cln_features_find(const cln_view *view, cln_features *out)
     cln_status st = CLN_OK;
     plane first = {0}, next = {0};
     octave o = {.pixel = 1};
-    found *list = NULL;
-    int count = 0;
+    found *list = NULL, *lists[2];
+    int counts[2] = {0};
 
     *out = (cln_features){0};
-    CLN_TRY(cln_alloc(&list, CLN_FEATURES_MOST, sizeof *list, "features"));
+    CLN_TRY(cln_alloc(&list, 2 * CLN_FEATURES_MOST, sizeof *list, "features"));
+    lists[0] = list;
+    lists[1] = list + CLN_FEATURES_MOST;
     CLN_TRY(first_plane(view, &first, &out->pixel));
     for (int n = 0; n < OCTAVES && first.width >= SMALLEST && first.height >= SMALLEST; n++) {
         double had = n ? SIGMA : CAMERA_SIGMA / fmin(1, out->pixel);
@@ -370,7 +386,7 @@ cln_status cln_features_find(const cln_view *view, cln_features *out)
             CLN_TRY(blur(from, sqrt(fmax(wanted * wanted - had * had, .01)), &o.blurred[s]));
             had = wanted;
         }
-        search(view, &o, out->pixel, list, &count);
+        search(view, &o, out->pixel, lists, counts);
         CLN_TRY(halve(&o.blurred[STEPS], &next));
         free(first.at);
         first = next;
@@ -378,15 +394,22 @@ cln_status cln_features_find(const cln_view *view, cln_features *out)
         free_octave(&o);
         o.pixel *= 2;
     }
-    CLN_TRY(cln_alloc(&out->list, (size_t)count, sizeof *out->list, "features"));
-    for (int i = 0; i < count; i++)
-        out->list[i] = list[i].feature;
-    out->count = count;
+    CLN_TRY(cln_alloc(&out->list, (size_t)(counts[0] + counts[1]), sizeof *out->list, "features"));
+    for (int k = 0; k < 2; k++)
+        for (int i = 0; i < counts[k]; i++)
+            out->list[k * counts[0] + i] = lists[k][i].feature;
+    out->count = counts[0];
+    out->cut = counts[1];
 done:
     free_octave(&o);
     free(first.at);
     free(list);
     return st;
+}
+
+cln_features cln_features_cut(const cln_features *all)
+{
+    return (cln_features){.count = all->cut, .list = all->list + all->count, .pixel = all->pixel};
 }
 
 static int distance(const cln_feature *a, const cln_feature *b)

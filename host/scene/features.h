@@ -13,19 +13,22 @@ enum { CLN_FEATURE_BYTES = 128, CLN_FEATURES_MOST = 600 };
 typedef struct cln_feature {
     float u, v;  /* pixel position in the view */
     float value; /* mean grey around it, 0..1, straight colours */
-    bool kept;   /* masks keep the pixel, and it is not transparent */
     uint8_t about[CLN_FEATURE_BYTES];
 } cln_feature;
 
 typedef struct cln_features {
     int count;
+    int cut; /* behind these, on or beside what masks drop or alpha makes transparent */
     cln_feature *list;
     double pixel; /* side of a pixel of the searched copy, in pixels of the view */
 } cln_features;
 
-/* Finds the features of highest contrast in a loaded view; a large view is searched in a smaller
- * copy. The caller frees out->list. */
+/* Finds the features of highest contrast in a loaded view, at most CLN_FEATURES_MOST of either
+ * kind; a large view is searched in a smaller copy. The caller frees out->list. */
 cln_status cln_features_find(const cln_view *view, cln_features *out);
+
+/* Those on what was cut away, as a list of their own within `all`. */
+cln_features cln_features_cut(const cln_features *all);
 
 typedef struct cln_match {
     int a, b; /* places in the two lists */

@@ -78,10 +78,11 @@ static void warn_mixed_alpha(const cln_scene *scene)
         opaque++;
     }
     if (opaque > 0)
-        cln_warn("%s: %d of %d images %s no alpha channel ('%s'%s), unlike the others: all that "
+        cln_warn("%s: %d of %d images %s no %s ('%s'%s), unlike the others: all that "
                  "%s counts as opaque, background included",
-                 scene->folder, opaque, scene->view_count, cln_plural(opaque, "has", "have"), first,
-                 opaque > 1 ? ", ..." : "", cln_plural(opaque, "it shows", "these show"));
+                 scene->folder, opaque, scene->view_count, cln_plural(opaque, "has", "have"),
+                 scene->masks_alpha ? "mask" : "alpha channel", first, opaque > 1 ? ", ..." : "",
+                 cln_plural(opaque, "it shows", "these show"));
 }
 
 static bool can_decode(const char *path)
@@ -212,6 +213,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     CLN_TRY(read_heads(scene, desc->callbacks));
     if (!desc->keep_alpha)
         CLN_TRY(cln_scene_find_opaque(scene, desc));
+    CLN_TRY(cln_scene_read_masks(scene, desc));
     cln_scene_find_turns(scene);
     CLN_TRY(cln_scene_turn_masks(scene));
     for (int i = 0; i < scene->view_count; i++) {
@@ -414,6 +416,8 @@ cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint6
     if (across != width || down != height)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: its size is not the photo's any more; put the file back",
                          view->alpha_path));
+    if (view->alpha_mask)
+        cln_mask_to_alpha(alpha, count, alpha_channels, view->mask_least > 1);
     CLN_TRY(cln_image_put_alpha(count, alpha, alpha_channels, channels, pixels));
 done:
     free(alpha);
@@ -490,8 +494,35 @@ done:
     return st;
 }
 
-/* Logs how much the masks leave, as a warning if it is little or all: then their colours are mostly
- * swapped. */
+/* Is no pixel of four channels visible? */
+static bool is_blank(const uint8_t *pixels, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (pixels[4 * i + 3])
+            return false;
+    return true;
+}
+
+/* Warns of masks that keep nothing: as alpha, all that their photos see is empty. */
+static void warn_blank(const cln_scene *scene)
+{
+    const char *first = NULL;
+    int blank = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        blank += scene->views[i].blank;
+        first = scene->views[i].blank && !first ? scene->views[i].name : first;
+    }
+    if (blank)
+        cln_warn("%s: the mask%s of %d photo%s ('%s'%s) keep%s nothing: as alpha, all that %s "
+                 "there counts as empty; correct %s, or leave such photos out",
+                 scene->folder, cln_plural(blank, "", "s"), blank, cln_plural(blank, "", "s"),
+                 first, blank > 1 ? ", ..." : "", cln_plural(blank, "s", ""),
+                 cln_plural(blank, "it sees", "they see"), cln_plural(blank, "it", "them"));
+}
+
+/* Logs how much the masks leave, as a warning if it is all or little: then their colours are mostly
+ * swapped, or, if nobody said what they are, they may be of an object. */
 static void say_masks(const cln_scene *scene)
 {
     double left = 0, all = 0;
@@ -513,6 +544,8 @@ static void say_masks(const cln_scene *scene)
                 "%s: the mask%s of %d image%s leave%s %.3g %% of %s pixels", scene->folder,
                 cln_plural(views, "", "s"), views, cln_plural(views, "", "s"),
                 cln_plural(views, "s", ""), 100 * left / all, cln_plural(views, "its", "their"));
+    if (views && scene->masks_doubtful && left < CLN_MASKS_LEAVE * all)
+        cln_warn("%s: " CLN_MASKS_ADVICE, scene->folder);
 }
 
 /* A view whose pixels are another rank's. The next rank's files are read here too, for their
@@ -566,6 +599,7 @@ static cln_status read_view(job *work, int index)
         CLN_TRY(add_mask(view, wanted, digest));
     if (!wanted)
         goto done;
+    view->blank = view->alpha_mask && is_blank(pixels, (size_t)width * (size_t)height);
     if (channels != view->channels)
         CLN_TRY(changed(view->path));
     CLN_TRY(cln_image_downscale(view->downscale, &width, &height, channels, &pixels));
@@ -736,6 +770,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     for (int i = 0; i < scene->view_count; i++)
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
     say_masks(scene);
+    warn_blank(scene);
 done:
     free(work.digests);
     free(work.places);

@@ -141,6 +141,14 @@ static void check_agreement(inspection *in)
     measure(in, "ties", a->tie_count);
     measure(in, "agreeing_share", a->share);
     measure(in, "exact_share", isnan(a->share) ? NAN : exact);
+    measure(in, "still_share", a->still_share);
+    if (a->still)
+        cln_found_fault(in->findings, "backdrop", true, NULL,
+                        "%.0f%% of what two photos show stands at one place in both pictures, "
+                        "although the cameras move: a backdrop, lamp or ruler that stands still "
+                        "while the object turns before a camera. It would be learnt as fog around "
+                        "the object: mask all but the object (--masks), or cut it out as alpha",
+                        100 * a->still_share);
     in->posed = !(a->share < UNSOUND || (a->share < UNSURE && exact < EXACT));
     if (isnan(a->share) && a->pairs == 0) {
         cln_found_fault(in->findings, "overlap", false, NULL,
@@ -555,7 +563,8 @@ static void check_masks(inspection *in)
         cln_found_fault(in->findings, "masks", true, NULL,
                         "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
                         "show alike. Likely the wrong colour counts: invert them",
-                        masks ? "masks" : "alpha channels", 100 * area, 100 * agreeing);
+                        masks || in->scene->masks_alpha ? "masks" : "alpha channels", 100 * area,
+                        100 * agreeing);
     else if (masks && (area < MASKS_LEAST || area > 1 - 1e-9))
         cln_found_fault(
             in->findings, "masks", false, NULL,
@@ -563,6 +572,11 @@ static void check_masks(inspection *in)
             "counts, invert %s",
             cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
             cln_plural(masks, "s", ""), 100 * area, cln_plural(masks, "it", "them"));
+    else if (masks && in->scene->masks_doubtful && area < CLN_MASKS_LEAVE)
+        cln_found_fault(in->findings, "masks", false, NULL,
+                        "the mask%s of %d photo%s leave%s %.3g%% of the pixels: " CLN_MASKS_ADVICE,
+                        cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
+                        cln_plural(masks, "s", ""), 100 * area);
 }
 
 /* Finds photos that are brighter or darker than their neighbours, much more than these than theirs:

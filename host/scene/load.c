@@ -385,6 +385,7 @@ void cln_scene_free(cln_scene *scene)
     json_decref(scene->ignored);
     free(scene->split_rule);
     free(scene->bounds_rule);
+    free(scene->masks_rule);
     free(scene->sights);
     free(scene);
 }

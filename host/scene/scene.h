@@ -74,9 +74,10 @@ typedef struct cln_view {
     bool leads_out;   /* the dataset names it by a path out of its folder */
     char *file;       /* a file name made of `name` (io/names.h), unlike those of other names */
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
+    bool alpha_mask;  /* it is a mask, which may be of labels or a cut-out (cln_mask_to_alpha) */
     char *mask_path;  /* a file that says which pixels count; NULL = all */
     bool mask_black;  /* the black ones count; else all others do */
-    int mask_least;   /* a mask's pixel is black if all its values are below this */
+    int mask_least;   /* a mask's pixel is black if all its values are below this; 1: no JPEG */
     cln_split split;
     cln_split named;             /* of a scene without training views: its split */
     cln_camera camera;           /* at the size of `pixels` */
@@ -91,6 +92,7 @@ typedef struct cln_view {
     int alpha_turn, mask_turn; /* orientations that bring those files onto `pixels`; 1: none */
     bool masks_known;          /* sizes or EXIF data tell these, or those of other masks */
     int channels;              /* 3, or 4 with straight alpha */
+    bool blank;                /* its mask is alpha and keeps nothing */
     bool opaque;               /* its file has alpha, which is left out as it hides nothing */
     int rank;                  /* that has its pixels (dealt.h) */
     uint8_t *pixels;           /* [height][width][channels], the scene's; NULL if not in memory */
@@ -128,6 +130,10 @@ typedef struct cln_scene {
     double cached;         /* bytes of them that may be in memory; 0: all are */
     uint8_t **maps;        /* [view_count] of the views' kept pixels; as many as there are lenses */
     bool has_alpha;        /* over the views of all splits */
+    int mask_count;        /* views with a mask, whatever it means */
+    bool masks_alpha;      /* masks are alpha */
+    bool masks_doubtful;   /* they are not, but may be of an object: nobody said */
+    char *masks_rule;      /* what they are and how they are read, a phrase; NULL: there are none */
     bool hides;            /* a photo that was to be opaque is not: it is read again */
     unsigned lenses;       /* cln_camera_lenses of all views */
     cln_space space;       /* its cube */
@@ -150,7 +156,8 @@ typedef struct cln_scene {
 
 typedef struct cln_scene_desc {
     const char *path;         /* scene folder, or its transforms JSON file */
-    const cln_config *config; /* downscale, bbox, background, holdout, missing */
+    const cln_config *config; /* downscale, bbox, background, holdout, missing,
+                                 masks */
     bool pixels[CLN_SPLITS];  /* load the images of these splits, of several ranks each its own;
                                  cameras, sizes and masks always */
     bool unseen;              /* no error if no camera sees the cube */
@@ -275,11 +282,11 @@ void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
  * many), unreadable (of these), missing_names (the first), splits, split_rule, ignored_keys, sizes,
- * channels, alpha, distortion, beyond_fold (cln_fold), downscale,
- * downscale_least, centre, half, space (cube, ndc or
- * shell), bounds_rule, background, digest (16 hex digits), camera_distance (mean, to the centre),
- * cube_share, spread, apart_share, intrinsics [{views, width, height, fx, fy, cx, cy, lens,
- * params}], cameras [{name, split, width, height}]. */
+ * channels, alpha, masks ({views, as, because} or null), distortion, beyond_fold (cln_fold),
+ * downscale, downscale_least, centre, half, space (cube, ndc or shell), bounds_rule, background,
+ * digest (16 hex digits), camera_distance (mean, to the centre), cube_share, spread, apart_share,
+ * intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name, split, width,
+ * height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);
 
 #endif

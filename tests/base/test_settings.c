@@ -415,6 +415,11 @@ static void test_idle(void **state)
         warnings_with("fast", "holdout=4", &(cln_settings_facts){.ranks = 1, .has_splits = true}),
         "--holdout has no effect: the dataset names the splits"));
     assert_string_equal(warnings_with("fast", "holdout=4", &(cln_settings_facts){.ranks = 1}), "");
+    assert_non_null(strstr(
+        warnings_with("fast", "masks=alpha", &(cln_settings_facts){.ranks = 1, .no_masks = true}),
+        "--masks has no effect: no photo has a mask"));
+    assert_string_equal(warnings_with("fast", "masks=alpha", &(cln_settings_facts){.ranks = 1}),
+                        "");
     for (size_t i = 0; i < 4; i++) {
         static const char *const measured[] = {"target-psnr=20", "eval-at=10", "eval-every=5",
                                                "eval-images=2"};

@@ -862,13 +862,13 @@ section_masks() {
     "$make_scene" "$work/masks named" --format nerfstudio --masks --size 32 --train 6 >/dev/null
     "$make_scene" "$at" --format colmap --size 32 --train 6 >/dev/null
     expect "masks that a file names" 0 "~masks.of.[0-9]*.images.leave" "$cln" train \
-        "$work/masks named" -o "$work/masks named run" "${small[@]}" --steps 1
+        "$work/masks named" -o "$work/masks named run" "${small[@]}" --steps 1 --masks ignore
     mkdir "$at/masks"
     for file in "$work/masks named"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
     expect "COLMAP's masks" 0 "" "$cln" info "$at" --json
     check "are counted" grep -q 'because.*images, 14 of them with a mask' "$work/out"
     expect "and used" 0 "~masks.of.14.images.leave" "$cln" train "$at" -o "$at run" \
-        "${small[@]}" --steps 1
+        "${small[@]}" --steps 1 --masks ignore
     left=$(sed -n 's/.*leave[s]* \([0-9.]*\) %.*/\1/p' "$work/err")
     check "black is left out: $left % are kept" awk -v a="$left" 'BEGIN { exit !(a > 1 && a < 60) }'
     for file in "$at"/masks/*.png.png; do
@@ -888,6 +888,53 @@ section_masks() {
     expect "and other sizes" 0 "~14.masks.are.not.read" "$cln" info "$at"
 }
 
+# Masks of the shapes as a turntable's are of its object: alpha, if nobody says something else. The
+# run keeps that.
+section_objects() {
+    local at=$work/objects run="$work/objects run" file
+    "$make_scene" "$work/objects named" --format nerfstudio --masks --size 32 --train 8 --test 2 \
+        >/dev/null
+    "$make_scene" "$at" --format colmap --size 32 --train 8 --test 2 >/dev/null
+    expect "photos without masks: a shell" 0 "" "$cln" info "$at" --json
+    check "no masks" [ "$(json space) $(json masks)" = "shell null" ]
+    cp -r "$at" "$work/objects bare"
+    mkdir "$at/masks"
+    for file in "$work/objects named"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
+    expect "object masks" 0 "" "$cln" info "$at" --json
+    check "are alpha: a cube, on white" [ "$(json masks.as) $(json masks.views) $(json alpha) $(
+        json space) $(json background.0)" = "alpha 10 true cube 1" ]
+    check "and why is said, with the other way" \
+        grep -q '"because": "of an object (10 of them keep .*--masks ignore' "$work/out"
+    expect "nerfstudio's likewise" 0 "" "$cln" info "$work/objects named"
+    check "are alpha, too" grep -q "^ *because *of an object" "$work/out"
+    expect "they can be ignored" 0 "" "$cln" info "$at" --json --masks ignore
+    check "as ever" [ "$(json masks.as) $(json alpha) $(json space)" = "ignore false shell" ]
+    expect "check tells it" 0 "" "$cln" check "$at" --probe 0
+    check "in a line" grep -q "^masks    of an object" "$work/out"
+    expect "train says it" 0 "~masks:.of.an.object" "$cln" train "$at" -o "$run" "${small[@]}" \
+        --steps 4
+    check "run.json has it" grep -q '"as": "alpha"' "$run/run.json"
+    expect "eval compares opacity" 0 "" "$cln" eval "$run"
+    check "with the masks" grep -q "^opacity: RMS error" "$work/out"
+    expect "cameras with masks" 0 "" "$cln" export "$run" --cameras "$at/transforms.json"
+    check "name them as masks" grep -q '"mask_path": "masks/' "$at/transforms.json"
+    rm "$at/transforms.json"
+    expect "a run goes on" 0 "" "$cln" train --resume "$run" --steps 6
+    expect "and cannot read them otherwise" 8 "masks" "$cln" train --resume "$run" --steps 8 \
+        --masks ignore
+    rm "$at/masks/"*7.png.png
+    expect "masks of some photos" 0 "" "$cln" info "$at" --json
+    check "still are" [ "$(json masks.as) $(json masks.views)" = "alpha 9" ]
+    rm "$at/masks/"*[1-5].png.png
+    expect "masks of few" 0 "" "$cln" info "$at" --json
+    check "are no longer" [ "$(json masks.as)" = ignore ]
+    expect "but to a run they are what they were" 0 "~no.mask.*opaque" "$cln" eval "$run" \
+        -o "$work/objects eval"
+    check "alpha" grep -q "^opacity: RMS error" "$work/out"
+    expect "an option without masks" 0 "~--masks.has.no.effect" "$cln" info \
+        "$work/objects bare" --masks alpha
+}
+
 every="missing splits measured wide moved second orbit frames evals disk doubts nadir check depth"
-every+=" sparse forward beyond masks"
+every+=" sparse forward beyond masks objects"
 run_sections "$every" "$@"

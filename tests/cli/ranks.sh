@@ -173,17 +173,19 @@ section_photos() {
         -n 1 "$ranked" train "$work/scene-1" -o "$work/no" "${small[@]}" --steps 1
     # masks, and the photos' mean behind the scene
     "$make_scene" "$work/masked" --size 48 --train 8 --test 2 --format nerfstudio --masks >/dev/null
-    run "$cln" train "$work/masked" -o "$work/masked-one" "${small[@]}" --steps 60
+    run "$cln" train "$work/masked" -o "$work/masked-one" "${small[@]}" --steps 60 --masks ignore
     expect "two ranks, photos with masks" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/masked" \
-        -o "$work/masked-two" "${small[@]}" "${samples[@]}" --steps 60
+        -o "$work/masked-two" "${small[@]}" "${samples[@]}" --steps 60 --masks ignore
     check "their model is that of one process, too" same_model "$work/masked-one" "$work/masked-two"
     # every rank needs all masks, but compares the files of one other rank alone
     cp -r "$work/masked" "$work/masked-0"
     cp "$work/masked/masks/frame_00002.png" "$work/masked-0/masks/frame_00007.png"
     expect "three ranks with different masks are refused" 2 "~rank.1.has.another.set.of.masks" \
         "${mpi[@]}" \
-        -n 1 "$ranked" train "$work/masked-0" -o "$work/no" "${small[@]}" --steps 1 : \
-        -n 2 "$ranked" train "$work/masked" -o "$work/no" "${small[@]}" --steps 1
+        -n 1 "$ranked" train "$work/masked-0" -o "$work/no" "${small[@]}" --steps 1 \
+        --masks ignore : \
+        -n 2 "$ranked" train "$work/masked" -o "$work/no" "${small[@]}" --steps 1 \
+        --masks ignore
     # more ranks than photos of either split, photos with alpha, each with a gain
     "$make_scene" "$work/few" --size 48 --train 3 --test 1 >/dev/null
     run "$cln" train "$work/few" -o "$work/few-one" "${small[@]}" --steps 40 --exposure

@@ -121,6 +121,38 @@ static void test_other_field(void **state)
     assert_true(shared < 12);
 }
 
+/* Marks on what is transparent, and close beside it, stand apart; all are the whole picture's. */
+static void test_cut(void **state)
+{
+    static const look straight = {1, 0, 1, {0, 0}, 1};
+    uint8_t *pixels = malloc((size_t)SIDE * SIDE * 4);
+    cln_view view = {.channels = 4, .pixels = pixels};
+    cln_features whole = look_at(&straight), halves, cut;
+
+    (void)state;
+    assert_non_null(pixels);
+    view.camera.width = view.camera.height = SIDE;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        double at[2];
+
+        to_field(&straight, i % SIDE + 0.5, i / SIDE + 0.5, at);
+        memset(pixels + 4 * i, (int)(255 * field_at(1, at[0], at[1]) + 0.5), 3);
+        pixels[4 * i + 3] = i % SIDE < SIDE / 2 ? 0 : 255;
+    }
+    assert_int_equal(cln_features_find(&view, &halves), CLN_OK);
+    cut = cln_features_cut(&halves);
+    assert_int_equal(halves.count + cut.count, whole.count);
+    assert_int_equal(whole.cut, 0);
+    assert_true(halves.count > 5 && cut.count > 5);
+    for (int i = 0; i < halves.count; i++)
+        assert_true(halves.list[i].u >= SIDE / 2);
+    for (int i = 0; i < cut.count; i++)
+        assert_true(cut.list[i].u < SIDE * 0.7);
+    free(halves.list);
+    free(whole.list);
+    free(pixels);
+}
+
 /* Lists of the largest length, each mark unlike all others, one list in the reverse order of the
  * other: every mark finds itself. */
 static void test_full_lists(void **state)
@@ -146,9 +178,9 @@ static void test_full_lists(void **state)
 
 int test_group_features(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_same_field),
-                                       cmocka_unit_test(test_other_field),
-                                       cmocka_unit_test(test_full_lists)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_same_field), cmocka_unit_test(test_other_field),
+        cmocka_unit_test(test_cut), cmocka_unit_test(test_full_lists)};
 
     return cmocka_run_group_tests_name("features", tests, NULL, NULL);
 }

@@ -62,19 +62,24 @@ static wall *make_wall(int count)
     return w;
 }
 
-/* The findings of that word; NULL: none. */
-static const json_t *inspect(wall *w, const char *what)
+/* The first finding of that word in what was told last; NULL: none. */
+static const json_t *told_of(const wall *w, const char *what)
 {
-    const json_t *findings = NULL;
+    const json_t *findings = json_object_get(w->all, "findings");
 
-    json_decref(w->all);
-    w->all = NULL;
-    assert_int_equal(cln_scene_inspect(&w->scene, NULL, &w->all), CLN_OK);
-    findings = json_object_get(w->all, "findings");
     for (size_t i = 0; i < json_array_size(findings); i++)
         if (!strcmp(json_string_value(json_object_get(json_array_get(findings, i), "what")), what))
             return json_array_get(findings, i);
     return NULL;
+}
+
+/* The same of a new inspection. */
+static const json_t *inspect(wall *w, const char *what)
+{
+    json_decref(w->all);
+    w->all = NULL;
+    assert_int_equal(cln_scene_inspect(&w->scene, NULL, &w->all), CLN_OK);
+    return told_of(w, what);
 }
 
 static const char *text_of(const json_t *finding)
@@ -280,6 +285,100 @@ static void test_masks_without_effect(void **state)
     free_wall(w);
 }
 
+/* ---- what stands still ---- */
+
+static uint8_t grey_of(uint32_t field, double x, double y)
+{
+    return (uint8_t)(60 + 150 * cln_uniform_hash(3, field, 0, (uint32_t)(int)floor(y / BLOCK), 0,
+                                                 (uint32_t)(int)floor(x / BLOCK)));
+}
+
+/* Cameras that also roll before the wall, by `degrees` from one to the next, and above row `still`
+ * something that all see at one place. */
+static wall *make_turning(double degrees, int still)
+{
+    wall *w = make_wall(VIEWS);
+
+    for (int i = 0; i < VIEWS; i++) {
+        cln_camera *c = &w->views[i].camera;
+        const double roll = degrees * i / 57.29577951308232;
+
+        c->c2w[0] = c->c2w[5] = cos(roll);
+        c->c2w[4] = sin(roll);
+        c->c2w[1] = -sin(roll);
+        for (int p = 0; p < WIDE * HIGH; p++) {
+            const double x = p % WIDE + .5 - c->cx, y = p / WIDE + .5 - c->cy;
+            const double at[2] = {c->c2w[0] * x + c->c2w[1] * y + WIDE * c->c2w[3],
+                                  c->c2w[4] * x + c->c2w[5] * y};
+
+            memset(w->pixels[i] + 3 * p,
+                   p / WIDE < still ? grey_of(2, x, y) : grey_of(1, at[0] + 1000, at[1] + 1000), 3);
+        }
+    }
+    return w;
+}
+
+static double measured(const wall *w, const char *name)
+{
+    return json_number_value(json_object_get(json_object_get(w->all, "measures"), name));
+}
+
+/* Found, and no reason to take poses for wrong; masks that drop it leave nothing to find. */
+static void test_backdrop(void **state)
+{
+    static uint8_t lower[WIDE * HIGH / 8];
+    wall *w = make_turning(8, HIGH / 2);
+    double sound = 0;
+
+    (void)state;
+    assert_non_null(strstr(text_of(inspect(w, "backdrop")), "stands at one place in both"));
+    assert_true(measured(w, "still_share") > 0.3);
+    assert_true(measured(w, "agreeing_share") > 0.6);
+    assert_null(told_of(w, "poses"));
+    sound = measured(w, "agreeing_share");
+    memset(lower + sizeof lower / 2, 255, sizeof lower / 2);
+    for (int i = 0; i < VIEWS; i++)
+        w->views[i].kept = w->views[i].masked = lower;
+    assert_null(inspect(w, "backdrop"));
+    assert_null(told_of(w, "poses"));
+    assert_null(told_of(w, "masks"));
+    assert_true(measured(w, "still_share") == 0 && measured(w, "ties") >= 100);
+    assert_true(measured(w, "agreeing_share") > sound - 0.1);
+    assert_true(measured(w, "agreeing_kept") > 0.6);
+    memset(lower, 255, sizeof lower / 2); /* the other half */
+    memset(lower + sizeof lower / 2, 0, sizeof lower / 2);
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "invert them"));
+    free_wall(w);
+}
+
+/* Nothing stands still: all moves; poses are wrong; copies of a photo; a wall far off. */
+static void test_no_backdrop(void **state)
+{
+    wall *w = make_turning(8, 0);
+
+    (void)state;
+    assert_null(inspect(w, "backdrop"));
+    assert_true(measured(w, "agreeing_share") > 0.8);
+    for (int i = 0; i + 1 < VIEWS; i += 2) {
+        const cln_camera kept = w->views[i].camera;
+
+        w->views[i].camera = w->views[i + 1].camera;
+        w->views[i + 1].camera = kept;
+    }
+    assert_null(inspect(w, "backdrop"));
+    assert_non_null(told_of(w, "poses"));
+    free_wall(w);
+    w = make_turning(8, 0);
+    w->scene.view_count = 5;
+    memcpy(w->pixels[1], w->pixels[0], sizeof w->pixels[0]);
+    assert_null(inspect(w, "backdrop"));
+    free_wall(w);
+    w = make_turning(0, HIGH);
+    w->scene.view_count = 5;
+    assert_null(inspect(w, "backdrop"));
+    free_wall(w);
+}
+
 /* What is told of the work; a stop is asked for once photos are compared. */
 typedef struct told {
     int measured, compared;
@@ -330,6 +429,8 @@ int test_group_inspect(void)
         cmocka_unit_test(test_inside),
         cmocka_unit_test(test_nothing_to_compare),
         cmocka_unit_test(test_masks_without_effect),
+        cmocka_unit_test(test_backdrop),
+        cmocka_unit_test(test_no_backdrop),
         cmocka_unit_test(test_stopped),
     };
 

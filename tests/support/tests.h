@@ -12,6 +12,7 @@ int test_group_base(void);
 int test_group_broken_formats(void);
 int test_group_camera(void);
 int test_group_cameras_file(void);
+int test_group_cutout(void);
 int test_group_carry(void);
 int test_group_carve(void);
 int test_group_checkpoint(void);
