@@ -94,29 +94,79 @@ done:
     return st;
 }
 
-/* The least number in FILE of a folder and of the folders above it, as far as `base`. */
-static double least_above(const char *base, const char *group, const char *file)
+/* The first number of PATH, or with `key` of its line "key NUMBER"; NAN without. */
+static double read_number(const char *path, const char *key)
 {
-    char path[2048], rest[1024];
+    FILE *file = fopen(path, "re");
+    char line[256];
+    double number = NAN, value = 0;
+
+    while (file && isnan(number) && fgets(line, sizeof line, file)) {
+        const size_t length = key ? strlen(key) : 0;
+
+        if (key && (strncmp(line, key, length) != 0 || line[length] != ' '))
+            continue;
+        if (sscanf(line + length, "%lf", &value) == 1) /* "max": none */
+            number = value;
+        if (!key)
+            break;
+    }
+    if (file)
+        fclose(file);
+    return number;
+}
+
+/* Files of a control group, by version; of "stat" the names of what the system drops first. */
+typedef struct group_files {
+    const char *base, *limit, *use, *dropped[2];
+} group_files;
+
+static const group_files versions[] = {
+    {"/sys/fs/cgroup", "memory.max", "memory.current", {"inactive_file", "active_file"}},
+    {"/sys/fs/cgroup/memory",
+     "memory.limit_in_bytes",
+     "memory.usage_in_bytes",
+     {"total_inactive_file", "total_active_file"}},
+};
+
+/* What a group allows, or has left; INFINITY if it does not tell. */
+static double allowed(const char *folder, const group_files *files, bool left)
+{
+    char path[2560];
+    double bytes = 0, used = 0;
+
+    snprintf(path, sizeof path, "%s/%s", folder, files->limit);
+    bytes = read_number(path, NULL);
+    if (!(bytes > 0))
+        return INFINITY;
+    if (!left)
+        return bytes;
+    snprintf(path, sizeof path, "%s/%s", folder, files->use);
+    used = read_number(path, NULL);
+    if (!(used > 0))
+        return INFINITY;
+    snprintf(path, sizeof path, "%s/memory.stat", folder);
+    for (int i = 0; i < 2; i++)
+        used -= fmax(0, read_number(path, files->dropped[i])); /* fmax(0, NAN) is 0 */
+    return fmax(0, bytes - fmax(0, used));
+}
+
+/* The least of a group and of those above it. */
+static double least_above(const char *root, const char *group, const group_files *files, bool left)
+{
+    char folder[2300], rest[1024];
     double least = INFINITY;
 
     snprintf(rest, sizeof rest, "%s", group);
     for (char *end = rest + strlen(rest); end; end = strrchr(rest, '/')) {
-        FILE *f = NULL;
-        double bytes = 0;
-
         *end = 0;
-        snprintf(path, sizeof path, "%s%s/%s", base, rest, file);
-        f = fopen(path, "re");
-        if (f && fscanf(f, "%lf", &bytes) == 1 && bytes > 0) /* "max": none */
-            least = fmin(least, bytes);
-        if (f)
-            fclose(f);
+        snprintf(folder, sizeof folder, "%s%s%s", root, files->base, rest);
+        least = fmin(least, allowed(folder, files, left));
     }
     return least;
 }
 
-double cln_group_memory(const char *root)
+static double group_memory(const char *root, bool left)
 {
     char path[1024], line[1024];
     double least = INFINITY;
@@ -126,27 +176,45 @@ double cln_group_memory(const char *root)
     groups = fopen(path, "re");
     while (groups && fgets(line, sizeof line, groups)) { /* number:controllers:group */
         char *controllers = strchr(line, ':'), *group = NULL;
-        const char *file = NULL;
+        int version = 0;
 
         group = controllers ? strchr(controllers + 1, ':') : NULL;
         if (!group)
             continue;
         *group++ = 0;
         group[strcspn(group, "\n")] = 0;
-        if (strcmp(controllers, ":") == 0) { /* version 2 */
-            snprintf(path, sizeof path, "%s/sys/fs/cgroup", root);
-            file = "memory.max";
-        } else if (strcmp(controllers, ":memory") == 0) {
-            snprintf(path, sizeof path, "%s/sys/fs/cgroup/memory", root);
-            file = "memory.limit_in_bytes";
-        } else {
+        if (strcmp(controllers, ":memory") == 0)
+            version = 1;
+        else if (strcmp(controllers, ":") != 0)
             continue;
-        }
-        least = fmin(least, least_above(path, group, file));
+        least = fmin(least, least_above(root, group, &versions[version], left));
     }
     if (groups)
         fclose(groups);
     return least;
+}
+
+double cln_group_memory(const char *root)
+{
+    return group_memory(root, false);
+}
+
+double cln_available_memory(const char *root)
+{
+    char path[1024];
+    double all = 0, resident = 0, shared = 0, system = 0;
+    FILE *file = NULL;
+
+    snprintf(path, sizeof path, "%s/proc/self/statm", root);
+    file = fopen(path, "re");
+    if (!file || fscanf(file, "%lf %lf %lf", &all, &resident, &shared) != 3)
+        resident = shared = 0;
+    if (file)
+        fclose(file);
+    snprintf(path, sizeof path, "%s/proc/meminfo", root);
+    system = 1024 * read_number(path, "MemAvailable:");
+    return fmin(isnan(system) ? INFINITY : system, group_memory(root, true)) +
+           (resident - shared) * (double)sysconf(_SC_PAGESIZE);
 }
 
 double cln_host_memory(void)

@@ -37,6 +37,11 @@ double cln_host_memory(void);
  * ("" but in tests); INFINITY without a limit. */
 double cln_group_memory(const char *root);
 
+/* Bytes that this process could have in all as things are: what it has, and what the system could
+ * give it without swapping, or a control group of it (limit less use, but for what is kept of
+ * files). root: as below. INFINITY if unknown. */
+double cln_available_memory(const char *root);
+
 /* Peak resident memory of this process, in bytes; 0 if unknown. */
 double cln_peak_rss(void);
 

@@ -577,8 +577,18 @@ static bool plan_batches(const cln_plan_desc *d, int batches, cln_plan *out)
     return out->total <= most_bytes(d, &s, out->limit);
 }
 
-/* Finds half of --batch-samples, and so on, by which the training is within the limits; if there is
- * none, with half of --rays, and so on. */
+/* Is the host's plan, with this one of the device, within its limit? */
+static bool host_fits(const cln_plan_desc *d, const cln_plan *device_plan)
+{
+    const sizes s = find_sizes(d, 1);
+    cln_plan host = {.count = 0};
+
+    add_host(d, &s, &host);
+    return host.total + (is_cpu(d) ? device_plan->total : 0) <= host.limit;
+}
+
+/* Finds half of --batch-samples, and so on, by which the training is within the limits, the host's,
+ * too; if there is none, with half of --rays, and so on. */
 static void fit_batch(const cln_plan_desc *d, cln_plan *out)
 {
     enum { LEAST = 4096, LEAST_RAYS = 16 };
@@ -591,7 +601,7 @@ static void fit_batch(const cln_plan_desc *d, cln_plan *out)
     for (; c->rays >= LEAST_RAYS; c->rays /= 2)
         for (c->batch_samples = d->pipeline->config.batch_samples / 2; c->batch_samples >= LEAST;
              c->batch_samples /= 2)
-            if (plan_batches(&desc, CLN_TRAINING_BATCHES, &plan)) {
+            if (plan_batches(&desc, CLN_TRAINING_BATCHES, &plan) && host_fits(&desc, &plan)) {
                 out->fitting_samples = c->batch_samples;
                 out->fitting_rays = c->rays < d->pipeline->config.rays ? c->rays : 0;
                 return;
@@ -671,6 +681,8 @@ void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan
         row(out, "the device's, a CPU", device_plan->rows[largest_row(device_plan)].way_out);
         add(out, device_plan->total);
     }
+    if (d->training && out->total > out->limit)
+        fit_batch(d, out);
 }
 
 cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,

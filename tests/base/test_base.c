@@ -776,6 +776,40 @@ static void test_group_memory(void **state)
     assert_true(cln_host_memory() > 1e8);
 }
 
+/* What is free and what this process has; of groups their limits less their use, without what the
+ * system drops at need. */
+static void test_available_memory(void **state)
+{
+    const char *root = *state;
+    const double page = (double)sysconf(_SC_PAGESIZE), mib = 1 << 20;
+
+    assert_true(isinf(cln_available_memory(root)));
+    put_limit(root, "proc", "meminfo",
+              "MemTotal:        3891200 kB\nMemFree:          100000 kB\n"
+              "MemAvailable:     921600 kB\nBuffers: 1 kB\n");
+    assert_true(cln_available_memory(root) == 900 * mib);
+    put_limit(root, "proc/self", "statm", "90000 3000 1000 5 0 80000 0\n");
+    assert_true(cln_available_memory(root) == 900 * mib + 2000 * page);
+    put_limit(root, "proc/self", "statm", "90000 1000 1000 5 0 80000 0\n");
+    put_limit(root, "proc/self", "cgroup", "4:memory:/job/step\n0::/user/shell\n");
+    put_limit(root, "sys/fs/cgroup/user", "memory.max", "1073741824\n");
+    assert_true(cln_available_memory(root) == 900 * mib); /* its use is not told */
+    put_limit(root, "sys/fs/cgroup/user", "memory.current", "524288000\n");
+    assert_true(cln_available_memory(root) == 524 * mib);
+    put_limit(root, "sys/fs/cgroup/user", "memory.stat",
+              "anon 209715200\ninactive_file 104857600\nactive_file 104857600\n");
+    assert_true(cln_available_memory(root) == 724 * mib);
+    put_limit(root, "sys/fs/cgroup/memory/job", "memory.limit_in_bytes", "419430400\n");
+    put_limit(root, "sys/fs/cgroup/memory/job", "memory.usage_in_bytes", "314572800\n");
+    put_limit(root, "sys/fs/cgroup/memory/job", "memory.stat",
+              "inactive_file 1\ntotal_inactive_file 52428800\ntotal_active_file 0\n");
+    assert_true(cln_available_memory(root) == 150 * mib);
+    put_limit(root, "sys/fs/cgroup/memory/job", "memory.usage_in_bytes", "514572800\n");
+    assert_true(cln_available_memory(root) == 0);
+    assert_true(cln_group_memory(root) == 400 * mib);
+    assert_true(cln_available_memory("") > 1e7);
+}
+
 int test_group_base(void)
 {
     const struct CMUnitTest tests[] = {
@@ -792,6 +826,7 @@ int test_group_base(void)
         cmocka_unit_test(test_try),
         cmocka_unit_test(test_alloc),
         cmocka_unit_test(test_huge_pages),
+        cmocka_unit_test_setup_teardown(test_available_memory, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_read_write, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_atomic_together, scratch_make, scratch_remove),

@@ -638,6 +638,12 @@ section_voxels() {
     expect "too little device memory for pictures" 5 "~raise.--device-mem" \
         "$cln" eval "$r" --device-mem 1M
     check "no option is named that eval has not" not_said "batch-samples"
+    expect "too little host memory: a batch that fits is named" 5 \
+        "~give.--batch-samples.[0-9]+,.which.fits --host-mem" \
+        "$cln" train "$s" -o "$work/never" "${little[@]}" --steps 2 --host-mem 400M -d cpu
+    batch=$(sed -n 's/.*give --batch-samples \([0-9]*\), .*/\1/p' "$work/err")
+    expect "it fits, too" 0 "" "$cln" train "$s" -o "$work/tight" "${little[@]}" --steps 2 \
+        --host-mem 400M --batch-samples "${batch:-0}" -d cpu
 }
 
 # Scenes and places that are at the edge.

@@ -296,6 +296,39 @@ static void test_fitting_batch(void **state)
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "; raise --device-mem");
 }
 
+/* Where the device's memory is the host's, the host's plan names it. */
+static void test_fitting_batch_of_host(void **state)
+{
+    cln_config config = preset("voxel");
+    const int whole = config.batch_samples;
+    fake f;
+    cln_plan plan, host;
+    char words[96];
+
+    (void)state;
+    make_fake(&f, &config, 4096 * MIB, "cpu");
+    f.pipeline.config.batch_samples = whole / 4;
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    f.pipeline.config.host_mem = host.total + MIB;
+    f.pipeline.config.batch_samples = whole;
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_ok(cln_plan_check(&f.device, &plan));
+    snprintf(words, sizeof words, "; give --batch-samples %d, which fits, or raise --host-mem",
+             whole / 4);
+    assert_fails(cln_plan_check_host(&host), CLN_MEMORY, words);
+    f.pipeline.config.batch_samples = whole / 4;
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_ok(cln_plan_check_host(&host));
+    f.pipeline.config.batch_samples = whole;
+    f.pipeline.config.host_mem = 300 * MIB; /* not even the program */
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_fails(cln_plan_check_host(&host), CLN_MEMORY, "; lower --");
+}
+
 static void test_limits_by_name(void **state)
 {
     cln_config config = preset("fast");
@@ -807,6 +840,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_entries_of_a_cpu),
         cmocka_unit_test(test_search),
         cmocka_unit_test(test_fitting_batch),
+        cmocka_unit_test(test_fitting_batch_of_host),
         cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_pictures_fit),
         cmocka_unit_test(test_pictures_without_a_scene),
