@@ -10,9 +10,9 @@
  *
  * Any call may return CLN_MEMORY, and CLN_USAGE for a member that is missing or out of range, or
  * for a desc, result or object that is NULL; one that reads a scene or a run, CLN_INPUT or
- * CLN_CHECKPOINT; one that works on a device, CLN_NO_DEVICE, CLN_CL or CLN_BUILD; one that writes,
- * CLN_OUTPUT; one with callbacks, CLN_SIGINT or CLN_SIGTERM. The comments below have the others,
- * and what is special. */
+ * CLN_CHECKPOINT; one that works on a device, CLN_NO_DEVICE, CLN_CL or CLN_BUILD, and CLN_OUTPUT if
+ * its driver has no place for the kernels that it compiles; one that writes, CLN_OUTPUT; one with
+ * callbacks, CLN_SIGINT or CLN_SIGTERM. The comments below have the others, and what is special. */
 #ifndef CL_NASCENT_H
 #define CL_NASCENT_H
 
