@@ -610,14 +610,14 @@ typedef void cln_check_sink(const char *name, bool passed, bool skipped, const c
 CLN_API cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink,
                                 void *user);
 
-/* The verdict of cln_devices_list on device number `row` alone, with callbacks (NULL: none): fills in
- * info->verdict. CLN_NO_DEVICE without such a row; other errors that are not the caller's are a
+/* The verdict of cln_devices_list on device number `row` alone, with callbacks (NULL: none): fills
+ * in info->verdict. CLN_NO_DEVICE without such a row; other errors that are not the caller's are a
  * verdict. */
 CLN_API cln_status cln_devices_test(const cln_device_desc *desc, int row,
                                     const cln_callbacks *callbacks, cln_device_info *info);
 
-/* cln_selftest at extremes (docs/stability.md): a check is a row, its detail says what was varied, the
- * worst error, its bound and place. quick: without sorts of over 2^17 elements. */
+/* cln_selftest at extremes (docs/stability.md): a check is a row, its detail says what was varied,
+ * the worst error, its bound and place. quick: without sorts of over 2^17 elements. */
 CLN_API cln_status cln_selftest_extremes(const cln_device_desc *device, bool quick,
                                          cln_check_sink *sink, void *user);
 

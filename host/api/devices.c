@@ -1,6 +1,6 @@
-/* cln_devices_list, cln_devices_test: what the loader finds, each with its kernel parameters and the verdict of the
- * quick self-test. A device that does not work is a row with its reason, never the end of the
- * list. */
+/* cln_devices_list, cln_devices_test: what the loader finds, each with its kernel parameters and
+ * the verdict of the quick self-test. A device that does not work is a row with its reason, never
+ * the end of the list. */
 #include <stdio.h>
 #include <stdlib.h>
 
