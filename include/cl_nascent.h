@@ -10,9 +10,9 @@
  *
  * Any call may return CLN_MEMORY, and CLN_USAGE for a member that is missing or out of range, or
  * for a desc, result or object that is NULL; one that reads a scene or a run, CLN_INPUT or
- * CLN_CHECKPOINT; one that works on a device, CLN_NO_DEVICE, CLN_CL or CLN_BUILD; one that writes,
- * CLN_OUTPUT; one with callbacks, CLN_SIGINT or CLN_SIGTERM. The comments below have the others,
- * and what is special. */
+ * CLN_CHECKPOINT; one that works on a device, CLN_NO_DEVICE, CLN_CL or CLN_BUILD, and CLN_OUTPUT if
+ * its driver has no place for the kernels that it compiles; one that writes, CLN_OUTPUT; one with
+ * callbacks, CLN_SIGINT or CLN_SIGTERM. The comments below have the others, and what is special. */
 #ifndef CL_NASCENT_H
 #define CL_NASCENT_H
 
@@ -619,8 +619,14 @@ typedef void cln_check_sink(const char *name, bool passed, bool skipped, const c
 CLN_API cln_status cln_selftest(const cln_device_desc *device, bool quick, cln_check_sink *sink,
                                 void *user);
 
-/* The same at extremes (docs/stability.md): a check is a row, its detail says what was varied, the
- * worst error, its bound and place. quick: without sorts of over 2^17 elements. */
+/* The verdict of cln_devices_list on device number `row` alone, with callbacks (NULL: none): fills
+ * in info->verdict. CLN_NO_DEVICE without such a row; other errors that are not the caller's are a
+ * verdict. */
+CLN_API cln_status cln_devices_test(const cln_device_desc *desc, int row,
+                                    const cln_callbacks *callbacks, cln_device_info *info);
+
+/* cln_selftest at extremes (docs/stability.md): a check is a row, its detail says what was varied,
+ * the worst error, its bound and place. quick: without sorts of over 2^17 elements. */
 CLN_API cln_status cln_selftest_extremes(const cln_device_desc *device, bool quick,
                                          cln_check_sink *sink, void *user);
 

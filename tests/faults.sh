@@ -272,6 +272,12 @@ section_clock() {
         [ "$(digest "$work/run")" = "$whole" ]
     check "by the clock, a second a step: as many steps" \
         cmp -s <(step_rows | "$query" -l step) <(seq $steps)
+    # as after Ctrl-Z; the step that warms up is the first
+    rm -rf "$work/run"
+    faulty clock 20 tick "${fresh[@]/#--steps/--time-limit}"
+    check "by the clock, 100 s in a step: that is told" said "stood still for 99 s"
+    check "by the clock, 100 s in a step: the weights of as many steps" \
+        [ "$(digest "$work/run")" = "$whole" ]
 }
 
 # How many pictures and depths a folder has, and a digest of them and of its figures, but for the

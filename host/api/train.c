@@ -18,6 +18,7 @@
 #include "base/settings.h"
 #include "base/text.h"
 #include "check/selftest.h"
+#include "device/cache.h"
 #include "io/disk.h"
 #include "io/progress.h"
 #include "io/run_folder.h"
@@ -567,6 +568,7 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
     bool same = false;
 
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
+    CLN_TRY(cln_cache_check(t->device->info.platform));
     if (t->desc->resume) {
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
         CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene, &same));
@@ -676,9 +678,8 @@ static cln_status build(cln_trainer *t, const cln_config *config)
                       "ray results"));
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(config), &t->model, &t->exposure));
     CLN_TRY(cln_refine_start(t));
-    cln_info("device: %s (%s, %d compute unit%s); building kernels for it", t->device->info.name,
-             t->device->info.platform, t->device->info.compute_units,
-             cln_plural(t->device->info.compute_units, "", "s"));
+    cln_info("device: %s (%s, %d compute unit%s)", t->device->info.name, t->device->info.platform,
+             t->device->info.compute_units, cln_plural(t->device->info.compute_units, "", "s"));
     CLN_TRY(
         cln_pipeline_create(t->device, config,
                             &(cln_pipeline_facts){.lenses = t->scene->lenses,

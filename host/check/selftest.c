@@ -263,6 +263,38 @@ static cln_status verdict(const cln_device *device, const cln_checks *c)
                     device->info.name, c->first, c->failed > 1 ? ", and more" : "");
 }
 
+/* ---- progress ---- */
+
+typedef struct progress {
+    const cln_callbacks *callbacks;
+    int done, total, signal;
+} progress;
+
+static void poll_callbacks(progress *p)
+{
+    const int signal = cln_poll_signal(p->callbacks);
+
+    if (signal == SIGINT || signal == SIGTERM)
+        p->signal = signal;
+}
+
+/* Polls after each check, so that a signal is answered at once. */
+static void on_check(const char *name, bool passed, bool skipped, const char *detail, void *user)
+{
+    (void)name, (void)passed, (void)skipped, (void)detail;
+    poll_callbacks(user);
+}
+
+/* Shows progress and polls between two pipelines. */
+static cln_status advance(progress *p, const cln_checks *c)
+{
+    cln_show_work(p->callbacks, "checking kernels", p->done++, p->total);
+    poll_callbacks(p);
+    return cln_stopped_by(c->failed == 0 ? p->signal : 0, NULL);
+}
+
+/* ---- sets of shapes ---- */
+
 cln_status cln_selftest_loops(cln_device *device, cln_check_sink *sink, void *user)
 {
     cln_status st = CLN_OK;
@@ -277,14 +309,22 @@ done:
 cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan)
 {
     cln_status st = CLN_OK;
+    progress p = {.callbacks = plan->callbacks};
     cln_checks c = {.verdicts = {plan->sink, plan->outputs, plan->user},
                     .tiny = plan->shapes == CLN_SHAPES_TINY};
 
+    if (!plan->sink && plan->callbacks)
+        c.verdicts = (cln_verdicts){.sink = on_check, .user = &p};
+    for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
+        p.total += shapes[i].in[plan->shapes];
+    CLN_TRY(advance(&p, &c));
     CLN_TRY(check_loops(device, &c));
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
         if (shapes[i].in[plan->shapes] &&
-            (plan->sink || c.failed == 0)) /* without a sink the first failure suffices */
+            (plan->sink || c.failed == 0)) { /* without a sink the first failure suffices */
             CLN_TRY(run_shape(device, &shapes[i], &c));
+            CLN_TRY(advance(&p, &c));
+        }
     CLN_TRY(verdict(device, &c));
 done:
     return st;
@@ -319,34 +359,6 @@ done:
 }
 
 /* ---- before a training ---- */
-
-typedef struct progress {
-    const cln_callbacks *callbacks;
-    int done, total, signal;
-} progress;
-
-static void poll_callbacks(progress *p)
-{
-    const int signal = cln_poll_signal(p->callbacks);
-
-    if (signal == SIGINT || signal == SIGTERM)
-        p->signal = signal;
-}
-
-/* Polls after each check, so that a signal is answered at once. */
-static void on_check(const char *name, bool passed, bool skipped, const char *detail, void *user)
-{
-    (void)name, (void)passed, (void)skipped, (void)detail;
-    poll_callbacks(user);
-}
-
-/* Shows progress and polls between two pipelines. */
-static cln_status advance(progress *p, const cln_checks *c)
-{
-    cln_show_work(p->callbacks, "checking kernels", p->done++, p->total);
-    poll_callbacks(p);
-    return cln_stopped_by(c->failed == 0 ? p->signal : 0, NULL);
-}
 
 /* Returns whether a shape is checked before a training in this space. */
 static bool is_due(const shape *s, const cln_space *space)

@@ -14,9 +14,10 @@ typedef struct cln_selftest_plan {
     cln_check_sink *sink; /* may be NULL */
     cln_output_sink *outputs; /* may be NULL */
     void *user;
+    const cln_callbacks *callbacks; /* show progress and can end it; may be NULL */
 } cln_selftest_plan;
 
-/* CLN_CHECK names the first check that failed. */
+/* CLN_CHECK names the first check that failed. CLN_SIGINT, CLN_SIGTERM by the callbacks. */
 cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan);
 
 /* CLN_CHECK if long loops end early. Kernels may then read and write anywhere. */

@@ -23,6 +23,12 @@ static json_t *device_json(int index, const cln_device_info *d)
         *d->voxel_network ? d->voxel_network : NULL);
 }
 
+static void print_verdict(FILE *to, const cln_device_info *d)
+{
+    if (*d->verdict)
+        fprintf(to, "    self-test  %s\n", d->verdict);
+}
+
 void cln_print_device(FILE *to, int index, const cln_device_info *d)
 {
     const bool both = *d->voxel_tune && strcmp(d->tune, d->voxel_tune) == 0 &&
@@ -45,10 +51,23 @@ void cln_print_device(FILE *to, int index, const cln_device_info *d)
     if (*d->tune && !both)
         fprintf(to, "    %-9s  %s\n               from %s, for networks of %s (preset fast)\n",
                 *d->voxel_tune ? "or" : "kernels", d->tune, d->tune_from, d->network);
-    if (*d->verdict)
-        fprintf(to, "    self-test  %s\n", d->verdict);
+    print_verdict(to, d);
 }
 
+/* Tests a device, with a line of progress of its own. */
+static cln_status test(const cln_options *options, int index, cln_device_info *d)
+{
+    cln_status st = CLN_OK;
+    cln_console console = {0};
+
+    CLN_TRY(cln_console_open(options, &console));
+    CLN_TRY(cln_devices_test(&options->device, index, &console.callbacks, d));
+done:
+    cln_console_close(&console);
+    return st;
+}
+
+/* A row is printed before its test, which takes a minute when the driver has to compile. */
 cln_status cln_cmd_devices(const cln_options *options)
 {
     cln_status st = CLN_OK;
@@ -56,18 +75,28 @@ cln_status cln_cmd_devices(const cln_options *options)
     json_t *list = NULL;
     int count = 0;
 
-    CLN_TRY(cln_devices_list(&options->device, options->test, &devices, &count));
-    if (options->json) {
+    CLN_TRY(cln_devices_list(&options->device, false, &devices, &count));
+    if (options->json)
         list = json_array();
-        for (int i = 0; i < count; i++)
-            json_array_append_new(list, device_json(i, &devices[i]));
-        CLN_TRY(cln_print_json(
-            json_pack("{s:s s:o}", "schema", "cl-nascent.devices/1", "devices", list)));
-    } else {
-        for (int i = 0; i < count; i++)
+    for (int i = 0; i < count; i++) {
+        if (!options->json)
             cln_print_device(stdout, i, &devices[i]);
+        if (options->test) {
+            CLN_TRY(cln_flush_stdout());
+            CLN_TRY(test(options, i, &devices[i]));
+            if (!options->json)
+                print_verdict(stdout, &devices[i]);
+        }
+        if (options->json)
+            json_array_append_new(list, device_json(i, &devices[i]));
+    }
+    if (options->json) {
+        st = cln_print_json(
+            json_pack("{s:s s:o}", "schema", "cl-nascent.devices/1", "devices", list));
+        list = NULL; /* handed over */
     }
 done:
+    json_decref(list);
     free(devices);
     return st;
 }

@@ -13,6 +13,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/text.h"
+#include "device/cache.h"
 #include "ranks/ranks.h"
 
 /* A terminal that is closed sends SIGHUP, which is obeyed as SIGTERM; nohup has it ignored. */
@@ -56,6 +57,42 @@ static void handle_all(void (*stop)(int), void (*checkpoint)(int))
     handle(SIGUSR1, checkpoint);
 }
 
+/* ---- ends by a driver ---- */
+
+static bool exit_watched;
+
+static void tell_exit(void)
+{
+    static const char begin[] = "cl-nascent: ";
+    char why[2048];
+
+    if (!exit_watched || !cln_cache_last_words(why, sizeof why - 1))
+        return;
+    strcat(why, "\n");
+    (void)!write(STDERR_FILENO, begin, sizeof begin - 1);
+    (void)!write(STDERR_FILENO, why, strlen(why));
+    _exit(cln_status_exit_code(CLN_OUTPUT));
+}
+
+static void on_abort(int number)
+{
+    (void)number;
+    tell_exit();
+}
+
+void cln_exit_watch(bool on)
+{
+    static bool registered;
+
+    if (!registered)
+        atexit(tell_exit);
+    registered = true;
+    exit_watched = on;
+    signal(SIGABRT, on ? on_abort : SIG_DFL);
+}
+
+/* ---- signals ---- */
+
 static int poll_signals(void *user)
 {
     cln_console *console = user;
@@ -63,6 +100,7 @@ static int poll_signals(void *user)
     /* At each poll, because LLVM, which compiles the kernels inside PoCL, replaces our handlers
      * when it is first used, and its handler for SIGUSR1 does nothing. */
     handle_all(on_stop, on_checkpoint);
+    cln_exit_watch(exit_watched);
     if (stop_signal) {
         if (!console->announced)
             cln_info("%s: stopping; a second signal stops at once",

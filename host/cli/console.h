@@ -26,6 +26,11 @@ typedef struct cln_console {
  * ours gets their number and then log lines. Reading or writing them stays an error. */
 void cln_standard_hold(void);
 
+/* PoCL, and LLVM, in which it compiles, answer a full disk by abort() and exit(1), without a way
+ * out: while this is on, such an end has a sentence of ours and the exit code of CLN_OUTPUT. Other
+ * ends stay as they are. */
+void cln_exit_watch(bool on);
+
 cln_status cln_console_open(const cln_options *options, cln_console *console);
 void cln_console_close(cln_console *console); /* ends the line; signals have their defaults */
 

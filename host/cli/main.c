@@ -52,6 +52,7 @@ int main(int argc, char **argv)
     cln_status flushed = CLN_OK;
     cln_options options = {0};
 
+    cln_exit_watch(true);
     cln_standard_hold();
     cln_log_to(CLN_LOG_INFO, cln_log_stderr, NULL);
     signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other errors */
@@ -73,6 +74,7 @@ int main(int argc, char **argv)
         CLN_TRY(options.command->run(&options));
     }
 done:
+    cln_exit_watch(false);
     if (st != CLN_OK)
         print_error(st, &options);
     cln_clear_error();

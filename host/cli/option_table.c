@@ -313,7 +313,8 @@ const cln_arg cln_args[] = {
 
     FLAG(EVERY & ~(CLN_BUGREPORT | CLN_VIEW | CLN_COMPLETION), "json", json,
          "results as one JSON document on standard output"),
-    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE | CLN_POSES | CLN_EXPORT | CLN_CHECK_SCENE,
+    WORD(CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_TUNE | CLN_POSES | CLN_EXPORT | CLN_CHECK_SCENE |
+             CLN_DEVICES,
          "progress", progress,
          "auto|bar|line|none",
          "a live line on a terminal, plain lines now and then, or neither", .standard = "auto"),

@@ -13,6 +13,7 @@
 #include "base/number.h"
 #include "base/text.h"
 #include "device/blocks.h"
+#include "device/cache.h"
 #include "device/cl_error.h"
 #include "device/kernel_dir.h"
 #include "ranks/ranks.h"
@@ -82,7 +83,7 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
     cln_status st = CLN_OK;
     cl_uint platforms = 0;
     cl_platform_id ids[64];
-    char name[128];
+    char name[128], *doubt = NULL;
     int total = 0;
 
     const char *chosen = getenv("POCL_DEVICES");
@@ -100,14 +101,18 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
     }
     *count = total;
     if (total == 0 && platforms)
+        cln_cache_doubt(&doubt);
+    if (total == 0 && platforms)
         st = cln_fail(CLN_NO_DEVICE,
-                      "no OpenCL device found, though there is a driver (%s); %s%s%sPoCL needs a "
-                      "folder that it can write its cache to: set POCL_CACHE_DIR to one; GPUs need "
+                      "no OpenCL device found, though there is a driver (%s); %s%s%s%s; GPUs need "
                       "their vendor's driver (intel-opencl-icd, mesa-opencl-icd, "
                       "nvidia-opencl-icd)",
                       platform_name(ids[0], name, sizeof name), chosen ? "POCL_DEVICES is '" : "",
                       chosen ? chosen : "",
-                      chosen ? "': unset it, if that names no device of PoCL's; " : "");
+                      chosen ? "': unset it, if that names no device of PoCL's; " : "",
+                      doubt ? doubt
+                            : "PoCL needs a folder that it can write its cache to: set "
+                              "POCL_CACHE_DIR to one");
     else if (total == 0)
         st = cln_fail(
             CLN_NO_DEVICE,
@@ -115,6 +120,7 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
             "pocl-opencl-icd runs on any CPU (apt-get install pocl-opencl-icd), GPUs need their "
             "vendor's (intel-opencl-icd, mesa-opencl-icd, nvidia-opencl-icd)");
 done:
+    free(doubt);
     if (st != CLN_OK) {
         free(*out);
         *out = NULL;
@@ -230,6 +236,7 @@ cln_status cln_device_check(const cln_device_desc *desc)
     cln_status st = CLN_OK;
     cl_device_id *ids = NULL;
     cln_tune ignored;
+    cln_device_info info;
     int count = 0, index = 0;
 
     CLN_TRY(cln_kernel_dir_check(desc->kernel_dir));
@@ -237,6 +244,8 @@ cln_status cln_device_check(const cln_device_desc *desc)
         CLN_TRY(cln_tune_parse(desc->tune, &ignored));
     CLN_TRY(cln_device_ids(&ids, &count));
     CLN_TRY(pick(desc->spec, ids, count, &index));
+    cln_device_describe(ids[index], &info);
+    CLN_TRY(cln_cache_check(info.platform));
 done:
     free(ids);
     return st;

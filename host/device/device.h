@@ -5,6 +5,7 @@
  *   cl_error    error codes as statuses
  *   tune        tuning parameters: their list, text, rows for devices
  *   kernel_dir  checks the folder of --kernel-dir
+ *   cache       checks the folder in which PoCL keeps what it compiled
  *   device      finds, describes, opens and closes a device; chooses its parameters
  *   queue       launches kernels, waits, accounts for device time
  *   buffer      owns device memory and moves data
@@ -67,6 +68,8 @@ typedef struct cln_device {
     bool tune_exact; /* use `tune` only (self-test, tuner, tests): no rows, no plain fallback */
     cln_tune_rows *rows[2]; /* the user's (may be NULL), data/tune */
     char *kernel_dir;
+    bool cache_ready;       /* the driver's folder of kernels was checked (cache.h) */
+    double compile_seconds; /* processors' seconds that builds took which found nothing there */
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
     size_t allocated, peak;                 /* bytes of live buffers, and the most so far */
     struct cln_blocks *blocks;              /* memory of a CPU's buffers */

@@ -7,9 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/clock.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "device/cache.h"
 #include "device/cl_error.h"
 #include "device/kernel_source.h"
 
@@ -164,18 +166,57 @@ done:
     return st;
 }
 
-static void log_build(cln_device *device, const cln_program *program)
+/* *log = the driver's words on a build; the caller frees it. NULL if there are none. */
+static void read_log(cln_device *device, const cln_program *program, char **log)
 {
     size_t bytes = 0;
+
+    *log = NULL;
+    clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes);
+    if (bytes > 1 && cln_alloc(log, bytes + 1, 1, "build log") == CLN_OK)
+        clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, bytes, *log,
+                              NULL);
+}
+
+/* The reason of a failed build: a place that the driver cannot write to, or the kernel, whose log
+ * is then shown. */
+static cln_status build_failed(cln_device *device, const cln_program *program, cl_int code)
+{
+    cln_status st = CLN_OK;
     char *log = NULL, *rest = NULL;
 
-    clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes);
-    if (bytes > 1 && cln_alloc(&log, bytes + 1, 1, "build log") == CLN_OK) {
-        clGetProgramBuildInfo(program->program, device->id, CL_PROGRAM_BUILD_LOG, bytes, log, NULL);
+    read_log(device, program, &log);
+    CLN_TRY(cln_cache_blame(device->info.platform, !log || !strstr(log, "error:")));
+    if (log)
         for (char *line = strtok_r(log, "\n", &rest); line; line = strtok_r(NULL, "\n", &rest))
             cln_warn("%s.cl: %s", program->name, line);
-    }
+    CLN_TRY(cln_fail(CLN_BUILD,
+                     "kernel program %s.cl does not build on %s (driver %s): %s; its log is above, "
+                     "%s",
+                     program->name, device->info.name, device->info.driver, cln_cl_name(code),
+                     device->kernel_dir
+                         ? "mend the file in --kernel-dir or leave the option out"
+                         : "please report it with the output of `cl-nascent devices`"));
+done:
     free(log);
+    return st;
+}
+
+/* Processors' seconds of a build beyond which the driver compiled, and of such builds until that is
+ * said: one that finds the program in its folder takes 0.02, one that compiles 0.3 to 3. */
+static const double FOUND = 0.2, QUIET = 1;
+
+/* Says once per device that kernels are compiled, which takes long, and that others will find
+ * them. */
+static void note_build(cln_device *device, double seconds)
+{
+    const double before = device->compile_seconds;
+
+    device->compile_seconds += seconds > FOUND ? seconds : 0;
+    if (before < QUIET && device->compile_seconds >= QUIET)
+        cln_info("building kernels for %s, once on this machine: about a minute, more with few "
+                 "processors",
+                 device->info.name);
 }
 
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
@@ -185,6 +226,7 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     char *kept = NULL, *file = NULL;
     source s = {0};
     cl_int code = CL_SUCCESS;
+    double began = 0;
 
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s", name);
@@ -198,17 +240,12 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     out->program =
         clCreateProgramWithSource(device->context, (cl_uint)s.count, s.text, NULL, &code);
     CLN_CL(code);
+    CLN_TRY(cln_cache_ready(device->info.platform, &device->cache_ready));
+    began = cln_processor_seconds();
     code = clBuildProgram(out->program, 1, &device->id, "-cl-std=CL1.2 -w", NULL, NULL);
-    if (code != CL_SUCCESS) {
-        log_build(device, out);
-        st = cln_fail(
-            CLN_BUILD,
-            "kernel program %s.cl does not build on %s (driver %s): %s; its log is above, "
-            "%s",
-            name, device->info.name, device->info.driver, cln_cl_name(code),
-            device->kernel_dir ? "mend the file in --kernel-dir or leave the option out"
-                               : "please report it with the output of `cl-nascent devices`");
-    }
+    note_build(device, cln_processor_seconds() - began);
+    if (code != CL_SUCCESS)
+        CLN_TRY(build_failed(device, out, code));
 done:
     for (int i = 0; i < s.owned_count; i++)
         free(s.owned[i]);

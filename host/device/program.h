@@ -11,7 +11,9 @@ typedef struct cln_program {
 
 /* Builds `defines`, device_abi.h, lanes.h, the headers that NAME.cl names in its first line, and
  * NAME.cl. defines: "#define A 1" lines, part of the source since some drivers' caches ignore -D.
- * On CLN_BUILD the whole build log goes to the log at warn level. */
+ * On CLN_BUILD the whole build log goes to the log at warn level; CLN_OUTPUT: the driver has no
+ * place for what it compiles (cache.h). A line at info level says once per device that it
+ * compiles. */
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,
                              cln_program *out);
 void cln_program_free(cln_program *program);

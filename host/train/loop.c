@@ -411,12 +411,32 @@ static double start_clock(cln_trainer *t)
     return cln_now();
 }
 
+/* Of so many seconds of a step, in which processors worked for some: those that this process stood
+ * still, as after Ctrl-Z or in a container that was paused. The clock goes on then, but what takes
+ * so much longer than the steps before, without work, was none of them. */
+static double stood_still(const cln_trainer *t, double seconds, double worked)
+{
+    const double least = 10, steps = (double)(t->model.step - t->from_step) - 1; /* before it */
+    const double usual = steps > 0 ? (t->clock - t->from_clock) / steps : 0;
+
+    if (seconds < least || seconds < 20 * usual || seconds < 2 * worked)
+        return 0;
+    return seconds - fmax(usual, worked);
+}
+
 /* Adds the time since `began` to this rank's clock, and what processors worked. With several ranks
  * train_seconds is rank 0's clock, once that was told. */
 static void spend(cln_trainer *t, double began)
 {
-    t->clock += cln_now() - began;
-    t->cpu_seconds += cln_processor_seconds() - t->cpu_began;
+    const double seconds = cln_now() - began, worked = cln_processor_seconds() - t->cpu_began;
+    const double still = stood_still(t, seconds, worked);
+
+    if (still > 0)
+        cln_info("the process stood still for %.0f s at step %lld (stopped, or its machine was): "
+                 "they are not counted as training",
+                 still, (long long)t->model.step);
+    t->clock += seconds - still;
+    t->cpu_seconds += worked;
     if (cln_ranks_count() == 1)
         t->model.train_seconds = t->clock;
 }
@@ -533,7 +553,7 @@ cln_status cln_loop_run(cln_trainer *t)
     t->window.waits = t->device->waits;
     t->window.ranked_seconds[CLN_STAGES] = cln_ranks_sent().seconds;
     t->saved_at = cln_now();
-    t->clock = t->model.train_seconds;
+    t->clock = t->from_clock = t->model.train_seconds;
     while (cln_step_fraction(t) < 1 && t->signal == 0) {
         double began = start_clock(t);
         const double fraction = cln_step_fraction(t);

@@ -52,7 +52,7 @@ typedef struct cln_trainer {
     bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     int64_t from_step;            /* step that this process began after */
-    double clock;                 /* training seconds by this rank's clock */
+    double clock, from_clock;     /* training seconds by this rank's clock; at from_step */
     double cpu_began;             /* this process's, when `clock` last went on */
     double cpu_seconds;           /* of processors for these; NaN if an earlier start tells none */
     double psnr_train, psnr_test; /* newest, NaN before */

@@ -47,6 +47,7 @@ static void test_missing_descs_and_results(void **state)
     assert_fails(cln_tune_search(&(cln_tune_desc){0}, NULL), CLN_USAGE, "result is missing");
     assert_fails(cln_devices_list(NULL, false, NULL, &count), CLN_USAGE, "out is missing");
     assert_fails(cln_devices_list(NULL, false, &devices, NULL), CLN_USAGE, "count is missing");
+    assert_fails(cln_devices_test(NULL, 0, NULL, NULL), CLN_USAGE, "info is missing");
     assert_null(json);
 }
 

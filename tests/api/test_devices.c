@@ -5,6 +5,9 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
 #include "run_fixture.h"
 #include "tests.h"
 
@@ -24,11 +27,31 @@ static void on_check(const char *name, bool passed, bool skipped, const char *de
     t->failed += !passed && !skipped;
 }
 
+typedef struct work {
+    int calls, done, total;
+} work;
+
+static void on_work(const char *what, int done, int total, void *user)
+{
+    work *w = user;
+
+    assert_string_equal(what, "checking kernels");
+    assert_true(w->calls == 0 ? done == 0 : done == w->done + 1); /* at the start, and one by one */
+    *w = (work){w->calls + 1, done, total};
+}
+
+static int on_poll(void *user)
+{
+    (void)user;
+    return SIGINT;
+}
+
 static void test_selftest_passes(void **state)
 {
     const cln_device_desc device = fixture_device();
     cln_device_info *devices = NULL;
     tally t = {0};
+    work worked = {0};
     int count = 0;
 
     NEED_DEVICE();
@@ -39,6 +62,16 @@ static void test_selftest_passes(void **state)
     assert_true(count > 0);
     for (int i = 0; i < count; i++)
         assert_true(devices[i].verdict[0] != 0 && devices[i].name[0] != 0);
+    memset(devices[0].verdict, 0, sizeof devices[0].verdict);
+    assert_ok(
+        cln_devices_test(&device, 0, &(cln_callbacks){.work = on_work, .user = &worked}, devices));
+    assert_true(devices[0].verdict[0] != 0);
+    assert_true(worked.calls > 1);
+    assert_int_equal(worked.done, worked.total);
+    assert_fails(cln_devices_test(&device, count, NULL, devices), CLN_NO_DEVICE,
+                 "no device number");
+    assert_fails(cln_devices_test(&device, 0, &(cln_callbacks){.interrupted = on_poll}, devices),
+                 CLN_SIGINT, "stopped by a signal");
     free(devices);
 }
 

@@ -300,6 +300,84 @@ section_disk() {
     done
 }
 
+# The folder where PoCL keeps kernels: of another account, full, filling up, and empty.
+section_cache() {
+    local cold="~building.kernels.for.*once.on.this.machine"
+    scene
+    "$cln" devices --no-test | grep -q "Portable Computing Language" || {
+        skip "PoCL's kernels" "the device is another's"
+        return
+    }
+    expect "kernels are built: that is said" 0 "$cold" env POCL_CACHE_DIR="$work/kernels" \
+        "$cln" train "$work/scene" -o "$work/cold" "${tiny[@]}" --steps 2
+    check "once" [ "$(grep -c "once on this machine" "$work/err")" = 1 ]
+    expect "they are there" 0 "" env POCL_CACHE_DIR="$work/kernels" \
+        "$cln" train "$work/scene" -o "$work/warm" "${tiny[@]}" --steps 2
+    check "nothing is said" not_said "building kernels"
+    mkdir -p "$work/small" "$work/empty"
+    if ! unshare -m mount -t tmpfs none "$work/small" 2>/dev/null; then
+        skip "a full kernel cache" "nothing can be mounted"
+        return
+    fi
+    # in_small KIB FREE COMMAND...: POCL_CACHE_DIR has so many KiB, and so many bytes free (0: all)
+    in_small() {
+        unshare -m bash -c 'mount -t tmpfs -o size=$1k none "$0" && cp -r "$2"/. "$0" &&
+            if [ $3 != 0 ]; then
+                fallocate -l $(($(df --output=avail -B1 "$0" | tail -1) - $3)) "$0/full"
+            fi
+            export POCL_CACHE_DIR=$0
+            shift 3
+            "$@"' "$work/small" "$@"
+    }
+    expect "no room for kernels" 7 "~$work/small.has.too.little.room ~16.0.MiB POCL_CACHE_DIR" \
+        in_small 5000 "$work/empty" 0 "$cln" train "$work/scene" -o "$work/full" "${tiny[@]}" \
+        --steps 2
+    expect "nor for what is on its way to them" 7 "~$work/small.has.too.little.room ~2.0.MiB" \
+        in_small 20000 "$work/kernels" 1000000 "$cln" eval "$work/cold"
+    expect "room enough for none" 0 "~warning:.*$work/small.has.*free POCL_CACHE_DIR" \
+        in_small 20000 "$work/kernels" 4000000 "$cln" train "$work/scene" -o "$work/full" \
+        "${tiny[@]}" --steps 2
+    # PoCL or LLVM end the process, when launches compile
+    expect "a disk that fills up meanwhile" 7 "~no.room.left POCL_CACHE_DIR" \
+        in_small 30000 "$work/empty" 0 bash -c '"$@" 2> >(tee "$0" >&2) & pid=$!
+            until grep -q ^memory "$0" 2>/dev/null || ! kill -0 $pid; do sleep 0.02; done
+            cat /dev/zero >"$POCL_CACHE_DIR/full"
+            wait $pid' "$work/meanwhile" "$cln" train "$work/scene" -o "$work/filled" "${tiny[@]}" \
+        --steps 2
+    expect "kernels where nobody can write" 7 "~$work/kernels.cannot.be.written POCL_CACHE_DIR" \
+        unshare -m sh -c 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" &&
+            POCL_CACHE_DIR=$0 exec "$@"' "$work/kernels" \
+        "$cln" train "$work/scene" -o "$work/never" "${tiny[@]}" --steps 2
+    check "it is no error in a kernel" not_said "please report"
+}
+
+# A folder for kernels that several accounts share: PoCL makes folders in it that are one's own.
+section_shared() {
+    local as=(setpriv --reuid=54321 --clear-groups env HOME="$work/other"
+        POCL_CACHE_DIR="$work/pocl" "$work/cln")
+    scene
+    cp "$cln" "$work/cln"
+    chmod -R go+rX "$work"
+    mkdir -p "$work/other"
+    if ! chown 54321 "$work/other" 2>/dev/null || ! "${as[@]}" --version >/dev/null 2>&1; then
+        skip "a kernel cache of several accounts" "only root can be another one"
+        return
+    fi
+    mkdir -m 1777 "$work/pocl"
+    cp -r kernels "$work/other/kernels"
+    mkdir -m 700 "$work/pocl/AA"
+    echo "an error;" >>"$work/other/kernels/scan.cl"
+    expect "an error in a kernel, beside another's folder" 4 \
+        "~warning:.*$work/pocl/AA ~scan.cl:.*error: --kernel-dir" "${as[@]}" train "$work/scene" \
+        -o "$work/other/run" "${tiny[@]}" --steps 2 --kernel-dir "$work/other/kernels"
+    rm -r "$work/pocl"/*
+    mkdir -m 700 "$work/pocl"/{A..P}{A..P}
+    expect "kernels in folders of another account" 7 \
+        "~cache.$work/pocl.cannot.be.written ~its.folder.AA.belongs.to.user.0 POCL_CACHE_DIR" \
+        "${as[@]}" train "$work/scene" -o "$work/other/run" "${tiny[@]}" --steps 2
+    check "nor are plain ones used" not_said "plain ones"
+}
+
 # The demo on a machine that makes a few steps in its time.
 section_demo() {
     mkdir -p "$work/there/build"
@@ -313,4 +391,4 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again reused target points disk demo" "$@"
+run_sections "killed short doubtful exposure again reused target points disk cache shared demo" "$@"

@@ -622,6 +622,12 @@ section_voxels() {
     check "voxels, the default, come first" eval \
         '[ "$(grep -E "from .*, for (voxels|networks) of" "$work/out" | sed 1q |
             grep -cE "for voxels of X")" = 1 ]'
+    "$cln" devices >"$work/out" 2>"$work/err" &
+    until grep -q "^    driver" "$work/out" || ! kill -0 $! 2>/dev/null; do sleep 0.01; done
+    check "a device is printed before its test" eval \
+        'kill -0 $! 2>/dev/null && ! printed "self-test"'
+    wait $!
+    check "and its verdict after it" eval 'printed "    self-test  ok" && said "kernels 2/2 100%"'
     expect "tune, for voxels" 0 "~of.X4x16" "$cln" tune --grid-cells 4 --rays 256 \
         --batch-samples 4096 --budget 1 --progress none -o "$work/voxels.txt"
     check "it speaks of voxels alone" eval 'grep -qE "^voxels +X4x16; a step" "$work/out" &&

@@ -14,7 +14,8 @@
  *            kill   kill -9     term, int   that signal     storm   all that the program handles
  *            jump   the clock jumps by an hour, and the calendar by ten years, back and forth from
  *                   then on (FAULT_CALL=clock)
- *            tick   the clock stands still, but a second passes in each training step
+ *            tick   the clock stands still, but a second passes in each training step, a hundred
+ *                   in the K-th
  *   FAULT_SPEED=N   the program's clock runs N times as fast: checkpoints by time come often
  *   FAULT_LOG=FILE  written at the end: "KIND CALLS", of the failed call also its name
  *
@@ -566,11 +567,12 @@ MAKES(cl_kernel, clCreateKernel, (cl_program program, const char *name, cl_int *
 /* A training step launches one kernel of this name. */
 static void tick(cl_kernel kernel)
 {
+    static long steps;
     char name[48] = "";
 
     clGetKernelInfo(kernel, CL_KERNEL_FUNCTION_NAME, sizeof name, name, NULL);
     if (strcmp(name, "composite_train") == 0)
-        atomic_fetch_add(&ticks, 1);
+        atomic_fetch_add(&ticks, ++steps == fault_at ? 100 : 1);
 }
 
 /* Kernels with their buffers by the arguments' places (of other arguments, any bytes), and the

@@ -1,0 +1,269 @@
+/* See cache.h. The folder's name is found as PoCL finds it; programs are in sub-folders of it that
+ * are named by two letters, A to P, of a digest. */
+#include "device/cache.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "io/disk.h"
+#include "io/progress.h"
+
+/* A training with its self-test fills 4.5 MB; sources of one program on their way take up to 1. */
+static const double COLD = 16 << 20, LEAST = 2 << 20;
+enum { LETTERS = 16, FOLDERS = LETTERS * LETTERS };
+
+static bool is_pocl(const char *platform)
+{
+    return strstr(platform, "Portable Computing Language") != NULL;
+}
+
+/* PoCL's own paths are no longer. */
+enum { PATH = 1024 };
+
+static void find(char out[PATH])
+{
+    const char *own = getenv("POCL_CACHE_DIR"), *cache = getenv("XDG_CACHE_HOME");
+    const char *home = getenv("HOME"), *keeps = getenv("POCL_KERNEL_CACHE");
+    const bool uncached = keeps && (*keeps == '0' || strcasecmp(keeps, "false") == 0);
+    const char *name = uncached ? "pocl/uncached" : "pocl/kcache";
+
+    if (own)
+        snprintf(out, PATH, "%s", own);
+    else if (cache && *cache)
+        snprintf(out, PATH, "%s/%s", cache, name);
+    else if (home)
+        snprintf(out, PATH, "%s/.cache/%s", home, name);
+    else
+        snprintf(out, PATH, "/tmp/%s", name);
+}
+
+/* out = sub-folder number i, which need not be there. */
+static void folder(const char *cache, int i, char out[PATH + 4])
+{
+    snprintf(out, PATH + 4, "%s/%c%c", cache, 'A' + i / LETTERS, 'A' + i % LETTERS);
+}
+
+/* Creates a file of so many bytes and removes it. *reason: of errno, 0 if that went well. A quota
+ * is not in what the file system says of its room. */
+static cln_status try_file(const char *where, double bytes, int *reason)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    struct rlimit most = {.rlim_cur = RLIM_INFINITY};
+    int fd = -1, failed = 0;
+
+    CLN_TRY(cln_path_join(&path, where, ".cl-nascent-XXXXXX"));
+    fd = mkstemp(path);
+    *reason = fd < 0 ? errno : 0;
+    (void)getrlimit(RLIMIT_FSIZE, &most);
+    if (fd >= 0 && bytes > 0 && (double)most.rlim_cur > bytes) /* else a signal would end us */
+        failed = posix_fallocate(fd, 0, (off_t)bytes);
+    if (failed == ENOSPC || failed == EDQUOT)
+        *reason = failed;
+    if (fd >= 0) {
+        close(fd);
+        unlink(path);
+    }
+done:
+    free(path);
+    return st;
+}
+
+/* Finds a folder in the cache that this account cannot write to; foreign: only if it is another's.
+ * *found: whether there is one; out: its path. */
+static cln_status find_closed(const char *cache, bool foreign, char out[PATH + 4],
+                              struct stat *info, bool *found)
+{
+    cln_status st = CLN_OK;
+    int reason = 0;
+
+    *found = false;
+    for (int i = 0; i < FOLDERS && !*found; i++) {
+        folder(cache, i, out);
+        if (lstat(out, info) != 0 || !S_ISDIR(info->st_mode) ||
+            (foreign && info->st_uid == geteuid()))
+            continue;
+        CLN_TRY(try_file(out, 0, &reason));
+        *found = reason != 0 && reason != ENOSPC && reason != EDQUOT;
+    }
+done:
+    return st;
+}
+
+static bool is_cold(const char *cache)
+{
+    struct stat info;
+    char path[PATH + 4];
+    bool cold = true;
+
+    for (int i = 0; i < FOLDERS && cold; i++) {
+        folder(cache, i, path);
+        cold = lstat(path, &info) != 0;
+    }
+    return cold;
+}
+
+static const char way_out[] = "make room there, or set POCL_CACHE_DIR to a folder with room";
+
+static cln_status no_room(const char *cache, double need)
+{
+    const double room = cln_disk_room(cache);
+    char have[32], most[32];
+
+    cln_format_bytes(room, have);
+    cln_format_bytes(need, most);
+    if (room >= need)
+        return cln_fail(CLN_OUTPUT,
+                        "PoCL's kernel cache %s has too little room: a quota leaves less than the "
+                        "%s that may be needed; %s",
+                        cache, most, way_out);
+    return cln_fail(CLN_OUTPUT,
+                    "PoCL's kernel cache %s has too little room: %s are free, and up to %s are "
+                    "needed; %s",
+                    cache, have, most, way_out);
+}
+
+static cln_status closed(const char *cache, int reason)
+{
+    return cln_fail(CLN_OUTPUT,
+                    "PoCL's kernel cache %s cannot be written by this account: %s; set "
+                    "POCL_CACHE_DIR to a folder of your own, as each account needs one",
+                    cache, strerror(reason));
+}
+
+/* Writing: whether the folder itself takes a file of `need` bytes. */
+static cln_status check_writing(const char *cache, double need)
+{
+    cln_status st = CLN_OK;
+    char *there = NULL;
+    int reason = 0;
+
+    CLN_TRY(cln_disk_nearest(cache, &there)); /* PoCL makes the folder */
+    if (cln_disk_room(there) < need)
+        CLN_TRY(no_room(cache, need));
+    CLN_TRY(try_file(there, need, &reason));
+    if (reason == ENOSPC || reason == EDQUOT)
+        CLN_TRY(no_room(cache, need));
+    if (reason != 0)
+        CLN_TRY(closed(cache, reason));
+done:
+    free(there);
+    return st;
+}
+
+cln_status cln_cache_check(const char *platform)
+{
+    cln_status st = CLN_OK;
+    char cache[PATH];
+
+    if (!is_pocl(platform))
+        return CLN_OK;
+    find(cache);
+    CLN_TRY(check_writing(cache, is_cold(cache) ? COLD : LEAST));
+done:
+    return st;
+}
+
+static cln_status warn(const char *cache)
+{
+    cln_status st = CLN_OK;
+    char path[PATH + 4], have[32], most[32];
+    struct stat info;
+    bool found = false;
+
+    if (cln_disk_room(cache) < COLD) {
+        cln_format_bytes(cln_disk_room(cache), have);
+        cln_format_bytes(COLD, most);
+        cln_warn("PoCL's kernel cache %s has %s free; kernels that are not in it yet may need up "
+                 "to %s: %s",
+                 cache, have, most, way_out);
+    }
+    CLN_TRY(find_closed(cache, true, path, &info, &found));
+    if (found)
+        cln_warn("PoCL's kernel cache has folders of another account: this one cannot write to %s "
+                 "(of user %u), and kernels that belong there cannot be built; set POCL_CACHE_DIR "
+                 "to a folder of your own, as each account needs one",
+                 path, (unsigned)info.st_uid);
+done:
+    return st;
+}
+
+cln_status cln_cache_ready(const char *platform, bool *ready)
+{
+    cln_status st = CLN_OK;
+    char cache[PATH];
+
+    if (!is_pocl(platform))
+        return CLN_OK;
+    find(cache);
+    if (*ready && cln_disk_room(cache) < LEAST)
+        CLN_TRY(no_room(cache, LEAST));
+    if (!*ready) {
+        CLN_TRY(cln_cache_check(platform));
+        CLN_TRY(warn(cache));
+    }
+    *ready = true;
+done:
+    return st;
+}
+
+cln_status cln_cache_blame(const char *platform, bool by_folders)
+{
+    cln_status st = CLN_OK;
+    char cache[PATH], path[PATH + 4];
+    struct stat info;
+    bool found = false;
+
+    if (!is_pocl(platform))
+        return CLN_OK;
+    find(cache);
+    CLN_TRY(check_writing(cache, LEAST));
+    if (!by_folders)
+        goto done;
+    CLN_TRY(find_closed(cache, false, path, &info, &found));
+    if (found)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "PoCL's kernel cache %s cannot be written by this account: its folder %s "
+                         "belongs to user %u; set POCL_CACHE_DIR to a folder of your own, as each "
+                         "account needs one",
+                         cache, path + strlen(cache) + 1, (unsigned)info.st_uid));
+done:
+    return st;
+}
+
+void cln_cache_doubt(char **out)
+{
+    char cache[PATH];
+
+    *out = NULL;
+    find(cache);
+    if (check_writing(cache, 0) == CLN_OUTPUT)
+        *out = strdup(cln_error_text());
+    cln_clear_error();
+}
+
+bool cln_cache_last_words(char *out, size_t bytes)
+{
+    struct statvfs disk;
+    char cache[PATH];
+
+    find(cache);
+    if (statvfs(cache, &disk) != 0 || disk.f_blocks == 0 ||
+        (double)disk.f_bavail * (double)disk.f_frsize >= 2 * LEAST)
+        return false;
+    snprintf(out, bytes, "PoCL's kernel cache %s has no room left; %s", cache, way_out);
+    return true;
+}

@@ -1,0 +1,35 @@
+/* The folder in which PoCL, the driver of CPUs, keeps the kernels that it has compiled. It needs
+ * room there even for kernels that it has, cannot go without, and makes sub-folders that no other
+ * account may read. What is wrong with the folder looks, from its calls, like an error in a kernel,
+ * or LLVM ends the process. Other drivers are left alone. */
+#ifndef CLN_CACHE_H
+#define CLN_CACHE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "base/status.h"
+
+/* Checks before photos are read that this account can write to the folder of a platform's driver,
+ * and that it has room: 16 MiB if no program is in it, else 2 MiB. CLN_OUTPUT names the folder, the
+ * reason and the way out. */
+cln_status cln_cache_check(const char *platform);
+
+/* The same before a program is built. Before a device's first one (*ready is false, and true
+ * afterwards) it also warns if there is less than 16 MiB, and of folders in it that this account
+ * cannot write to, which kernels may need. */
+cln_status cln_cache_ready(const char *platform, bool *ready);
+
+/* After a build that failed: CLN_OUTPUT if the folder may be the reason. by_folders: so may those
+ * in it that this account cannot write to. */
+cln_status cln_cache_blame(const char *platform, bool by_folders);
+
+/* Of no device: why there may be none. *out = a phrase, NULL if the folder can be used. The caller
+ * frees it. */
+void cln_cache_doubt(char **out);
+
+/* The sentence for a driver that ends the process; false, without one, if there is room in the
+ * folder. Takes no memory, as a signal's handler may ask. */
+bool cln_cache_last_words(char *out, size_t bytes);
+
+#endif
