@@ -34,10 +34,11 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
     size_t count = 0;
 
     if (json_object_get(json_array_get(root, 0), "shots"))
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: it is a reconstruction of OpenSfM's; give the folder around it, where "
-                         "it is called reconstruction.json",
-                         file));
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: it is a reconstruction of OpenSfM's; give the folder around it, where "
+                     "it is called reconstruction.json",
+                     file));
     if (!json_is_object(root))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: not a JSON object with frames; give the file that has them", file));
