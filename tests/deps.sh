@@ -61,7 +61,7 @@ as_root=""
 if [ "$(id -u)" != 0 ]; then
     if ! command -v sudo >/dev/null; then
         if [ -z "$required" ]; then
-            echo "deps.sh: not root and no sudo: built without these, which are optional (README.md)"
+            echo "deps.sh: not root and no sudo: built without these, which are optional"
             exit 0
         fi
         echo "deps.sh: not root and no sudo; please run as root: apt-get install$missing" >&2

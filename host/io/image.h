@@ -25,8 +25,8 @@ typedef struct cln_image_head {
 } cln_image_head;
 cln_status cln_image_read_head(const char *path, cln_image_head *out);
 
-/* Decodes to [height][width][channels] u8 in sRGB, channels as cln_image_info says. CLN_INPUT with the path
- * and the decoder's reason; a truncated file is an error. The caller frees *pixels. */
+/* Decodes to [height][width][channels] u8 in sRGB, channels as cln_image_info says. CLN_INPUT with
+ * the path and the decoder's reason; a truncated file is an error. The caller frees *pixels. */
 cln_status cln_image_load(const char *path, int *width, int *height, int *channels,
                           uint8_t **pixels);
 
