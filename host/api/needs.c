@@ -11,9 +11,11 @@
 #include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/config.h"
+#include "base/memory.h"
 #include "base/number.h"
 #include "check/synthetic.h"
-#include "pipeline/plan.h"
+#include "io/disk.h"
+#include "pipeline/room.h"
 #include "render/ray_batch.h"
 #include "train/coverage.h"
 
@@ -219,6 +221,67 @@ cln_settings_facts cln_needs_facts(const cln_scene *scene, const cln_config *con
                                              config->seen_by};
 }
 
+/* Bytes of the pixels that a training keeps. */
+static double photo_bytes(const cln_scene *scene)
+{
+    double bytes = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+
+        if (v->split == CLN_SPLIT_TRAIN || v->split == CLN_SPLIT_TEST)
+            bytes += (double)v->camera.width * v->camera.height * v->channels;
+    }
+    return bytes;
+}
+
+static void add_text(json_t *about, const char *key, const char *text)
+{
+    if (*text)
+        json_object_set_new(about, key, json_string(text));
+}
+
+/* Adds what the largest tree needs of memory and disk, what there is, and what becomes of it. */
+static cln_status add_memory(json_t *about, cln_device *device, const cln_scene *scene,
+                             const cln_config *c)
+{
+    cln_status st = CLN_OK;
+    const double available = cln_available_memory(""), disk_free = cln_disk_room(".");
+    const cln_room_desc desc =
+        cln_room_training(device, c, scene, NULL, cln_coverage_bytes(scene), photo_bytes(scene));
+    char text[CLN_ROOM_TEXT];
+    double disk = 0;
+    bool now = false;
+    cln_room room;
+
+    CLN_TRY(cln_room_find(&desc, &room));
+    json_object_set_new(about, "device", json_string(device->info.name));
+    json_object_set_new(about, "most_leaves", json_integer(desc.leaves));
+    json_object_set_new(about, "leaves_that_fit", json_integer(room.leaves));
+    json_object_set_new(about, "device_memory", json_real(room.device.total));
+    json_object_set_new(about, "device_memory_limit", json_real(room.device.limit));
+    json_object_set_new(about, "host_memory", json_real(room.host.total));
+    json_object_set_new(about, "host_memory_limit", json_real(room.host.limit));
+    if (isfinite(available))
+        json_object_set_new(about, "host_memory_free", json_real(available));
+    json_object_set_new(about, "photo_memory", json_real(desc.photos));
+    json_object_set_new(about, "photos_in", json_string(room.in_memory ? "memory" : "file"));
+    if (cln_checkpoint_room(NULL, c, scene->space.shell, &disk) == CLN_OK)
+        json_object_set_new(about, "disk", json_real(disk));
+    else
+        cln_clear_error();
+    if (isfinite(disk_free))
+        json_object_set_new(about, "disk_free", json_real(disk_free));
+    cln_room_say_tree(&desc, &room, text);
+    add_text(about, "tree_note", text);
+    cln_room_say_photos(&desc, &room, text);
+    add_text(about, "photos_note", text);
+    cln_room_say_free(&desc, &room, available, &now, text);
+    add_text(about, "free_note", text);
+done:
+    return st;
+}
+
 json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
                            const cln_device_desc *wanted, double probe,
                            const cln_callbacks *callbacks)
@@ -226,10 +289,8 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
     const cln_config *c = &settings->config;
     const bool timed = c->steps > 0 || c->time_limit > 0;
     const double pixels = cln_scene_training_pixels(scene);
-    double steps = c->steps, disk = 0;
+    double steps = c->steps;
     cln_device *device = NULL;
-    cln_pipeline pipeline;
-    cln_plan plan, host;
     json_t *about = json_pack("{s:s}", "preset", settings->preset);
 
     if (!timed) {
@@ -244,31 +305,7 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
     if (c->time_limit > 0)
         json_object_set_new(about, "time_limit", json_real(c->time_limit));
     if (cln_device_open(wanted, &device) == CLN_OK &&
-        cln_pipeline_outline(device, c,
-                             &(cln_pipeline_facts){.lenses = scene->lenses,
-                                                   .alpha = scene->has_alpha,
-                                                   .space = &scene->space},
-                             &pipeline) == CLN_OK) {
-        const cln_plan_desc desc = {
-            .pipeline = &pipeline,
-            .scene = scene,
-            .leaves = cln_config_most_leaves(c, scene->space.shell),
-            .training = true,
-            .coverage_bytes = cln_coverage_bytes(scene),
-        };
-
-        cln_plan_device(&desc, &plan);
-        cln_plan_host(&desc, &plan, &host);
-        json_object_set_new(about, "device", json_string(device->info.name));
-        json_object_set_new(about, "most_leaves", json_integer(desc.leaves));
-        json_object_set_new(about, "device_memory", json_real(plan.total));
-        json_object_set_new(about, "device_memory_limit", json_real(plan.limit));
-        json_object_set_new(about, "host_memory", json_real(host.total));
-        json_object_set_new(about, "host_memory_limit", json_real(host.limit));
-        if (cln_checkpoint_room(NULL, c, scene->space.shell, &disk) == CLN_OK)
-            json_object_set_new(about, "disk", json_real(disk));
-        else
-            cln_clear_error();
+        add_memory(about, device, scene, c) == CLN_OK) {
         if (probe > 0)
             add_time(about, device, scene, c, steps, probe, callbacks);
     } else {

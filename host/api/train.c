@@ -23,6 +23,7 @@
 #include "io/progress.h"
 #include "io/run_folder.h"
 #include "model/structure.h"
+#include "pipeline/room.h"
 #include "pipeline/share.h"
 #include "ranks/ranks.h"
 #include "render/quality.h"
@@ -409,14 +410,11 @@ static cln_status check_disk(const cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
     const double room = cln_disk_room(t->desc->run);
-    cln_config first = *config;
     double least = 0, most = 0, smaller = INFINITY;
-    int leaves = config->max_leaves, first_leaves = 0;
+    int leaves = config->max_leaves;
+    const int first_leaves = cln_config_first_leaves(config, t->scene->space.shell);
     char need[32], have[32], fits[96] = "";
 
-    first.max_leaves = 1;
-    first.level_at[0] = 0;
-    first_leaves = cln_config_most_leaves(&first, t->scene->space.shell);
     CLN_TRY(cln_checkpoint_bytes(config, first_leaves, &least));
     if (t->desc->resume) /* its tree may have been carved since */
         least = cln_checkpoint_newest_bytes(t->desc->run);
@@ -555,6 +553,31 @@ done:
     return st;
 }
 
+/* Brings the photos' pixels to where memory has room for them; says what becomes of a tree that it
+ * has no room for, and of plans beyond what is free now. */
+static cln_status place_photos(cln_trainer *t, const cln_config *config)
+{
+    cln_status st = CLN_OK;
+    const cln_room_desc desc =
+        cln_room_training(t->device, config, t->scene, &t->model.tree, cln_coverage_bytes(t->scene),
+                          cln_scene_pixel_bytes(t->scene));
+    cln_room room;
+    char text[CLN_ROOM_TEXT];
+    bool now = false;
+
+    CLN_TRY(cln_room_place_images(&desc, t->scene, &room));
+    cln_room_say_tree(&desc, &room, text);
+    if (*text && room.leaves > 0)
+        cln_info("memory: %s", text);
+    cln_room_say_free(&desc, &room, cln_available_memory(""), &now, text);
+    if (*text && now)
+        cln_warn("memory: %s", text);
+    else if (*text)
+        cln_info("memory: %s", text);
+done:
+    return st;
+}
+
 /* Opens the device, and reads the scene, a resumed run's own. */
 static cln_status load_scene(cln_trainer *t, const cln_config *config)
 {
@@ -581,9 +604,6 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
     } else {
         CLN_TRY(cln_scene_load(&desc, &t->scene));
     }
-    CLN_TRY(cln_plan_place_images(t->device, config,
-                                  cln_config_most_leaves(config, t->scene->space.shell), 0,
-                                  cln_coverage_bytes(t->scene), t->scene));
 done:
     return st;
 }
@@ -732,6 +752,7 @@ static cln_status prepare(cln_trainer *t)
         config.epochs = cln_settings_epochs(t->desc->settings, cln_scene_training_pixels(t->scene));
     CLN_TRY(check_files(t, &config));
     CLN_TRY(load_model(t, &config));
+    CLN_TRY(place_photos(t, &config));
     t->steps = config.steps;
     CLN_TRY(check_nothing_left(t, &config, &saved));
     warn(t, &config, &saved);

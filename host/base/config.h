@@ -81,6 +81,9 @@ int cln_config_most_rays(const cln_config *config);
  * or --max-leaves, beyond which voxels that adapt do not grow. */
 int cln_config_most_leaves(const cln_config *config, bool shell);
 
+/* Leaves of the tree that a training begins with, before those that are empty are culled. */
+int cln_config_first_leaves(const cln_config *config, bool shell);
+
 /* Steps of --epochs over a scene with so many training pixels: an epoch draws a tenth of them
  * (method.md 11). */
 int64_t cln_config_epoch_steps(const cln_config *config, double pixels);

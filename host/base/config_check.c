@@ -233,6 +233,15 @@ int cln_config_most_leaves(const cln_config *config, bool shell)
     return config->adaptive && config->max_leaves > all ? config->max_leaves : all;
 }
 
+int cln_config_first_leaves(const cln_config *config, bool shell)
+{
+    cln_config first = *config;
+
+    first.max_leaves = 1;
+    first.level_at[0] = 0;
+    return cln_config_most_leaves(&first, shell);
+}
+
 bool cln_config_merges(const cln_config *config)
 {
     return config->adaptive && !config->tree_from[0] && cln_leaf_kind_of(config->encoding)->merges;

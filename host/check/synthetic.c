@@ -149,8 +149,10 @@ static cln_status create(cln_device *device, const cln_config *config, int level
     shape.net = out->model.net;
     shape.tune = device->tune;
     cln_pipeline_fit(device, &shape.net, &shape.tune);
-    cln_plan_device(&(cln_plan_desc){&shape, &scene, tree.leaf_count, true, 0, 0, NULL, 0, 0},
-                    &plan);
+    cln_plan_device(
+        &(cln_plan_desc){
+            .pipeline = &shape, .scene = &scene, .leaves = tree.leaf_count, .training = true},
+        &plan);
     CLN_TRY(cln_plan_check(device, &plan));
     out->max_entries = plan.max_entries;
     out->sampling = (cln_sampling){.jitter = true,

@@ -114,10 +114,19 @@ static const char *in_ms(double seconds, char text[32])
     return text;
 }
 
+/* A sentence, if there is one, in a line of its own. */
+static void print_note(const json_t *training, const char *key)
+{
+    const char *text = json_string_value(json_object_get(training, key));
+
+    if (text)
+        print_wrapped(printf("%9s", ""), 9, text);
+}
+
 static void print_training(const json_t *training)
 {
     const json_t *time = json_object_get(training, "time");
-    char line[768], need[3][32], limit[2][32], duration[3][32], range[160] = "";
+    char line[768], need[3][32], limit[3][32], duration[3][32], range[160] = "";
     char step[4][32];
 
     if (json_is_string(json_object_get(training, "no_device"))) {
@@ -129,14 +138,18 @@ static void print_training(const json_t *training)
     cln_format_bytes(cln_json_number(training, "host_memory"), need[1]);
     cln_format_bytes(cln_json_number(training, "host_memory_limit"), limit[1]);
     cln_format_bytes(cln_json_number(training, "disk"), need[2]);
+    cln_format_bytes(cln_json_number(training, "disk_free"), limit[2]);
     snprintf(line, sizeof line,
-             "%s on the device (of %s), %s on the host (of %s), %s on the disk for checkpoints, at "
-             "the largest tree of %.0f %s, on %s",
-             need[0], limit[0], need[1], limit[1], need[2],
+             "%s on the device (of %s), %s on the host (of %s), %s on the disk for checkpoints (%s "
+             "are free here), at the largest tree of %.0f %s, on %s",
+             need[0], limit[0], need[1], limit[1], need[2], limit[2],
              cln_json_number(training, "most_leaves"),
              cln_plural(cln_json_number(training, "most_leaves"), "leaf", "leaves"),
              text_of(training, "device"));
     print_wrapped(printf("memory   "), 9, line);
+    print_note(training, "tree_note");
+    print_note(training, "photos_note");
+    print_note(training, "free_note");
     if (json_is_string(json_object_get(training, "no_time"))) {
         print_wrapped(printf("time     "), 9, text_of(training, "no_time"));
         return;

@@ -59,7 +59,7 @@ static bool write_memory(FILE *to, const char *parent, const char *key, const js
 
     if (!json_is_number(value) || json_number_value(value) == 0)
         return false;
-    if (!strstr(key, "_memory") && strcmp(key, "disk") != 0 && !cln_ends_with(key, "_mem") &&
+    if (!strstr(key, "_memory") && strncmp(key, "disk", 4) != 0 && !cln_ends_with(key, "_mem") &&
         !cln_ends_with(key, "_peak") && strcmp(key, "max_alloc") != 0 &&
         !cln_ends_with(parent, "plan"))
         return false;

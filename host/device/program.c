@@ -214,8 +214,7 @@ static void note_build(cln_device *device, double seconds)
 
     device->compile_seconds += seconds > FOUND ? seconds : 0;
     if (before < QUIET && device->compile_seconds >= QUIET)
-        cln_info("building kernels for %s, once on this machine: about a minute, more with few "
-                 "processors",
+        cln_info("building kernels for %s, once on this machine: up to a minute or two",
                  device->info.name);
 }
 

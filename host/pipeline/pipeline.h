@@ -2,6 +2,7 @@
  * buffer_list.h. This header has the struct and its transfers. A file of this room calls only files
  * below it:
  *
+ *   room                  what of a tree and of photos memory has room for
  *   plan                  the memory plan, before anything is allocated
  *   field                 a trained field at points
  *   carry                 a change of the tree on the device

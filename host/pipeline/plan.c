@@ -488,8 +488,8 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     out->limit = c->host_mem > 0 ? c->host_mem : cln_host_memory();
     row(out, "program and driver", NULL);
     add(out, CLN_PROGRAM_BYTES);
-    row(out, "images", "the size with --downscale, or the number of views");
-    add(out, cln_scene_pixel_bytes(d->scene));
+    row(out, CLN_PLAN_IMAGES, "the size with --downscale, or the number of views");
+    add(out, d->photos > 0 ? d->photos : cln_scene_pixel_bytes(d->scene));
     row(out, "model", lower(d, CLN_LOWER_LEAVES));
     add(out, params);
     if (d->training) {
@@ -678,36 +678,11 @@ void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan
     memset(out, 0, sizeof *out);
     add_host(d, &s, out);
     if (is_cpu(d)) {
-        row(out, "the device's, a CPU", device_plan->rows[largest_row(device_plan)].way_out);
+        row(out, CLN_PLAN_CPU, device_plan->rows[largest_row(device_plan)].way_out);
         add(out, device_plan->total);
     }
     if (d->training && out->total > out->limit)
         fit_batch(d, out);
-}
-
-cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
-                                 int depth, double coverage_bytes, cln_scene *scene)
-{
-    cln_status st = CLN_OK;
-    cln_pipeline outline;
-    cln_plan plan, host;
-    const cln_plan_desc desc = {
-        &outline, scene, leaves, coverage_bytes >= 0, fmax(0, coverage_bytes), depth, NULL, 0, 0};
-    double left = 0;
-
-    CLN_TRY(cln_pipeline_outline(device, config,
-                                 &(cln_pipeline_facts){.lenses = scene->lenses,
-                                                       .alpha = scene->has_alpha,
-                                                       .depth = depth,
-                                                       .space = &scene->space},
-                                 &outline));
-    cln_plan_device(&desc, &plan);
-    cln_plan_host(&desc, &plan, &host);
-    left = host.limit - (host.total - cln_scene_pixel_bytes(scene));
-    if (host.total > host.limit && cln_scene_pixel_bytes(scene) > CLN_STORE_LEAST)
-        CLN_TRY(cln_scene_shrink(scene, left, host.limit / 8));
-done:
-    return st;
 }
 
 /* ---- both ---- */

@@ -14,6 +14,10 @@
 
 enum { CLN_PLAN_ROWS = 12 };
 
+/* Purposes of two rows of the host's plan. */
+#define CLN_PLAN_IMAGES "images"
+#define CLN_PLAN_CPU    "the device's, a CPU"
+
 /* Constants of the plans besides the settings. */
 enum {
     CLN_RENDER_RAYS = 16384, /* most rays of a picture's batch */
@@ -68,6 +72,7 @@ typedef struct cln_plan_desc {
     /* Pixels of the largest view that is rendered (n^2 times as many with n x n rays a pixel), and
      * of the largest picture that the host keeps; 0: of the scene's largest view. */
     double view_pixels, picture_pixels;
+    double photos; /* bytes of the photos' pixels in memory; 0: of those that are loaded */
 } cln_plan_desc;
 
 /* The deal of a tree by p->rank_first. */
@@ -85,13 +90,6 @@ void cln_plan_device(const cln_plan_desc *desc, cln_plan *out);
 
 /* limit: --host-mem, else the machine's memory. A CPU's device memory is the host's. */
 void cln_plan_host(const cln_plan_desc *desc, const cln_plan *device_plan, cln_plan *out);
-
-/* Called before a pipeline is made: if the host's plan leaves too little memory for the scene's
- * images, they go to a file (cln_scene_shrink), of which at most an eighth of the limit is kept in
- * memory. depth, coverage_bytes: as in cln_plan_desc; the latter below 0 if only pictures are made.
- * CLN_OUTPUT, CLN_MEMORY. */
-cln_status cln_plan_place_images(cln_device *device, const cln_config *config, int leaves,
-                                 int depth, double coverage_bytes, cln_scene *scene);
 
 /* Whether both are within their limits: no check below would fail. */
 bool cln_plan_fits(const cln_device *device, const cln_plan *plan, const cln_plan *host);

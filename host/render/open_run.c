@@ -11,7 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "pipeline/plan.h"
+#include "pipeline/room.h"
 #include "pipeline/share.h"
 #include "ranks/ranks.h"
 #include "io/run_folder.h"
@@ -210,6 +210,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_pipeline *p = &opened->pipeline;
     const int leaves = opened->model.tree.leaf_count, depth = cln_octree_depth(&opened->model.tree);
     char text[1024];
+    cln_room room;
 
     if (device->device_mem)
         CLN_TRY(cln_parse_bytes(device->device_mem, &config.device_mem));
@@ -221,7 +222,15 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
              cln_plural(opened->device->info.compute_units, "", "s"));
     CLN_TRY(cln_recorded_tune(opened->run, opened->device));
     if (opened->scene)
-        CLN_TRY(cln_plan_place_images(opened->device, &config, leaves, depth, -1, opened->scene));
+        CLN_TRY(
+            cln_room_place_images(&(cln_room_desc){.device = opened->device,
+                                                   .config = &config,
+                                                   .scene = opened->scene,
+                                                   .leaves = leaves,
+                                                   .depth = depth,
+                                                   .coverage_bytes = -1,
+                                                   .photos = cln_scene_pixel_bytes(opened->scene)},
+                                  opened->scene, &room));
     cln_debug("building kernels for %s", opened->device->info.name);
     CLN_TRY(cln_pipeline_create(opened->device, &config,
                                 &(cln_pipeline_facts){.lenses = lenses,

@@ -247,15 +247,14 @@ done:
     return st;
 }
 
-static void say_in_file(int images, double bytes, double room)
+static void say_in_file(int images, double bytes, const char *why, const char *way_out)
 {
-    char need[32], have[32];
+    char need[32];
 
     cln_format_bytes(bytes, need);
-    cln_format_bytes(fmax(room, 0), have);
-    cln_info("scene: %d images take %s, but host memory has room for %s: their pixels go to a file "
-             "in %s",
-             images, need, have, cln_store_folder());
+    cln_info("scene: %d image%s take%s %s, %s: their pixels go to a file in %s%s%s", images,
+             cln_plural(images, "", "s"), cln_plural(images, "s", ""), need, why,
+             cln_store_folder(), *way_out ? "; " : "", way_out);
 }
 
 /* Room that a view's pixels take in a store. */
@@ -269,7 +268,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
     const double limit = desc->config->host_mem;
     const double room = limit > 0 ? limit : cln_host_memory();
     double kept = 0, largest = 0, reading = 0;
-    char need[32], have[32];
+    char need[32], have[32], why[128];
     int images = 0;
 
     for (int i = 0; i < scene->view_count; i++) {
@@ -298,7 +297,10 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
     if (images == 0) /* all are other ranks' */
         return CLN_OK;
     scene->cached = room / 8;
-    say_in_file(images, kept, room - fmax(reading, desc->elsewhere));
+    cln_format_bytes(fmax(reading, desc->elsewhere), need);
+    snprintf(why, sizeof why, "and %s %s, of the %s of host memory",
+             reading > desc->elsewhere ? "the reading of them" : "the program itself", need, have);
+    say_in_file(images, kept, why, "");
     return CLN_OK;
 }
 
@@ -338,13 +340,11 @@ done:
     return st;
 }
 
-cln_status cln_scene_shrink(cln_scene *scene, double room, double most)
+cln_status cln_scene_shrink(cln_scene *scene, double bytes, const char *why, const char *way_out)
 {
     cln_status st = CLN_OK;
     const double kept = cln_scene_pixel_bytes(scene);
     int images = 0;
-
-    const double bytes = fmax(0, fmin(room, most));
 
     if (kept <= bytes)
         return CLN_OK;
@@ -355,7 +355,7 @@ cln_status cln_scene_shrink(cln_scene *scene, double room, double most)
     }
     for (int i = 0; i < scene->view_count; i++)
         images += scene->views[i].pixels != NULL;
-    say_in_file(images, kept, room);
+    say_in_file(images, kept, why, way_out);
     CLN_TRY(move_to_store(scene));
 done:
     return st;

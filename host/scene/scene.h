@@ -253,10 +253,11 @@ cln_status cln_scene_check_pixels(const cln_scene *scene);
 /* Bytes of host memory that the loaded views' pixels take here. */
 double cln_scene_pixel_bytes(const cln_scene *scene);
 
-/* Brings the loaded pixels down to about the lesser of `room` and `most` bytes of memory, if they
+/* Brings the loaded pixels down to about so many bytes of memory, if they
  * take more: those in memory go to a file, of which so much stays in memory; of those in a file
- * less stays. CLN_OUTPUT, CLN_MEMORY. */
-cln_status cln_scene_shrink(cln_scene *scene, double room, double most);
+ * less stays. why: what takes the room, a clause after "50 images take 74 MiB, "; way_out: a clause
+ * at the sentence's end, or "". CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_scene_shrink(cln_scene *scene, double bytes, const char *why, const char *way_out);
 
 /* A digest of a loaded view's pixels. */
 uint64_t cln_view_digest(const cln_view *view, uint64_t digest);

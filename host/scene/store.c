@@ -75,7 +75,7 @@ cln_status cln_store_create(double bytes, double cached, cln_store **out)
     else
         st = cln_disk_check(cln_store_folder(), bytes, "the photos");
     if (st != CLN_OK)
-        cln_note("finding a place for the photos, for which --host-mem has no room; TMPDIR names "
+        cln_note("finding a place for the photos, for which memory has no room; TMPDIR names "
                  "another folder");
     CLN_TRY(st);
     CLN_TRY(cln_alloc(&store, 1, sizeof *store, "photos"));

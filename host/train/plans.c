@@ -7,8 +7,13 @@
 
 cln_plan_desc cln_plans_desc(const cln_trainer *t, int leaves, int depth, const cln_deal *deal)
 {
-    return (cln_plan_desc){&t->pipeline, t->scene, leaves, true, cln_coverage_bytes(t->scene),
-                           depth,        deal,     0,      0};
+    return (cln_plan_desc){.pipeline = &t->pipeline,
+                           .scene = t->scene,
+                           .leaves = leaves,
+                           .training = true,
+                           .coverage_bytes = cln_coverage_bytes(t->scene),
+                           .depth = depth,
+                           .deal = deal};
 }
 
 void cln_plans_make(const cln_trainer *t, int leaves, int own, cln_plans *out)

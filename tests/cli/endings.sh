@@ -1,6 +1,7 @@
 #!/bin/bash
 # How trainings end, and what is then said of them: killed ones, ones too short for their tree, ones
-# that learnt little, ones that are finished and started again, and those that do not fit the disk.
+# that learnt little, ones that are finished and started again, and those that do not fit
+# the disk or memory.
 #   tests/cli/endings.sh [SECTION...]      sections are in the last line
 #   BUILD=build/sanitize                   the programs to test
 set -u
@@ -378,6 +379,48 @@ section_shared() {
     check "nor are plain ones used" not_said "plain ones"
 }
 
+# A machine whose memory has no room for all of --max-leaves, but for the photos.
+section_memory() {
+    local s=$work/laptop leaves
+    "$make_scene" "$s" --size 128 --train 6 --test 2 >/dev/null
+    expect "leaves give way before photos, which need no file" 0 "~room.for.a.tree.of.about" \
+        env TMPDIR="$work/none" "$cln" train "$s" -o "$work/on laptop" --skip-selftest \
+        --progress none --steps 1 --rays 64 --host-mem 1G
+    check "none is spoken of" eval '! said "go to a file"'
+    expect "resumed, it still has room for them" 0 "" env TMPDIR="$work/none" "$cln" train \
+        --resume "$work/on laptop" --skip-selftest --progress none --steps +1
+    expect "check of such a scene" 0 "" "$cln" check "$s" --probe 0 --host-mem 1G
+    tr -s " \n" " " <"$work/out" >"$work/line"
+    check "says which tree has room" grep -qE \
+        "room for a tree of about [0-9]+ leaves: growth that would not fit is left out" "$work/line"
+    leaves=$(sed -n 's/.*--max-leaves \([0-9]*\) asks for no more.*/\1/p' "$work/line")
+    check "names a --max-leaves" number_above "${leaves:-0}" 64
+    check "says where photos are" grep -q "pixels, 512 KiB, stay in memory" "$work/line"
+    check "and what the disk has" grep -qE "[KMGT]iB are free here" "$work/line"
+    expect "with fewer leaves" 0 "" "$cln" check "$s" --probe 0 --host-mem 1G --max-leaves 64
+    check "it depends" eval 'tr -s " \n" " " <"$work/out" |
+        grep -q "room for that tree while it is no deeper than level 3"'
+    expect "with much memory" 0 "" "$cln" check "$s" --probe 0 --host-mem 9G
+    check "nothing is said" eval '! grep -qE "room for|stay in memory" "$work/out"'
+    echo host-mem 1G >"$s/cl-nascent.conf"
+    expect "info of such a scene" 0 "" "$cln" info "$s"
+    check "says it in words" eval \
+        'grep -qE "tree_note +there is room for a tree of about" "$work/out" &&
+        grep -qE "photos_note +.*stay in memory" "$work/out"'
+    echo max-leaves 262144 >"$s/cl-nascent.conf"
+    if [ "$(awk '/^MemAvailable/ { print int($2 / 1048576) }' /proc/meminfo)" -ge 50 ]; then
+        skip "plans beyond what is free" "memory has room for the largest"
+        return
+    fi
+    expect "a tree beyond what is free now" 0 "" "$cln" info "$s"
+    check "info names what is not" grep -qE \
+        "free_note +.*free now, and .*: --host-mem [0-9]+M keeps" "$work/out"
+    expect "training says it in a line" 0 "~memory:.of.*free.now,.*--host-mem.[0-9]+M" \
+        "$cln" train "$s" -o "$work/beyond" --skip-selftest --progress none --steps 1 --rays 64
+    expect "check does, too" 0 "" "$cln" check "$s" --probe 0
+    check "with the option" eval 'tr -s " \n" " " <"$work/out" | grep -q "free now.*--host-mem"'
+}
+
 # The demo on a machine that makes a few steps in its time.
 section_demo() {
     mkdir -p "$work/there/build"
@@ -391,4 +434,4 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again reused target points disk cache shared demo" "$@"
+run_sections "killed short doubtful exposure again reused target points disk cache shared memory demo" "$@"

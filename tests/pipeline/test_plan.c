@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <stdlib.h>
-#include "pipeline/plan.h"
+#include "pipeline/room.h"
 #include "plan_fake.h"
 #include "run_fixture.h"
 #include "tests.h"
@@ -475,6 +475,8 @@ static void test_images_stay(void **state)
     fake f;
     cln_pipeline outline;
     cln_plan plan, host;
+    cln_room found;
+    cln_room_desc room = {.depth = DEPTH, .coverage_bytes = -1, .photos = 4.0 * WIDE * WIDE * 4};
     uint8_t *pixels = calloc((size_t)WIDE * WIDE, 4);
 
     (void)state;
@@ -496,10 +498,14 @@ static void test_images_stay(void **state)
     cln_plan_device(&f.desc, &plan);
     cln_plan_host(&f.desc, &plan, &host);
     config.host_mem = host.total;
-    assert_ok(cln_plan_place_images(&f.device, &config, f.desc.leaves, DEPTH, -1, &f.scene));
+    room.device = &f.device;
+    room.config = &config;
+    room.scene = &f.scene;
+    room.leaves = f.desc.leaves;
+    assert_ok(cln_room_place_images(&room, &f.scene, &found));
     assert_null(f.scene.store);
     config.host_mem = host.total - 1;
-    assert_ok(cln_plan_place_images(&f.device, &config, f.desc.leaves, DEPTH, -1, &f.scene));
+    assert_ok(cln_room_place_images(&room, &f.scene, &found));
     assert_non_null(f.scene.store);
     cln_store_free(f.scene.store);
     free(pixels);
@@ -732,10 +738,10 @@ static void test_images_that_do_not_fit(void **state)
     assert_true(cln_scene_pixel_bytes(scene) == 8 * 2304);
     for (int i = 0; i < scene->view_count; i++)
         digests[i] = cln_view_digest(&scene->views[i], CLN_DIGEST_START);
-    assert_ok(cln_scene_shrink(scene, 8 * 2304, 1e9)); /* they need no more than that */
+    assert_ok(cln_scene_shrink(scene, 8 * 2304, "", "")); /* they need no more than that */
     assert_null(scene->store);
     for (int k = 0; k < 2; k++) { /* into a file; then less of it in memory */
-        assert_ok(cln_scene_shrink(scene, 1e9, k ? 1 : 8 * 2304 - 1));
+        assert_ok(cln_scene_shrink(scene, k ? 1 : 8 * 2304 - 1, "", ""));
         assert_non_null(scene->store);
         assert_null(scene->pixels);
         for (int i = 0; i < scene->view_count; i++)
@@ -748,8 +754,9 @@ static void test_images_that_do_not_fit(void **state)
     scene->missing++;
     said[0] = 0;
     cln_log_set_sink(keep_log, NULL);
-    assert_ok(cln_scene_shrink(scene, 0, 1e9));
-    assert_non_null(strstr(said, "7 images take"));
+    assert_ok(cln_scene_shrink(scene, 0, "because", "do so"));
+    assert_non_null(strstr(said, "7 images take 15.8 KiB, because: their pixels go to a file in "));
+    assert_non_null(strstr(said, "; do so\n"));
     cln_scene_free(scene);
     config.host_mem = 12000;
     assert_ok(cln_scene_load(&desc, &scene));

@@ -45,7 +45,8 @@ static inline void make_fake(fake *f, const cln_config *config, double max_alloc
     }
     f->scene.views = f->views;
     f->scene.view_count = 4;
-    f->desc = (cln_plan_desc){&f->pipeline, &f->scene, 64, true, 0, 0, NULL, 0, 0};
+    f->desc = (cln_plan_desc){
+        .pipeline = &f->pipeline, .scene = &f->scene, .leaves = 64, .training = true};
 }
 
 static inline cln_config preset(const char *name)

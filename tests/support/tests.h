@@ -88,6 +88,7 @@ int test_group_report_pieces(void);
 int test_group_report_state(void);
 int test_group_named_views(void);
 int test_group_results(void);
+int test_group_room(void);
 int test_group_roulette(void);
 int test_group_run_folder(void);
 int test_group_safetensors(void);

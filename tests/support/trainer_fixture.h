@@ -13,7 +13,7 @@ static inline void open_trainer(const cln_config *config, cln_trainer *t)
     const cln_scene_desc scene = {
         .path = fixture_path("scene"), .config = config, .pixels = {[CLN_SPLIT_TRAIN] = true}};
     const cln_device_desc device = fixture_device();
-    cln_plan_desc plan = {&t->pipeline, NULL, 0, true, 0, 0, NULL, 0, 0};
+    cln_plan_desc plan = {.pipeline = &t->pipeline, .training = true};
 
     memset(t, 0, sizeof *t);
     assert_ok(cln_device_open(&device, &t->device));

@@ -46,7 +46,8 @@ static bool is_at(const cln_octree *tree, int slot, int place)
  * last level. */
 static void keep_corner(cln_trainer *t)
 {
-    cln_plan_desc plan = {&t->pipeline, t->scene, 0, true, 0, CLN_MAX_LEVEL, NULL, 0, 0};
+    cln_plan_desc plan = {
+        .pipeline = &t->pipeline, .scene = t->scene, .training = true, .depth = CLN_MAX_LEVEL};
     cln_model *model = &t->model;
     cln_octree_change change;
     uint8_t marks[64];
