@@ -434,4 +434,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again reused target points disk cache shared memory demo" "$@"
+run_sections "killed short doubtful exposure again reused target points disk cache shared memory \
+    demo" "$@"
