@@ -10,6 +10,7 @@
 #include "base/text.h"
 #include "io/disk.h"
 #include "io/progress.h"
+#include "ranks/ranks.h"
 #include "scene/store.h"
 
 cln_room_desc cln_room_training(cln_device *device, const cln_config *config,
@@ -125,6 +126,8 @@ cln_status cln_room_find(const cln_room_desc *d, cln_room *out)
                                                        .depth = training ? 0 : d->depth,
                                                        .space = &d->scene->space},
                                  &outline));
+    if (training && cln_ranks_count() > 1)
+        outline.ranks = cln_ranks_count(); /* as cln_pipeline_share */
     out->kept = d->photos;
     make(d, &outline, out);
     host = out->host;
