@@ -767,7 +767,7 @@ section_results() {
     expect "export by error" 0 "" \
         "$cln" export "$work/whole" --octree "$work/tree.ply" --colour error --overwrite
     check "the file names the colouring" grep -aq "coloured by error" "$work/tree.ply"
-    expect "export of points" 0 "1,500 points" "$cln" export "$work/whole" --points - --count 1500
+    expect "export of points" 0 "1,500 points ~.x.*.x.*.units,.in.the.scene's.frame.within.-" "$cln" export "$work/whole" --points - --count 1500
     check "the points are on standard output" grep -aqx "element vertex 1500" "$work/out"
     expect "export of the cameras, without any device" 0 "" env OCL_ICD_VENDORS="$work/nowhere" \
         "$cln" export "$work/whole" --cameras "$work/cameras" --json
