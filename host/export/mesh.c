@@ -134,6 +134,7 @@ cln_status cln_export_mesh(cln_export_job *job)
     const cln_space space = cln_space_core(&job->opened.model.space);
     cln_surface surface = {0};
     cln_mesh mesh = {0};
+    size_t crowded = 0;
 
     CLN_TRY(cln_surface_make(&how, &surface));
     cln_export_tell_parts(job, &parts);
@@ -150,7 +151,12 @@ cln_status cln_export_mesh(cln_export_job *job)
     memcpy(mesh.origin, job->opened.model.space.centre, sizeof mesh.origin);
     if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
         job->result->faces_before = (int64_t)mesh.faces;
-        CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error));
+        CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error,
+                                &crowded));
+        if (crowded > 0)
+            cln_warn("--triangles %lld: %zu edges have more than two triangles, which slicers take "
+                     "for torn; give more, or leave --triangles out",
+                     (long long)desc->triangles, crowded);
         job->result->reduction_error *= job->scale;
         if (mesh.faces > (size_t)desc->triangles)
             cln_warn("--triangles %lld: %zu are left, as fewer would tear the surface",
