@@ -164,9 +164,8 @@ static bool across_line(const facing *f, const double line[3], double out[3])
     return length(out) > DOWN;
 }
 
-/* An axis, of the x axes' plane, on the side of up and back. False if they do not tell: then on the
- * side where most pictures have their up, or else the first one, as of an object that was turned
- * over for a second pass. */
+/* An axis, of the x axes' plane, on the side of up and back. False if they do not tell, as of an
+ * object that was turned over for a second pass: then on the side of the first picture's up. */
 static bool off_plane(const cln_scene *scene, int count, const facing *f, const double axis[3],
                       double out[3])
 {
@@ -178,7 +177,7 @@ static bool off_plane(const cln_scene *scene, int count, const facing *f, const 
         most += up_along(scene, i, axis) < 0 ? -1 : 1;
     sure = sure || count - abs(most) < 2 * FEWER * count; /* they agree, if by little */
     if (!sure)
-        side = most ? most : up_along(scene, 0, axis);
+        side = up_along(scene, 0, axis);
     for (int a = 0; a < 3; a++)
         out[a] = side < 0 ? -axis[a] : axis[a];
     return sure;
@@ -217,8 +216,11 @@ bool cln_up_of_cameras(const cln_scene *scene, double up[3])
 void cln_up_warn(const char *what, const double up[3])
 {
     char other[96];
+    double rounded[3];
 
-    cln_format(other, sizeof other, "%.3g,%.3g,%.3g", 0 - up[0], 0 - up[1], 0 - up[2]);
+    for (int a = 0; a < 3; a++)
+        rounded[a] = 0 - round(1000 * up[a]) / 1000;
+    cln_format(other, sizeof other, "%g,%g,%g", rounded[0], rounded[1], rounded[2]);
     cln_warn("%s: which way is up is a guess, as about as many photos show the scene one way up as "
              "the other; if it is upside down, give --up=%s",
              what, other);
