@@ -132,8 +132,7 @@ done:
     return st;
 }
 
-/* Sets mesh->face to the triangles of `of` that stay, without pairs; *pairs: that a crowded edge has
- * too many. */
+/* Sets mesh->face to those triangles of `of` that stay; *pairs: too many, at crowded edges. */
 static cln_status simplify(const cln_mesh *of, const float (*at)[3], size_t most, cln_mesh *mesh,
                            float *error, size_t *pairs)
 {

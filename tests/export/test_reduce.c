@@ -306,7 +306,7 @@ static void a_thin_ring_leaves_no_pairs(void **state)
     free_mesh(&mesh);
 }
 
-/* Edges with another number of triangles than two, by the corners' places as an STL file has them. */
+/* Edges that have not two triangles, by the corners' places, as an STL file has them. */
 static size_t odd_edges(const cln_mesh *mesh)
 {
     const size_t n = 3 * mesh->faces;

@@ -246,8 +246,8 @@ static void warning_of_orbit(const cln_orbit_frame *frame, char text[512])
     json_decref(run);
 }
 
-/* Two rounds about an object that was turned over for the second: if they are about as many, nothing
- * tells which way is up; it is that of the first photo. */
+/* Two rounds about an object that was turned over for the second: if they are about as many,
+ * nothing tells which way is up; it is that of the first photo. */
 static void test_turned_over(void **state)
 {
     static const struct {
