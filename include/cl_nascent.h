@@ -508,13 +508,15 @@ typedef struct cln_export_result {
     bool refined;                   /* cameras: training views have corrected poses */
     int64_t parts;                  /* with `largest`: connected parts that there were; else 0 */
     int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
+    double size[3]; /* points, mesh: along x, y and z of what is written; of a GLB file with y up */
+    double box[6];  /* where they are, as `crop` takes it: in the scene's frame and units */
 } cln_export_result;
 
-/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or
- * `scale` scales them, to a file for other programs (docs/formats.md). Octree and cameras need no device. CLN_USAGE for an
- * unknown `what`, for options that it does not read, for a grid that is too fine, and for a crop
- * box that nothing of the cube is in; CLN_FAILED for `triangles` in a library that was built
- * without meshoptimizer. */
+/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or `scale`
+ * scales them, to a file for other programs (docs/formats.md). Octree and cameras need no device.
+ * CLN_USAGE for an unknown `what`, for options that it does not read, for a grid that is too fine,
+ * and for a crop box that nothing of the cube is in; CLN_FAILED for `triangles` in a library that
+ * was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text about a scene or a run; the caller frees it. settings: to read the scene with; NULL =

@@ -191,6 +191,7 @@ static cln_status check_space(const export_row *row, const cln_export_desc *desc
 static void find_up(const json_t *run, cln_export_job *job)
 {
     cln_orbit_frame frame = {0};
+    const bool glb = cln_export_ends(job->desc->file, ".glb");
 
     if (cln_up_given(job->desc->up)) {
         memcpy(job->up, job->desc->up, sizeof job->up);
@@ -198,8 +199,10 @@ static void find_up(const json_t *run, cln_export_job *job)
         memcpy(job->up, frame.up, sizeof job->up);
     } else { /* an older run has none */
         cln_clear_error();
-        cln_up_of_cameras(job->opened.scene, job->up);
+        frame.guessed = !cln_up_of_cameras(job->opened.scene, job->up);
     }
+    if (frame.guessed && glb)
+        cln_up_warn(job->desc->file, job->up);
 }
 
 static cln_status open_for(const export_row *row, cln_export_job *job)

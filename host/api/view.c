@@ -42,6 +42,8 @@ static cln_status open_run(const cln_view_desc *desc, cln_open_run *opened, cln_
         CLN_TRY(cln_orbit_frame_read(orbit, frame));
         cln_orbit_frame_turn(desc->up, frame);
     }
+    if (st == CLN_OK && frame->guessed && cln_ranks_me() == 0)
+        cln_up_warn("the first view", frame->up);
 done:
     json_decref(document);
     return st;

@@ -2,12 +2,14 @@
 #include "cli/commands.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "cli/console.h"
 #include "export/list.h"
@@ -52,6 +54,15 @@ static cln_status print_document(const cln_options *options, const cln_export_re
         json_object_set_new(document, "triangles_left_out",
                             json_integer((json_int_t)r->faces_left_out));
     }
+    if (r->vertices > 0) {
+        json_t *box = json_array();
+
+        for (int i = 0; i < 6; i++)
+            json_array_append_new(box, json_real(r->box[i]));
+        json_object_set_new(document, "size",
+                            json_pack("[f,f,f]", r->size[0], r->size[1], r->size[2]));
+        json_object_set_new(document, "box", box);
+    }
     if (r->refined)
         json_object_set_new(document, "refined_poses", json_true());
     json_decref(counts);
@@ -73,6 +84,22 @@ static void print_leaves(FILE *to, const cln_export_result *r)
         before = ", ";
     }
     fprintf(to, "%s", r->leaves > 0 ? ")" : "");
+}
+
+/* The size as it is written, by which a wrong unit is seen, and the box as --crop takes it. */
+static void print_size(FILE *to, const cln_export_result *r)
+{
+    const double *b = r->box;
+    const double side = fmax(fmax(b[3] - b[0], b[4] - b[1]), b[5] - b[2]);
+    const int n = cln_reals_digits(6, b, side > 0 ? side : 1);
+    char text[256];
+
+    cln_format(text, sizeof text,
+               ", %.3g x %.3g x %.3g units, in the scene's frame within "
+               "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
+               r->size[0], r->size[1], r->size[2], n, b[0], n, b[1], n, b[2], n, b[3], n, b[4], n,
+               b[5]);
+    fputs(text, to);
 }
 
 static void print_sentence(FILE *to, const char *file, const cln_export_result *r)
@@ -111,6 +138,8 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
         fprintf(to, " (the others had %s %s)", text,
                 cln_plural((double)r->faces_left_out, "triangle", "triangles"));
     }
+    if (r->vertices > 0)
+        print_size(to, r);
     cln_format_count((double)r->step, text);
     fprintf(to, ", of the model at step %s\n", text);
 }

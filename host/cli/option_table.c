@@ -267,8 +267,8 @@ const cln_arg cln_args[] = {
          "becomes z in what is written. In GLB y is always up: by this, or as the training cameras "
          "tell"),
     REAL(CLN_EXPORT, "scale", scale, "N", 1e-12, 1e12,
-         "all lengths in what is written times N: 0.001 for a scene in millimetres as metres, which "
-         "GLB is in; of a length that is L in truth and D in a mesh program, L / D",
+         "all lengths in what is written times N: 0.001 makes metres, which GLB is in, of "
+         "millimetres; of a length that is L in truth and D in a mesh program: L / D",
          .standard = "1"),
     FLAG(CLN_EXPORT, "largest", largest,
          "points, mesh: only the connected part with the most triangles"),

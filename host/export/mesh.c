@@ -1,6 +1,7 @@
 /* export --mesh: the surface as triangles. */
 #include "export/mesh.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/log.h"
@@ -63,12 +64,32 @@ static void stand_up(const cln_export_job *job, bool glb, cln_mesh *mesh)
         cln_mesh_place(mesh, turn, job->scale);
 }
 
+/* low, high: of all vertices, as a node with this turn and scale places them. */
+static void span(const cln_mesh *mesh, const double turn[4], double scale, double low[3],
+                 double high[3])
+{
+    for (int a = 0; a < 3; a++) {
+        low[a] = INFINITY;
+        high[a] = -INFINITY;
+    }
+    for (size_t i = 0; i < mesh->vertices; i++) {
+        double at[3];
+
+        cln_mesh_turned(turn, mesh->at[i], at);
+        for (int a = 0; a < 3; a++) {
+            low[a] = fmin(low[a], scale * at[a]);
+            high[a] = fmax(high[a], scale * at[a]);
+        }
+    }
+}
+
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
     const cln_space *space = &job->opened.model.space;
     const char *file = job->desc->file;
     const bool glb = cln_export_ends(file, ".glb");
+    double low[3], high[3];
     char *comment = NULL;
 
     if (job->opened.model.space.shell)
@@ -77,7 +98,11 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
     mesh->comment = comment;
     mesh->fine = cln_space_distance_to_scene(space, cln_surface_cell(&job->opened.model));
     memcpy(mesh->origin, space->centre, sizeof mesh->origin);
+    span(mesh, (const double[4]){0, 0, 0, 1}, 1, job->result->box, job->result->box + 3);
     stand_up(job, glb, mesh);
+    span(mesh, mesh->turn, mesh->scale, low, high);
+    for (int a = 0; a < 3; a++)
+        job->result->size[a] = high[a] - low[a];
     CLN_TRY(cln_disk_check_file(file, cln_mesh_bytes(mesh), what));
     if (cln_export_ends(file, ".obj"))
         CLN_TRY(cln_mesh_write_obj(file, mesh));
@@ -109,6 +134,7 @@ cln_status cln_export_mesh(cln_export_job *job)
     const cln_space space = cln_space_core(&job->opened.model.space);
     cln_surface surface = {0};
     cln_mesh mesh = {0};
+    size_t crowded = 0;
 
     CLN_TRY(cln_surface_make(&how, &surface));
     cln_export_tell_parts(job, &parts);
@@ -125,7 +151,12 @@ cln_status cln_export_mesh(cln_export_job *job)
     memcpy(mesh.origin, job->opened.model.space.centre, sizeof mesh.origin);
     if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
         job->result->faces_before = (int64_t)mesh.faces;
-        CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error));
+        CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error,
+                                &crowded));
+        if (crowded > 0)
+            cln_warn("--triangles %lld: %zu edges have more than two triangles, which slicers take "
+                     "for torn; give more, or leave --triangles out",
+                     (long long)desc->triangles, crowded);
         job->result->reduction_error *= job->scale;
         if (mesh.faces > (size_t)desc->triangles)
             cln_warn("--triangles %lld: %zu are left, as fewer would tear the surface",

@@ -14,8 +14,8 @@ void cln_export_mesh_free(cln_mesh *mesh); /* not its faces */
 void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts);
 
 /* Turns and scales the mesh as its format wants it, writes the job's file, in the format of its
- * ending (else PLY), and sets the result's counts. what: the mesh's name in the file's comment
- * (cln_export_comment). */
+ * ending (else PLY), and sets the result's counts, size and box. what: the mesh's name in the
+ * file's comment (cln_export_comment). */
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh);
 
 #endif

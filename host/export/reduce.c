@@ -11,10 +11,11 @@ cln_status cln_mesh_reduce_possible(void)
                     "or give a larger --spacing");
 }
 
-cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error)
+cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *crowded)
 {
     (void)mesh, (void)most;
     *error = 0;
+    *crowded = 0;
     return cln_mesh_reduce_possible();
 }
 
@@ -24,6 +25,7 @@ cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error)
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "export/crowded.h"
 
 cln_status cln_mesh_reduce_possible(void)
 {
@@ -130,32 +132,56 @@ done:
     return st;
 }
 
-cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error)
+/* Sets mesh->face to those triangles of `of` that stay; *pairs: too many, at crowded edges. */
+static cln_status simplify(const cln_mesh *of, const float (*at)[3], size_t most, cln_mesh *mesh,
+                           float *error, size_t *pairs)
 {
     const float any_error = 1e10f; /* the number of triangles decides, not this */
     cln_status st = CLN_OK;
+    size_t edges = 0;
+
+    mesh->faces = meshopt_simplify(mesh->face[0], of->face[0], 3 * of->faces, at[0], of->vertices,
+                                   sizeof at[0], 3 * most, any_error, 0, error) /
+                  3;
+    CLN_TRY(drop_pairs(mesh));
+    CLN_TRY(cln_mesh_crowded(mesh, &edges, pairs));
+done:
+    return st;
+}
+
+cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *crowded)
+{
+    enum { TRIES = 4 };
+    cln_status st = CLN_OK;
+    const size_t vertices = mesh->vertices, faces = mesh->faces;
     float(*at)[3] = NULL, relative = 0;
-    uint32_t(*face)[3] = NULL;
-    size_t indices = 0;
+    cln_mesh fewer = *mesh;
+    size_t pairs = 0, target = most;
 
     *error = 0;
+    *crowded = 0;
     if (mesh->faces <= most)
         return CLN_OK;
+    fewer.face = NULL;
     CLN_TRY(cln_alloc(&at, mesh->vertices, sizeof *at, "vertices"));
-    CLN_TRY(cln_alloc(&face, mesh->faces, sizeof *face, "triangles"));
+    CLN_TRY(cln_alloc(&fewer.face, mesh->faces, sizeof *fewer.face, "triangles"));
     for (size_t v = 0; v < mesh->vertices; v++) /* floats are coarse far from 0 */
         for (int a = 0; a < 3; a++)
             at[v][a] = (float)(mesh->at[v][a] - mesh->origin[a]);
-    indices = meshopt_simplify(face[0], mesh->face[0], 3 * mesh->faces, at[0], mesh->vertices,
-                               sizeof at[0], 3 * most, any_error, 0, &relative);
+    for (int try = 0; try < TRIES; try++) { /* with room for the triangles that part edges */
+        CLN_TRY(simplify(mesh, (const float(*)[3])at, target, &fewer, &relative, &pairs));
+        if (fewer.faces + 2 * pairs <= most || fewer.faces > target || target <= 2 * pairs + 4)
+            break;
+        target -= fewer.faces + 2 * pairs - most;
+    }
     *error = (double)relative * meshopt_simplifyScale(at[0], mesh->vertices, sizeof at[0]);
-    mesh->faces = indices / 3;
-    memcpy(mesh->face, face, mesh->faces * sizeof *face);
-    CLN_TRY(drop_pairs(mesh));
+    mesh->faces = fewer.faces;
+    memcpy(mesh->face, fewer.face, mesh->faces * sizeof *mesh->face);
     CLN_TRY(drop_unused(mesh));
+    CLN_TRY(cln_mesh_part_crowded(mesh, vertices, faces, crowded));
 done:
     free(at);
-    free(face);
+    free(fewer.face);
     return st;
 }
 

@@ -10,10 +10,11 @@ cln_status cln_mesh_reduce_possible(void);
 /* Leaves out vertices until the mesh has at most `most` triangles, first those that change it least
  * (edge collapse by quadric error; Garland and Heckbert 1997). What stays keeps its place, normal
  * and colour. No crack opens, so there may be more triangles than `most`; small parts may vanish,
- * and faces back to back over the same corners do.
+ * and faces back to back over the same corners do. Edges where four or more triangles would meet
+ * are parted by vertices of their own (crowded.h); *crowded: those that could not be.
  * *error: about the largest distance by which the surface moved, in the mesh's units, as the
  * quadrics estimate it. Rows of mesh->at, normal, colour and face are moved, none is freed.
  * CLN_MEMORY. */
-cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error);
+cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *crowded);
 
 #endif

@@ -280,10 +280,16 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
     CLN_TRY(cln_fusion_make(desc->opened, desc->callbacks, &fusion));
     CLN_TRY(cln_surface_trace(&fusion, (int)wanted, cln_surface_cell(model), desc->closed,
                               desc->crop->on ? desc->crop->planes : NULL, desc->callbacks, out));
-    if (out->faces == 0 && desc->crop->on)
-        CLN_TRY(cln_fail(CLN_INPUT, "--crop: no training view sees a surface in this box%s",
-                         spacing > 0 ? "; give a larger one, or less --spacing"
-                                     : "; give a larger one"));
+    if (out->faces == 0 && desc->crop->on) {
+        char cube[CLN_CUBE_TEXT];
+
+        cln_crop_cube(&model->space, cube);
+        CLN_TRY(
+            cln_fail(CLN_INPUT, "--crop: no training view sees a surface in this box%s%s%s",
+                     spacing > 0 ? "; give a larger one, or less --spacing" : "; give a larger one",
+                     model->space.forward ? "" : "; the scene's cube is ",
+                     model->space.forward ? "" : cube));
+    }
     if (out->faces == 0 && spacing > 0)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "--spacing %g: no surface is found with %.0f cells across the cube of "

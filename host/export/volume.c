@@ -74,7 +74,8 @@ static cln_status place_grid(const cln_export_job *job, grid *g)
     return cln_disk_check_file(job->desc->file, 4096 + bytes, "the volume");
 }
 
-/* Cubes first .. first + n of slice z; values: [n][CHANNELS] r, g, b, density per scaled scene unit. */
+/* Cubes first .. first + n of slice z; values: [n][CHANNELS] r, g, b, density per scene unit, that
+ * scaled. */
 static cln_status ask_cells(cln_export_job *job, grid *g, int z, size_t first, size_t n,
                             float (*values)[CHANNELS])
 {

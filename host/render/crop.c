@@ -167,10 +167,7 @@ bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop 
     return is_empty(space, tree, false, crop);
 }
 
-enum { CUBE_TEXT = 160 };
-
-/* The scene's cube as an option's box. */
-static void write_cube(const cln_space *space, char text[CUBE_TEXT])
+void cln_crop_cube(const cln_space *space, char text[CLN_CUBE_TEXT])
 {
     double box[6];
     int n = 0;
@@ -178,17 +175,17 @@ static void write_cube(const cln_space *space, char text[CUBE_TEXT])
     for (int i = 0; i < 6; i++)
         box[i] = space->centre[i % 3] + (i < 3 ? -space->half : space->half);
     n = cln_reals_digits(6, box, 2 * space->half);
-    cln_format(text, CUBE_TEXT, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
-               box[3], n, box[4], n, box[5]);
+    cln_format(text, CLN_CUBE_TEXT, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n,
+               box[2], n, box[3], n, box[4], n, box[5]);
 }
 
 void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree, cln_crop *crop)
 {
-    char text[CUBE_TEXT];
+    char text[CLN_CUBE_TEXT];
 
     if (!cln_crop_is_empty(space, tree, crop))
         return;
-    write_cube(space, text);
+    cln_crop_cube(space, text);
     if (space->forward || space->shell)
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it", name);
     else
@@ -197,14 +194,34 @@ void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *t
                  name, text);
 }
 
+/* Of a plain or shell space, whose crop is placed. */
+static bool holds_cube(const cln_crop *crop)
+{
+    for (int corner = 0; corner < 8; corner++) {
+        float at[3];
+
+        for (int a = 0; a < 3; a++)
+            at[a] = corner >> a & 1 ? 1 : -1;
+        if (cln_crop_depth((const float(*)[4])crop->planes, at) < 0)
+            return false;
+    }
+    return true;
+}
+
 cln_status cln_crop_check(const char *name, const cln_space *space, const cln_octree *tree,
                           cln_crop *crop)
 {
-    char text[CUBE_TEXT];
+    char text[CLN_CUBE_TEXT];
 
-    if (!crop->on || !is_empty(space, tree, true, crop))
+    const bool empty = crop->on && is_empty(space, tree, true, crop);
+
+    cln_crop_cube(space, text);
+    if (crop->on && !empty && !space->forward && holds_cube(crop))
+        cln_warn("%s: this box cuts nothing off, as all of the scene's cube, %s, is in it; its "
+                 "numbers are in the scene's units",
+                 name, text);
+    if (!empty)
         return CLN_OK;
-    write_cube(space, text);
     if (space->forward)
         return cln_fail(CLN_USAGE,
                         "%s: nothing is in this box, as no leaf of the run reaches into it", name);

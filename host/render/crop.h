@@ -32,9 +32,14 @@ cln_status cln_crop_of_desc(bool cropped, const double box[6], const double turn
 
 bool cln_crop_is_turned(const cln_crop *crop);
 
+/* The scene's cube as an option's box, for messages. */
+enum { CLN_CUBE_TEXT = 160 };
+void cln_crop_cube(const cln_space *space, char text[CLN_CUBE_TEXT]);
+
 /* Empty: is every ACTIVE leaf outside one side of the box? Sets its planes. Warn: warns if so.
  * Check: CLN_USAGE if so, also of a shell space if only leaves beyond the cube reach into it, for
- * what is made of the cube alone; a crop that is off passes. */
+ * what is made of the cube alone; a crop that is off passes. It warns of a box that holds the whole
+ * cube, as of another unit. */
 bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop);
 void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree,
                    cln_crop *crop);

@@ -117,6 +117,8 @@ static cln_status of_orbit(const cln_render_desc *desc, const cln_orbit_frame *s
 
     if (count < 1)
         CLN_TRY(cln_fail(CLN_USAGE, "--orbit: %d frames are too few; give 1 or more", count));
+    if (seen->guessed)
+        cln_up_warn("the orbit", seen->up);
     CLN_TRY(cln_orbit_make(seen, desc, &orbit));
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {

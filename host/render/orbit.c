@@ -67,7 +67,7 @@ static void find_axes(const cln_scene *scene, int count, const double up[3], cln
 
     memcpy(out->up, up, sizeof out->up);
     if (!cln_normalise(out->up))
-        cln_up_of_cameras(scene, out->up);
+        out->guessed = !cln_up_of_cameras(scene, out->up);
     for (int i = 0; i < count; i++) {
         find_away(scene, out, i, away);
         distance += sqrt(cln_dot(away, away)) / count;
@@ -138,16 +138,21 @@ static json_t *vector_json(const double v[3])
 
 json_t *cln_orbit_frame_json(const cln_orbit_frame *f)
 {
-    return json_pack("{s:o, s:o, s:o, s:o, s:f, s:f, s:[f,f], s:i, s:i, s:f, s:f}", "target",
-                     vector_json(f->target), "east", vector_json(f->east), "north",
-                     vector_json(f->north), "up", vector_json(f->up), "distance", f->distance,
-                     "elevation", f->elevation, "azimuth", f->from, f->to, "width", f->width,
-                     "height", f->height, "fx", f->fx, "fy", f->fy);
+    json_t *saved = json_pack("{s:o, s:o, s:o, s:o, s:f, s:f, s:[f,f], s:i, s:i, s:f, s:f}",
+                              "target", vector_json(f->target), "east", vector_json(f->east),
+                              "north", vector_json(f->north), "up", vector_json(f->up), "distance",
+                              f->distance, "elevation", f->elevation, "azimuth", f->from, f->to,
+                              "width", f->width, "height", f->height, "fx", f->fx, "fy", f->fy);
+
+    if (saved && f->guessed)
+        json_object_set_new(saved, "up_guessed", json_true());
+    return saved;
 }
 
 cln_status cln_orbit_frame_read(const json_t *saved, cln_orbit_frame *f)
 {
     memset(f, 0, sizeof *f);
+    f->guessed = json_is_true(json_object_get(saved, "up_guessed"));
     if (json_unpack(
             (json_t *)saved,
             "{s:[F,F,F], s:[F,F,F], s:[F,F,F], s:[F,F,F], s:F, s:F, s:[F,F], s:i, s:i, s:F, "
@@ -170,6 +175,7 @@ void cln_orbit_frame_turn(const double up[3], cln_orbit_frame *f)
     if (!cln_normalise(given))
         return;
     memcpy(f->up, given, sizeof given);
+    f->guessed = false;
     if (cln_dot(before, given) < 0) {
         const double from = f->from;
 

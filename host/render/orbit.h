@@ -21,6 +21,7 @@ typedef struct cln_orbit_frame {
     double from, to;
     int width, height; /* of the first training view, after --downscale */
     double fx, fy;
+    bool guessed; /* up may as well be the opposite (cln_up_of_cameras) */
 } cln_orbit_frame;
 
 /* up: a vector of any length; all 0: what the cameras tell. */

@@ -7,9 +7,11 @@
 #include "render/up.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/given.h"
+#include "base/log.h"
 #include "base/number.h"
 #include "scene/vectors.h"
 
@@ -21,6 +23,10 @@ static const double FEWER = 0.25; /* of the cameras face back, of a flight to an
 /* How much looking down weighs against the pictures' up: a dome, seen from below, is not turned
  * over until cameras look up by 76 degrees, a flight not until they look back by 14. */
 static const double DOWN = 0.25;
+
+/* How far up and back must tell a side: flights that look down do by 0.25, and a quarter of the
+ * photos upside down leaves more. */
+static const double UNSURE = 0.15;
 
 static const double LONGEST = 1e30; /* of a vector that is given: its square is a number */
 
@@ -130,6 +136,14 @@ static void lean_least(const facing *f, double out[3])
     }
 }
 
+/* How far the up of photo i points along an axis. */
+static double up_along(const cln_scene *scene, int i, const double axis[3])
+{
+    const double *c2w = pose_of(scene, i);
+
+    return 0 - (axis[0] * c2w[1] + axis[1] * c2w[5] + axis[2] * c2w[9]);
+}
+
 static double length(const double v[3])
 {
     return sqrt(cln_dot(v, v));
@@ -150,20 +164,30 @@ static bool across_line(const facing *f, const double line[3], double out[3])
     return length(out) > DOWN;
 }
 
-/* An axis, of the x axes' plane, on the side of up and back. */
-static void off_plane(const facing *f, const double axis[3], double out[3])
+/* An axis, of the x axes' plane, on the side of up and back. False if they do not tell, as of an
+ * object that was turned over for a second pass: then on the side of the first picture's up. */
+static bool off_plane(const cln_scene *scene, int count, const facing *f, const double axis[3],
+                      double out[3])
 {
-    const double side = cln_dot(axis, f->up) + DOWN * cln_dot(axis, f->back);
+    double side = cln_dot(axis, f->up) + DOWN * cln_dot(axis, f->back);
+    bool sure = fabs(side) >= UNSURE;
+    int most = 0; /* along the axis, less those against it */
 
+    for (int i = 0; i < count && !sure; i++)
+        most += up_along(scene, i, axis) < 0 ? -1 : 1;
+    sure = sure || count - abs(most) < 2 * FEWER * count; /* they agree, if by little */
+    if (!sure)
+        side = up_along(scene, 0, axis);
     for (int a = 0; a < 3; a++)
         out[a] = side < 0 ? -axis[a] : axis[a];
+    return sure;
 }
 
-void cln_up_of_cameras(const cln_scene *scene, double up[3])
+bool cln_up_of_cameras(const cln_scene *scene, double up[3])
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     double value[3], axis[3][3];
-    bool found = false;
+    bool found = false, sure = true;
     facing f;
 
     face(scene, count, &f);
@@ -172,18 +196,34 @@ void cln_up_of_cameras(const cln_scene *scene, double up[3])
         if (balance(scene, count, axis[2], &f) || length(f.up) < LONG)
             found = across_line(&f, axis[2], up);
     } else if (length(f.up) < LONG && value[1] > CLEAR * (value[0] + LEVEL)) {
-        off_plane(&f, axis[0], up);
+        sure = off_plane(scene, count, &f, axis[0], up);
         found = true;
     }
     if (!found) {
-        off_plane(&f, axis[0], up);
+        sure = length(f.up) >= UNSURE; /* by itself */
+        off_plane(scene, count, &f, axis[0], up);
         if (cln_dot(f.up, up) < 0) /* a strip would lean to the nadir by mere scatter */
             for (int a = 0; a < 3; a++)
                 f.up[a] += DOWN * f.back[a];
         lean_least(&f, up);
     }
-    if (!cln_normalise(up))
-        memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
+    if (cln_normalise(up))
+        return sure;
+    memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
+    return false;
+}
+
+void cln_up_warn(const char *what, const double up[3])
+{
+    char other[96];
+    double rounded[3];
+
+    for (int a = 0; a < 3; a++)
+        rounded[a] = 0 - round(1000 * up[a]) / 1000;
+    cln_format(other, sizeof other, "%g,%g,%g", rounded[0], rounded[1], rounded[2]);
+    cln_warn("%s: which way is up is a guess, as about as many photos show the scene one way up as "
+             "the other; if it is upside down, give --up=%s",
+             what, other);
 }
 
 bool cln_up_given(const double up[3])

@@ -4,8 +4,13 @@
 
 #include "scene/scene.h"
 
-/* A unit vector in the scene's frame. z if the cameras do not tell. */
-void cln_up_of_cameras(const cln_scene *scene, double up[3]);
+/* A unit vector in the scene's frame. z if the cameras do not tell. False if it may as well be the
+ * opposite: photos that show the scene one way up and the other, as of an object that was turned
+ * over, cancel out; then it is that of the first. */
+bool cln_up_of_cameras(const cln_scene *scene, double up[3]);
+
+/* Warns that it may, with the way out. what: what is made of it. */
+void cln_up_warn(const char *what, const double up[3]);
 
 /* Of a desc's member `up`: is one given? All 0 is none. */
 bool cln_up_given(const double up[3]);

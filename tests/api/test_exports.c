@@ -259,6 +259,19 @@ static void all_lengths_are_scaled(void **state)
     for (int i = 0; i < n; i++)
         for (int a = 0; a < 3; a++)
             assert_near(scaled[i].at[a], 10 * (double)plain[i].at[a], 1e-5);
+    for (int a = 0; a < 3; a++) {
+        double low = INFINITY, high = -INFINITY;
+
+        for (int i = 0; i < n; i++) {
+            low = fmin(low, plain[i].at[a]);
+            high = fmax(high, plain[i].at[a]);
+        }
+        for (int i = 0; i < 2; i++) {
+            assert_near(results[i].box[a], low, 1e-6);
+            assert_near(results[i].box[3 + a], high, 1e-6);
+            assert_near(results[i].size[a], (i ? 10 : 1) * (high - low), 1e-5);
+        }
+    }
     assert_near(results[1].reduction_error, 10 * results[0].reduction_error, 1e-6);
     for (size_t a = 0; a < 3; a++) {
         first[a] = json_number_value(glb_at(about[1], "first", a));
@@ -277,6 +290,12 @@ static void all_lengths_are_scaled(void **state)
     g = glb_open(desc.file);
     assert_near(json_number_value(glb_at(glb_at(g.document, "nodes", 0), "scale", 1)), 10, 0);
     most = 0;
+    for (int a = 0; a < 3; a++) { /* of the file: y is the scene's z */
+        const int from = a == 0 ? 0 : 3 - a;
+
+        assert_near(results[1].size[a], 10 * (results[1].box[3 + from] - results[1].box[from]),
+                    1e-6);
+    }
     for (int i = 0; i < results[1].vertices; i++) {
         double v[3];
 
@@ -638,7 +657,12 @@ static void crops_of_nothing_are_refused(void **state)
         {"mesh", "x.ply", {9, 9, 9, 10, 10, 10}, 0, CLN_USAGE, "the scene's cube is -"},
         {"volume", "x.npy", {9, 9, 9, 10, 10, 10}, 0, CLN_USAGE, "no leaf of the run reaches"},
         {"points", "x.ply", {1, 1, 1, 0, 2, 2}, 0, CLN_USAGE, "--crop: the minimum 1 is not below"},
-        {"mesh", "x.ply", {-0.1, -0.1, -0.1, 0.1, 0.1, 0.1}, 0, CLN_INPUT, "--crop: no training"},
+        {"mesh",
+         "x.ply",
+         {-0.1, -0.1, -0.1, 0.1, 0.1, 0.1},
+         0,
+         CLN_INPUT,
+         "larger one; the scene's cube is -"},
         {"volume", "x.npy", {0.01, -1, -1, 0.02, 1, 1}, 0.1, CLN_USAGE, "--crop: no cube of the"},
         {"octree", "x.ply", {-1, -1, -1, 1, 1, 1}, 0, CLN_USAGE, "--crop: has no effect"}};
 
@@ -652,6 +676,28 @@ static void crops_of_nothing_are_refused(void **state)
         assert_fails(cln_export(&desc, &result), rows[i].st, rows[i].words);
         assert_false(cln_is_file(desc.file));
     }
+}
+
+static void a_crop_that_holds_all_is_told(void **state)
+{
+    cln_export_desc desc = export_desc("mesh", "all.ply");
+    cln_export_result result;
+    char warning[256] = "";
+
+    NEED_DEVICE();
+    desc.spacing = 0.2;
+    set_crop(&desc, (const double[9]){-500, -500, -500, 500, 500, 500});
+    cln_log_set_sink(keep_warning, warning);
+    assert_ok(cln_export(&desc, &result));
+    assert_non_null(strstr(warning, "--crop: this box cuts nothing off"));
+    assert_non_null(strstr(warning, "cube, -"));
+    warning[0] = 0;
+    desc.crop[0] = -0.5;
+    desc.overwrite = true;
+    assert_ok(cln_export(&desc, &result));
+    assert_string_equal(warning, "");
+    assert_near(result.box[0], -0.5, 1e-6);
+    cln_log_set_sink(fixture_no_log, NULL);
 }
 
 /* The counts of a mesh in parts add up, and points are of the same part. */
@@ -857,6 +903,7 @@ int test_group_exports(void)
         cmocka_unit_test(the_largest_part),
         cmocka_unit_test(a_cropped_volume_is_a_part),
         cmocka_unit_test(crops_of_nothing_are_refused),
+        cmocka_unit_test(a_crop_that_holds_all_is_told),
         cmocka_unit_test(cameras_come_back),
         cmocka_unit_test(other_locales_change_no_file),
         cmocka_unit_test(mistakes_are_named),

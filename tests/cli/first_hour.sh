@@ -889,6 +889,13 @@ section_results() {
     set -- "$(sed -n 's/.*\(--bbox=[-+.e0-9,]*\).*/\1/p' "$work/err")"
     expect "a survey for a slicer: what floats lose" 0 "~STL.*move.*\.ply" \
         "$cln" export "$work/terrain run" --mesh "$work/terrain/slicer.stl"
+    expect "its size, and where it is" 0 "" "$cln" export "$work/terrain run" \
+        --mesh "$work/terrain/web.glb" --scale 0.001 --json
+    check "as crop boxes are given" [ "$(json box.0 | cut -c 1-2)" = 49 ]
+    check "in kilometres" eval '[ "$(json size.0 | cut -c 1-2)" = 0. ]'
+    run "$cln" export "$work/terrain run" --mesh "$work/terrain/web.glb" --overwrite --scale 0.001
+    check "the last line has them, too" grep -q \
+        " x .* x .* units, in the scene's frame within 49[^ ]*," "$work/out"
     "$cln" info "$work/terrain" --json >"$work/whole.json"
     expect "they are a scene with a shell" 0 "" "$cln" info "$work/terrain/cameras.json" --json \
         "$1" --space shell

@@ -139,6 +139,7 @@ static void a_ball_stays_round_and_closed(void **state)
     NEED_MESHOPTIMIZER();
     for (int m = 0; m < 2; m++) {
         const double *middle = middles[m];
+        size_t crowded = 0;
         double error = 0, worst = 0, area = 0;
         bool met[BALL_VERTICES] = {false};
         cln_mesh mesh;
@@ -148,7 +149,7 @@ static void a_ball_stays_round_and_closed(void **state)
         add_ball(&mesh, 0, middle);
         assert_int_equal(mesh.faces, BALL_FACES);
         assert_int_equal(open_edges(&mesh), 0);
-        assert_int_equal(cln_mesh_reduce(&mesh, 1000, &error), CLN_OK);
+        assert_int_equal(cln_mesh_reduce(&mesh, 1000, &error, &crowded), CLN_OK);
         assert_in_range(mesh.faces, 900, 1000);
         assert_int_equal(open_edges(&mesh), 0);
         assert_int_equal(mesh.vertices, mesh.faces / 2 + 2); /* Euler: still one ball */
@@ -183,6 +184,7 @@ static void a_ball_stays_round_and_closed(void **state)
 /* A flat sheet needs two triangles, with its border. */
 static void a_sheet_keeps_its_border(void **state)
 {
+    size_t crowded = 0;
     double error = 0, area = 0, at[3];
     cln_mesh mesh;
 
@@ -201,7 +203,7 @@ static void a_sheet_keeps_its_border(void **state)
             add_face(&mesh, v, v + SIDE + 2, v + SIDE + 1);
         }
     assert_int_equal(open_edges(&mesh), 4 * SIDE);
-    assert_int_equal(cln_mesh_reduce(&mesh, 20, &error), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 20, &error, &crowded), CLN_OK);
     assert_in_range(mesh.faces, 2, 20);
     for (size_t f = 0; f < mesh.faces; f++)
         area += area_of(&mesh, f, at);
@@ -214,6 +216,7 @@ static void a_sheet_keeps_its_border(void **state)
 static void parts_stay_and_enough_is_enough(void **state)
 {
     const double left[3] = {-2, 0, 0}, right[3] = {2, 0, 0};
+    size_t crowded = 0;
     double error = 0;
     size_t on_the_left = 0;
     cln_mesh mesh;
@@ -222,18 +225,18 @@ static void parts_stay_and_enough_is_enough(void **state)
     make_mesh(&mesh, 2 * BALL_VERTICES, 2 * BALL_FACES);
     add_ball(&mesh, 0, left);
     add_ball(&mesh, BALL_VERTICES, right);
-    assert_int_equal(cln_mesh_reduce(&mesh, 2 * BALL_FACES, &error), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 2 * BALL_FACES, &error, &crowded), CLN_OK);
     assert_int_equal(mesh.faces, 2 * BALL_FACES);
     assert_int_equal(mesh.vertices, 2 * BALL_VERTICES);
     assert_true(error == 0);
-    assert_int_equal(cln_mesh_reduce(&mesh, 400, &error), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 400, &error, &crowded), CLN_OK);
     assert_in_range(mesh.faces, 300, 400);
     assert_int_equal(open_edges(&mesh), 0);
     assert_int_equal(mesh.vertices, mesh.faces / 2 + 4);
     for (size_t v = 0; v < mesh.vertices; v++)
         on_the_left += mesh.at[v][0] < 0;
     assert_in_range(on_the_left, mesh.vertices / 3, 2 * mesh.vertices / 3);
-    assert_int_equal(cln_mesh_reduce(&mesh, 4, &error), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 4, &error, &crowded), CLN_OK);
     assert_in_range(mesh.faces, 1, 8);
     assert_int_equal(open_edges(&mesh), 0);
     free_mesh(&mesh);
@@ -277,6 +280,7 @@ static size_t flat_pairs(const cln_mesh *mesh)
 static void a_thin_ring_leaves_no_pairs(void **state)
 {
     enum { ALONG = 200, AROUND = 12 };
+    size_t crowded = 0;
     double error = 0;
     cln_mesh mesh;
 
@@ -295,11 +299,98 @@ static void a_thin_ring_leaves_no_pairs(void **state)
             add_face(&mesh, i * AROUND + k, j + next, i * AROUND + next);
         }
     assert_int_equal(open_edges(&mesh), 0);
-    assert_int_equal(cln_mesh_reduce(&mesh, 62, &error), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 62, &error, &crowded), CLN_OK);
     assert_in_range(mesh.faces, 20, 62);
     assert_int_equal(flat_pairs(&mesh), 0);
     assert_int_equal(uneven_edges(&mesh), 0);
     free_mesh(&mesh);
+}
+
+/* Edges that have not two triangles, by the corners' places, as an STL file has them. */
+static size_t odd_edges(const cln_mesh *mesh)
+{
+    const size_t n = 3 * mesh->faces;
+    uint32_t *same = NULL;
+    uint64_t *edges = NULL;
+    size_t odd = 0;
+
+    assert_int_equal(cln_alloc(&same, mesh->vertices, sizeof *same, "vertices"), CLN_OK);
+    assert_int_equal(cln_alloc(&edges, n, sizeof *edges, "edges"), CLN_OK);
+    for (size_t v = 0; v < mesh->vertices; v++)
+        for (same[v] = 0; same[v] < v; same[v]++) {
+            const double *a = mesh->at[v], *b = mesh->at[same[v]];
+
+            if ((float)a[0] == (float)b[0] && (float)a[1] == (float)b[1] &&
+                (float)a[2] == (float)b[2])
+                break;
+        }
+    for (size_t e = 0; e < n; e++) {
+        const uint32_t a = same[mesh->face[e / 3][e % 3]];
+        const uint32_t b = same[mesh->face[e / 3][(e % 3 + 1) % 3]];
+
+        edges[e] = (uint64_t)(a < b ? a : b) << 32 | (a < b ? b : a);
+    }
+    qsort(edges, n, sizeof *edges, by_value);
+    for (size_t e = 0, run = 0; e < n; e += run) {
+        for (run = 1; e + run < n && edges[e + run] == edges[e];)
+            run++;
+        odd += run != 2;
+    }
+    free(same);
+    free(edges);
+    return odd;
+}
+
+/* A flat ring: a tube of an oval, thin one way. */
+static void add_ring(cln_mesh *mesh, size_t along, size_t around, double wide, double thin)
+{
+    for (size_t i = 0; i < along; i++)
+        for (size_t k = 0; k < around; k++) {
+            const double u = 2 * M_PI * (double)i / (double)along;
+            const double v = 2 * M_PI * (double)k / (double)around;
+            const size_t j = (i + 1) % along * around, next = (k + 1) % around;
+            double *at = mesh->at[i * around + k];
+
+            at[0] = (1 + wide * cos(v)) * cos(u);
+            at[1] = (1 + wide * cos(v)) * sin(u);
+            at[2] = thin * sin(v);
+            mesh->normal[i * around + k][2] = 1;
+            add_face(mesh, i * around + k, j + k, j + next);
+            add_face(mesh, i * around + k, j + next, i * around + next);
+        }
+}
+
+/* Every edge of what is closed has two triangles, however few are left: slicers ask for it. */
+static void thin_parts_stay_tight(void **state)
+{
+    enum { ALONG = 120, AROUND = 12 };
+    size_t parted = 0;
+
+    NEED_MESHOPTIMIZER();
+    for (size_t most = 44; most < 400; most += 6) /* of fewer it is flat */
+        for (int kind = 0; kind < 3; kind++) {
+            size_t crowded = 0, corners = 0;
+            double error = 0;
+            cln_mesh mesh;
+
+            make_mesh(&mesh, ALONG * AROUND, 2 * ALONG * AROUND);
+            add_ring(&mesh, ALONG, AROUND, kind == 2 ? 0.1 : 0.02, kind == 1 ? 0.002 : 0.02);
+            assert_int_equal(cln_mesh_reduce(&mesh, most, &error, &crowded), CLN_OK);
+            assert_int_equal(crowded, 0);
+            if (odd_edges(&mesh) != 0)
+                fail_msg("ring %d, %zu triangles of %zu: %zu edges have not two", kind, mesh.faces,
+                         most, odd_edges(&mesh));
+            assert_true(mesh.faces <= most);
+            for (size_t v = 0; v < mesh.vertices; v++) { /* on the ring's net, or beside it */
+                const double u = atan2(mesh.at[v][1], mesh.at[v][0]) / (2 * M_PI) * ALONG;
+
+                corners += fabs(u - round(u)) > 1e-6;
+            }
+            parted += corners;
+            free_mesh(&mesh);
+        }
+    print_message("    %zu edges were parted\n", parted);
+    assert_true(parted > 0);
 }
 
 int test_group_reduce(void)
@@ -309,6 +400,7 @@ int test_group_reduce(void)
         cmocka_unit_test(a_sheet_keeps_its_border),
         cmocka_unit_test(parts_stay_and_enough_is_enough),
         cmocka_unit_test(a_thin_ring_leaves_no_pairs),
+        cmocka_unit_test(thin_parts_stay_tight),
     };
 
     return cmocka_run_group_tests_name("reduce", tests, NULL, NULL);

@@ -5,9 +5,12 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 #include <cmocka.h>
 #include "draws.h"
+#include "base/log.h"
+#include "render/frames.h"
 #include "render/orbit.h"
 #include "scene/vectors.h"
 #include "tests.h"
@@ -222,12 +225,85 @@ static void test_texts(void **state)
     }
 }
 
+static void keep_warning(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN)
+        snprintf(user, 512, "%s", line);
+}
+
+/* What `render --orbit` warns of, by the frame in run.json. */
+static void warning_of_orbit(const cln_orbit_frame *frame, char text[512])
+{
+    const cln_render_desc desc = {.orbit_frames = 3, .orbit_elevation = NAN};
+    json_t *run = json_pack("{s:o}", "orbit", cln_orbit_frame_json(frame));
+    cln_frames frames;
+
+    text[0] = 0;
+    cln_log_set_sink(keep_warning, text);
+    assert_int_equal(cln_frames_make(&desc, NULL, run, &frames), CLN_OK);
+    cln_log_set_sink(NULL, NULL);
+    cln_frames_free(&frames);
+    json_decref(run);
+}
+
+/* Two rounds about an object that was turned over for the second: if they are about as many,
+ * nothing tells which way is up; it is that of the first photo. */
+static void test_turned_over(void **state)
+{
+    static const struct {
+        int upright, turned; /* photos, in this order or the other */
+        bool sure;
+    } passes[] = {{18, 18, false}, {20, 18, false}, {18, 20, false}, {24, 8, true}, {8, 24, true}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof passes / sizeof *passes; i++) {
+        const int n[2] = {passes[i].upright, passes[i].turned};
+        const double wanted = passes[i].sure && n[1] > n[0] ? -1 : 1;
+        char text[512] = "";
+        cln_orbit_frame frame, again;
+        json_t *saved = NULL;
+        double up[3];
+        shots s;
+
+        begin(&s, i);
+        for (int pass = 0; pass < 2; pass++)
+            for (int k = 0; k < n[pass]; k++) {
+                const double heading = 360.0 * k / n[pass] + scatter(&s, 2);
+                const double high = pass ? -3 : 3;
+                const double at[3] = {-5 * cos(heading * DEGREE), -5 * sin(heading * DEGREE), high};
+
+                shoot(&s, at, heading, pass ? 31 : -31, pass ? 180 : 0);
+            }
+        if (cln_up_of_cameras(&s.scene, up) != passes[i].sure || up[2] * wanted < 0.99)
+            fail_msg("%d and %d photos: up is %g,%g,%g", n[0], n[1], up[0], up[1], up[2]);
+        assert_int_equal(cln_orbit_frame_of(&s.scene, (const double[3]){0}, &frame), CLN_OK);
+        assert_int_equal(frame.guessed, !passes[i].sure);
+        saved = cln_orbit_frame_json(&frame);
+        assert_int_equal(cln_orbit_frame_read(saved, &again), CLN_OK);
+        assert_memory_equal(&frame, &again, sizeof frame);
+        json_decref(saved);
+        warning_of_orbit(&again, text);
+        assert_int_equal(passes[i].sure, !strstr(text, "is a guess"));
+        if (!passes[i].sure) {
+            assert_int_equal(
+                sscanf(strstr(text, "--up="), "--up=%lf,%lf,%lf", &up[0], &up[1], &up[2]), 3);
+            assert_true(up[2] * wanted < -0.9);
+        }
+        cln_orbit_frame_turn((const double[3]){0, 0, 1}, &again);
+        warning_of_orbit(&again, text);
+        assert_null(strstr(text, "is a guess"));
+        assert_int_equal(cln_orbit_frame_of(&s.scene, (const double[3]){0, 0, 1}, &again), CLN_OK);
+        assert_false(again.guessed);
+    }
+}
+
 int test_group_up(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_flights), cmocka_unit_test(test_orbits),
         cmocka_unit_test(test_one_way), cmocka_unit_test(test_strip),
-        cmocka_unit_test(test_given),   cmocka_unit_test(test_texts)};
+        cmocka_unit_test(test_given),   cmocka_unit_test(test_turned_over),
+        cmocka_unit_test(test_texts)};
 
     return cmocka_run_group_tests_name("up", tests, NULL, NULL);
 }
