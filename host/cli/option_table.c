@@ -268,7 +268,8 @@ const cln_arg cln_args[] = {
          "tell"),
     REAL(CLN_EXPORT, "scale", scale, "N", 1e-12, 1e12,
          "all lengths in what is written times N: 0.001 makes metres, which GLB is in, of "
-         "millimetres; of a length that is L in truth and D between two points in the viewer: L / D",
+         "millimetres; of a length that is L in truth and D between two points in the viewer: "
+         "L / D",
          .standard = "1"),
     FLAG(CLN_EXPORT, "largest", largest,
          "points, mesh: only the connected part with the most triangles"),

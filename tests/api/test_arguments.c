@@ -119,6 +119,52 @@ static void test_numbers_out_of_range(void **state)
                  "cln_tune_search: max_tries is -1");
 }
 
+static void test_nothing_given(void **state)
+{
+    const char *scene = "scene", *none = NULL;
+    char *text = NULL;
+    cln_train_result trained;
+    cln_eval_result measured;
+    cln_render_result rendered;
+    cln_export_result exported;
+    cln_poses_result posed;
+    cln_field *field = NULL;
+
+    (void)state;
+    assert_fails(cln_train(&(cln_train_desc){.scene = scene}, &trained), CLN_USAGE, "run");
+    assert_fails(cln_train(&(cln_train_desc){.run = "r"}, &trained), CLN_USAGE, "scene");
+    assert_fails(cln_train(&(cln_train_desc){.run = "/no/such/nowhere", .resume = true}, &trained),
+                 CLN_INPUT, "nowhere");
+    assert_fails(cln_eval(&(cln_eval_desc){0}, &measured), CLN_USAGE, "run");
+    assert_fails(cln_render(&(cln_render_desc){.out = "o"}, &rendered), CLN_USAGE, "run");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r"}, &rendered), CLN_USAGE, "out");
+    assert_fails(cln_view_run(&(cln_view_desc){0}), CLN_USAGE, "run");
+    assert_fails(cln_view_run(&(cln_view_desc){.run = "r", .port = 70000}), CLN_USAGE,
+                 "port 70000");
+    assert_fails(cln_view_run(&(cln_view_desc){.run = "r", .port = -5}), CLN_USAGE, "port -5");
+    assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .antialias = 99}, &measured), CLN_USAGE,
+                 "antialias is 99; give 0 to 8");
+    assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .max_images = -1}, &measured), CLN_USAGE,
+                 "max_images");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o", .width = -8}, &rendered),
+                 CLN_USAGE, "width is -8");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o", .fps = NAN}, &rendered),
+                 CLN_USAGE, "fps is nan");
+    assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o.y4m", .fps = 3e-4}, &rendered),
+                 CLN_USAGE, "fps is 0.0003; give 0.001 or more");
+    assert_fails(cln_field_open(none, NULL, &field), CLN_USAGE, "run");
+    assert_fails(cln_export(&(cln_export_desc){.file = "f"}, &exported), CLN_USAGE, "run");
+    assert_fails(cln_export(&(cln_export_desc){.run = "r"}, &exported), CLN_USAGE, "file");
+    assert_fails(cln_check(&(cln_check_desc){0}, &text), CLN_USAGE, "scene");
+    assert_fails(cln_info_run(none, &text), CLN_USAGE, "run");
+    assert_fails(cln_find_poses(&(cln_poses_desc){.out = "o"}, &posed), CLN_USAGE, "photos");
+    assert_fails(
+        cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .match = "nxt"}, &posed),
+        CLN_USAGE, "'nxt'; give auto, all or next");
+    assert_fails(cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .frames = -5}, &posed),
+                 CLN_USAGE, "frames is -5");
+}
+
 int test_group_arguments(void)
 {
     const struct CMUnitTest tests[] = {
@@ -126,6 +172,7 @@ int test_group_arguments(void)
         cmocka_unit_test(test_missing_objects),
         cmocka_unit_test(test_freeing_nothing),
         cmocka_unit_test(test_numbers_out_of_range),
+        cmocka_unit_test(test_nothing_given),
     };
 
     return cmocka_run_group_tests_name("arguments", tests, NULL, NULL);
