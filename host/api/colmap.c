@@ -218,7 +218,7 @@ cln_colmap_room cln_colmap_fit(double memory, int processors, int longest, doubl
 static void fit_memory(cln_colmap *c, const cln_photo_cameras *cameras)
 {
     const long processors = sysconf(_SC_NPROCESSORS_ONLN);
-    const double memory = cln_host_memory();
+    const double memory = fmin(cln_host_memory(), cln_available_memory(""));
     char whole[32], each[32], smaller[64] = "";
 
     c->room = cln_colmap_fit(memory, processors > 0 ? (int)processors : 1, cameras->longest,
@@ -232,7 +232,7 @@ static void fit_memory(cln_colmap *c, const cln_photo_cameras *cameras)
     if (c->room.side)
         snprintf(smaller, sizeof smaller, ", and in photos of at most %d pixels a side",
                  c->room.side);
-    cln_info("memory: features of a photo take %s, and there are %s: COLMAP looks for them in %d "
+    cln_info("memory: features of a photo take %s, and %s are free: COLMAP looks for them in %d "
              "photo%s at a time%s",
              each, whole, c->room.threads, cln_plural(c->room.threads, "", "s"), smaller);
 }
