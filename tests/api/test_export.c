@@ -156,6 +156,19 @@ static cln_export_desc export_desc(const char *run, const char *file)
     return (cln_export_desc){.run = run, .what = "octree", .file = file};
 }
 
+/* The file of that model's boxes, whose numbers are multiplied by scale; the caller frees .text. */
+static mesh exported(void **state, const cln_model *model, const char *colour, double scale)
+{
+    const char *file = scratch_path(*state, "tree.ply");
+    cln_export_desc desc = export_desc(make_run(*state, model), file);
+    cln_export_result result;
+
+    desc.colour = colour;
+    desc.scale = scale;
+    assert_ok(cln_export(&desc, &result));
+    return read_mesh(file);
+}
+
 static void boxes_are_the_active_leaves(void **state)
 {
     static const char header[] =
@@ -203,17 +216,11 @@ static void boxes_are_the_active_leaves(void **state)
 
 static void boxes_are_scaled(void **state)
 {
-    const char *file = scratch_path(*state, "tree.ply");
-    cln_export_result result;
-    cln_export_desc desc;
     cln_model model;
     mesh m;
 
     make_tree(&model);
-    desc = export_desc(make_run(*state, &model), file);
-    desc.scale = 0.25;
-    assert_ok(cln_export(&desc, &result));
-    m = read_mesh(file);
+    m = exported(state, &model, NULL, 0.25);
     assert_non_null(strstr(m.text, "at step 321; scene units x 0.25\n"));
     assert_box(&m, 0, 2, (double[]){0.25, -0.5, -0.25}, (double[]){0.75, 0, 0.25});
     assert_box(&m, 13, 1, (double[]){0.25, 0.5, 0.75}, (double[]){1.25, 1.5, 1.75});
@@ -224,9 +231,6 @@ static void boxes_are_scaled(void **state)
 /* Coordinates of a survey, where floats are half a unit apart: boxes keep their sides. */
 static void boxes_far_away_keep_their_sides(void **state)
 {
-    const char *file = scratch_path(*state, "tree.ply");
-    cln_export_result result;
-    cln_export_desc desc;
     cln_model model;
     mesh m;
 
@@ -235,9 +239,7 @@ static void boxes_far_away_keep_their_sides(void **state)
     model.space.centre[1] = 4600000.3125;
     model.space.centre[2] = 90.0625;
     model.space.half = 0.5;
-    desc = export_desc(make_run(*state, &model), file);
-    assert_ok(cln_export(&desc, &result));
-    m = read_mesh(file);
+    m = exported(state, &model, NULL, 1);
     assert_non_null(strstr(m.text, "property double y\n"));
     assert_box(&m, 0, 2, (double[]){500000.1875, 4599999.8125, 89.5625},
                (double[]){500000.4375, 4600000.0625, 89.8125});
@@ -250,16 +252,11 @@ static void boxes_far_away_keep_their_sides(void **state)
 /* Six faces per box, one in each of its planes, normals outwards. */
 static void faces_look_outwards(void **state)
 {
-    const char *file = scratch_path(*state, "tree.ply");
-    cln_export_result result;
-    cln_export_desc desc;
     cln_model model;
     mesh m;
 
     make_tree(&model);
-    desc = export_desc(make_run(*state, &model), file);
-    assert_ok(cln_export(&desc, &result));
-    m = read_mesh(file);
+    m = exported(state, &model, NULL, 1);
     for (int f = 0; f < m.faces; f++) {
         const int s = f / 6;
         const vertex low = vertex_of(&m, 8 * s), high = vertex_of(&m, 8 * s + 7);
@@ -302,9 +299,6 @@ static void faces_look_outwards(void **state)
 
 static void errors_are_coloured_on_a_log_scale(void **state)
 {
-    const char *file = scratch_path(*state, "tree.ply");
-    cln_export_result result;
-    cln_export_desc desc;
     cln_model model;
     vertex v;
     mesh m;
@@ -314,10 +308,7 @@ static void errors_are_coloured_on_a_log_scale(void **state)
     model.error[1] = 3.1622777e-5f; /* half-way down three decades */
     model.error[2] = 1e-9f;         /* below the scale */
     model.error[3] = 0;
-    desc = export_desc(make_run(*state, &model), file);
-    desc.colour = "error";
-    assert_ok(cln_export(&desc, &result));
-    m = read_mesh(file);
+    m = exported(state, &model, "error", 1);
     assert_non_null(strstr(m.text, "coloured by error"));
     v = vertex_of(&m, 0);
     assert_colour(&v, 240, 249, 33);
