@@ -671,7 +671,6 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
 {
     const bool resume = t->desc->resume;
     cln_settings_facts facts = cln_needs_facts(t->scene, config);
-    char empty[CLN_EMPTY_BYTES];
 
     facts.resume = resume;
     facts.grown = resume && is_grown(t, saved);
@@ -682,8 +681,6 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
     cln_scene_warn_doubts(t->scene);
     if (!resume)
         cln_scene_warn_wide(t->scene);
-    if (cln_scene_is_empty(t->scene, empty))
-        cln_warn("%s: %s", t->scene->folder, empty);
     cln_settings_warn_idle(t->desc->settings, &facts);
     warn_points(t, config);
 }

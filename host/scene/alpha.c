@@ -12,10 +12,8 @@
 #include "scene/inspect.h"
 
 enum { GRID = 48, LEAST_VIEWS = 3 }; /* points along an axis; views that must see a point */
-enum {
-    SOFT = 8,
-    BRIGHT = 64
-}; /* half transparent pixels of a photo; a colour of some opaque one */
+/* Half transparent pixels of a photo; a colour of some opaque one. */
+enum { SOFT = 8, BRIGHT = 64 };
 static const double WIDE = 0.6; /* share of the cube's side, from which it is wide enough */
 
 /* Is the point, in scene units, opaque in all photos that see it, which are enough? */
@@ -94,22 +92,6 @@ void cln_scene_warn_wide(const cln_scene *scene)
              box[4], n, box[5]);
 }
 
-/* The largest alpha of a loaded view, or any from HALF on. */
-static int largest_alpha(const cln_view *view)
-{
-    enum { HALF = 128 };
-    int largest = 0;
-
-    for (int y = 0; y < view->camera.height; y++)
-        for (int x = 0; x < view->camera.width && largest < HALF; x++) {
-            uint8_t p[4];
-
-            cln_view_bytes(view, x, y, p);
-            largest = p[3] > largest ? p[3] : largest;
-        }
-    return largest;
-}
-
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
 {
     enum { LABELS = 16, NAMED = 5 };
@@ -118,11 +100,10 @@ bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
 
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
-        int alpha = 0;
+        const int alpha = view->most_alpha - 1;
 
-        if (view->channels != 4 || !cln_view_is_loaded(view))
+        if (view->channels != 4 || alpha < 0)
             continue;
-        alpha = largest_alpha(view);
         largest = alpha > largest ? alpha : largest;
         views++;
         if (alpha > 0)

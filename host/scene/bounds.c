@@ -383,9 +383,8 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
         space->shell = chosen || config->space == CLN_SPACE_SHELL;
         if (space->shell && (rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)))
             CLN_TRY(looked_at_in_shell(&e, space, &scene->bounds_rule));
-        if (chosen && wide && space->half == result->space.half) { /* none is looked at */
+        if (chosen && wide && space->half == result->space.half) /* nothing is looked at */
             space->shell = chosen = false;
-        }
     }
     if (!space->forward)
         CLN_TRY(add_reasons(scene, refused, chosen));

@@ -494,31 +494,14 @@ done:
     return st;
 }
 
-/* Is no pixel of four channels visible? */
-static bool is_blank(const uint8_t *pixels, size_t count)
+/* cln_view.most_alpha of pixels of four channels. */
+static int most_alpha(const uint8_t *pixels, size_t count)
 {
-    for (size_t i = 0; i < count; i++)
-        if (pixels[4 * i + 3])
-            return false;
-    return true;
-}
+    int most = 0;
 
-/* Warns of masks that keep nothing: as alpha, all that their photos see is empty. */
-static void warn_blank(const cln_scene *scene)
-{
-    const char *first = NULL;
-    int blank = 0;
-
-    for (int i = 0; i < scene->view_count; i++) {
-        blank += scene->views[i].blank;
-        first = scene->views[i].blank && !first ? scene->views[i].name : first;
-    }
-    if (blank)
-        cln_warn("%s: the mask%s of %d photo%s ('%s'%s) keep%s nothing: as alpha, all that %s "
-                 "there counts as empty; correct %s, or leave such photos out",
-                 scene->folder, cln_plural(blank, "", "s"), blank, cln_plural(blank, "", "s"),
-                 first, blank > 1 ? ", ..." : "", cln_plural(blank, "s", ""),
-                 cln_plural(blank, "it sees", "they see"), cln_plural(blank, "it", "them"));
+    for (size_t i = 0; i < count && most < 128; i++)
+        most = pixels[4 * i + 3] > most ? pixels[4 * i + 3] : most;
+    return 1 + most;
 }
 
 /* Logs how much the masks leave, as a warning if it is all or little: then their colours are mostly
@@ -599,9 +582,10 @@ static cln_status read_view(job *work, int index)
         CLN_TRY(add_mask(view, wanted, digest));
     if (!wanted)
         goto done;
-    view->blank = view->alpha_mask && is_blank(pixels, (size_t)width * (size_t)height);
     if (channels != view->channels)
         CLN_TRY(changed(view->path));
+    if (channels == 4)
+        view->most_alpha = most_alpha(pixels, (size_t)width * (size_t)height);
     CLN_TRY(cln_image_downscale(view->downscale, &width, &height, channels, &pixels));
     CLN_ASSERT(width == view->camera.width && height == view->camera.height);
     view->place = work->places[index];
@@ -735,6 +719,7 @@ static uint64_t digest_of_kept(const cln_scene *scene)
 cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
 {
     cln_status st = CLN_OK;
+    char empty[CLN_EMPTY_BYTES];
     job work = {.scene = scene,
                 .wanted = desc->pixels,
                 .callbacks = desc->callbacks,
@@ -770,7 +755,8 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     for (int i = 0; i < scene->view_count; i++)
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
     say_masks(scene);
-    warn_blank(scene);
+    if (cln_scene_is_empty(scene, empty))
+        cln_warn("%s: %s", scene->folder, empty);
 done:
     free(work.digests);
     free(work.places);
