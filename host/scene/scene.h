@@ -92,8 +92,7 @@ typedef struct cln_view {
     int alpha_turn, mask_turn; /* orientations that bring those files onto `pixels`; 1: none */
     bool masks_known;          /* sizes or EXIF data tell these, or those of other masks */
     int channels;              /* 3, or 4 with straight alpha */
-    int most_alpha;   /* 1 + the largest alpha of its pixels, or any of the upper half, once
-                                  they were read; 0: not known */
+    int most_alpha;   /* 1 + its largest alpha (128 and more count alike); 0: was not read */
     bool opaque;      /* its file has alpha, which is left out as it hides nothing */
     int rank;         /* that has its pixels (dealt.h) */
     uint8_t *pixels;  /* [height][width][channels], the scene's; NULL if not in memory */
@@ -197,8 +196,8 @@ bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3])
  * nothing where training photos are not loaded. */
 void cln_scene_warn_wide(const cln_scene *scene);
 
-/* Of photos that were read: does alpha (perhaps a mask) show nothing in some, or is it nowhere above
- * a few of 255, as if labels of 0 and 1 were given as alpha? A sentence about it. */
+/* Of photos that were read: does alpha, or a mask that is alpha, show nothing in some, or is it
+ * nowhere above a few of 255, as if labels of 0 and 1 were given as alpha? A sentence about it. */
 enum { CLN_EMPTY_BYTES = 1024 };
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 
