@@ -362,6 +362,10 @@ typedef struct cln_render_desc {
     cln_device_desc device;
     cln_callbacks callbacks;
     const char *views; /* split: only these, as in cln_eval_desc; NULL = as max_images says */
+    int first_frame, frame_count; /* of all of these frames, only so many from that one on, which is
+                                     0 or more, as in names; 0 = all the others */
+    bool transparent; /* NAME.png has alpha: colours without the background, straight, not
+                         premultiplied; else colours on it */
 } cln_render_desc;
 
 typedef struct cln_render_result {

@@ -140,6 +140,8 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
         d = cln_digest(d, j->crop.box, sizeof j->crop.box);
     if (j->crop.on && (!j->desc->cropped || cln_crop_is_turned(&j->crop)))
         d = cln_digest(d, j->crop.turn, sizeof j->crop.turn);
+    if (j->desc->transparent)
+        d = cln_digest(d, "transparent", 11);
     if (j->desc->stereo > 0) {
         d = cln_digest(d, "stereo", 6);
         d = cln_digest(d, &j->desc->stereo, sizeof j->desc->stereo);
@@ -232,6 +234,8 @@ static cln_status render_eye(cln_render_job *j, int eye, float *normals, cln_pic
                             j->desc->mean_depth ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN,
                             &j->desc->callbacks, out));
     cln_picture_to_scene(&j->opened.model.space, out);
+    if (j->desc->transparent)
+        cln_picture_straight(j->opened.model.background, out);
     if (normals)
         cln_normals_of_depth(camera, out->depth, out->opacity, normals);
     if (j->desc->z_depth) /* after all that depths along the ray decide */
@@ -399,6 +403,8 @@ static cln_status check_given(const cln_render_desc *d)
         {"fov", d->fov, 0, 175},
         {"max_images", d->max_images, 0, INT_MAX},
         {"antialias", d->antialias, 0, 8},
+        {"first_frame", d->first_frame, 0, INT_MAX},
+        {"frame_count", d->frame_count, 0, INT_MAX},
         {"stereo", d->stereo, 0, 1e12},
         {"fps", d->fps, 0, 1000},
         {"depth_unit", d->depth_unit, 0, 1e12},
@@ -414,6 +420,11 @@ static cln_status check_given(const cln_render_desc *d)
         CLN_TRY(
             cln_fail(CLN_USAGE, "--views: names views of a split; give it, without other poses"));
     CLN_TRY(cln_views_check(d->views, d->max_images));
+    if (d->transparent && cln_film_named(d->out))
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--transparent: a film, %s, has no alpha; give a folder with -o, for "
+                         "pictures that have it",
+                         d->out));
     if (d->fps > 0 && d->fps < CLN_FILM_LEAST_FPS)
         CLN_TRY(
             cln_fail(CLN_USAGE, "fps is %g; give %g or more, or 0", d->fps, CLN_FILM_LEAST_FPS));

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "base/files.h"
 #include "base/log.h"
@@ -59,6 +60,29 @@ static cln_status has_file(const cln_render_job *j, const cln_render_frame *f, i
 
     CLN_TRY(path_of(j, f, file, &path));
     *there = cln_is_file(path);
+done:
+    free(path);
+    return st;
+}
+
+/* Whether a frame's file is there and looks whole: it has been written at once, but a copy of the
+ * folder may have been cut short. */
+static cln_status has_whole_file(const cln_render_job *j, const cln_render_frame *f, int file,
+                                 bool *there)
+{
+    cln_status st = CLN_OK;
+    const double values = (double)cln_render_width(j, f) * f->camera.height;
+    const bool picture = file != DEPTH_NPY && file != DEPTH_PFM && file != NORMAL_NPY;
+    char *path = NULL;
+    struct stat about;
+
+    CLN_TRY(path_of(j, f, file, &path));
+    *there = stat(path, &about) == 0 && S_ISREG(about.st_mode);
+    if (*there && picture)
+        *there = cln_image_check_ends(path) == CLN_OK;
+    else if (*there)
+        *there = (double)about.st_size >= values * sizeof(float) * (file == NORMAL_NPY ? 3 : 1);
+    cln_clear_error();
 done:
     free(path);
     return st;
@@ -140,6 +164,8 @@ static json_t *describe(const cln_render_job *j)
         json_object_set_new(about, "antialias", json_integer(j->antialias));
     if (about && d->fast)
         json_object_set_new(about, "fast", json_true());
+    if (about && d->transparent)
+        json_object_set_new(about, "transparent", json_true());
     if (about && d->stereo > 0)
         json_object_set_new(about, "stereo", json_real(d->stereo));
     if (about && j->crop.on)
@@ -202,7 +228,7 @@ cln_status cln_render_find_there(cln_render_job *j)
         f->there = !j->desc->overwrite && made_from && strcmp(made_from, f->made_from) == 0;
         for (int file = 0; file < FILES && f->there; file++)
             if (is_wanted(j, file))
-                CLN_TRY(has_file(j, f, file, &f->there));
+                CLN_TRY(has_whole_file(j, f, file, &f->there));
         CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
         j->there += f->there;
         j->pictured += pictured;
@@ -306,6 +332,25 @@ done:
 
 /* ---- files ---- */
 
+/* The colours, with alpha if the background is taken out of them. */
+static cln_status write_colours(const cln_render_job *j, const char *path, const cln_picture *p)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)p->width * (size_t)p->height;
+    const int channels = j->desc->transparent ? 4 : 3;
+    uint8_t *bytes = NULL;
+
+    CLN_TRY(cln_alloc(&bytes, n, (size_t)channels, "picture"));
+    for (size_t i = 0; i < n; i++)
+        for (int k = 0; k < channels; k++)
+            bytes[(size_t)channels * i + (size_t)k] =
+                cln_to_u8(k < 3 ? p->rgb[3 * i + (size_t)k] : p->opacity[i]);
+    CLN_TRY(cln_image_write_png(path, p->width, p->height, channels, bytes));
+done:
+    free(bytes);
+    return st;
+}
+
 static cln_status write_normals(const cln_render_job *j, const cln_render_frame *f,
                                 const float *normals)
 {
@@ -345,7 +390,7 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
     *warning = NULL;
     for (int file = 0; file < FILES; file++)
         CLN_TRY(path_of(j, f, file, &path[file]));
-    CLN_TRY(cln_alloc(&bytes, n, 3, "picture"));
+    CLN_TRY(cln_alloc(&bytes, n, 1, "picture"));
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
     if (is_wanted(j, DEPTH_PFM))
         CLN_TRY(cln_depth_write_pfm(path[DEPTH_PFM], p->width, p->height, p->depth));
@@ -369,9 +414,7 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
     for (size_t i = 0; i < n; i++)
         bytes[i] = cln_to_u8(p->opacity[i]);
     CLN_TRY(cln_image_write_png(path[OPACITY_PNG], p->width, p->height, 1, bytes));
-    for (size_t i = 0; i < 3 * n; i++)
-        bytes[i] = cln_to_u8(p->rgb[i]);
-    CLN_TRY(cln_image_write_png(path[COLOUR_PNG], p->width, p->height, 3, bytes));
+    CLN_TRY(write_colours(j, path[COLOUR_PNG], p));
 done:
     for (int file = 0; file < FILES; file++)
         free(path[file]);
@@ -465,8 +508,8 @@ cln_status cln_render_check_disk(const cln_render_job *j)
 
     for (int i = 0; i < j->count; i++)
         if (!j->frames[i].there)
-            bytes += (sizeof(float) + 5.0 + 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0) +
-                      15.0 * j->desc->normals) *
+            bytes += (sizeof(float) + 5.0 + j->desc->transparent + 4.0 * j->desc->pfm +
+                      (j->desc->depth_unit > 0 ? 2 : 0) + 15.0 * j->desc->normals) *
                      cln_render_width(j, &j->frames[i]) * j->frames[i].camera.height;
     return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;
 }

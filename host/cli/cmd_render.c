@@ -1,6 +1,8 @@
 /* `cl-nascent render`: frames into a folder, by default one of the run's own. */
 #include "cli/commands.h"
 
+#include <ctype.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,6 +29,30 @@ static cln_status standard_folder(const cln_options *options, char **out)
     return cln_asprintf(out, "%s/render/%s%.*s%s", options->operand, name ? "poses-" : "",
                         name ? length : (int)strlen(options->split), name ? name : options->split,
                         options->interpolate ? "-path" : "");
+}
+
+/* "A-B", "A-" or "A". */
+static cln_status read_range(const char *text, cln_render_desc *out)
+{
+    char *end = NULL;
+    long first = 0, last = 0;
+    bool open = false;
+
+    if (!text)
+        return CLN_OK;
+    first = last = strtol(text, &end, 10);
+    if (*end == '-') {
+        open = !end[1];
+        last = strtol(end + 1, &end, 10);
+    }
+    if (*end || !isdigit((unsigned char)*text) || (!open && last < first) || first > INT_MAX - 1 ||
+        last > INT_MAX - 1)
+        return cln_fail(CLN_USAGE,
+                        "--frames %s: give numbers of frames, from 0, as 100-120, 100- or 100",
+                        text);
+    out->first_frame = (int)first;
+    out->frame_count = open ? 0 : (int)(last - first) + 1;
+    return CLN_OK;
 }
 
 /* out: the folder or film that was written. */
@@ -80,11 +106,13 @@ cln_status cln_cmd_render(const cln_options *options)
                             .pfm = options->pfm,
                             .stereo = options->stereo,
                             .normals = options->normals,
+                            .transparent = options->transparent,
                             .depth_unit = options->depth_unit,
                             .mean_depth = strcmp(options->depth, "mean") == 0,
                             .device = options->device};
 
     CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
+    CLN_TRY(read_range(options->frame_range, &desc));
     if (options->up)
         CLN_TRY(cln_up_read("--up", options->up, desc.up));
     if (!desc.out) {

@@ -143,6 +143,27 @@ done:
     return st;
 }
 
+/* Leaves desc's range of the frames. */
+static cln_status cut(const cln_render_desc *desc, cln_frames *frames)
+{
+    const int all = frames->count, first = desc->first_frame;
+    const int count = desc->frame_count > 0 ? desc->frame_count : all - first;
+
+    if (first >= all || count > all - first)
+        return cln_fail(CLN_USAGE, "--frames: there are %d, numbered from 0 to %d", all, all - 1);
+    for (int i = 0; i < all; i++) {
+        const cln_frame frame = frames->frame[i];
+
+        frames->frame[i].name = NULL;
+        if (i >= first && i < first + count)
+            frames->frame[i - first] = frame;
+        else
+            free(frame.name);
+    }
+    frames->count = count;
+    return CLN_OK;
+}
+
 cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, const json_t *run,
                            cln_frames *out)
 {
@@ -179,6 +200,7 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
         out->crop = keys.crop;
         memcpy(out->crop_background, keys.crop_background, sizeof out->crop_background);
     }
+    CLN_TRY(cut(desc, out));
 done:
     cln_frames_free(&keys);
     return st;

@@ -40,3 +40,16 @@ float cln_depth_along_axis(const cln_camera *camera, int x, int y, bool back, fl
         cosine += direction[a] * camera->c2w[4 * a + 2];
     return (float)(back ? (double)depth / cosine : (double)depth * cosine);
 }
+
+void cln_picture_straight(const float background[3], cln_picture *p)
+{
+    const size_t n = (size_t)p->width * (size_t)p->height;
+
+    for (size_t i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++) {
+            const float behind = (1 - p->opacity[i]) * background[k];
+
+            p->rgb[3 * i + k] =
+                p->opacity[i] > 0 ? (p->rgb[3 * i + k] - behind) / p->opacity[i] : 0;
+        }
+}

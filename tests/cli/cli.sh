@@ -345,6 +345,16 @@ section_results() {
         -o "$work/edges" --normals
     check "render --normals leaves its files" [ -s "$work/edges/test_r_000.normal.png" -a \
         "$(stat -c %s "$work/edges/test_r_000.normal.npy")" = $((128 + 48 * 48 * 12)) ]
+    expect "render --frames" 0 "" "$cln" render "$work/whole" --orbit 9 --frames 7- --transparent \
+        --width 20 -o "$work/some" --json
+    check "the last two, with alpha" [ "$(json rendered)" = 2 -a -s "$work/some/orbit_0008.png" -a \
+        "$(od -An -tu1 -j25 -N1 "$work/some/orbit_0008.png")" -eq 6 ]
+    for range in 3-2 -1 x 5--7 1-2-3 "" 99999999999; do
+        expect "render --frames '$range'" 2 "--frames" "$cln" render "$work/whole" --orbit 9 \
+            "--frames=$range"
+    done
+    expect "render --transparent to a film" 2 "--transparent: a film has only colours" "$cln" \
+        render "$work/whole" --orbit 9 --transparent -o "$work/none.y4m"
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "the orbit has two frames" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]

@@ -87,6 +87,7 @@ int test_group_report_clock(void);
 int test_group_report_pieces(void);
 int test_group_report_state(void);
 int test_group_named_views(void);
+int test_group_render_frames(void);
 int test_group_results(void);
 int test_group_room(void);
 int test_group_roulette(void);
