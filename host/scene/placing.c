@@ -39,9 +39,10 @@ done:
 }
 
 /* Of the folders in `base`, the one with images of the most views: one of masks or the like only
- * where no other has any. NULL if none has. */
-static cln_status fullest_folder(const char *base, const cln_reader_result *result, bool any_case,
-                                 char **out)
+ * where no other has any. NULL if none has. Not one with other poses (moved.h); those of `model`
+ * are the views'. */
+static cln_status fullest_folder(const char *base, const char *model,
+                                 const cln_reader_result *result, bool any_case, char **out)
 {
     cln_status st = CLN_OK;
     cln_names names = {0};
@@ -56,6 +57,8 @@ static cln_status fullest_folder(const char *base, const cln_reader_result *resu
         free(path);
         path = NULL;
         CLN_TRY(cln_path_join(&path, base, names.name[i]));
+        if (strcmp(path, model) != 0 && cln_reader_detects(path))
+            continue;
         CLN_TRY(count_views(path, result, any_case, result->view_count, &worth));
         if (worth > 0 && !cln_is_no_photos(names.name[i]))
             worth += result->view_count;
@@ -86,8 +89,8 @@ done:
 }
 
 /* The folder of `base`, or `base`, that has images of views; NULL if none has. */
-static cln_status folder_of_views(const char *base, const cln_reader_result *result, bool any_case,
-                                  char **out)
+static cln_status folder_of_views(const char *base, const char *model,
+                                  const cln_reader_result *result, bool any_case, char **out)
 {
     cln_status st = CLN_OK;
     int count = 0;
@@ -103,16 +106,18 @@ static cln_status folder_of_views(const char *base, const cln_reader_result *res
     }
     free(*out);
     *out = NULL;
-    CLN_TRY(fullest_folder(base, result, any_case, out));
+    CLN_TRY(fullest_folder(base, model, result, any_case, out));
 done:
     return st;
 }
 
 /* Fills the paths of the views, below the folder or, by their ends, elsewhere in the scene. */
-static cln_status place_views(const char *folder, const char *scene, cln_reader_result *result)
+static cln_status place_views(const char *folder, const char *scene, const char *model,
+                              cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    cln_moved here = {.folder = folder, .bare = true}, around = {.folder = scene};
+    cln_moved here = {.folder = folder, .model = model, .bare = true};
+    cln_moved around = {.folder = scene, .model = model};
 
     for (int i = 0; i < result->view_count; i++) {
         cln_view *view = &result->views[i];
@@ -185,8 +190,9 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
 {
     cln_status st = CLN_OK;
     const char *top = bases[base_count - 1];
+    cln_moved around = {.folder = scene, .model = bases[0]};
     cln_names there = {0};
-    char *unread = NULL;
+    char *unread = NULL, *apart = NULL;
     int others = 0;
 
     if (!result->view_count)
@@ -194,14 +200,22 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                          "%s: no image has a pose; find the poses again, or give another scene",
                          where));
     for (int i = 0; i < base_count && !*folder; i++)
-        CLN_TRY(folder_of_views(bases[i], result, false, folder));
+        CLN_TRY(folder_of_views(bases[i], bases[0], result, false, folder));
     for (int i = 0; i < base_count && !*folder; i++)
-        CLN_TRY(folder_of_views(bases[i], result, true, folder));
+        CLN_TRY(folder_of_views(bases[i], bases[0], result, true, folder));
     if (!*folder) {
-        CLN_TRY(place_views(scene, scene, result));
+        CLN_TRY(place_views(scene, scene, bases[0], result));
         if (result->moved_count)
             CLN_TRY(cln_strdup(folder, scene));
     }
+    if (!*folder)
+        CLN_TRY(cln_moved_apart(&around, result->views[0].name, &apart));
+    if (apart)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: none of its %d images is there, for example '%s'; photos of the same "
+                         "names in %s have their own poses, and may have another lens: its folder "
+                         "'%s' is a scene: give that one",
+                         where, result->view_count, result->views[0].name, scene, apart));
     if (!*folder)
         CLN_TRY(cln_dataset_unread(top, result->views[0].name, &others, &unread));
     if (unread)
@@ -224,7 +238,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                          "folders in it; put them into its folder images",
                          where, result->view_count, result->views[0].name, top));
     if (!result->moved_count)
-        CLN_TRY(place_views(*folder, scene, result));
+        CLN_TRY(place_views(*folder, scene, bases[0], result));
     CLN_TRY(cln_dataset_find_masks(scene, *folder, result));
     for (int i = 0; i < base_count; i++)
         if (!strcmp(*folder, bases[i]))
@@ -235,6 +249,8 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         CLN_TRY(warn_unposed(*folder, result, &there));
 done:
     cln_dataset_free_names(&there);
+    cln_moved_free(&around);
     free(unread);
+    free(apart);
     return st;
 }

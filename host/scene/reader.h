@@ -80,4 +80,7 @@ extern const cln_reader cln_reader_opensfm;    /* reader_opensfm.c */
  * instead, what each reader wants and misses, and what to do. */
 cln_status cln_reader_pick(const char *path, int format, const cln_reader **out, char **others);
 
+/* Is it a scene by the looks of any format? */
+bool cln_reader_detects(const char *path);
+
 #endif
