@@ -65,8 +65,7 @@ void cln_moved_free(cln_moved *moved)
     moved->listed = false;
 }
 
-/* Length of the first folder on the way to a file that is another scene; 0 if there is none. */
-static cln_status find_scene(const cln_moved *moved, const char *file, size_t *length)
+cln_status cln_moved_scene(const cln_moved *moved, const char *file, size_t *length)
 {
     cln_status st = CLN_OK;
     char *path = NULL;
@@ -112,7 +111,7 @@ static cln_status take_apart(cln_moved *moved)
         char *file = all->name[i];
 
         if (!before || !in_one_folder(before, file))
-            CLN_TRY(find_scene(moved, file, &scene));
+            CLN_TRY(cln_moved_scene(moved, file, &scene));
         before = file;
         if (scene)
             apart->name[apart->count++] = file;
@@ -446,7 +445,7 @@ cln_status cln_moved_apart(cln_moved *moved, const char *name, char **out)
     CLN_TRY(list(moved));
     i = first_like(&moved->apart, base);
     if (i < moved->apart.count && compare_stems(base_of(moved->apart.name[i]), base) == 0) {
-        CLN_TRY(find_scene(moved, moved->apart.name[i], &length));
+        CLN_TRY(cln_moved_scene(moved, moved->apart.name[i], &length));
         CLN_TRY(cln_asprintf(out, "%.*s", (int)length, moved->apart.name[i]));
     }
 done:

@@ -53,6 +53,10 @@ cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result);
  * the folder; *out is NULL if there is none. */
 cln_status cln_moved_file(const char *folder, const char *path, char **out);
 
+/* Length of the first folder on the way from `folder` to a file in it that is another scene; 0 if
+ * none is. */
+cln_status cln_moved_scene(const cln_moved *moved, const char *file, size_t *length);
+
 /* The folder in `folder` that is another scene, and has a file of this name; *out is NULL if there
  * is none. The caller frees it. */
 cln_status cln_moved_apart(cln_moved *moved, const char *name, char **out);

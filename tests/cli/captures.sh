@@ -881,6 +881,9 @@ section_masks() {
     expect "a photo without one" 0 "~13.of.14.photos.have.a.mask" "$cln" info "$at"
     rm "$at"/images/*_mask.png
     cp "$work/masks named"/masks/*.png "$at/masks"
+    expect "by the photos' own names" 0 "" "$cln" info "$at" --json
+    check "are counted, too" grep -q 'because.*images, 14 of them with a mask' "$work/out"
+    for file in "$at"/masks/*.png; do mv "$file" "$at/masks/x${file##*/}"; done
     expect "other names are told" 0 "~no.mask.is.read" "$cln" info "$at"
     rm "$at"/masks/*
     "$make_scene" "$work/masks less" --format nerfstudio --masks --size 16 --train 6 >/dev/null
