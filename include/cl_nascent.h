@@ -552,6 +552,8 @@ typedef struct cln_poses_desc {
     const char *out;    /* the scene's folder; made if it is not there */
     const char *match;  /* "auto", "all" pairs, or each with the "next" ones; NULL = "auto" */
     int frames;         /* of a video, none twice; 0 = 150 */
+    const char *lens;   /* COLMAP's name of the cameras' model, in any case; NULL = "auto":
+                           SIMPLE_RADIAL, of 30 photos and more of a camera OPENCV */
     cln_callbacks callbacks;
 } cln_poses_desc;
 

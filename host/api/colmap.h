@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include "cl_nascent.h"
 #include "scene/dataset.h"
+#include "scene/lens.h"
 #include "scene/scene.h"
 
 enum { CLN_POSES_LEAST = 3 }; /* photos that poses can be found of */
@@ -24,9 +25,10 @@ cln_colmap_room cln_colmap_fit(double memory, int processors, int longest, doubl
 typedef struct cln_colmap {
     /* The caller's, for all steps. */
     const cln_poses_desc *desc;
-    cln_names photos;        /* in `images`, by name */
-    char *images, *database; /* their folder; the features and matches */
-    char *sparse;            /* the folder of the models, until one is chosen */
+    const cln_colmap_model *lens; /* of the cameras; NULL: by the number of photos */
+    cln_names photos;             /* in `images`, by name */
+    char *images, *database;      /* their folder; the features and matches */
+    char *sparse;                 /* the folder of the models, until one is chosen */
     char *log_path;
     FILE *log;
     /* Found out. */
@@ -35,12 +37,14 @@ typedef struct cln_colmap {
                                    it has no such option */
     cln_colmap_room room;
     bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
+    bool guesses;              /* it takes a focal length to begin with, without EXIF data */
     int focal_lengths;         /* photos with one by EXIF data, in pixels between these: */
     double focal_least, focal_most;
     /* Of the running command. */
     const char *stage; /* on the progress line */
     int done, before;  /* photos of this run; of runs before it */
     bool full;         /* it found no room on the disk */
+    bool strange;      /* it has no such camera model */
     int together;      /* most photos that a model had */
     int from_here;     /* photos of the model that grows now */
     bool anew;         /* it is said that another model was begun */

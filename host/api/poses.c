@@ -7,7 +7,8 @@
  *   SCENE/colmap.db     COLMAP's features and matches
  *   SCENE/colmap.log    every command with its output
  *
- * Photos of one size and, by EXIF data, focal length are one camera's (photo_cameras.c). This file
+ * Photos of one size and, by EXIF data, focal length are one camera's (photo_cameras.c), all with
+ * one model of lens. This file
  * checks and makes the folder; colmap.c runs the program.
  *
  * Photos are matched all with all, or each with the next ones where there are many and their
@@ -20,6 +21,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -360,6 +362,31 @@ static cln_status check_match(const char *match)
     return cln_fail(CLN_USAGE, "cln_find_poses: match is '%s'; give auto, all or next", match);
 }
 
+/* One of the models that readers know. */
+static cln_status find_lens(const char *name, const cln_colmap_model **out)
+{
+    cln_status st = CLN_OK;
+    char *names = NULL, *longer = NULL;
+
+    *out = NULL;
+    if (!name || !strcasecmp(name, "auto"))
+        return CLN_OK;
+    *out = cln_colmap_find(name);
+    if (*out)
+        return CLN_OK;
+    CLN_TRY(cln_strdup(&names, "auto"));
+    for (int i = 0; i < CLN_COLMAP_MODELS; i++) {
+        CLN_TRY(cln_asprintf(&longer, "%s, %s", names, cln_colmap_models[i].name));
+        free(names);
+        names = longer;
+    }
+    CLN_TRY(cln_fail(CLN_USAGE, "--lens %s: not the name of a camera model; give one of %s", name,
+                     names));
+done:
+    free(names);
+    return st;
+}
+
 cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
 {
     cln_status st = CLN_OK;
@@ -371,6 +398,7 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(cln_given("cln_find_poses", "photos", desc->photos));
     CLN_TRY(cln_given("cln_find_poses", "out", desc->out));
     CLN_TRY(check_match(desc->match));
+    CLN_TRY(find_lens(desc->lens, &w.colmap.lens));
     CLN_TRY(cln_given_number("cln_find_poses", "frames", desc->frames, 0, INT_MAX));
     CLN_TRY(check_folder(&w));
     cln_colmap_ask(&w.colmap);

@@ -14,6 +14,7 @@ cln_status cln_cmd_poses(const cln_options *options)
     cln_poses_desc desc = {.photos = options->operand,
                            .out = options->output,
                            .match = options->match,
+                           .lens = options->lens,
                            .frames = options->frames};
     char quoted[CLN_QUOTED_BYTES];
 

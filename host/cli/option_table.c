@@ -134,6 +134,10 @@ const cln_arg cln_args[] = {
     WORD(CLN_POSES, "match", match, "auto|all|next",
          "which photos to compare: all with all, or each with the next ones; auto: next for more "
          "than 120 frames of a video or numbered photos", .standard = "auto"),
+    TEXT(CLN_POSES, "lens", lens, "MODEL",
+         "the photos' lens by COLMAP's name of the model: OPENCV_FISHEYE or SIMPLE_RADIAL_FISHEYE "
+         "of a fisheye, PINHOLE of undistorted photos; auto: SIMPLE_RADIAL, of 30 photos and more "
+         "of a camera OPENCV", .standard = "auto"),
     INT(CLN_POSES, "frames", frames, "N", 3, 10000,
         "frames to take from a video; all, if it has fewer", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE | CLN_INFO, "preset", preset, CLN_PRESETS,

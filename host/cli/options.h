@@ -18,7 +18,7 @@ typedef struct cln_options {
 
     const char *output, *settings_of, *resume, *scene, *like, *preset, *split, *progress, *color;
     const char *help_preset; /* help: whose values; NULL = an option's in several presets */
-    const char *dump_program, *match, *views;
+    const char *dump_program, *match, *lens, *views;
     const char *box_colour;                /* export --octree: "level" or "error" */
     const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;

@@ -101,6 +101,15 @@ static cmsHPROFILE of_chunks(const cln_colour_mark *mark)
     return profile;
 }
 
+/* Adobe RGB (1998): its annex has white, primaries and exponent. */
+static cmsHPROFILE of_adobe(void)
+{
+    const cln_colour_mark adobe = {.gamma = 256.0 / 563,
+                                   .chroma = {0.3127, 0.329, 0.64, 0.33, 0.21, 0.71, 0.15, 0.06}};
+
+    return of_chunks(&adobe);
+}
+
 /* *profile NULL: nothing is said, or nothing that can be used (*unknown). */
 static cln_status open_profile(const cln_colour_mark *mark, cmsHPROFILE *profile, bool *unknown)
 {
@@ -121,6 +130,9 @@ static cln_status open_profile(const cln_colour_mark *mark, cmsHPROFILE *profile
         }
     } else if (says_chunks(mark)) {
         *profile = of_chunks(mark);
+        *unknown = !*profile;
+    } else if (mark->adobe) {
+        *profile = of_adobe();
         *unknown = !*profile;
     }
 done:
@@ -175,6 +187,7 @@ static uint64_t digest_of(const cln_colour_mark *mark)
             d = cln_digest(d, mark->part[i].at, mark->part[i].bytes);
     d = cln_digest(d, &mark->parts, sizeof mark->parts);
     d = cln_digest(d, &mark->srgb, sizeof mark->srgb);
+    d = cln_digest(d, &mark->adobe, sizeof mark->adobe);
     d = cln_digest(d, &mark->gamma, sizeof mark->gamma);
     return cln_digest(d, mark->chroma, sizeof mark->chroma);
 }
@@ -195,7 +208,8 @@ static cln_colour_kind find_kind(const cln_colour_mark *mark, char name[CLN_COLO
     if (mark->parts > 0)
         cmsGetProfileInfoASCII(profile, cmsInfoDescription, "en", "US", name, CLN_COLOUR_NAME);
     else
-        snprintf(name, CLN_COLOUR_NAME, "a PNG's gamma and primaries");
+        snprintf(name, CLN_COLOUR_NAME, "%s",
+                 mark->adobe ? "Adobe RGB by EXIF data" : "a PNG's gamma and primaries");
     name[CLN_COLOUR_NAME - 1] = 0;
     for (char *c = name; *c; c++)
         if (*c < ' ' || *c > '~')
@@ -219,7 +233,7 @@ cln_colour_kind cln_colour_of(const cln_colour_mark *mark, char name[CLN_COLOUR_
     uint64_t digest = 0;
 
     name[0] = 0;
-    if (mark->parts == 0 && !says_chunks(mark))
+    if (mark->parts == 0 && !says_chunks(mark) && !mark->adobe)
         return CLN_COLOUR_SRGB;
     digest = digest_of(mark);
     if (!last.known || last.digest != digest) {
@@ -279,7 +293,7 @@ const char *cln_colour_unknown_reason(void)
 cln_colour_kind cln_colour_of(const cln_colour_mark *mark, char name[CLN_COLOUR_NAME])
 {
     name[0] = 0;
-    return mark->parts > 0 ? CLN_COLOUR_UNKNOWN : CLN_COLOUR_SRGB;
+    return mark->parts > 0 || mark->adobe ? CLN_COLOUR_UNKNOWN : CLN_COLOUR_SRGB;
 }
 
 cln_status cln_colour_convert(const cln_colour_mark *mark, size_t count, int channels, bool deep,

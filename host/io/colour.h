@@ -1,4 +1,5 @@
-/* What an image file says of its colours - an ICC profile, a PNG's gAMA and cHRM chunks - and its
+/* What an image file says of its colours - an ICC profile, a PNG's gAMA and cHRM chunks, a JPEG's
+ * EXIF data that have Adobe RGB - and its
  * pixels brought to sRGB, which all pictures here are in, by Little CMS. Finding these in a file is
  * image.c's. */
 #ifndef CLN_COLOUR_H
@@ -21,6 +22,7 @@ typedef struct cln_colour_mark {
     int parts;                /* how many there should be */
     bool deflated;            /* part[1] is zlib's */
     bool srgb;                /* PNG's sRGB chunk: gamma and chroma do not count */
+    bool adobe;               /* JPEG: Adobe RGB by EXIF data; a profile goes first */
     double gamma;             /* PNG: the exponent that encoded values; 0: not told */
     double chroma[8];         /* PNG: x, y of white, red, green, blue; 0: not told */
 } cln_colour_mark;

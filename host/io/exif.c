@@ -1,15 +1,16 @@
 /* EXIF is a TIFF file in a JPEG's APP1 segment, or in a PNG's eXIf chunk: a header with the byte
  * order and the place of the first directory, whose entries of 12 bytes are tag, type, count and
- * value. One of them has the place of a second directory, of how the picture was taken. See
- * exif.h. */
+ * value. One of them has the place of a second directory, of how the picture was taken, and that one
+ * the place of a third, of how files are exchanged. See exif.h. */
 #include "io/exif.h"
 
 #include <stdbool.h>
 #include <string.h>
 
 enum { HEADER = 8, ENTRY = 12 };
-enum { SHORT = 3, LONG = 4, RATIONAL = 5 };
+enum { ASCII = 2, SHORT = 3, LONG = 4, RATIONAL = 5 };
 enum { ORIENTATION = 0x112, TAKEN = 0x8769, FOCAL_LENGTH = 0x920A, FOCAL_LENGTH_FILM = 0xA405 };
+enum { COLOUR_SPACE = 0xA001, UNCALIBRATED = 0xFFFF, EXCHANGED = 0xA005, RULE = 1 };
 
 typedef struct tiff {
     const uint8_t *data;
@@ -26,9 +27,9 @@ static uint32_t number(const tiff *t, size_t at, int bytes)
     return value;
 }
 
-/* The value of the first entry of a directory with this tag, if it is one number of this type: of a
- * rational, its place. */
-static bool find(const tiff *t, size_t at, uint32_t tag, uint32_t type, uint32_t *value)
+/* The first entry of a directory with this tag, if it has so many values of this type. */
+static bool find_entry(const tiff *t, size_t at, uint32_t tag, uint32_t type, uint32_t count,
+                       size_t *entry)
 {
     size_t entries = 0;
 
@@ -38,10 +39,34 @@ static bool find(const tiff *t, size_t at, uint32_t tag, uint32_t type, uint32_t
     at += 2;
     for (size_t i = 0; i < entries && t->bytes - at >= ENTRY; i++, at += ENTRY)
         if (number(t, at, 2) == tag) {
-            *value = number(t, at + 8, type == SHORT ? 2 : 4);
-            return number(t, at + 2, 2) == type && number(t, at + 4, 4) == 1;
+            *entry = at;
+            return number(t, at + 2, 2) == type && number(t, at + 4, 4) == count;
         }
     return false;
+}
+
+/* The value of such an entry, if it is one number: of a rational, its place. */
+static bool find(const tiff *t, size_t at, uint32_t tag, uint32_t type, uint32_t *value)
+{
+    size_t entry = 0;
+
+    if (!find_entry(t, at, tag, type, 1, &entry))
+        return false;
+    *value = number(t, entry + 8, type == SHORT ? 2 : 4);
+    return true;
+}
+
+/* DCF 2.0 (JEITA CP-3461B) has cameras tell Adobe RGB so: a colour space that EXIF does not know,
+ * by the rule "R03" of how files are exchanged. */
+static bool is_adobe(const tiff *t, size_t directory)
+{
+    uint32_t space = 0, exchanged = 0;
+    size_t entry = 0;
+
+    return find(t, directory, COLOUR_SPACE, SHORT, &space) && space == UNCALIBRATED &&
+           find(t, directory, EXCHANGED, LONG, &exchanged) &&
+           find_entry(t, exchanged, RULE, ASCII, 4, &entry) &&
+           memcmp(t->data + entry + 8, "R03", 4) == 0;
 }
 
 static void read_focal(const tiff *t, size_t directory, cln_exif *out)
@@ -75,7 +100,9 @@ cln_exif cln_exif_read_tiff(const uint8_t *data, size_t bytes)
     first = number(&t, 4, 4);
     if (find(&t, first, ORIENTATION, SHORT, &value) && value >= 1 && value <= 8)
         out.orientation = (int)value;
-    if (find(&t, first, TAKEN, LONG, &value))
+    if (find(&t, first, TAKEN, LONG, &value)) {
         read_focal(&t, value, &out);
+        out.adobe = is_adobe(&t, value);
+    }
     return out;
 }

@@ -1,16 +1,19 @@
-/* What EXIF data say of an image's orientation and focal length. */
+/* What EXIF data say of an image's orientation, focal length and colours. */
 #ifndef CLN_EXIF_H
 #define CLN_EXIF_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 /* orientation: 1 to 8, how viewers turn the stored picture (3: by half a turn; 6 and 8: by a
  * quarter turn, clockwise and back; 2, 4, 5, 7 also mirror it); 1 if it is not told. focal: the
- * lens's own, mm; focal_film: that of the same view on 35 mm film; each 0 if it is not told. */
+ * lens's own, mm; focal_film: that of the same view on 35 mm film; each 0 if it is not told. adobe:
+ * colours are Adobe RGB's, unless a profile in the file says something else. */
 typedef struct cln_exif {
     int orientation;
     double focal, focal_film;
+    bool adobe;
 } cln_exif;
 
 /* Of the contents of an APP1 segment. What they do not say, or is damaged, is 1 and zeros. */

@@ -99,6 +99,7 @@ static void add_exif(header *head, cln_exif found)
         head->exif.focal = found.focal;
     if (head->exif.focal_film == 0)
         head->exif.focal_film = found.focal_film;
+    head->colour.adobe = !head->png && (head->colour.adobe || found.adobe); /* DCF has no PNG */
 }
 
 static uint32_t big_endian(const uint8_t *p, int bytes)

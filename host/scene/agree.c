@@ -20,6 +20,7 @@ enum { ASKED = 96, NEIGHBOURS = 3, TRIED = 12000, STRAYS = 8 };
  * have a dozen wrong ones); agreeing ties that make partners. */
 enum {
     FEWEST = 100,
+    FEWEST_TO_READ = 24, /* that tell other axes from given ones, where nearly all agree */
     FEWEST_OF_VIEW = 8,
     FEWEST_OF_BAD = 16,
     PARTNERS_SHARE = 6,
@@ -345,6 +346,8 @@ static void try_readings(work *w)
     for (int i = 0; i < CLN_READINGS; i++) {
         const double share = share_of_reading(w, &cln_readings[i], 1, 1);
 
+        if (i == 0)
+            out->given_share = share;
         if (i == 0 || share > out->reading_share) {
             out->reading = i;
             out->reading_share = share;
@@ -681,7 +684,7 @@ static cln_status find_exposures(work *w)
         const cln_tie *t = &out->ties[i];
         const bool last = i + 1 == out->tie_count || t[1].a != t->a || t[1].b != t->b;
 
-        if (t->agrees)
+        if (t->agrees && !isnan(t->value_a) && !isnan(t->value_b))
             ratios[count++] = 2.2 * log2(((double)t->value_a + .01) / ((double)t->value_b + .01));
         if (last && count >= FEWEST_RATIOS) {
             cln_reals_sort(ratios, count);
@@ -757,9 +760,9 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     CLN_TRY(find_reach(&w));
     CLN_TRY(find_ties(&w));
     leave_cut_out(&w);
-    if (out->tie_count >= FEWEST)
+    if (out->tie_count >= FEWEST_TO_READ)
         try_readings(&w);
-    if (leave_still_out(&w) && out->tie_count >= FEWEST)
+    if (leave_still_out(&w) && out->tie_count >= FEWEST_TO_READ)
         try_readings(&w);
     count_agreeing(&w);
     CLN_TRY(find_bad(&w));

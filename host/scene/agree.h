@@ -44,10 +44,10 @@ typedef struct cln_agreement {
     int tie_count;
     cln_tie *ties;
     int looked_at, pairs;
-    int agreeing; /* ties */
-    double share; /* of the ties that agree; NaN if there are too few ties */
-    int reading;  /* the one that most ties agree with */
-    double reading_share;
+    int agreeing;                      /* ties */
+    double share;                      /* of the ties that agree; NaN if there are too few ties */
+    int reading;                       /* the one that most ties agree with */
+    double reading_share, given_share; /* of that one, and of the given one; from a few ties on */
     double focal;        /* the factor on all focal lengths that most ties agree with */
     double focal_share;  /* share of ties that agree with it, within a quarter of the tolerance */
     double focal_exact;  /* that share over the one of ties that agree with it at all */

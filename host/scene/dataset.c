@@ -195,7 +195,10 @@ cln_status cln_dataset_unread(const char *folder, const char *name, int *count, 
     for (int i = 0; i < names.count && !*first; i++) {
         const char *last = strrchr(names.name[i], '/'), *file = last ? last + 1 : names.name[i];
 
-        if (!base || (strrchr(file, '.') == file + stem && !strncasecmp(file, base, stem)))
+        const size_t length = (size_t)(strrchr(file, '.') - file);
+
+        if (!base || ((length == stem || length == strlen(base)) && /* x.tif, x.jpg.tif of x.jpg */
+                      !strncasecmp(file, base, length)))
             CLN_TRY(cln_strdup(first, names.name[i]));
     }
 done:

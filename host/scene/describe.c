@@ -61,35 +61,42 @@ static bool is_nearly_like(const cln_camera *a, const cln_camera *b)
     return cln_camera_is_like(a, &rest);
 }
 
-/* Runs of views whose intrinsics agree to within NEARLY, in pixels of the images as they are
- * trained on, each with those of its first view. If every view has its own, this is as long as the
- * list of views. */
+/* Views whose intrinsics agree to within NEARLY, in pixels of the images as they are trained on,
+ * each row with those of its first view: cameras of a rig take turns, and come again among the test
+ * views. Behind ROWS of them, views are compared with the newest row alone; if every view has its
+ * own, this is as long as the list of views. */
 static json_t *describe_intrinsics(const cln_scene *scene)
 {
+    enum { ROWS = 256 };
     json_t *list = json_array();
-    const cln_camera *before = NULL; /* of the newest row */
+    const cln_camera *first[ROWS + 1]; /* of each row; the last: of the newest */
+    int rows = 0;
 
     for (int i = 0; i < scene->view_count; i++) {
         const cln_camera *c = &scene->views[i].camera;
         const cln_lens_model *lens = &cln_lens_models[c->lens];
-        json_t *last = json_array_get(list, json_array_size(list) - 1), *params = NULL;
+        json_t *params = NULL, *row = NULL;
+        int k = 0;
 
-        if (before && is_nearly_like(before, c)) {
+        while (k < rows && !is_nearly_like(first[k], c))
+            k++;
+        if (k < rows) {
+            row = json_array_get(list, k < ROWS ? (size_t)k : json_array_size(list) - 1);
             json_object_set_new(
-                last, "views",
-                json_integer(json_integer_value(json_object_get(last, "views")) + 1));
+                row, "views", json_integer(json_integer_value(json_object_get(row, "views")) + 1));
             continue;
         }
         params = json_object();
-        for (int k = 0; k < lens->count && cln_camera_lenses(c); k++)
-            json_object_set_new(params, lens->params[k], cln_json_real(c->distortion[k]));
+        for (int n = 0; n < lens->count && cln_camera_lenses(c); n++)
+            json_object_set_new(params, lens->params[n], cln_json_real(c->distortion[n]));
         json_array_append_new(
             list,
             json_pack("{s:i, s:i, s:i, s:o, s:o, s:o, s:o, s:s, s:o}", "views", 1, "width",
                       c->width, "height", c->height, "fx", cln_json_real(c->fx), "fy",
                       cln_json_real(c->fy), "cx", cln_json_real(c->cx), "cy", cln_json_real(c->cy),
                       "lens", cln_camera_lenses(c) ? lens->name : "PINHOLE", "params", params));
-        before = c;
+        rows = rows < ROWS ? rows + 1 : ROWS + 1;
+        first[rows - 1] = c;
     }
     return list;
 }

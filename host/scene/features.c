@@ -14,6 +14,7 @@ enum { OCTAVES = 4, STEPS = 3, BLURRED = STEPS + 3, SMALLEST = 16, BORDER = 5 };
 enum { BINS = 36, CELLS = 4, WAYS = 8 };
 static const double SIGMA = 1.6, CAMERA_SIGMA = 0.5;
 static const float CONTRAST = 0.008f, EDGE = 10; /* least difference; ratio of its curvatures */
+static const double MOSTLY = 0.2; /* share of what is around a feature that tells its grey */
 static const double TWO_PI = 6.283185307179586;
 
 typedef struct plane {
@@ -28,7 +29,7 @@ typedef struct octave {
 
 typedef struct found {
     cln_feature feature;
-    float strength;
+    float strength, sigma; /* the latter in pixels of the view */
 } found;
 
 static float get(const plane *p, int x, int y)
@@ -313,6 +314,14 @@ static void keep_strongest(found *list, int *count, const found *one)
     }
 }
 
+static bool is_kept(const cln_view *view, int x, int y)
+{
+    uint8_t bytes[4];
+
+    cln_view_bytes(view, x, y, bytes);
+    return cln_view_keeps(view, x, y) && (view->channels < 4 || bytes[3] >= 128);
+}
+
 /* Is any of it cut away, within `reach` pixels of a place? */
 static bool is_cut(const cln_view *view, const cln_feature *f, double reach)
 {
@@ -321,13 +330,39 @@ static bool is_cut(const cln_view *view, const cln_feature *f, double reach)
         const double dv = k == 2 ? -reach : k == 3 ? reach : 0;
         const int x = within((int)floor((double)f->u + du), view->camera.width);
         const int y = within((int)floor((double)f->v + dv), view->camera.height);
-        uint8_t bytes[4];
 
-        cln_view_bytes(view, x, y, bytes);
-        if (!cln_view_keeps(view, x, y) || (view->channels == 4 && bytes[3] < 128))
+        if (!is_kept(view, x, y))
             return true;
     }
     return false;
+}
+
+/* The mean grey around a feature of what is kept: the blurred copies have the backdrop, or the
+ * black below transparent pixels, in them, of which each photo has another share beside the same
+ * mark. Pixels with such neighbours do not count, as their colours are mixed; NAN if few are
+ * left. */
+static float kept_value(const cln_view *view, const found *f)
+{
+    enum { SIDE = 15 };
+    const double reach = 2 * (double)f->sigma, beside = fmax(1.5, 0.5 * (double)f->sigma);
+    double sum = 0, weights = 0, all = 0;
+
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        const double du = reach * (2.0 * (i % SIDE) / (SIDE - 1) - 1);
+        const double dv = reach * (2.0 * (i / SIDE) / (SIDE - 1) - 1);
+        const cln_feature at = {.u = f->feature.u + (float)du, .v = f->feature.v + (float)dv};
+        const int x = (int)floorf(at.u), y = (int)floorf(at.v);
+        const double weight = exp(-2 * (du * du + dv * dv) / (reach * reach));
+
+        if (x < 0 || y < 0 || x >= view->camera.width || y >= view->camera.height)
+            continue;
+        all += weight;
+        if (is_cut(view, &at, beside))
+            continue;
+        sum += weight * (double)grey(view, x, y);
+        weights += weight;
+    }
+    return weights > MOSTLY * all ? (float)(sum / weights) : NAN;
 }
 
 /* lists, counts: of what is kept, and of what is cut away. */
@@ -356,7 +391,8 @@ static void search(const cln_view *view, const octave *o, double pixel, found *c
                 one.feature.u = (float)((fx * o->pixel + .5) * pixel);
                 one.feature.v = (float)((fy * o->pixel + .5) * pixel);
                 one.feature.value = get(&o->blurred[s], x, y);
-                cut = is_cut(view, &one.feature, sigma * o->pixel * pixel);
+                one.sigma = (float)(sigma * o->pixel * pixel);
+                cut = is_cut(view, &one.feature, (double)one.sigma);
                 describe(&o->blurred[s], fx, fy, sigma,
                          main_direction(&o->blurred[s], fx, fy, sigma), one.feature.about);
                 keep_strongest(lists[cut], &counts[cut], &one);
@@ -396,8 +432,11 @@ cln_status cln_features_find(const cln_view *view, cln_features *out)
     }
     CLN_TRY(cln_alloc(&out->list, (size_t)(counts[0] + counts[1]), sizeof *out->list, "features"));
     for (int k = 0; k < 2; k++)
-        for (int i = 0; i < counts[k]; i++)
+        for (int i = 0; i < counts[k]; i++) {
             out->list[k * counts[0] + i] = lists[k][i].feature;
+            if (k == 0 && (view->channels == 4 || view->masked))
+                out->list[i].value = kept_value(view, &lists[k][i]);
+        }
     out->count = counts[0];
     out->cut = counts[1];
 done:

@@ -12,7 +12,8 @@ enum { CLN_FEATURE_BYTES = 128, CLN_FEATURES_MOST = 600 };
 
 typedef struct cln_feature {
     float u, v;  /* pixel position in the view */
-    float value; /* mean grey around it, 0..1, straight colours */
+    float value; /* mean grey around it, 0..1, straight colours, of what is kept; NAN: beside what
+                    is cut away */
     uint8_t about[CLN_FEATURE_BYTES];
 } cln_feature;
 

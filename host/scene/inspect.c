@@ -18,11 +18,15 @@
 #include "scene/build.h"
 #include "scene/photos.h"
 
-static const double SOUND = 0.5;       /* share of agreeing ties above which poses are right */
-static const double UNSOUND = 0.3;     /* share below which they are wrong */
-static const double UNSURE = 0.7;      /* share below which poses are wrong if ties are inexact: */
-static const double EXACT = 0.45;      /* share of agreeing ties that agree within a quarter; 1/4
+static const double SOUND = 0.5;      /* share of agreeing ties above which poses are right */
+static const double UNSOUND = 0.3;    /* share below which they are wrong */
+static const double UNSURE = 0.7;     /* share below which poses are wrong if ties are inexact: */
+static const double EXACT = 0.45;     /* share of agreeing ties that agree within a quarter; 1/4
                                           if they do by chance or nearly, as beside the true pose */
+static const double FAR_EXACT = 0.55; /* likewise, from which on poses are right, although of
+                                          photos far apart most ties are false; below */
+static const double FAR_UNCLEAR = 0.38, FAR_CHANCE = 0.06; /* it nothing is known; share that
+                                                              agrees by chance */
 static const double READING = 0.6;     /* the given reading's share over another's */
 static const double FOCAL_GAIN = 1.15; /* share with other focal lengths over the given ones' */
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
@@ -32,10 +36,16 @@ static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 static const double COPY = 0.004, FLAT = 0.02;
 static const double COPY_PIXELS = 0.02;                    /* 34 dB; JPEGs of JPEGs have 39 */
-static const double EXPOSURE_RANGE = 0.6;                  /* factors of 2 */
+static const double EXPOSURE_RANGE = 0.6;                  /* factors of 2; of an object cut */
+static const double EXPOSURE_RANGE_CUT = 0.8;              /* out: light from one side does much */
 static const double EXPOSURE_TREND = 2;                    /* a jump over those around it */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
+enum {
+    FAR_TIES = 20,
+    FAR_AGREEING = 12
+}; /* ties of a pair, of photos far apart; agreeing ones that
+                                              tell how exactly they do */
 enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
 
 typedef struct inspection {
@@ -69,11 +79,15 @@ void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json
                                               "text", text));
 }
 
-static void take_back(json_t *findings, const char *what)
+/* Was there such a finding? */
+static bool take_back(json_t *findings, const char *what)
 {
-    for (size_t i = json_array_size(findings); i-- > 0;)
+    const size_t count = json_array_size(findings);
+
+    for (size_t i = count; i-- > 0;)
         if (!strcmp(json_string_value(json_object_get(json_array_get(findings, i), "what")), what))
             json_array_remove(findings, i);
+    return json_array_size(findings) < count;
 }
 
 static void measure(const inspection *in, const char *name, double value)
@@ -130,11 +144,47 @@ static double median(double *values, int count)
 
 /* ---- poses and photos ---- */
 
+/* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
+ * and share little, those around something would show the same from behind. */
+static void soften_axes(inspection *in)
+{
+    const cln_agreement *a = &in->agreement;
+
+    if (in->scene->before_share <= 0.5 ||
+        (a->reading > 0 && a->reading_share > SOUND &&
+         a->given_share < READING * a->reading_share) ||
+        !take_back(in->findings, "axes"))
+        return;
+    cln_found_fault(in->findings, "axes", false, NULL,
+                    "the cameras look apart: for %.0f%% of the pairs of cameras, the point that "
+                    "both axes pass lies behind both. Of photos taken outwards from one place, as "
+                    "by a rig, that is right; of photos around something, the axes of the poses "
+                    "are wrong. The photos show too little in common to tell which",
+                    100 * in->scene->apart_share);
+}
+
+typedef enum { WRONG, UNCLEAR, RIGHT } verdict;
+
+/* Of poses that few ties agree with. Where photos stand so far apart that one shows little of what
+ * another does, most ties are false, and agree by chance alone; but true ones agree exactly, if the
+ * poses are right. */
+static verdict judge_few(const cln_agreement *a, double exact)
+{
+    const bool apart = a->tie_count < FAR_TIES * a->pairs;
+
+    if (a->reading > 0)
+        return WRONG;
+    if (a->agreeing < FAR_AGREEING)
+        return apart && a->share > FAR_CHANCE ? UNCLEAR : WRONG;
+    return exact > FAR_EXACT ? RIGHT : apart && exact > FAR_UNCLEAR ? UNCLEAR : WRONG;
+}
+
 static void check_agreement(inspection *in)
 {
     const cln_agreement *a = &in->agreement;
     const cln_reading *reading = &cln_readings[a->reading];
     const double exact = a->strict_share / a->reading_share;
+    const verdict few = a->share < UNSOUND ? judge_few(a, exact) : RIGHT;
 
     measure(in, "compared_views", a->looked_at);
     measure(in, "compared_pairs", a->pairs);
@@ -149,7 +199,9 @@ static void check_agreement(inspection *in)
                         "while the object turns before a camera. It would be learnt as fog around "
                         "the object: mask all but the object (--masks), or cut it out as alpha",
                         100 * a->still_share);
-    in->posed = !(a->share < UNSOUND || (a->share < UNSURE && exact < EXACT));
+    in->posed = few == RIGHT && !(a->share < UNSURE && exact < EXACT);
+    if (isnan(a->share))
+        soften_axes(in);
     if (isnan(a->share) && a->pairs == 0) {
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "no two photos stand apart, so that none can be compared with their poses: "
@@ -188,7 +240,18 @@ static void check_agreement(inspection *in)
             a->focal, 100 * a->focal_share, 100 * a->strict_share);
         return;
     }
-    if (a->share < UNSOUND)
+    if (a->share < UNSOUND && few != WRONG)
+        cln_found_fault(
+            in->findings, "overlap", false, NULL,
+            "the photos stand so far apart that one shows little of what another does: "
+            "only %.0f%% of %d marks that look alike in two photos lie where both poses "
+            "put them%s. Photos at most 20 degrees apart tell more, and are learnt "
+            "better",
+            100 * a->share, a->tie_count,
+            few == RIGHT ? ", but these exactly, so the poses are right as far as "
+                           "can be told"
+                         : ", and whether the poses are right cannot be told");
+    else if (a->share < UNSOUND)
         cln_found_fault(in->findings, "poses", true, NULL,
                         "the photos do not fit their poses: only %.0f%% of what two photos show "
                         "lies where both poses put it. Likely names and poses are in different "
@@ -606,7 +669,7 @@ static void check_exposure(inspection *in)
                         "%s; take photos with fixed exposure, or leave these out%s",
                         most, name_some(views, names, sizeof names),
                         in->scene->has_alpha ? "" : ", or train with --exposure");
-    else if (high - low > EXPOSURE_RANGE)
+    else if (high - low > (in->scene->has_alpha ? EXPOSURE_RANGE_CUT : EXPOSURE_RANGE))
         cln_found_fault(in->findings, "exposure", false, NULL,
                         "exposure changes over the set, by %.2g stops in all: the model will "
                         "average it; fixed exposure and white balance are better%s",

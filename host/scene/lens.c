@@ -240,6 +240,14 @@ const cln_colmap_model cln_colmap_models[CLN_COLMAP_MODELS] = {
     {"EQUIRECTANGULAR", CLN_LENS_EQUIRECTANGULAR, 0, 2},
 };
 
+const cln_colmap_model *cln_colmap_find(const char *name)
+{
+    for (int i = 0; i < CLN_COLMAP_MODELS; i++)
+        if (!strcasecmp(name, cln_colmap_models[i].name))
+            return &cln_colmap_models[i];
+    return NULL;
+}
+
 void cln_colmap_split(const cln_colmap_model *model, const double *values, double pixels[4],
                       double params[CLN_LENS_PARAMS])
 {
@@ -261,9 +269,10 @@ void cln_colmap_split(const cln_colmap_model *model, const double *values, doubl
 
 cln_lens cln_lens_find(const char *name)
 {
-    for (int i = 0; i < CLN_COLMAP_MODELS; i++)
-        if (!strcasecmp(name, cln_colmap_models[i].name))
-            return cln_colmap_models[i].lens;
+    const cln_colmap_model *model = cln_colmap_find(name);
+
+    if (model)
+        return model->lens;
     if (!strcasecmp(name, "PERSPECTIVE"))
         return CLN_LENS_OPENCV;
     if (!strcasecmp(name, "FISHEYE624"))

@@ -76,6 +76,9 @@ enum {
 };
 extern const cln_colmap_model cln_colmap_models[CLN_COLMAP_MODELS];
 
+/* The one of that name, in any case; NULL if there is none. */
+const cln_colmap_model *cln_colmap_find(const char *name);
+
 /* Splits such a list, values[model->count], into fx, fy, cx, cy and the lens model's parameters, of
  * which those that the list lacks are 0. */
 void cln_colmap_split(const cln_colmap_model *model, const double *values, double pixels[4],

@@ -2,20 +2,25 @@
  * them. Black pixels are left out, by each of their documents:
  *   masks/NAME.png    COLMAP, with the photo's name and ending: "Mask image regions" of its FAQ
  *                     (black, 0 in grey, gives no features); OpenSfM has the same names and zeros
+ *   masks/NAME        with the photo's ending or another one, beside LLFF's images (NeRD)
+ *   masks/STEM_mask.ENDING  Metashape's export
  *   STEM_mask.ENDING  OpenDroneMap, beside the photo: "Using Image Masks" of its documentation
- *                     ("Color in black the areas to exclude") */
+ *                     ("Color in black the areas to exclude")
+ * The folder may be called mask, too, both in any case. Two photos never share a mask. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/image.h"
 #include "scene/dataset.h"
+#include "scene/moved.h"
 #include "scene/placing.h"
 
-static const char TAIL[] = "_mask";
+#define TAIL "_mask"
 
 static int stem_of(const char *path)
 {
@@ -51,18 +56,46 @@ static bool take(char *path, cln_view *view, int *other_size)
     return true;
 }
 
-static cln_status find_mask(const char *masks, cln_view *view, int *other_size)
+/* Names of a photo's mask in their folder, the surest first; `loose` ones stand for any ending, and
+ * count where one file has them, for one photo. */
+static const struct {
+    const char *behind;
+    bool stem, loose;
+} forms[] = {{".png", false, false}, {"", false, false}, {"", true, true}, {TAIL, true, true}};
+
+static cln_status find_in_folder(cln_moved *masks, cln_view *view, int *other_size, bool *loose)
+{
+    cln_status st = CLN_OK;
+    char *name = NULL, *path = NULL;
+    const int before = *other_size;
+
+    for (size_t i = 0; i < sizeof forms / sizeof *forms && *other_size == before; i++) {
+        free(name);
+        free(path);
+        name = path = NULL;
+        CLN_TRY(cln_asprintf(&name, "%.*s%s",
+                             forms[i].stem ? stem_of(view->name) : (int)strlen(view->name),
+                             view->name, forms[i].behind));
+        CLN_TRY(cln_moved_find(masks, name, false, &path));
+        if (!path || strcmp(path, view->path) == 0 || !take(path, view, other_size))
+            continue;
+        path = NULL;
+        *loose = forms[i].loose;
+        break;
+    }
+done:
+    free(name);
+    free(path);
+    return st;
+}
+
+static cln_status find_beside(cln_view *view, int *other_size)
 {
     static const char *const endings[] = {"", ".JPG", ".jpg", ".PNG", ".png", ".jpeg", ".JPEG"};
     cln_status st = CLN_OK;
     const int stem = stem_of(view->path);
     char *path = NULL;
 
-    if (masks) {
-        CLN_TRY(cln_asprintf(&path, "%s/%s.png", masks, view->name));
-        if (take(path, view, other_size))
-            return CLN_OK;
-    }
     for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
         free(path);
         path = NULL;
@@ -76,23 +109,92 @@ done:
     return st;
 }
 
-/* `masks` beside the folder of images or in it, or in the scene; NULL if there is none. */
+/* The only folder of `base` that is called so; `masks` as it stands goes first. NULL if there is
+ * none, or no telling which. */
+static cln_status find_called(const char *base, char **out)
+{
+    cln_status st = CLN_OK;
+    cln_names names = {0};
+    const char *found = NULL;
+    int count = 0;
+
+    if (cln_has_dir(base, "masks"))
+        return cln_path_join(out, base, "masks");
+    st = cln_dataset_folders(base, &names);
+    if (st == CLN_INPUT) { /* a folder that may not be read has none */
+        cln_clear_error();
+        st = CLN_OK;
+    }
+    CLN_TRY(st);
+    for (int i = 0; i < names.count; i++)
+        if (!strcasecmp(names.name[i], "masks") || !strcasecmp(names.name[i], "mask")) {
+            found = names.name[i];
+            count++;
+        }
+    if (count == 1)
+        CLN_TRY(cln_path_join(out, base, found));
+    else if (count > 1)
+        cln_warn("%s: %d folders may have masks, '%s' among them: none is read; call the one that "
+                 "has them masks",
+                 base, count, found);
+done:
+    cln_dataset_free_names(&names);
+    return st;
+}
+
+/* In the scene, else beside the folder of images; NULL if there is none. */
 static cln_status find_folder(const char *scene, const char *images, char **out)
 {
     cln_status st = CLN_OK;
-    char *whole = NULL, *slash = NULL;
+    char *beside = NULL, *whole = NULL, *slash = NULL;
 
-    CLN_TRY(cln_path_absolute(&whole, images));
-    slash = strrchr(whole, '/');
-    if (slash && slash > whole)
+    CLN_TRY(find_called(scene, out));
+    CLN_TRY(cln_path_absolute(&beside, images));
+    CLN_TRY(cln_path_absolute(&whole, scene));
+    slash = strrchr(beside, '/');
+    if (slash && slash > beside)
         *slash = 0;
-    if (cln_has_dir(scene, "masks"))
-        CLN_TRY(cln_path_join(out, scene, "masks"));
-    else if (cln_has_dir(whole, "masks"))
-        CLN_TRY(cln_path_join(out, whole, "masks"));
+    if (!*out && strcmp(beside, whole) != 0)
+        CLN_TRY(find_called(beside, out));
 done:
+    free(beside);
     free(whole);
     return st;
+}
+
+typedef struct found_mask {
+    const char *path;
+    int view;
+    bool loose;
+} found_mask;
+
+static int by_path(const void *a, const void *b)
+{
+    const found_mask *x = a, *y = b;
+    const int order = strcmp(x->path, y->path);
+
+    return order ? order : x->loose - y->loose;
+}
+
+/* Takes masks back that several photos have by a loose name, as x.png of x.jpg and x.png. */
+static void part(found_mask *found, int count, cln_reader_result *result)
+{
+    int next = 0;
+
+    if (count)
+        qsort(found, (size_t)count, sizeof *found, by_path);
+    for (int i = 0; i < count; i = next) {
+        for (next = i + 1; next < count && strcmp(found[i].path, found[next].path) == 0;)
+            next++;
+        for (int k = next - 1; k >= i && next > i + 1; k--) {
+            cln_view *view = &result->views[found[k].view];
+
+            if (!found[k].loose)
+                continue;
+            free(view->mask_path);
+            view->mask_path = NULL;
+        }
+    }
 }
 
 void cln_dataset_tell_masks(const cln_reader_result *result, char text[64])
@@ -105,16 +207,31 @@ void cln_dataset_tell_masks(const cln_reader_result *result, char text[64])
 cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    cln_names there = {0};
+    cln_moved in_folder = {0};
     char *masks = NULL;
-    int found = 0, other_size = 0;
+    found_mask *loose = NULL;
+    int found = 0, taken = 0, other_size = 0;
 
     CLN_TRY(find_folder(scene, images, &masks));
+    CLN_TRY(cln_alloc(&loose, (size_t)result->view_count, sizeof *loose, "masks"));
+    in_folder.folder = masks;
     for (int i = 0; i < result->view_count; i++) {
-        if (!result->views[i].mask_path)
-            CLN_TRY(find_mask(masks, &result->views[i], &other_size));
-        found += result->views[i].mask_path != NULL;
+        cln_view *view = &result->views[i];
+        found_mask *mask = &loose[taken];
+
+        if (!view->mask_path && masks)
+            CLN_TRY(find_in_folder(&in_folder, view, &other_size, &mask->loose));
+        if (!view->mask_path)
+            CLN_TRY(find_beside(view, &other_size));
+        if (!view->mask_path)
+            continue;
+        mask->path = view->mask_path;
+        mask->view = i;
+        taken++;
     }
+    part(loose, taken, result);
+    for (int i = 0; i < result->view_count; i++)
+        found += result->views[i].mask_path != NULL;
     result->mask_count = found;
     if (other_size)
         cln_warn("%s: %d mask%s not read, as %s not the size of %s photo%s", masks ? masks : images,
@@ -124,14 +241,13 @@ cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_rea
     if (found && found + other_size < result->view_count)
         cln_warn("%s: %d of %d photos have a mask, the others are used whole",
                  masks ? masks : images, found, result->view_count);
-    if (masks && !found && !other_size)
-        CLN_TRY(cln_dataset_images(masks, &there));
-    if (there.count)
-        cln_warn("%s: it has %d images, for example '%s', but none is called like a photo with "
-                 ".png behind, as COLMAP's masks are ('%s.png'): no mask is read",
-                 masks, there.count, there.name[0], result->views[0].name);
+    if (masks && !found && !other_size && in_folder.files.count)
+        cln_warn("%s: it has %d images, for example '%s', but none is called like one photo alone, "
+                 "or like it with .png behind, as COLMAP's masks are ('%s.png'): no mask is read",
+                 masks, in_folder.files.count, in_folder.files.name[0], result->views[0].name);
 done:
-    cln_dataset_free_names(&there);
+    cln_moved_free(&in_folder);
+    free(loose);
     free(masks);
     return st;
 }

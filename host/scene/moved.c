@@ -61,7 +61,67 @@ void cln_moved_sort(cln_names *names)
 void cln_moved_free(cln_moved *moved)
 {
     cln_dataset_free_names(&moved->files);
+    cln_dataset_free_names(&moved->apart);
     moved->listed = false;
+}
+
+cln_status cln_moved_scene(const cln_moved *moved, const char *file, size_t *length)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+
+    *length = 0;
+    for (const char *end = file; !*length && (end = strchr(end, '/')); end++) {
+        size_t whole = 0;
+
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, moved->folder, file));
+        whole = strlen(path) - strlen(end);
+        path[whole] = 0;
+        if (moved->model && strncmp(moved->model, path, whole) == 0 &&
+            (moved->model[whole] == '/' || !moved->model[whole]))
+            continue;
+        if (cln_reader_detects(path))
+            *length = (size_t)(end - file);
+    }
+done:
+    free(path);
+    return st;
+}
+
+static bool in_one_folder(const char *a, const char *b)
+{
+    const size_t length = (size_t)(base_of(a) - a);
+
+    return length == (size_t)(base_of(b) - b) && strncmp(a, b, length) == 0;
+}
+
+/* Puts the files of other scenes into `apart`. Those of a folder mostly follow each other. */
+static cln_status take_apart(cln_moved *moved)
+{
+    cln_status st = CLN_OK;
+    cln_names *all = &moved->files, *apart = &moved->apart;
+    const char *before = NULL;
+    size_t scene = 0;
+    int kept = 0;
+
+    CLN_TRY(cln_alloc(&apart->name, (size_t)all->count, sizeof *apart->name, "names"));
+    for (int i = 0; i < all->count; i++) {
+        char *file = all->name[i];
+
+        if (!before || !in_one_folder(before, file))
+            CLN_TRY(cln_moved_scene(moved, file, &scene));
+        before = file;
+        if (scene)
+            apart->name[apart->count++] = file;
+        else
+            all->name[kept++] = file;
+        all->name[i] = i < kept ? all->name[i] : NULL;
+    }
+    all->count = kept;
+done:
+    return st;
 }
 
 /* Lists the images; a folder that cannot be looked through has none. */
@@ -77,8 +137,12 @@ static cln_status list(cln_moved *moved)
         cln_dataset_free_names(&moved->files);
         st = CLN_OK;
     }
-    moved->listed = st == CLN_OK;
+    CLN_TRY(st);
+    CLN_TRY(take_apart(moved));
+    moved->listed = true;
     cln_moved_sort(&moved->files);
+    cln_moved_sort(&moved->apart);
+done:
     return st;
 }
 
@@ -370,11 +434,29 @@ done:
     return st;
 }
 
+cln_status cln_moved_apart(cln_moved *moved, const char *name, char **out)
+{
+    cln_status st = CLN_OK;
+    const char *base = base_of(name);
+    size_t length = 0;
+    int i = 0;
+
+    *out = NULL;
+    CLN_TRY(list(moved));
+    i = first_like(&moved->apart, base);
+    if (i < moved->apart.count && compare_stems(base_of(moved->apart.name[i]), base) == 0) {
+        CLN_TRY(cln_moved_scene(moved, moved->apart.name[i], &length));
+        CLN_TRY(cln_asprintf(out, "%.*s", (int)length, moved->apart.name[i]));
+    }
+done:
+    return st;
+}
+
 cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
 {
     cln_status st = CLN_OK;
     const char *base = base_of(name), *first = NULL, *other = NULL;
-    char *unread = NULL, *path = NULL;
+    char *unread = NULL, *path = NULL, *apart = NULL;
     int likes = 0, unread_count = 0;
 
     CLN_TRY(list(moved));
@@ -391,6 +473,8 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
     }
     if (!other)
         CLN_TRY(cln_dataset_unread(moved->folder, name, &unread_count, &unread));
+    if (!other && !unread)
+        CLN_TRY(cln_moved_apart(moved, name, &apart));
     if (first || other || unread)
         CLN_TRY(cln_path_join(&path, moved->folder, first ? first : other ? other : unread));
     if (likes > 1)
@@ -405,10 +489,16 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
                              "; %s is there, in a format that is not read: convert it to PNG or "
                              "JPEG%s",
                              path, unread_count > 1 ? ", and the others" : ""));
+    else if (apart)
+        CLN_TRY(cln_asprintf(out,
+                             "; its folder '%s', which has a photo of that name, is a scene of its "
+                             "own: give that one",
+                             apart));
     else
         CLN_TRY(cln_strdup(out, ""));
 done:
     free(unread);
     free(path);
+    free(apart);
     return st;
 }

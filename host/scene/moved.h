@@ -9,7 +9,8 @@
  *     the like;
  *   - that file, too, if no image of the dataset is anywhere else, and each has one.
  * Nothing is taken where two files match alike, nor a file that a frame of another name has by an
- * earlier rule or by the same one. */
+ * earlier rule or by the same one; nor one of another scene in the folder: COLMAP's undistorted
+ * photos, in dense/0/images beside dense/0/sparse, have the names of those that lenses bent. */
 #ifndef CLN_SCENE_MOVED_H
 #define CLN_SCENE_MOVED_H
 
@@ -18,10 +19,12 @@
 /* A folder that is looked through, once the first file is missing; {.folder = F} begins it. */
 typedef struct cln_moved {
     const char *folder;
-    bool shallow; /* not the folders in it */
-    bool bare;    /* names without folders are found in any */
+    const char *model; /* where the dataset's poses are, below `folder`: no other scene; or NULL */
+    bool shallow;      /* not the folders in it */
+    bool bare;         /* names without folders are found in any */
     bool listed;
     cln_names files; /* relative to it, ordered by name without case and ending */
+    cln_names apart; /* likewise, of other scenes */
 } cln_moved;
 void cln_moved_free(cln_moved *moved);
 
@@ -49,6 +52,14 @@ cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result);
 /* For another file that a dataset names: the longest end of the path that leads to a file from
  * the folder; *out is NULL if there is none. */
 cln_status cln_moved_file(const char *folder, const char *path, char **out);
+
+/* Length of the first folder on the way from `folder` to a file in it that is another scene; 0 if
+ * none is. */
+cln_status cln_moved_scene(const cln_moved *moved, const char *file, size_t *length);
+
+/* The folder in `folder` that is another scene, and has a file of this name; *out is NULL if there
+ * is none. The caller frees it. */
+cln_status cln_moved_apart(cln_moved *moved, const char *name, char **out);
 
 /* Which files of the folder are called like `name`, as "; A is there: ..." or "". The caller frees
  * *out. */

@@ -13,6 +13,30 @@
 
 enum { NAMED = 12 }; /* images without a pose that a warning names */
 
+/* The file of a view in the folder: of OpenSfM's undistorted photos with one more ending than its
+ * name has. NULL if there is none. */
+static cln_status file_of(const char *folder, const cln_reader_result *result, const char *name,
+                          char **out)
+{
+    static const char *const tails[] = {"", ".jpg", ".png"};
+    const size_t count = result->tailed ? sizeof tails / sizeof *tails : 1;
+    cln_status st = CLN_OK;
+    char *path = NULL;
+
+    *out = NULL;
+    for (size_t i = 0; i < count && !*out; i++) {
+        CLN_TRY(cln_asprintf(&path, "%s/%s%s", folder, name, tails[i]));
+        if (cln_is_file(path)) {
+            *out = path;
+            path = NULL;
+        }
+        free(path);
+        path = NULL;
+    }
+done:
+    return st;
+}
+
 /* Counts the views that the folder has an image of, up to `most`; any_case: also those in another
  * case. */
 static cln_status count_views(const char *folder, const cln_reader_result *result, bool any_case,
@@ -28,7 +52,9 @@ static cln_status count_views(const char *folder, const cln_reader_result *resul
     for (int i = 0; i < result->view_count && *count < most; i++) {
         if (any_case)
             CLN_TRY(cln_moved_find(&moved, result->views[i].name, false, &found));
-        *count += found || (!any_case && cln_has_file(folder, result->views[i].name));
+        else
+            CLN_TRY(file_of(folder, result, result->views[i].name, &found));
+        *count += found != NULL;
         free(found);
         found = NULL;
     }
@@ -39,9 +65,10 @@ done:
 }
 
 /* Of the folders in `base`, the one with images of the most views: one of masks or the like only
- * where no other has any. NULL if none has. */
-static cln_status fullest_folder(const char *base, const cln_reader_result *result, bool any_case,
-                                 char **out)
+ * where no other has any. NULL if none has. Not one with other poses (moved.h); those of `model`
+ * are the views'. */
+static cln_status fullest_folder(const char *base, const char *model,
+                                 const cln_reader_result *result, bool any_case, char **out)
 {
     cln_status st = CLN_OK;
     cln_names names = {0};
@@ -56,6 +83,8 @@ static cln_status fullest_folder(const char *base, const cln_reader_result *resu
         free(path);
         path = NULL;
         CLN_TRY(cln_path_join(&path, base, names.name[i]));
+        if (strcmp(path, model) != 0 && cln_reader_detects(path))
+            continue;
         CLN_TRY(count_views(path, result, any_case, result->view_count, &worth));
         if (worth > 0 && !cln_is_no_photos(names.name[i]))
             worth += result->view_count;
@@ -86,8 +115,8 @@ done:
 }
 
 /* The folder of `base`, or `base`, that has images of views; NULL if none has. */
-static cln_status folder_of_views(const char *base, const cln_reader_result *result, bool any_case,
-                                  char **out)
+static cln_status folder_of_views(const char *base, const char *model,
+                                  const cln_reader_result *result, bool any_case, char **out)
 {
     cln_status st = CLN_OK;
     int count = 0;
@@ -103,23 +132,27 @@ static cln_status folder_of_views(const char *base, const cln_reader_result *res
     }
     free(*out);
     *out = NULL;
-    CLN_TRY(fullest_folder(base, result, any_case, out));
+    CLN_TRY(fullest_folder(base, model, result, any_case, out));
 done:
     return st;
 }
 
 /* Fills the paths of the views, below the folder or, by their ends, elsewhere in the scene. */
-static cln_status place_views(const char *folder, const char *scene, cln_reader_result *result)
+static cln_status place_views(const char *folder, const char *scene, const char *model,
+                              cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    cln_moved here = {.folder = folder, .bare = true}, around = {.folder = scene};
+    cln_moved here = {.folder = folder, .model = model, .bare = true};
+    cln_moved around = {.folder = scene, .model = model};
 
     for (int i = 0; i < result->view_count; i++) {
         cln_view *view = &result->views[i];
 
         free(view->path);
         view->path = NULL;
-        CLN_TRY(cln_path_join(&view->path, folder, view->name)); /* missing ones: load.c */
+        CLN_TRY(file_of(folder, result, view->name, &view->path));
+        if (!view->path)
+            CLN_TRY(cln_path_join(&view->path, folder, view->name)); /* missing ones: load.c */
     }
     CLN_TRY(cln_moved_views(&here, result));
     CLN_TRY(cln_moved_views(&around, result));
@@ -185,8 +218,11 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
 {
     cln_status st = CLN_OK;
     const char *top = bases[base_count - 1];
+    const char *model = strlen(top) > strlen(bases[0]) ? top : bases[0]; /* the innermost */
+    cln_moved around = {.folder = scene, .model = model}, at_top = {.folder = top, .model = model};
     cln_names there = {0};
-    char *unread = NULL;
+    char *unread = NULL, *apart = NULL;
+    size_t other_scene = 0;
     int others = 0;
 
     if (!result->view_count)
@@ -194,16 +230,33 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                          "%s: no image has a pose; find the poses again, or give another scene",
                          where));
     for (int i = 0; i < base_count && !*folder; i++)
-        CLN_TRY(folder_of_views(bases[i], result, false, folder));
+        CLN_TRY(folder_of_views(bases[i], model, result, false, folder));
     for (int i = 0; i < base_count && !*folder; i++)
-        CLN_TRY(folder_of_views(bases[i], result, true, folder));
+        CLN_TRY(folder_of_views(bases[i], model, result, true, folder));
     if (!*folder) {
-        CLN_TRY(place_views(scene, scene, result));
+        CLN_TRY(place_views(scene, scene, model, result));
         if (result->moved_count)
             CLN_TRY(cln_strdup(folder, scene));
     }
     if (!*folder)
+        CLN_TRY(cln_moved_apart(&around, result->views[0].name, &apart));
+    if (apart)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: none of its %d images is there, for example '%s'; photos of the same "
+                         "names in %s have their own poses, and may have another lens: its folder "
+                         "'%s' is a scene: give that one",
+                         where, result->view_count, result->views[0].name, scene, apart));
+    if (!*folder)
         CLN_TRY(cln_dataset_unread(top, result->views[0].name, &others, &unread));
+    if (unread)
+        CLN_TRY(cln_moved_scene(&at_top, unread, &other_scene));
+    if (other_scene)
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: none of its %d images is there; the folder '%.*s' in %s is a scene of "
+                     "its own, but of photos in formats that are not read, as '%s'; convert "
+                     "them to PNG or JPEG and give that folder",
+                     where, result->view_count, (int)other_scene, unread, top, unread));
     if (unread)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there; for '%s', %s has '%s', one of %d "
@@ -224,7 +277,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                          "folders in it; put them into its folder images",
                          where, result->view_count, result->views[0].name, top));
     if (!result->moved_count)
-        CLN_TRY(place_views(*folder, scene, result));
+        CLN_TRY(place_views(*folder, scene, model, result));
     CLN_TRY(cln_dataset_find_masks(scene, *folder, result));
     for (int i = 0; i < base_count; i++)
         if (!strcmp(*folder, bases[i]))
@@ -235,6 +288,8 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         CLN_TRY(warn_unposed(*folder, result, &there));
 done:
     cln_dataset_free_names(&there);
+    cln_moved_free(&around);
     free(unread);
+    free(apart);
     return st;
 }

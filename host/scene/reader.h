@@ -52,6 +52,7 @@ typedef struct cln_reader_result {
     int moved_count;     /* images that are not where it names them and were found (moved.h) */
     char *moved_from, *moved_to; /* one of them; NULL without any */
     int mask_count;              /* masks that lie beside the photos, of the views' */
+    bool tailed;                 /* an image may have one more ending than its name: NAME.jpg.jpg */
     json_t *ignored; /* array of strings: keys of its files that are not read; may be NULL */
 } cln_reader_result;
 
@@ -79,5 +80,8 @@ extern const cln_reader cln_reader_opensfm;    /* reader_opensfm.c */
  * and the caller frees it. CLN_INPUT if there is no such format: the sentence says what lies there
  * instead, what each reader wants and misses, and what to do. */
 cln_status cln_reader_pick(const char *path, int format, const cln_reader **out, char **others);
+
+/* Is it a scene by the looks of any format? */
+bool cln_reader_detects(const char *path);
 
 #endif

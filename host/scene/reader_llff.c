@@ -2,7 +2,8 @@
  * images (or images_2, _4, _8, the first there is), by name. A row is a 3 x 5 matrix, row-major,
  * whose columns are the camera's axes in the world, down, right and backwards, its position, and
  * (height, width, focal length) of the originals; then the depths of the nearest and the farthest
- * object. No distortion; the principal point is the centre. Such scenes are mostly forward-facing:
+ * object. No distortion; the principal point is the centre; masks may lie beside (masks.c). Such
+ * scenes are mostly forward-facing:
  * bounds_forward.c puts them into normalised device coordinates. */
 #include <math.h>
 #include <stdlib.h>
@@ -10,6 +11,7 @@
 #include "base/memory.h"
 #include "io/npy.h"
 #include "scene/dataset.h"
+#include "scene/placing.h"
 
 enum { ROW = 17, MAX_SIDE = 1000000 };
 static const size_t MAX_BYTES = (size_t)1 << 28;
@@ -75,7 +77,7 @@ static bool detect(const char *path, const char **missing)
 static cln_status read_scene(const char *path, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    char *file = NULL, *folder = NULL, *where = NULL;
+    char *file = NULL, *folder = NULL, *where = NULL, masks[64];
     cln_names images = {0};
     double *rows = NULL;
     int count = 0;
@@ -100,10 +102,12 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
         CLN_TRY(cln_asprintf(&where, "%s: row %d (of '%s')", file, i + 1, images.name[i]));
         CLN_TRY(set_view(where, rows + ROW * (size_t)i, &result->views[i]));
     }
+    CLN_TRY(cln_dataset_find_masks(path, folder, result));
+    cln_dataset_tell_masks(result, masks);
     result->dialect = "LLFF";
     result->forward = true;
-    CLN_TRY(cln_asprintf(&result->because, "it has poses_bounds.npy; images are from %s",
-                         cln_dataset_within(path, folder)));
+    CLN_TRY(cln_asprintf(&result->because, "it has poses_bounds.npy; images are from %s%s",
+                         cln_dataset_within(path, folder), masks));
 done:
     cln_dataset_free_names(&images);
     free(file);

@@ -344,6 +344,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_json_read_large(file, MAX_BYTES, &root));
     CLN_TRY(cln_path_join(&tracks, inner ? folder : path, "tracks.csv"));
     CLN_TRY(read_reconstruction(file, root, tracks, result));
+    result->tailed = true;
     CLN_TRY(cln_dataset_find_images(file, path,
                                     (const char *const[2]){path, inner ? folder : project},
                                     1 + (inner || project), result, &images));

@@ -19,7 +19,7 @@ static const cln_reader *const readers[CLN_FORMATS] = {
     [CLN_FORMAT_OPENSFM] = &cln_reader_opensfm,
 };
 
-static bool is_scene(const char *path)
+bool cln_reader_detects(const char *path)
 {
     const char *missing = NULL;
 
@@ -105,7 +105,7 @@ cln_status cln_reader_pick(const char *path, int format, const cln_reader **out,
         CLN_TRY(cln_asprintf(&what, "it is one of --format %s", there));
         CLN_TRY(cln_strdup(&advice, "give that, or leave --format out"));
     } else {
-        CLN_TRY(cln_found_at(path, is_scene, &what, &advice));
+        CLN_TRY(cln_found_at(path, cln_reader_detects, &what, &advice));
     }
     CLN_TRY(list_readers(path, format, &list));
     CLN_TRY(cln_fail(CLN_INPUT, "%s: not a scene%s: %s; %s%s", path,

@@ -161,6 +161,9 @@ static void test_nothing_given(void **state)
     assert_fails(
         cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .match = "nxt"}, &posed),
         CLN_USAGE, "'nxt'; give auto, all or next");
+    assert_fails(
+        cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .lens = "fish"}, &posed),
+        CLN_USAGE, "--lens fish: not the name");
     assert_fails(cln_find_poses(&(cln_poses_desc){.photos = "p", .out = "o", .frames = -5}, &posed),
                  CLN_USAGE, "frames is -5");
 }

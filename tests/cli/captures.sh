@@ -639,6 +639,19 @@ section_check() {
     expect "each has the pose of the one before it" 0 "" "$cln" check "$work/next" --probe 0
     check "check calls the poses a fault" grep -q "FAULT  poses: the photos" "$work/out"
     check "and says nothing of overlap" eval '! grep -q "remark overlap" "$work/out"'
+
+    # so far apart that most marks of two photos are false: true ones fit exactly, by right poses
+    "$make_scene" "$work/apart" --size 200 --train 6 --test 0 --format nerfstudio >/dev/null
+    expect "six photos all around an object" 0 "" "$cln" check "$work/apart" --probe 0
+    check "their poses are no fault" grep -q "^0 likely faults" "$work/out"
+    check "but too little overlaps" grep -q "remark overlap: the photos stand so far apart" "$work/out"
+    mv "$work/apart/images/frame_00001.png" "$work/apart/first.png"
+    for i in 1 2 3 4 5; do
+        mv "$work/apart/images/frame_0000$((i + 1)).png" "$work/apart/images/frame_0000$i.png"
+    done
+    mv "$work/apart/first.png" "$work/apart/images/frame_00006.png"
+    expect "each with the pose of the next" 0 "" "$cln" check "$work/apart" --probe 0
+    check "is a fault" grep -q "FAULT  poses: the photos do not fit" "$work/out"
 }
 
 # numbers FILE.npy: of float32, one a line
@@ -881,6 +894,9 @@ section_masks() {
     expect "a photo without one" 0 "~13.of.14.photos.have.a.mask" "$cln" info "$at"
     rm "$at"/images/*_mask.png
     cp "$work/masks named"/masks/*.png "$at/masks"
+    expect "by the photos' own names" 0 "" "$cln" info "$at" --json
+    check "are counted, too" grep -q 'because.*images, 14 of them with a mask' "$work/out"
+    for file in "$at"/masks/*.png; do mv "$file" "$at/masks/x${file##*/}"; done
     expect "other names are told" 0 "~no.mask.is.read" "$cln" info "$at"
     rm "$at"/masks/*
     "$make_scene" "$work/masks less" --format nerfstudio --masks --size 16 --train 6 >/dev/null

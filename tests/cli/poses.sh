@@ -152,6 +152,21 @@ section_photos() {
     expect "a folder that is called like a video" 0 "~4.photos" env PATH="$path" "$cln" poses \
         "$work/taken from a film.mp4" -o "$work/of a film" --progress none
 
+    expect "a fisheye's lens, in small letters" 0 "~lens:.OPENCV_FISHEYE" env PATH="$path" "$cln" \
+        poses "$work/photos/train" -o "$work/fisheye" --lens opencv_fisheye --progress none
+    check "is the cameras', and begins with a fisheye's focal length" grep -q -- "camera_model \
+OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
+    expect "undistorted photos" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
+        -o "$work/pinhole" --lens PINHOLE --progress none
+    check "begin with COLMAP's own" eval 'grep -q "camera_model PINHOLE" "$work/pinhole/colmap.log" &&
+        ! grep -q factor "$work/pinhole/colmap.log"'
+    expect "a lens that nobody knows, before COLMAP works" 2 \
+        "~--lens.FISH:.*auto,.SIMPLE_PINHOLE,.*OPENCV_FISHEYE,.*EQUIRECTANGULAR" \
+        "$cln" poses "$work/photos/train" -o "$work/no lens" --lens FISH
+    check "it writes nothing" [ ! -e "$work/no lens" ]
+    expect "one that this COLMAP does not know" 1 "~--lens.EUCM:.the.COLMAP.*newer colmap.log" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/no lens" --lens EUCM \
+        --progress none
     expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
         "$work/photos/train" -o "$work/posed next" --match next --progress none
     check "no reason is given for what was asked for" eval '! said "as there are many"'
@@ -173,7 +188,8 @@ section_photos() {
     expect "a model of more than 1 GiB is counted" 0 "~2.groups" env PATH="$path" STAND_IN=large \
         "$cln" poses "$work/photos/train" -o "$work/large" --progress none --json
     rm -r "$work/large"
-    expect "no poses: what to do, and where it says why" 1 "colmap.log ~too.little.in.common" \
+    expect "no poses: what to do, and where it says why" 1 \
+        "colmap.log ~too.little.in.common ~--lens.OPENCV_FISHEYE" \
         env PATH="$path" STAND_IN=nothing "$cln" poses "$work/photos/train" -o "$work/hopeless"
     mkdir "$work/many" "$work/two"
     for i in $(seq 1000 1121); do

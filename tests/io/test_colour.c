@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
+#include "exif_fixture.h"
 #include "io/image.h"
 #include "near.h"
 #include "scratch.h"
@@ -261,6 +262,100 @@ static void test_jpeg(void **state)
     free(profile);
 }
 
+/* A camera's JPEG in Adobe RGB has no profile, but says so in its EXIF data, as DCF has it: a
+ * colour space without a name (other: sRGB's), and the rule R03 (other: R98). */
+static void put_dcf(file *f, bool little, uint32_t space, const char *rule)
+{
+    uint8_t *const p = f->data + 2, *const tiff = p + 10;
+    const uint32_t at[3] = {8, 26, 56};
+    const struct {
+        int directory;
+        uint32_t tag, type, count, value;
+    } entries[] = {{0, 0x8769, 4, 1, 26},
+                   {1, 0xA001, 3, 1, space},
+                   {1, 0xA005, 4, 1, 56},
+                   {2, 0x0001, 2, 4, 0}};
+    int filled[3] = {0};
+
+    memset(p, 0, 10 + 74);
+    put_be(p, 0xFFE1, 2);
+    put_be(p + 2, 8 + 74, 2);
+    memcpy(p + 4, "Exif", 4);
+    memcpy(tiff, little ? "II" : "MM", 2);
+    exif_number(tiff + 2, 2, little, 42);
+    exif_number(tiff + 4, 4, little, at[0]);
+    for (size_t i = 0; i < sizeof entries / sizeof *entries; i++) {
+        const int d = entries[i].directory;
+        uint8_t *entry = tiff + at[d] + 2 + 12 * filled[d]++;
+
+        exif_number(entry, 2, little, entries[i].tag);
+        exif_number(entry + 2, 2, little, entries[i].type);
+        exif_number(entry + 4, 4, little, entries[i].count);
+        exif_number(entry + 8, entries[i].type == 3 ? 2 : 4, little, entries[i].value);
+        if (entries[i].type == 2)
+            memcpy(entry + 8, rule, 4);
+        exif_number(tiff + at[d], 2, little, (uint32_t)filled[d]);
+    }
+    f->bytes = 2 + 10 + 74;
+}
+
+static void test_dcf(void **state)
+{
+    static const struct {
+        uint32_t space;
+        const char *rule;
+        cln_colour_kind kind;
+    } cases[] = {{0xFFFF, "R03", CLN_COLOUR_OTHER},
+                 {0xFFFF, "R98", CLN_COLOUR_SRGB},
+                 {1, "R03", CLN_COLOUR_SRGB}};
+    cmsUInt32Number bytes = 0;
+    cmsHPROFILE srgb = cmsCreate_sRGBProfile();
+    uint8_t *profile = saved(srgb, &bytes);
+    uint8_t grey[SIDE * SIDE * 3], *jpeg = NULL, *plain = NULL, *pixels = NULL;
+    size_t length = 0;
+    static file f;
+
+    for (int i = 0; i < SIDE * SIDE * 3; i++)
+        grey[i] = (uint8_t)(60 + 50 * (i % 3));
+    assert_int_equal(cln_image_encode_jpeg(SIDE, SIDE, 3, grey, 100, &jpeg, &length), CLN_OK);
+    memcpy(f.data, jpeg, length);
+    f.bytes = length;
+    plain = decoded(&f, 3);
+    for (int k = 0; k < 8; k++) {
+        const size_t c = (size_t)k / 2;
+        const bool profiled = k >= 6, other = !profiled && cases[c].kind == CLN_COLOUR_OTHER;
+
+        put_dcf(&f, k % 2, profiled ? 0xFFFF : cases[c].space, profiled ? "R03" : cases[c].rule);
+        if (profiled) { /* a profile tells more */
+            uint8_t *p = f.data + f.bytes;
+
+            put_be(p, 0xFFE2, 2);
+            put_be(p + 2, (uint32_t)bytes + 16, 2);
+            memcpy(p + 4, "ICC_PROFILE", 12);
+            p[16] = p[17] = 1;
+            memcpy(p + 18, profile, bytes);
+            f.bytes += bytes + 18;
+        }
+        memcpy(f.data + f.bytes, jpeg + 2, length - 2);
+        f.bytes += length - 2;
+        assert_int_equal(kind_of(state, &f), other ? CLN_COLOUR_OTHER : CLN_COLOUR_SRGB);
+        pixels = decoded(&f, 3);
+        for (int i = 0; i < SIDE * SIDE; i++) {
+            const double in[3] = {plain[3 * i] / 255., plain[3 * i + 1] / 255.,
+                                  plain[3 * i + 2] / 255.};
+            double out[3];
+
+            adobe_to_srgb(in, out);
+            for (int a = 0; a < 3; a++)
+                assert_near(pixels[3 * i + a], other ? 255 * out[a] : plain[3 * i + a], 2.5);
+        }
+        free(pixels);
+    }
+    free(plain);
+    free(jpeg);
+    free(profile);
+}
+
 /* sRGB's own profile changes nothing, nor does one that is damaged or of grey. */
 static void test_kept(void **state)
 {
@@ -352,7 +447,8 @@ int test_group_colour(void)
 {
 #define WITH_SCRATCH(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
     const struct CMUnitTest tests[] = {WITH_SCRATCH(test_png), WITH_SCRATCH(test_jpeg),
-                                       WITH_SCRATCH(test_kept), WITH_SCRATCH(test_chunks)};
+                                       WITH_SCRATCH(test_dcf), WITH_SCRATCH(test_kept),
+                                       WITH_SCRATCH(test_chunks)};
 
     return cmocka_run_group_tests_name("colour", tests, NULL, NULL);
 }

@@ -153,6 +153,53 @@ static void test_cut(void **state)
     free(pixels);
 }
 
+/* A mark's grey is that of what is kept, whatever lies below transparent pixels beside it. */
+static void test_kept_grey(void **state)
+{
+    enum { FIELDS = 8 };
+    uint8_t *pixels = malloc((size_t)SIDE * SIDE * 4);
+    cln_view view = {.channels = 4, .pixels = pixels};
+    cln_features found[2];
+    int same = 0;
+
+    (void)state;
+    assert_non_null(pixels);
+    view.camera.width = view.camera.height = SIDE;
+    for (uint32_t field = 1; field <= FIELDS; field++) {
+        const look straight = {field, 0, 1, {0, 0}, 1};
+
+        for (int k = 0; k < 2; k++) { /* black, then white */
+            for (int i = 0; i < SIDE * SIDE; i++) {
+                const bool kept = i % SIDE >= SIDE / 2;
+                double at[2];
+
+                to_field(&straight, i % SIDE + 0.5, i / SIDE + 0.5, at);
+                memset(pixels + 4 * i,
+                       kept ? (int)(255 * field_at(field, at[0], at[1]) + 0.5) : 255 * k, 3);
+                pixels[4 * i + 3] = kept ? 255 : 0;
+            }
+            assert_int_equal(cln_features_find(&view, &found[k]), CLN_OK);
+        }
+        for (int i = 0; i < found[0].count; i++)
+            for (int k = 0; k < found[1].count; k++) {
+                const cln_feature *a = &found[0].list[i], *b = &found[1].list[k];
+
+                if (fabsf(a->u - b->u) > 1 || fabsf(a->v - b->v) > 1 || isnan(a->value) ||
+                    isnan(b->value) || a->u > SIDE * 0.6f)
+                    continue;
+                same++;
+                if (fabsf(a->value - b->value) > 0.1f)
+                    fail_msg("at %g, %g: %g and %g", (double)a->u, (double)a->v, (double)a->value,
+                             (double)b->value);
+            }
+        free(found[0].list);
+        free(found[1].list);
+    }
+    print_message("%d marks beside black and white\n", same);
+    assert_true(same >= 3);
+    free(pixels);
+}
+
 /* Lists of the largest length, each mark unlike all others, one list in the reverse order of the
  * other: every mark finds itself. */
 static void test_full_lists(void **state)
@@ -178,9 +225,10 @@ static void test_full_lists(void **state)
 
 int test_group_features(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_same_field), cmocka_unit_test(test_other_field),
-        cmocka_unit_test(test_cut), cmocka_unit_test(test_full_lists)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_same_field),
+                                       cmocka_unit_test(test_other_field),
+                                       cmocka_unit_test(test_cut), cmocka_unit_test(test_kept_grey),
+                                       cmocka_unit_test(test_full_lists)};
 
     return cmocka_run_group_tests_name("features", tests, NULL, NULL);
 }

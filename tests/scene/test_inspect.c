@@ -270,6 +270,48 @@ static void test_nothing_to_compare(void **state)
     free_wall(w);
 }
 
+/* Cameras that look apart, as a rig's do or those with wrong axes: a fault where photos or sparse
+ * points tell, else a remark. */
+static void test_cameras_apart(void **state)
+{
+    static const struct {
+        int views, flat; /* rows that show nothing */
+        bool turned;
+        double before;
+        int fault; /* -1: not even a remark */
+    } cases[] = {{3, HIGH, false, NAN, 0},     {3, HIGH, false, 0.2, 1},    {12, 0, false, NAN, -1},
+                 {2, HIGH / 2, false, NAN, 0}, {2, HIGH / 2, true, NAN, 1}, {12, 0, true, NAN, 1}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        wall *w = make_wall(cases[i].views);
+        const json_t *found = NULL;
+
+        w->scene.apart_share = 1;
+        w->scene.before_share = cases[i].before;
+        for (int v = 0; v < cases[i].views; v++) {
+            double *m = w->views[v].camera.c2w;
+
+            memset(w->pixels[v], 128, (size_t)(3 * WIDE * cases[i].flat));
+            if (cases[i].turned) { /* by a quarter, around the cameras' axes */
+                m[0] = m[5] = 0;
+                m[1] = -1;
+                m[4] = 1;
+            }
+        }
+        found = inspect(w, "axes");
+        print_message(
+            "%d views, %g ties: %s\n", cases[i].views,
+            json_number_value(json_object_get(json_object_get(w->all, "measures"), "ties")),
+            text_of(found));
+        if (!found != (cases[i].fault < 0))
+            fail_msg("case %zu: %s", i, text_of(found));
+        if (found && json_is_true(json_object_get(found, "likely_fault")) != cases[i].fault)
+            fail_msg("case %zu: %s", i, text_of(found));
+        free_wall(w);
+    }
+}
+
 /* Masks that keep all pixels of 10 photos: tenths do not add up to 1. */
 static void test_masks_without_effect(void **state)
 {
@@ -422,15 +464,11 @@ static void test_stopped(void **state)
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_long_findings),
-        cmocka_unit_test(test_long_names),
-        cmocka_unit_test(test_copies),
-        cmocka_unit_test(test_box),
-        cmocka_unit_test(test_inside),
-        cmocka_unit_test(test_nothing_to_compare),
-        cmocka_unit_test(test_masks_without_effect),
-        cmocka_unit_test(test_backdrop),
-        cmocka_unit_test(test_no_backdrop),
+        cmocka_unit_test(test_long_findings), cmocka_unit_test(test_long_names),
+        cmocka_unit_test(test_copies),        cmocka_unit_test(test_box),
+        cmocka_unit_test(test_inside),        cmocka_unit_test(test_nothing_to_compare),
+        cmocka_unit_test(test_cameras_apart), cmocka_unit_test(test_masks_without_effect),
+        cmocka_unit_test(test_backdrop),      cmocka_unit_test(test_no_backdrop),
         cmocka_unit_test(test_stopped),
     };
 

@@ -338,6 +338,47 @@ static void test_bare_names(void **state)
     cln_clear_error();
 }
 
+/* COLMAP's undistorted photos have the names of the others: they are not taken for these, all or
+ * one, as another model is beside them; the model's own folder is no other scene. */
+static void test_undistorted(void **state)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+    const cln_config *config = plain();
+    const char *folder = *state;
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "dense/0/images"), 1);
+    format_colmap(scratch_path(folder, "dense/0/sparse"), true, cameras, NULL, NULL, 0);
+    cameras[0].k1 = -0.16;
+    format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
+    assert_refused(folder, config,
+                   (const char *const[3]){"none of its 6 images", "its folder 'dense/0' is a scene",
+                                          "give that one"},
+                   "undistorted photos");
+    cln_scene_free(load_moved(scratch_path(folder, "dense/0"), config, 0, ""));
+    put_text(folder, "poses.json", ONE("/data/images/view_03.png"));
+    assert_refused(scratch_path(folder, "poses.json"), config,
+                   (const char *const[3]){"1 of 1 images is not there",
+                                          "'dense/0', which has a photo of that name", "give that"},
+                   "of a file");
+    format_images(scratch_path(folder, "images"), 1);
+    cln_scene_free(load_moved(folder, config, 0, ""));
+    assert_int_equal(remove(scratch_path(folder, "images/view_03.png")), 0);
+    assert_refused(folder, config,
+                   (const char *const[3]){"1 of 6 images is not there", "its folder 'dense/0'",
+                                          "give that one"},
+                   "one of them");
+    format_images(scratch_path(folder, "else/flat"), 1); /* photos beside their model */
+    format_colmap(scratch_path(folder, "else/flat"), true, cameras, NULL, NULL, 0);
+    format_colmap(scratch_path(folder, "else/sparse"), true, cameras, NULL, NULL, 0);
+    assert_refused(scratch_path(folder, "else"), config,
+                   (const char *const[3]){"'flat' is a scene: give that one"}, "flat");
+    cln_scene_free(load_moved(scratch_path(folder, "else/flat"), config, 0, ""));
+    format_images(scratch_path(folder, "own/colmap/in/here"), 1);
+    format_colmap(scratch_path(folder, "own/colmap/sparse/0"), true, cameras, NULL, NULL, 0);
+    cln_scene_free(load_moved(scratch_path(folder, "own"), config, FORMAT_VIEWS, "colmap/in/here"));
+}
+
 int test_group_moved(void)
 {
     const struct CMUnitTest tests[] = {
@@ -348,6 +389,7 @@ int test_group_moved(void)
         cmocka_unit_test_setup_teardown(test_masks_and_points, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bare_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_undistorted, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("moved", tests, NULL, NULL);

@@ -814,8 +814,9 @@ static void test_describe(void **state)
     cln_scene_free(scene);
 }
 
-/* How many rows `info` has for three cameras, the second of which differs by `by` pixels. */
-static size_t rows_of_intrinsics(const char *folder, double by)
+/* How many rows `info` has for three cameras, one of which differs by `by` pixels. The first is of
+ * the test view, which comes last. */
+static size_t rows_of_intrinsics(const char *folder, int which, double by)
 {
     static const char *const poses[3] = {POSE_FRONT, POSE_SIDE, POSE_FRONT};
     char json[2048] = "{\"frames\":[";
@@ -829,7 +830,7 @@ static size_t rows_of_intrinsics(const char *folder, double by)
         snprintf(json + used, sizeof json - used,
                  "%s{\"file_path\":\"%d.png\",\"fl_x\":%.9g,\"cx\":%.9g,"
                  "\"transform_matrix\":%s}",
-                 i ? "," : "", i, 9 + (i == 1) * by, 4 - (i == 1) * by, poses[i]);
+                 i ? "," : "", i, 9 + (i == which) * by, 4 - (i == which) * by, poses[i]);
     }
     strcat(json, "]}");
     put_text(folder, "transforms.json", json);
@@ -851,9 +852,10 @@ static void test_rows_of_intrinsics(void **state)
         snprintf(name, sizeof name, "%d.png", i);
         put_image(folder, name, 8, 6, 3, i);
     }
-    assert_int_equal(rows_of_intrinsics(folder, 0), 1);
-    assert_int_equal(rows_of_intrinsics(folder, 0.004), 1);
-    assert_int_equal(rows_of_intrinsics(folder, 0.02), 2);
+    assert_int_equal(rows_of_intrinsics(folder, 1, 0), 1);
+    assert_int_equal(rows_of_intrinsics(folder, 1, 0.004), 1);
+    for (int which = 0; which < 3; which++) /* 2: the first row's come again behind it */
+        assert_int_equal(rows_of_intrinsics(folder, which, 0.02), 2);
 }
 
 int test_group_scene(void)
