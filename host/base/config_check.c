@@ -116,6 +116,22 @@ cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVEL
     return CLN_OK;
 }
 
+void cln_config_keep_levels(const char *level_at, int above, int most, char out[CLN_TEXT_BYTES])
+{
+    char part[CLN_TEXT_BYTES];
+    size_t used = 0;
+
+    out[0] = 0;
+    while (next_part(&level_at, part)) {
+        long long level = 0;
+        double value = 0;
+
+        if (read_level(part, &level, &value) && level > above && level <= most)
+            used +=
+                (size_t)snprintf(out + used, CLN_TEXT_BYTES - used, "%s%s", used ? "," : "", part);
+    }
+}
+
 cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
                                   int *count)
 {

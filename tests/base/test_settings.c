@@ -126,6 +126,40 @@ static void test_refused(void **state)
     cln_settings_free(settings);
 }
 
+/* A preset's own growth gives way to levels that are given; one that was given does not. */
+static void test_levels(void **state)
+{
+    cln_settings *settings = create(NULL);
+
+    (void)state;
+    assert_string_equal(settings->config.level_at, "3:0.01,4:0.03,5:0.08");
+    set(settings, "start-level", "4");
+    assert_string_equal(settings->config.level_at, "5:0.08");
+    assert_int_equal(cln_settings_check(settings), CLN_OK);
+    set(settings, "start-level", "5");
+    assert_string_equal(settings->config.level_at, "");
+    assert_int_equal(cln_settings_check(settings), CLN_OK);
+    set(settings, "start-level", "2");
+    set(settings, "max-level", "3");
+    assert_string_equal(settings->config.level_at, "3:0.01");
+    assert_int_equal(cln_settings_check(settings), CLN_OK);
+    set(settings, "adaptive", "no"); /* then it limits nothing */
+    assert_string_equal(settings->config.level_at, "3:0.01,4:0.03,5:0.08");
+    set(settings, "adaptive", "yes");
+    set(settings, "level-at", "3:0.1,4:0.2");
+    set(settings, "start-level", "3");
+    assert_string_equal(settings->config.level_at, "3:0.1,4:0.2");
+    assert_int_equal(cln_settings_check(settings), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "--start-level 3"));
+    cln_clear_error();
+    cln_settings_free(settings);
+    settings = create(NULL);
+    settings->preset[0] = 0; /* of a run that is resumed */
+    set(settings, "start-level", "4");
+    assert_string_equal(settings->config.level_at, "3:0.01,4:0.03,5:0.08");
+    cln_settings_free(settings);
+}
+
 static void test_extend_in_other_locale(void **state)
 {
     cln_settings *settings = NULL;
@@ -471,6 +505,7 @@ int test_group_settings(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_every_setting),
         cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_levels),
         cmocka_unit_test(test_extend),
         cmocka_unit_test(test_extend_too_much),
         cmocka_unit_test(test_extend_in_other_locale),
