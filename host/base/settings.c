@@ -213,7 +213,8 @@ int cln_settings_epochs(const cln_settings *settings, double pixels)
     const cln_config *c = &settings->config;
     const double least = cln_config_step_epochs(c, pixels, CLN_VOXEL_STEPS);
 
-    if (c->encoding != CLN_ENCODING_VOXEL || is_given(settings, "epochs") || c->epochs >= least)
+    if (c->encoding != CLN_ENCODING_VOXEL || is_given(settings, "epochs") || c->epochs >= least ||
+        c->steps > 0 || c->time_limit > 0)
         return c->epochs;
     return (int)fmin(1e6, ceil(least));
 }

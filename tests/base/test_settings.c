@@ -105,6 +105,11 @@ static void test_refused(void **state)
     none = create(NULL); /* of 100 x 100 pixels, 16,384 rays a step */
     assert_int_equal(cln_settings_epochs(none, 1e4), 24576);
     assert_int_equal(cln_settings_epochs(none, 1e9), 30);
+    set(none, "steps", "120"); /* epochs are no budget then */
+    assert_int_equal(cln_settings_epochs(none, 1e4), 30);
+    set(none, "steps", "0");
+    set(none, "time-limit", "60");
+    assert_int_equal(cln_settings_epochs(none, 1e4), 30);
     set(none, "epochs", "30");
     assert_int_equal(cln_settings_epochs(none, 1e4), 30);
     cln_settings_free(none);
