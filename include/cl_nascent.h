@@ -575,7 +575,7 @@ typedef enum cln_tune_verdict {
 typedef struct cln_tune_try {
     char tune[256];
     cln_tune_verdict verdict;
-    char reason[512];        /* why it was refused */
+    char reason[512];        /* why it was refused, or given up while its kernels were built */
     double seconds, against; /* of a step, and of the best set before it at the same time; NaN */
     /* The decision: number of pairs of alternate timings; median of the pairs' ratios of times
      * (below 1 is faster; NaN); number of pairs in which the set was not faster. */
@@ -587,7 +587,7 @@ typedef struct cln_tune_desc {
     cln_device_desc device; /* tune: start of the search; NULL = the device class's defaults */
     const cln_settings *settings; /* their leaves, sampling and batch count; NULL = the default
                                      preset's */
-    double budget;                /* seconds, up to 1e6; 0 = 60 */
+    double budget;                /* seconds, up to 1e6; 0 = 60; the first set may take longer */
     int max_tries;                /* most sets tried; 0 = as many as the budget allows */
     const char *file;             /* gets the row, instead of an older one; NULL = none */
     cln_callbacks callbacks;

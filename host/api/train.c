@@ -568,14 +568,16 @@ static cln_status fit_budget(cln_trainer *t, cln_config *config)
                           cln_scene_pixel_bytes(t->scene));
     cln_settings fitted = *t->desc->settings;
     char text[CLN_ROOM_TEXT];
-    int samples = 0, rays = 0;
+    const bool given = is_given(t, "batch-samples");
+    int samples = config->batch_samples, rays = config->rays;
     double least[2];
 
-    if (!is_given(t, "batch-samples")) {
+    if (!given)
         CLN_TRY(cln_room_fit_batch(&desc, !is_given(t, "rays"), &samples, &rays));
-        least[0] = -samples;
-        least[1] = -rays;
-        cln_ranks_largest(least, 2);
+    least[0] = -samples;
+    least[1] = -rays;
+    cln_ranks_largest(least, 2);
+    if (!given) {
         cln_room_say_batch(&desc, (int)-least[0], (int)-least[1], text);
         if (*text)
             cln_info("memory: %s", text);
@@ -776,6 +778,7 @@ done:
 static cln_status prepare(cln_trainer *t)
 {
     cln_status st = CLN_OK;
+    const cln_callbacks callbacks = early_callbacks(t);
     cln_config config = t->desc->settings->config;
     cln_config saved = config; /* of a resumed run: what it had so far */
 
@@ -783,6 +786,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(check_settings(t, &config, &saved));
     CLN_TRY(cln_watch_open(t));
     CLN_TRY(load_scene(t, &config));
+    t->device->callbacks = &callbacks;
     CLN_TRY(check_files(t, &config));
     CLN_TRY(load_model(t, &config));
     if (!t->desc->resume)
@@ -800,6 +804,8 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(stop_early(t));
     CLN_TRY(begin(t));
 done:
+    if (t->device)
+        t->device->callbacks = NULL;
     return st;
 }
 
