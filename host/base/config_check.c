@@ -316,6 +316,11 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
     CLN_TRY(cln_config_background(config, &background, rgb));
     CLN_TRY(check_bbox(config->bbox));
+    if (config->holdout > 0 && config->holdout_from >= config->holdout)
+        return cln_fail(CLN_USAGE,
+                        "--holdout-from: %d is not below --holdout %d, by which numbers of test "
+                        "images are apart; give one from 0 to %d",
+                        config->holdout_from, config->holdout, config->holdout - 1);
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--space shell and --stage1 splat: splatting needs straight rays, and in "
