@@ -763,7 +763,7 @@ check_runs() { # check_runs RUN
     check "no setting that does not" eval '! printed view-width'
     check "bytes have their unit" grep -qE '^  device-mem +0 +2.0 GiB$' "$work/out"
     check "an empty text is told" grep -qE '^  eval-at +none +30$' "$work/out"
-    check "the best is marked" grep -qE '^  PSNR train +[0-9.]+ +77.25 \*$' "$work/out"
+    check "the best is marked" grep -qE '^  PSNR train, of rays +[0-9.]+ +77.25 \*$' "$work/out"
     check "a long name has a line of its own" \
         grep -qE '^    twin +[^ ]' "$work/out"
     check "devices differ: times do not compare" printed "times do not compare"
