@@ -242,8 +242,9 @@ typedef struct cln_train_result {
     double cpu_seconds; /* of processors for `seconds`; NaN if earlier starts tell none */
 } cln_train_result;
 
-/* Trains until a budget is used up; docs/formats.md describes RUN/. *result is filled in as far as
- * training went, also when interrupted. */
+/* Trains until a budget is used up; docs/formats.md describes RUN/. Where memory is short, a new
+ * training whose settings were not given batch-samples takes fewer, and records them. *result is
+ * filled in as far as training went, also when interrupted. */
 CLN_API cln_status cln_train(const cln_train_desc *desc, cln_train_result *result);
 
 /* ---- measuring and rendering ---- */

@@ -10,9 +10,9 @@
 /* camera.c: divides the image size and everything in pixels by x (width) and y (height). */
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
-/* split.c: every view number holdout_from + k holdout by name becomes test, unless the dataset named the splits; fills
- * split_rule; then orders the views, and checks for duplicates and for a training view, or as
- * cln_scene_desc.measured has it. */
+/* split.c: every holdout-th view by name, from number holdout_from on, becomes test, unless the
+ * dataset named the splits; fills split_rule; then orders the views, and checks for duplicates and
+ * for a training view, or as cln_scene_desc.measured has it. */
 cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_config *config,
                                  bool measured);
 

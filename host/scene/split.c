@@ -1,7 +1,8 @@
 /* Which view is train, val or test, and the order of views. Where a dataset names no test views,
- * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do, or from
- * another one (--holdout-from), for folds; for that, names are ordered byte by byte, as Python sorts them, so that results compare. The views
- * themselves stand in an order for people: by split, then by name in natural order. */
+ * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do, or
+ * from another one (--holdout-from), for folds; for that, names are ordered byte by byte, as Python
+ * sorts them, so that results compare. The views themselves stand in an order for people: by split,
+ * then by name in natural order. */
 #include "scene/build.h"
 
 #include <math.h>
