@@ -242,8 +242,9 @@ typedef struct cln_train_result {
     double cpu_seconds; /* of processors for `seconds`; NaN if earlier starts tell none */
 } cln_train_result;
 
-/* Trains until a budget is used up; docs/formats.md describes RUN/. *result is filled in as far as
- * training went, also when interrupted. */
+/* Trains until a budget is used up; docs/formats.md describes RUN/. Where memory is short, a new
+ * training whose settings were not given batch-samples takes fewer, and records them. *result is
+ * filled in as far as training went, also when interrupted. */
 CLN_API cln_status cln_train(const cln_train_desc *desc, cln_train_result *result);
 
 /* ---- measuring and rendering ---- */
@@ -581,7 +582,7 @@ typedef enum cln_tune_verdict {
 typedef struct cln_tune_try {
     char tune[256];
     cln_tune_verdict verdict;
-    char reason[512];        /* why it was refused */
+    char reason[512];        /* why it was refused, or given up while its kernels were built */
     double seconds, against; /* of a step, and of the best set before it at the same time; NaN */
     /* The decision: number of pairs of alternate timings; median of the pairs' ratios of times
      * (below 1 is faster; NaN); number of pairs in which the set was not faster. */
@@ -593,7 +594,7 @@ typedef struct cln_tune_desc {
     cln_device_desc device; /* tune: start of the search; NULL = the device class's defaults */
     const cln_settings *settings; /* their leaves, sampling and batch count; NULL = the default
                                      preset's */
-    double budget;                /* seconds, up to 1e6; 0 = 60 */
+    double budget;                /* seconds, up to 1e6; 0 = 60; the first set may take longer */
     int max_tries;                /* most sets tried; 0 = as many as the budget allows */
     const char *file;             /* gets the row, instead of an older one; NULL = none */
     cln_callbacks callbacks;

@@ -241,6 +241,32 @@ static void add_text(json_t *about, const char *key, const char *text)
         json_object_set_new(about, key, json_string(text));
 }
 
+static bool is_given(const cln_settings *settings, const char *option)
+{
+    return cln_settings_given(settings, cln_config_find(option));
+}
+
+/* The batch that a training would have by itself. */
+static cln_status fit_batch(json_t *about, cln_device *device, const cln_scene *scene,
+                            const cln_settings *settings, cln_config *c)
+{
+    cln_status st = CLN_OK;
+    const cln_room_desc desc =
+        cln_room_training(device, c, scene, NULL, cln_coverage_bytes(scene), photo_bytes(scene));
+    char text[CLN_ROOM_TEXT];
+    int samples = 0, rays = 0;
+
+    if (is_given(settings, "batch-samples"))
+        return CLN_OK;
+    CLN_TRY(cln_room_fit_batch(&desc, !is_given(settings, "rays"), &samples, &rays));
+    cln_room_say_batch(&desc, samples, rays, text);
+    add_text(about, "batch_note", text);
+    c->batch_samples = samples;
+    c->rays = rays;
+done:
+    return st;
+}
+
 /* Adds what the largest tree needs of memory and disk, what there is, and what becomes of it. */
 static cln_status add_memory(json_t *about, cln_device *device, const cln_scene *scene,
                              const cln_config *c)
@@ -286,33 +312,33 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
                            const cln_device_desc *wanted, double probe,
                            const cln_callbacks *callbacks)
 {
-    const cln_config *c = &settings->config;
-    const bool timed = c->steps > 0 || c->time_limit > 0;
+    cln_settings fitted = *settings;
+    cln_config *c = &fitted.config;
     const double pixels = cln_scene_training_pixels(scene);
-    double steps = c->steps;
+    double steps = 0;
     cln_device *device = NULL;
     json_t *about = json_pack("{s:s}", "preset", settings->preset);
+    const bool there = cln_device_open(wanted, &device) == CLN_OK &&
+                       fit_batch(about, device, scene, settings, c) == CLN_OK &&
+                       add_memory(about, device, scene, c) == CLN_OK;
 
-    if (!timed) {
-        cln_config budget = *c;
-
-        budget.epochs = cln_settings_epochs(settings, pixels);
-        steps = (double)cln_config_epoch_steps(&budget, pixels);
-        json_object_set_new(about, "epochs", json_integer(budget.epochs));
+    if (!there) {
+        json_object_set_new(about, "device", json_null());
+        json_object_set_new(about, "no_device", json_string(cln_error_text()));
+        cln_clear_error();
+    }
+    steps = c->steps;
+    if (c->steps == 0 && c->time_limit == 0) {
+        c->epochs = cln_settings_epochs(&fitted, pixels);
+        steps = (double)cln_config_epoch_steps(c, pixels);
+        json_object_set_new(about, "epochs", json_integer(c->epochs));
     }
     if (steps > 0)
         json_object_set_new(about, "steps", json_integer((json_int_t)steps));
     if (c->time_limit > 0)
         json_object_set_new(about, "time_limit", json_real(c->time_limit));
-    if (cln_device_open(wanted, &device) == CLN_OK &&
-        add_memory(about, device, scene, c) == CLN_OK) {
-        if (probe > 0)
-            add_time(about, device, scene, c, steps, probe, callbacks);
-    } else {
-        json_object_set_new(about, "device", json_null());
-        json_object_set_new(about, "no_device", json_string(cln_error_text()));
-        cln_clear_error();
-    }
+    if (there && probe > 0)
+        add_time(about, device, scene, c, steps, probe, callbacks);
     cln_device_close(device);
     return about;
 }

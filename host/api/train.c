@@ -553,6 +553,46 @@ done:
     return st;
 }
 
+static bool is_given(const cln_trainer *t, const char *option)
+{
+    return cln_settings_given(t->desc->settings, cln_config_find(option));
+}
+
+/* Of a new training: a smaller batch where memory is short and none is given, which is said and the
+ * same on all ranks; epochs, if they are its budget. A resumed run has both in its settings. */
+static cln_status fit_budget(cln_trainer *t, cln_config *config)
+{
+    cln_status st = CLN_OK;
+    const cln_room_desc desc =
+        cln_room_training(t->device, config, t->scene, &t->model.tree, cln_coverage_bytes(t->scene),
+                          cln_scene_pixel_bytes(t->scene));
+    cln_settings fitted = *t->desc->settings;
+    char text[CLN_ROOM_TEXT];
+    const bool given = is_given(t, "batch-samples");
+    int samples = config->batch_samples, rays = config->rays;
+    double least[2];
+
+    if (!given)
+        CLN_TRY(cln_room_fit_batch(&desc, !is_given(t, "rays"), &samples, &rays));
+    least[0] = -samples;
+    least[1] = -rays;
+    cln_ranks_largest(least, 2);
+    if (!given) {
+        cln_room_say_batch(&desc, (int)-least[0], (int)-least[1], text);
+        if (*text)
+            cln_info("memory: %s", text);
+        config->batch_samples = (int)-least[0];
+        config->rays = (int)-least[1];
+    }
+    fitted.config = *config;
+    config->epochs = cln_settings_epochs(&fitted, cln_scene_training_pixels(t->scene));
+    t->model.config.rays = config->rays;
+    t->model.config.batch_samples = config->batch_samples;
+    t->model.config.epochs = config->epochs;
+done:
+    return st;
+}
+
 /* Brings the photos' pixels to where memory has room for them; says what becomes of a tree that it
  * has no room for, and of plans beyond what is free now. */
 static cln_status place_photos(cln_trainer *t, const cln_config *config)
@@ -738,6 +778,7 @@ done:
 static cln_status prepare(cln_trainer *t)
 {
     cln_status st = CLN_OK;
+    const cln_callbacks callbacks = early_callbacks(t);
     cln_config config = t->desc->settings->config;
     cln_config saved = config; /* of a resumed run: what it had so far */
 
@@ -745,10 +786,11 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(check_settings(t, &config, &saved));
     CLN_TRY(cln_watch_open(t));
     CLN_TRY(load_scene(t, &config));
-    if (!t->desc->resume)
-        config.epochs = cln_settings_epochs(t->desc->settings, cln_scene_training_pixels(t->scene));
+    t->device->callbacks = &callbacks;
     CLN_TRY(check_files(t, &config));
     CLN_TRY(load_model(t, &config));
+    if (!t->desc->resume)
+        CLN_TRY(fit_budget(t, &config));
     CLN_TRY(place_photos(t, &config));
     t->steps = config.steps;
     CLN_TRY(check_nothing_left(t, &config, &saved));
@@ -762,6 +804,8 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(stop_early(t));
     CLN_TRY(begin(t));
 done:
+    if (t->device)
+        t->device->callbacks = NULL;
     return st;
 }
 

@@ -112,6 +112,9 @@ bool cln_config_merges(const cln_config *config);
 /* "2:0.067,3:0.133" -> fraction[level], 2 (= never) for levels not named. */
 cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVELS]);
 
+/* out = those of "2:0.067,3:0.133" whose level is above `above` and at most `most`. */
+void cln_config_keep_levels(const char *level_at, int above, int most, char out[CLN_TEXT_BYTES]);
+
 /* "60s,2m,5000" -> up to max points in the given, ascending order; seconds[i] > 0 or steps[i] >
  * 0. */
 cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,

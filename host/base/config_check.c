@@ -116,6 +116,22 @@ cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVEL
     return CLN_OK;
 }
 
+void cln_config_keep_levels(const char *level_at, int above, int most, char out[CLN_TEXT_BYTES])
+{
+    char part[CLN_TEXT_BYTES];
+    size_t used = 0;
+
+    out[0] = 0;
+    while (next_part(&level_at, part)) {
+        long long level = 0;
+        double value = 0;
+
+        if (read_level(part, &level, &value) && level > above && level <= most)
+            used +=
+                (size_t)snprintf(out + used, CLN_TEXT_BYTES - used, "%s%s", used ? "," : "", part);
+    }
+}
+
 cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
                                   int *count)
 {
@@ -300,6 +316,11 @@ cln_status cln_config_check(const cln_config *config)
     CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
     CLN_TRY(cln_config_background(config, &background, rgb));
     CLN_TRY(check_bbox(config->bbox));
+    if (config->holdout > 0 && config->holdout_from >= config->holdout)
+        return cln_fail(CLN_USAGE,
+                        "--holdout-from: %d is not below --holdout %d, by which numbers of test "
+                        "images are apart; give one from 0 to %d",
+                        config->holdout_from, config->holdout, config->holdout - 1);
     if (config->space == CLN_SPACE_SHELL && config->stage1 == CLN_STAGE1_SPLAT)
         return cln_fail(CLN_USAGE,
                         "--space shell and --stage1 splat: splatting needs straight rays, and in "

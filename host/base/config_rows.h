@@ -374,6 +374,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(holdout, "holdout", 8, 8, 0, 1000000,                                                      \
         "every Nth image is test where no split is named (0 = none)",                              \
         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE)                                                    \
+    INT(holdout_from, "holdout-from", 0, 0, 0, 999999,                                             \
+        "holdout: the first image that is test, counted from 0; with each number below N, each "   \
+        "image is test once",                                                                      \
+        .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                    \
     ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
          "frames whose image is not there or cannot be read: leave them out while they are fewer " \
          "than a tenth, leave them out however many, or refuse the scene",                         \

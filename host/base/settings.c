@@ -145,6 +145,19 @@ done:
     return st;
 }
 
+/* Levels of a new run's preset (or of the run whose settings it takes) that --start-level begins
+ * with or beyond, and of a tree that adapts those beyond --max-level, are left out: what was given
+ * counts. A list that was given is held against both. */
+static void fit_levels(cln_settings *settings)
+{
+    cln_config *c = &settings->config;
+    const bool first = is_given(settings, "start-level"), last = is_given(settings, "max-level");
+
+    if ((first || last) && settings->preset[0] && !is_given(settings, "level-at"))
+        cln_config_keep_levels(settings->base.level_at, first ? c->start_level : -1,
+                               last && c->adaptive ? c->max_level : CLN_LEVELS, c->level_at);
+}
+
 cln_status cln_settings_set(cln_settings *settings, const char *name, const char *value)
 {
     cln_status st = CLN_OK;
@@ -158,6 +171,7 @@ cln_status cln_settings_set(cln_settings *settings, const char *name, const char
     else
         CLN_TRY(cln_config_set(&settings->config, row, value));
     settings->given[row - cln_config_rows] = true;
+    fit_levels(settings);
 done:
     return st;
 }
@@ -199,7 +213,8 @@ int cln_settings_epochs(const cln_settings *settings, double pixels)
     const cln_config *c = &settings->config;
     const double least = cln_config_step_epochs(c, pixels, CLN_VOXEL_STEPS);
 
-    if (c->encoding != CLN_ENCODING_VOXEL || is_given(settings, "epochs") || c->epochs >= least)
+    if (c->encoding != CLN_ENCODING_VOXEL || is_given(settings, "epochs") || c->epochs >= least ||
+        c->steps > 0 || c->time_limit > 0)
         return c->epochs;
     return (int)fmin(1e6, ceil(least));
 }

@@ -20,7 +20,8 @@ bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)
 
 /* The epochs of a new training over so many training pixels: those that are given; else the
  * preset's, but of voxels as many as CLN_VOXEL_STEPS steps are, or more: each level and the first
- * splits wait for steps, not for epochs. */
+ * splits wait for steps, not for epochs. Beside steps or a time, epochs are no budget, and stay the
+ * preset's. */
 enum { CLN_VOXEL_STEPS = 1500 };
 int cln_settings_epochs(const cln_settings *settings, double pixels);
 

@@ -138,6 +138,12 @@ done:
     return st;
 }
 
+/* Each check compiles the kernels that it runs. */
+static cln_status poll(const cln_checks *c)
+{
+    return cln_stopped_by(cln_poll_signal(c->p->device->callbacks), NULL);
+}
+
 static cln_status run_checks(cln_checks *c, bool rays_only)
 {
     cln_status st = CLN_OK;
@@ -153,13 +159,17 @@ static cln_status run_checks(cln_checks *c, bool rays_only)
         goto done;
     if (!rays_only)
         CLN_TRY(cln_check_densities(c));
+    CLN_TRY(poll(c));
     CLN_TRY(cln_check_rays(c));
     if (rays_only)
         goto done;
+    CLN_TRY(poll(c));
     CLN_TRY(cln_check_networks(c));
+    CLN_TRY(poll(c));
     CLN_TRY(cln_check_composite(c));
     if (cln_pipeline_measures(&c->p->config) > 0)
         CLN_TRY(cln_check_structure(c));
+    CLN_TRY(poll(c));
     CLN_TRY(cln_check_carry(c));
 done:
     return st;

@@ -15,6 +15,7 @@
 
 #include <limits.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -71,15 +72,33 @@ typedef struct tuner {
     double began, deadline; /* monotonic seconds */
     double longest[2]; /* of a candidate whose kernels: [0] were compiled already, [1] were not */
     bool spent;        /* some sets were not tried, for lack of time */
+    cln_callbacks building; /* asked while kernels are built */
+    int signal;             /* by which the caller stopped the search */
 } tuner;
 
-static cln_status poll(const tuner *t)
+/* A set whose kernels take longer than the budget is given up, but for the first one. */
+static bool is_late(const tuner *t)
 {
-    const cln_callbacks *c = &t->desc->callbacks;
+    return t->best.device && cln_now() > t->deadline;
+}
 
-    cln_show_work(c, "tune: seconds", (int)fmin(cln_now() - t->began, t->desc->budget),
-                  (int)ceil(t->desc->budget));
-    return cln_stopped_by(cln_poll_signal(c), "no row was written");
+/* The caller's signal; at the deadline SIGINT, to end the building of kernels. */
+static int ask(void *user)
+{
+    tuner *t = user;
+    const int signal = cln_poll_signal(&t->desc->callbacks);
+
+    if (signal == SIGINT || signal == SIGTERM)
+        t->signal = signal;
+    return t->signal ? t->signal : is_late(t) ? SIGINT : 0;
+}
+
+static cln_status poll(tuner *t)
+{
+    cln_show_work(&t->desc->callbacks, "tune: seconds",
+                  (int)fmin(cln_now() - t->began, t->desc->budget), (int)ceil(t->desc->budget));
+    (void)ask(t);
+    return cln_stopped_by(t->signal, "no row was written");
 }
 
 /* ---- the list of what was tried ---- */
@@ -153,6 +172,8 @@ void cln_tune_tell(const cln_tune_try *try)
 {
     if (try->verdict == CLN_SET_REFUSED)
         cln_warn("%s: refused, and not timed: %s", try->tune, try->reason);
+    else if (try->verdict == CLN_SET_UNDECIDED && try->reason[0])
+        cln_info("%s: %s", try->tune, try->reason);
     else if (try->verdict == CLN_SET_UNDECIDED)
         cln_info("%s: correct, but no time is left to time it", try->tune);
     else if (try->pairs == 0)
@@ -188,6 +209,20 @@ static cln_status refuse(cln_tune_try *try, cln_status st)
         snprintf(try->reason, sizeof try->reason, "%s", cln_error_text());
     try->verdict = CLN_SET_REFUSED;
     cln_clear_error();
+    return CLN_OK;
+}
+
+/* Ends a set that a signal or the deadline stopped: only a signal of the caller ends the search. */
+static cln_status give_up(tuner *t, cln_tune_try *try, cln_status st)
+{
+    if (st != CLN_SIGINT && st != CLN_SIGTERM)
+        return st;
+    cln_clear_error();
+    if (t->signal)
+        return cln_stopped_by(t->signal, "no row was written");
+    snprintf(try->reason, sizeof try->reason,
+             "no time is left to time it, nor to build all of its kernels");
+    t->spent = true;
     return CLN_OK;
 }
 
@@ -238,6 +273,7 @@ static cln_status race(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
     int pairs = 0, steps = 1;
 
     CLN_TRY(cln_synthetic_step(&t->work, candidate)); /* compiles */
+    CLN_TRY(poll(t));
     CLN_TRY(part_of_pair(t, &t->best, 1, &once));
     steps = once >= PART_SECONDS ? 1 : (int)ceil(PART_SECONDS / fmax(once, 1e-5));
     while (pairs < PAIRS) {
@@ -282,6 +318,7 @@ static cln_status measure(tuner *t, cln_pipeline *candidate, cln_tune_try *try)
         goto done;
     }
     CLN_TRY(cln_synthetic_settle(&t->work, candidate, fmax(STEP_SHARE * t->desc->budget, 0.02)));
+    CLN_TRY(poll(t));
     CLN_TRY(part_of_pair(t, candidate, 1, &try->seconds));
     try->against = t->result->seconds = try->seconds;
     try->verdict = CLN_SET_TAKEN;
@@ -309,6 +346,7 @@ static cln_status consider(tuner *t, cln_tune tune)
     st = cln_selftest_config(t->device, &t->desc->settings->config, keep_first, try);
     if (st == CLN_OK)
         st = measure(t, &candidate, try);
+    st = give_up(t, try, st);
     CLN_TRY(refuse(try, st));
     if (try->verdict == CLN_SET_TAKEN) {
         cln_pipeline_free(&t->best);
@@ -409,6 +447,7 @@ static cln_status search_for(const cln_tune_desc *desc, cln_tune_result *result)
     memset(result, 0, sizeof *result);
     result->gain = 1;
     t.deadline = t.began + desc->budget;
+    t.building = (cln_callbacks){.interrupted = ask, .user = &t};
     CLN_TRY(cln_config_check(&desc->settings->config));
     if (desc->file && cln_is_dir(desc->file))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: is a folder; give the name of a file", desc->file));
@@ -417,6 +456,7 @@ static cln_status search_for(const cln_tune_desc *desc, cln_tune_result *result)
     CLN_TRY(cln_device_open(&desc->device, &t.device));
     CLN_TRY(cln_network_layout(&desc->settings->config, &t.net));
     cln_network_text(&t.net, result->network);
+    t.device->callbacks = &t.building;
     result->device = t.device->info;
     start = t.device->tune;
     cln_device_tune(t.device, result->network, &present, from);

@@ -147,6 +147,7 @@ static void print_training(const json_t *training)
              cln_plural(cln_json_number(training, "most_leaves"), "leaf", "leaves"),
              text_of(training, "device"));
     print_wrapped(printf("memory   "), 9, line);
+    print_note(training, "batch_note");
     print_note(training, "tree_note");
     print_note(training, "photos_note");
     print_note(training, "free_note");

@@ -39,10 +39,11 @@ static cln_status print_json(const cln_tune_result *r, const char *file)
 /* leaves: "voxels" or "networks"; read: other commands read this file anyway */
 static void print_result(const cln_tune_result *r, const char *leaves, const char *file, bool read)
 {
-    int count[4] = {0};
+    int count[4] = {0}, compared = 0;
 
     for (int i = 0; i < r->count; i++) {
         count[r->tries[i].verdict]++;
+        compared += r->tries[i].pairs > 0;
         if (r->tries[i].verdict == CLN_SET_REFUSED)
             printf("refused     %s: %s\n", r->tries[i].tune, r->tries[i].reason);
     }
@@ -53,6 +54,10 @@ static void print_result(const cln_tune_result *r, const char *leaves, const cha
            cln_plural(r->count, "", "s"), count[CLN_SET_REFUSED], count[CLN_SET_SLOWER],
            count[CLN_SET_UNDECIDED],
            r->complete ? "no better one is known" : "--budget ended the search");
+    if (!r->complete && compared == 0)
+        printf("            no set was compared with the first, as building kernels took the time; "
+               "those that\n            were built are kept: run it again, or give more "
+               "--budget\n");
     printf("best        %s\n", r->tune);
     printf("time        %.4g ms a step, %.2f times as fast as the set that the search began with\n",
            1e3 * r->seconds, r->gain);

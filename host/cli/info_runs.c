@@ -30,7 +30,7 @@ static const struct {
     {"seconds", "training time", DURATION},
     {"cpu_seconds", "processor time", DURATION},
     {"leaves", "leaves", COUNT},
-    {"psnr_train", "PSNR train", REAL_2},
+    {"psnr_train", "PSNR train, of rays", REAL_2},
     {"psnr_test", "PSNR test", REAL_2},
     {"ssim", "SSIM test", REAL_4},
     {"psnr_fitted", "PSNR test, fitted", REAL_2},

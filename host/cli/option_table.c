@@ -304,7 +304,8 @@ const cln_arg cln_args[] = {
     FLAG(CLN_DEVICES | CLN_BUGREPORT, "test", test,
          "run the quick self-test on each device", .standard = "yes", .negatable = true),
     REAL(CLN_TUNE, "budget", budget, "SECONDS", 1, 1e6,
-         "time to search in (also 90s, 10m, 1:30); the best set found by then is kept",
+         "time to search in (also 90s, 10m, 1:30), building of kernels included; the best set "
+         "found by then is kept. The first one always ends",
          .standard = "60", .seconds = true),
     FLAG(CLN_SELFTEST, "quick", quick,
          "only the checks that take about a second; with --extremes, no sorts of over 2^17 keys"),

@@ -33,6 +33,19 @@ static bool is_pocl(const char *platform)
 /* PoCL's own paths are no longer. */
 enum { PATH = 1024 };
 
+static bool is_by_xdg(void)
+{
+    const char *cache = getenv("XDG_CACHE_HOME");
+
+    return !getenv("POCL_CACHE_DIR") && cache && *cache;
+}
+
+/* Behind the folder's name: the variable that it comes from, where the way out is another one. */
+static const char *source(void)
+{
+    return is_by_xdg() ? " (by XDG_CACHE_HOME)" : "";
+}
+
 static void find(char out[PATH])
 {
     const char *own = getenv("POCL_CACHE_DIR"), *cache = getenv("XDG_CACHE_HOME");
@@ -42,7 +55,7 @@ static void find(char out[PATH])
 
     if (own)
         snprintf(out, PATH, "%s", own);
-    else if (cache && *cache)
+    else if (is_by_xdg())
         snprintf(out, PATH, "%s/%s", cache, name);
     else if (home)
         snprintf(out, PATH, "%s/.cache/%s", home, name);
@@ -126,22 +139,23 @@ static cln_status no_room(const char *cache, double need)
     cln_format_bytes(room, have);
     cln_format_bytes(need, most);
     if (room >= need)
-        return cln_fail(CLN_OUTPUT,
-                        "PoCL's kernel cache %s has too little room: a quota leaves less than the "
-                        "%s that may be needed; %s",
-                        cache, most, way_out);
+        return cln_fail(
+            CLN_OUTPUT,
+            "PoCL's kernel cache %s%s has too little room: a quota leaves less than the "
+            "%s that may be needed; %s",
+            cache, source(), most, way_out);
     return cln_fail(CLN_OUTPUT,
-                    "PoCL's kernel cache %s has too little room: %s are free, and up to %s are "
+                    "PoCL's kernel cache %s%s has too little room: %s are free, and up to %s are "
                     "needed; %s",
-                    cache, have, most, way_out);
+                    cache, source(), have, most, way_out);
 }
 
 static cln_status closed(const char *cache, int reason)
 {
     return cln_fail(CLN_OUTPUT,
-                    "PoCL's kernel cache %s cannot be written by this account: %s; set "
+                    "PoCL's kernel cache %s%s cannot be written by this account: %s; set "
                     "POCL_CACHE_DIR to a folder of your own, as each account needs one",
-                    cache, strerror(reason));
+                    cache, source(), strerror(reason));
 }
 
 /* Writing: whether the folder itself takes a file of `need` bytes. */
@@ -187,9 +201,9 @@ static cln_status warn(const char *cache)
     if (cln_disk_room(cache) < COLD) {
         cln_format_bytes(cln_disk_room(cache), have);
         cln_format_bytes(COLD, most);
-        cln_warn("PoCL's kernel cache %s has %s free; kernels that are not in it yet may need up "
+        cln_warn("PoCL's kernel cache %s%s has %s free; kernels that are not in it yet may need up "
                  "to %s: %s",
-                 cache, have, most, way_out);
+                 cache, source(), have, most, way_out);
     }
     CLN_TRY(find_closed(cache, true, path, &info, &found));
     if (found)
@@ -235,11 +249,12 @@ cln_status cln_cache_blame(const char *platform, bool by_folders)
         goto done;
     CLN_TRY(find_closed(cache, false, path, &info, &found));
     if (found)
-        CLN_TRY(cln_fail(CLN_OUTPUT,
-                         "PoCL's kernel cache %s cannot be written by this account: its folder %s "
-                         "belongs to user %u; set POCL_CACHE_DIR to a folder of your own, as each "
-                         "account needs one",
-                         cache, path + strlen(cache) + 1, (unsigned)info.st_uid));
+        CLN_TRY(
+            cln_fail(CLN_OUTPUT,
+                     "PoCL's kernel cache %s%s cannot be written by this account: its folder %s "
+                     "belongs to user %u; set POCL_CACHE_DIR to a folder of your own, as each "
+                     "account needs one",
+                     cache, source(), path + strlen(cache) + 1, (unsigned)info.st_uid));
 done:
     return st;
 }
@@ -264,6 +279,6 @@ bool cln_cache_last_words(char *out, size_t bytes)
     if (statvfs(cache, &disk) != 0 || disk.f_blocks == 0 ||
         (double)disk.f_bavail * (double)disk.f_frsize >= 2 * LEAST)
         return false;
-    snprintf(out, bytes, "PoCL's kernel cache %s has no room left; %s", cache, way_out);
+    snprintf(out, bytes, "PoCL's kernel cache %s%s has no room left; %s", cache, source(), way_out);
     return true;
 }

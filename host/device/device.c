@@ -103,16 +103,16 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
     if (total == 0 && platforms)
         cln_cache_doubt(&doubt);
     if (total == 0 && platforms)
-        st = cln_fail(CLN_NO_DEVICE,
-                      "no OpenCL device found, though there is a driver (%s); %s%s%s%s; GPUs need "
-                      "their vendor's driver (intel-opencl-icd, mesa-opencl-icd, "
-                      "nvidia-opencl-icd)",
-                      platform_name(ids[0], name, sizeof name), chosen ? "POCL_DEVICES is '" : "",
-                      chosen ? chosen : "",
-                      chosen ? "': unset it, if that names no device of PoCL's; " : "",
-                      doubt ? doubt
-                            : "PoCL needs a folder that it can write its cache to: set "
-                              "POCL_CACHE_DIR to one");
+        st = cln_fail(
+            CLN_NO_DEVICE, "no OpenCL device found, though there is a driver (%s); %s%s%s%s%s",
+            platform_name(ids[0], name, sizeof name), chosen ? "POCL_DEVICES is '" : "",
+            chosen ? chosen : "", chosen ? "': unset it, if that names no device of PoCL's; " : "",
+            doubt ? doubt
+                  : "PoCL needs a folder that it can write its cache to: set "
+                    "POCL_CACHE_DIR to one",
+            doubt ? ""
+                  : "; GPUs need their vendor's driver (intel-opencl-icd, "
+                    "mesa-opencl-icd, nvidia-opencl-icd)");
     else if (total == 0)
         st = cln_fail(
             CLN_NO_DEVICE,

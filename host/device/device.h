@@ -68,6 +68,9 @@ typedef struct cln_device {
     bool tune_exact; /* use `tune` only (self-test, tuner, tests): no rows, no plain fallback */
     cln_tune_rows *rows[2]; /* the user's (may be NULL), data/tune */
     char *kernel_dir;
+    /* Asked before each program is built, which may take a minute, whether to stop; the caller's,
+     * NULL: never. */
+    const cln_callbacks *callbacks;
     bool cache_ready;       /* the driver's folder of kernels was checked (cache.h) */
     double compile_seconds; /* processors' seconds that builds took which found nothing there */
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */

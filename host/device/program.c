@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/callbacks.h"
 #include "base/clock.h"
 #include "base/files.h"
 #include "base/log.h"
@@ -229,6 +230,7 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
 
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s", name);
+    CLN_TRY(cln_stopped_by(cln_poll_signal(device->callbacks), NULL));
     CLN_TRY(append(&s, "")); /* place of the defines */
     CLN_TRY(append_file(device, &s, "device_abi.h"));
     CLN_TRY(append_file(device, &s, "lanes.h"));

@@ -6,9 +6,11 @@
 #include <string.h>
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "export/reduce.h"
 #include "export/surface.h"
 #include "io/disk.h"
+#include "io/progress.h"
 #include "render/up.h"
 
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)
@@ -120,6 +122,28 @@ done:
     return st;
 }
 
+/* Crumbs hang in the air: a print needs them gone, and pictures rarely show them. */
+static cln_status tell_loose(const cln_surface *surface)
+{
+    cln_status st = CLN_OK;
+    cln_parts parts;
+    char pieces[32], triangles[32], all[32];
+
+    CLN_TRY(cln_surface_count_parts(surface, &parts));
+    if (parts.parts < 2)
+        goto done;
+    cln_format_count((double)parts.parts - 1, pieces);
+    cln_format_count((double)parts.left_out, triangles);
+    cln_format_count((double)surface->faces, all);
+    cln_info("the surface has %s loose piece%s beside the largest, with %s of its %s triangles "
+             "(%.2g %%): --largest leaves %s out",
+             pieces, cln_plural((double)parts.parts - 1, "", "s"), triangles, all,
+             100.0 * (double)parts.left_out / (double)surface->faces,
+             cln_plural((double)parts.parts - 1, "it", "them"));
+done:
+    return st;
+}
+
 cln_status cln_export_mesh(cln_export_job *job)
 {
     cln_status st = CLN_OK;
@@ -138,6 +162,8 @@ cln_status cln_export_mesh(cln_export_job *job)
 
     CLN_TRY(cln_surface_make(&how, &surface));
     cln_export_tell_parts(job, &parts);
+    if (!desc->largest)
+        CLN_TRY(tell_loose(&surface));
     CLN_TRY(cln_export_mesh_make(&mesh, surface.vertices));
     for (size_t i = 0; i < mesh.vertices; i++) {
         const double cube[3] = {surface.at[i][0], surface.at[i][1], surface.at[i][2]};

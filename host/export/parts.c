@@ -27,15 +27,15 @@ static void join(uint32_t *to, uint32_t a, uint32_t b)
         to[a] = b;
 }
 
-cln_status cln_surface_keep_largest(cln_surface *surface, cln_parts *found)
+/* to: [vertex], the first vertex of its part, if asked by find(). *largest: that of the largest. */
+static cln_status find_parts(const cln_surface *s, uint32_t *to, uint32_t *largest,
+                             cln_parts *found)
 {
     cln_status st = CLN_OK;
-    cln_surface *s = surface;
-    uint32_t *to = NULL, *count = NULL, largest = 0;
-    size_t kept = 0;
+    uint32_t *count = NULL;
 
     *found = (cln_parts){0};
-    CLN_TRY(cln_alloc(&to, s->vertices, sizeof *to, "vertices"));
+    *largest = 0;
     CLN_TRY(cln_alloc(&count, s->vertices, sizeof *count, "vertices"));
     for (size_t v = 0; v < s->vertices; v++)
         to[v] = (uint32_t)v;
@@ -47,17 +47,42 @@ cln_status cln_surface_keep_largest(cln_surface *surface, cln_parts *found)
         count[find(to, s->face[f][0])]++;
     for (size_t v = 0; v < s->vertices; v++) {
         found->parts += count[v] > 0;
-        if (count[v] > count[largest])
-            largest = (uint32_t)v;
+        if (count[v] > count[*largest])
+            *largest = (uint32_t)v;
     }
+    found->left_out = s->faces - (s->vertices > 0 ? count[*largest] : 0);
+done:
+    free(count);
+    return st;
+}
+
+cln_status cln_surface_count_parts(const cln_surface *surface, cln_parts *found)
+{
+    cln_status st = CLN_OK;
+    uint32_t *to = NULL, largest = 0;
+
+    CLN_TRY(cln_alloc(&to, surface->vertices, sizeof *to, "vertices"));
+    CLN_TRY(find_parts(surface, to, &largest, found));
+done:
+    free(to);
+    return st;
+}
+
+cln_status cln_surface_keep_largest(cln_surface *surface, cln_parts *found)
+{
+    cln_status st = CLN_OK;
+    cln_surface *s = surface;
+    uint32_t *to = NULL, largest = 0;
+    size_t kept = 0;
+
+    CLN_TRY(cln_alloc(&to, s->vertices, sizeof *to, "vertices"));
+    CLN_TRY(find_parts(s, to, &largest, found));
     for (size_t f = 0; f < s->faces; f++)
         if (find(to, s->face[f][0]) == largest)
             memmove(s->face[kept++], s->face[f], sizeof s->face[0]);
-    found->left_out = s->faces - kept;
     s->faces = kept;
     CLN_TRY(cln_surface_drop_unused(s));
 done:
     free(to);
-    free(count);
     return st;
 }

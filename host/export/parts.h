@@ -9,6 +9,9 @@ typedef struct cln_parts {
     size_t left_out; /* triangles of all but the largest */
 } cln_parts;
 
+/* Counts the parts; left_out: what cln_surface_keep_largest would leave out. CLN_MEMORY. */
+cln_status cln_surface_count_parts(const cln_surface *surface, cln_parts *found);
+
 /* Keeps the part with the most triangles, of equal ones that of the first vertex; what is connected
  * shares vertices. CLN_MEMORY. */
 cln_status cln_surface_keep_largest(cln_surface *surface, cln_parts *found);

@@ -591,16 +591,15 @@ static bool host_fits(const cln_plan_desc *d, const cln_plan *device_plan)
  * too; if there is none, with half of --rays, and so on. */
 static void fit_batch(const cln_plan_desc *d, cln_plan *out)
 {
-    enum { LEAST = 4096, LEAST_RAYS = 16 };
     cln_pipeline smaller = *d->pipeline;
     cln_config *c = &smaller.config;
     cln_plan_desc desc = *d;
     cln_plan plan;
 
     desc.pipeline = &smaller;
-    for (; c->rays >= LEAST_RAYS; c->rays /= 2)
-        for (c->batch_samples = d->pipeline->config.batch_samples / 2; c->batch_samples >= LEAST;
-             c->batch_samples /= 2)
+    for (; c->rays >= CLN_LEAST_RAYS; c->rays /= 2)
+        for (c->batch_samples = d->pipeline->config.batch_samples / 2;
+             c->batch_samples >= CLN_LEAST_BATCH; c->batch_samples /= 2)
             if (plan_batches(&desc, CLN_TRAINING_BATCHES, &plan) && host_fits(&desc, &plan)) {
                 out->fitting_samples = c->batch_samples;
                 out->fitting_rays = c->rays < d->pipeline->config.rays ? c->rays : 0;

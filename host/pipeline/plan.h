@@ -26,7 +26,10 @@ enum {
     CLN_TRAINING_BATCHES = 2,
     CLN_RENDER_BATCHES = 4,
     CLN_DISTIL_BATCHES = 16, /* batches of distil-samples points that a merge cycles through */
-    CLN_LOOK_RAYS = 1 << 18  /* rays that --regrow looks at, of all photos */
+    CLN_LOOK_RAYS = 1 << 18, /* rays that --regrow looks at, of all photos */
+    /* Smaller --batch-samples and --rays are not looked for where memory is short. */
+    CLN_LEAST_BATCH = 4096,
+    CLN_LEAST_RAYS = 16
 };
 
 /* Code, driver and kernel compiler, as measured with PoCL 3.1, which has all three in this

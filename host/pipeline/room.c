@@ -111,6 +111,76 @@ static void make(const cln_room_desc *d, const cln_pipeline *outline, cln_room *
         plan(d, outline, d->first, d->first_depth, out->kept, &out->first_device, &out->first_host);
 }
 
+static cln_status make_outline(const cln_room_desc *d, cln_pipeline *out)
+{
+    cln_status st = CLN_OK;
+    const bool training = d->coverage_bytes >= 0;
+
+    CLN_TRY(cln_pipeline_outline(d->device, d->config,
+                                 &(cln_pipeline_facts){.lenses = d->scene->lenses,
+                                                       .alpha = d->scene->has_alpha,
+                                                       .depth = training ? 0 : d->depth,
+                                                       .space = &d->scene->space},
+                                 out));
+    if (training && cln_ranks_count() > 1)
+        out->ranks = cln_ranks_count(); /* as cln_pipeline_share */
+done:
+    return st;
+}
+
+static bool grows(const cln_room_desc *d)
+{
+    return d->leaves > d->first;
+}
+
+/* Does a plan take no more than half of what the least one leaves? */
+static bool is_modest(const cln_plan *plan, const cln_plan *least)
+{
+    return plan->total - least->total <= (plan->limit - least->total) / 2;
+}
+
+/* Bytes of the photos that will be in memory whatever else is. */
+static double photos_beside(const cln_room_desc *d, double limit)
+{
+    return d->photos <= fmax(CLN_STORE_LEAST, CLN_ROOM_PHOTOS * limit) ? d->photos
+                                                                       : CLN_STORE_LEAST;
+}
+
+cln_status cln_room_fit_batch(const cln_room_desc *d, bool rays_too, int *samples, int *rays)
+{
+    cln_status st = CLN_OK;
+    cln_pipeline p;
+    cln_config *c = &p.config;
+    cln_plan device, host, least_device, least_host;
+    double photos = 0;
+
+    *samples = d->config->batch_samples;
+    *rays = d->config->rays;
+    CLN_TRY(make_outline(d, &p));
+    plan(d, &p, d->leaves, d->depth, 0, &device, &host);
+    photos = photos_beside(d, host.limit);
+    plan(d, &p, d->leaves, d->depth, photos, &device, &host);
+    if (cln_plan_fits(d->device, &device, &host))
+        goto done;
+    for (c->rays = *rays; c->rays >= CLN_LEAST_RAYS; c->rays = rays_too ? c->rays / 2 : 0) {
+        c->batch_samples = CLN_LEAST_BATCH;
+        plan(d, &p, d->first, d->first_depth, photos, &least_device, &least_host);
+        for (c->batch_samples = d->config->batch_samples; c->batch_samples >= CLN_LEAST_BATCH;
+             c->batch_samples /= 2) {
+            plan(d, &p, d->first, d->first_depth, photos, &device, &host);
+            if (cln_plan_fits(d->device, &device, &host) &&
+                (!grows(d) ||
+                 (is_modest(&device, &least_device) && is_modest(&host, &least_host)))) {
+                *samples = c->batch_samples;
+                *rays = c->rays;
+                goto done;
+            }
+        }
+    }
+done:
+    return st;
+}
+
 cln_status cln_room_find(const cln_room_desc *d, cln_room *out)
 {
     cln_status st = CLN_OK;
@@ -120,14 +190,7 @@ cln_status cln_room_find(const cln_room_desc *d, cln_room *out)
     cln_plan device, host;
 
     memset(out, 0, sizeof *out);
-    CLN_TRY(cln_pipeline_outline(d->device, d->config,
-                                 &(cln_pipeline_facts){.lenses = d->scene->lenses,
-                                                       .alpha = d->scene->has_alpha,
-                                                       .depth = training ? 0 : d->depth,
-                                                       .space = &d->scene->space},
-                                 &outline));
-    if (training && cln_ranks_count() > 1)
-        outline.ranks = cln_ranks_count(); /* as cln_pipeline_share */
+    CLN_TRY(make_outline(d, &outline));
     out->kept = d->photos;
     make(d, &outline, out);
     host = out->host;
@@ -225,6 +288,20 @@ done:
 }
 
 /* ---- sentences ---- */
+
+void cln_room_say_batch(const cln_room_desc *d, int samples, int rays, char out[CLN_ROOM_TEXT])
+{
+    const cln_config *c = d->config;
+    char fewer[96] = "";
+
+    out[0] = 0;
+    if (rays < c->rays)
+        snprintf(fewer, sizeof fewer, " and at most %d rays, not %d (--rays)", rays, c->rays);
+    if (samples < c->batch_samples || rays < c->rays)
+        snprintf(out, CLN_ROOM_TEXT, "a step has %d samples, not %d (--batch-samples)%s, %s",
+                 samples, c->batch_samples, fewer,
+                 grows(d) ? "so that the tree has room to grow" : "as there is no room for more");
+}
 
 /* Why not even the first tree fits. */
 static void say_refused(const cln_room_desc *d, const cln_room *room, char out[CLN_ROOM_TEXT])

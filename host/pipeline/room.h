@@ -46,6 +46,14 @@ cln_room_desc cln_room_training(cln_device *device, const cln_config *config,
                                 const cln_scene *scene, const cln_octree *tree,
                                 double coverage_bytes, double photos);
 
+/* What a training has by itself where none is given: --batch-samples, in halves, until its first
+ * tree fits, and of a tree that grows until a step's arrays take no more than half of the memory
+ * that the first tree leaves (device, host), as what they take leaves cannot; where not even the
+ * smallest fits, and `rays_too`, --rays in halves as well. Those of the settings where the largest
+ * tree fits, or nothing does. The same settings, scene and limits of memory give the same.
+ * CLN_MEMORY, CLN_USAGE: as cln_pipeline_outline. */
+cln_status cln_room_fit_batch(const cln_room_desc *desc, bool rays_too, int *samples, int *rays);
+
 /* CLN_MEMORY, CLN_USAGE: as cln_pipeline_outline. */
 cln_status cln_room_find(const cln_room_desc *desc, cln_room *out);
 
@@ -55,6 +63,9 @@ cln_status cln_room_find(const cln_room_desc *desc, cln_room *out);
 cln_status cln_room_place_images(const cln_room_desc *desc, cln_scene *scene, cln_room *out);
 
 enum { CLN_ROOM_TEXT = 1536 };
+
+/* Of a batch that was fitted: what it is instead of that of the settings; "" if it is the same. */
+void cln_room_say_batch(const cln_room_desc *desc, int samples, int rays, char out[CLN_ROOM_TEXT]);
 
 /* What becomes of a tree beyond memory, in words; of photos that take a file, or that stay before
  * leaves; and of a plan beyond what is free now: `available` (base/memory.h). *now: already the

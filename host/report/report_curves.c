@@ -201,7 +201,7 @@ static void put_points(FILE *to, const cln_report_data *data)
 
     if (count > 0) {
         fputs("<table><tr><th>training time<th class=n>steps<th class=n>test PSNR<th class=n>SSIM"
-              "<th class=n>train PSNR<th>measured on\n",
+              "<th class=n>train PSNR, of rays<th>measured on\n",
               to);
         for (int k = 0; k < shown; k++) {
             const point *p = &points[shown > 1 ? (int64_t)k * (count - 1) / (shown - 1) : 0];
@@ -243,7 +243,9 @@ cln_status cln_report_curves(FILE *to, const cln_report_data *data)
     put_small(to, data, "Rays per second", r->rays_per_s, CLN_SERIES_LINE, CLN_AXIS_COUNT);
     put_small(to, data, "Samples per ray", r->samples_per_ray, CLN_SERIES_LINE, CLN_AXIS_NUMBER);
     fputs("</div>\n<p class=soft>Train PSNR is that of each batch of training rays: pale as "
-          "measured, dark smoothed. Dashed lines: the tree grew by a level.",
+          "measured, dark smoothed, as in the table. The mean of whole training photos, which "
+          "<code>eval --split train</code> measures, is another number, mostly higher. Dashed "
+          "lines: the tree grew by a level.",
           to);
     if (data->decision_count > 0)
         fputs(" Marks at the foot: decisions on single leaves.", to);

@@ -10,10 +10,11 @@
 /* camera.c: divides the image size and everything in pixels by x (width) and y (height). */
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
-/* split.c: every holdout-th view by name becomes test, unless the dataset named the splits; fills
- * split_rule; then orders the views, and checks for duplicates and for a training view, or as
- * cln_scene_desc.measured has it. */
-cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout, bool measured);
+/* split.c: every holdout-th view by name, from number holdout_from on, becomes test, unless the
+ * dataset named the splits; fills split_rule; then orders the views, and checks for duplicates and
+ * for a training view, or as cln_scene_desc.measured has it. */
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_config *config,
+                                 bool measured);
 
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
  * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with

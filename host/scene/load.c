@@ -306,8 +306,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
                          others ? "; also there, not read: --format " : "", others ? others : ""));
     cln_utf8_repair(scene->because); /* it names folders; JSON needs UTF-8 */
-    CLN_TRY(
-        cln_scene_split_views(scene, result->named_splits, desc->config->holdout, desc->measured));
+    CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config, desc->measured));
     for (int s = 0; s < CLN_SPLITS && scene->lent; s++)
         lent.pixels[CLN_SPLIT_TRAIN] |= desc->pixels[s];
     desc = scene->lent ? &lent : desc;

@@ -1,7 +1,8 @@
 /* Which view is train, val or test, and the order of views. Where a dataset names no test views,
- * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do; for
- * that, names are ordered byte by byte, as Python sorts them, so that results compare. The views
- * themselves stand in an order for people: by split, then by name in natural order. */
+ * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do, or
+ * from another one (--holdout-from), for folds; for that, names are ordered byte by byte, as Python
+ * sorts them, so that results compare. The views themselves stand in an order for people: by split,
+ * then by name in natural order. */
 #include "scene/build.h"
 
 #include <math.h>
@@ -28,7 +29,7 @@ static int by_split_and_name(const void *a, const void *b)
     return cln_natural_compare(x->name, y->name);
 }
 
-static cln_status hold_out(cln_scene *scene, int holdout)
+static cln_status hold_out(cln_scene *scene, int holdout, int first)
 {
     cln_status st = CLN_OK;
     const cln_view **sorted = NULL;
@@ -43,23 +44,30 @@ static cln_status hold_out(cln_scene *scene, int holdout)
                              "%s: image '%s' appears twice; remove one of the two frames",
                              scene->folder, sorted[i]->name));
         scene->views[sorted[i] - scene->views].split =
-            holdout > 0 && i % holdout == 0 ? CLN_SPLIT_TEST : CLN_SPLIT_TRAIN;
+            holdout > 0 && i % holdout == first ? CLN_SPLIT_TEST : CLN_SPLIT_TRAIN;
     }
 done:
     free(sorted);
     return st;
 }
 
-cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, int holdout, bool measured)
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_config *config,
+                                 bool measured)
 {
     cln_status st = CLN_OK;
+    const int holdout = config->holdout, first = config->holdout_from;
 
     scene->has_splits = named_splits;
     if (named_splits) {
         CLN_TRY(cln_strdup(&scene->split_rule, "as the dataset names them"));
     } else {
-        CLN_TRY(hold_out(scene, holdout));
-        if (holdout > 0)
+        CLN_TRY(hold_out(scene, holdout, first));
+        if (holdout > 0 && first > 0)
+            CLN_TRY(cln_asprintf(&scene->split_rule,
+                                 "1 in %d images by name, from number %d on (the first is 0), is "
+                                 "test (--holdout, --holdout-from)",
+                                 holdout, first));
+        else if (holdout > 0)
             CLN_TRY(cln_asprintf(&scene->split_rule,
                                  "1 in %d images by name, from the first, is test (--holdout)",
                                  holdout));

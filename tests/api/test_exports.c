@@ -700,14 +700,24 @@ static void a_crop_that_holds_all_is_told(void **state)
     cln_log_set_sink(fixture_no_log, NULL);
 }
 
-/* The counts of a mesh in parts add up, and points are of the same part. */
+static void keep_loose(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    if (strstr(line, " loose piece"))
+        snprintf(user, 256, "%s", line);
+}
+
+/* The counts of a mesh in parts add up, and points are of the same part. All parts are told of
+ * where they stay. */
 static void the_largest_part(void **state)
 {
     cln_export_desc desc = export_desc("mesh", "largest.ply");
     cln_export_result all, one, points;
+    char loose[256] = "", words[96];
 
     NEED_DEVICE();
     desc.overwrite = true;
+    cln_log_set_sink(keep_loose, loose);
     assert_ok(cln_export(&desc, &all));
     assert_true(all.parts == 0 && all.faces_left_out == 0);
     desc.largest = true;
@@ -717,6 +727,13 @@ static void the_largest_part(void **state)
     assert_true(one.parts >= 1 && (one.parts == 1) == (one.faces_left_out == 0));
     assert_int_equal(one.faces + one.faces_left_out, all.faces);
     assert_true(one.faces > all.faces / (one.parts + 1));
+    cln_log_set_sink(fixture_no_log, NULL);
+    assert_true(one.parts > 1 && one.faces_left_out > 0);
+    snprintf(words, sizeof words, " %lld loose piece%s beside the largest, with %lld of its %lld ",
+             (long long)one.parts - 1, one.parts == 2 ? "" : "s", (long long)one.faces_left_out,
+             (long long)all.faces);
+    assert_non_null(strstr(loose, words));
+    assert_non_null(strstr(loose, "--largest leaves "));
     desc.what = "points";
     desc.count = 100;
     desc.file = fixture_path("largest-points.ply");

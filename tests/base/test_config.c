@@ -869,6 +869,7 @@ static void test_check(void **state)
         {"structure-until", "0.01", "--structure-from|--structure-until 0.01"},
         {"structure-from", "0.7", "--structure-from|0.7|not below|--structure-until 0.7"},
         {"max-level", "1", "--max-level|1|--start-level 2|--no-adaptive"},
+        {"holdout-from", "8", "--holdout-from: 8|--holdout 8|from 0 to 7"},
     };
 
     (void)state;

@@ -105,6 +105,11 @@ static void test_refused(void **state)
     none = create(NULL); /* of 100 x 100 pixels, 16,384 rays a step */
     assert_int_equal(cln_settings_epochs(none, 1e4), 24576);
     assert_int_equal(cln_settings_epochs(none, 1e9), 30);
+    set(none, "steps", "120"); /* epochs are no budget then */
+    assert_int_equal(cln_settings_epochs(none, 1e4), 30);
+    set(none, "steps", "0");
+    set(none, "time-limit", "60");
+    assert_int_equal(cln_settings_epochs(none, 1e4), 30);
     set(none, "epochs", "30");
     assert_int_equal(cln_settings_epochs(none, 1e4), 30);
     cln_settings_free(none);
@@ -123,6 +128,40 @@ static void test_refused(void **state)
     assert_set_refused(settings, "rays", NULL, "value is missing");
     assert_int_equal(cln_settings_get(settings, NULL, small, sizeof small), CLN_USAGE);
     cln_clear_error();
+    cln_settings_free(settings);
+}
+
+/* A preset's own growth gives way to levels that are given; one that was given does not. */
+static void test_levels(void **state)
+{
+    cln_settings *settings = create(NULL);
+
+    (void)state;
+    assert_string_equal(settings->config.level_at, "3:0.01,4:0.03,5:0.08");
+    set(settings, "start-level", "4");
+    assert_string_equal(settings->config.level_at, "5:0.08");
+    assert_int_equal(cln_settings_check(settings), CLN_OK);
+    set(settings, "start-level", "5");
+    assert_string_equal(settings->config.level_at, "");
+    assert_int_equal(cln_settings_check(settings), CLN_OK);
+    set(settings, "start-level", "2");
+    set(settings, "max-level", "3");
+    assert_string_equal(settings->config.level_at, "3:0.01");
+    assert_int_equal(cln_settings_check(settings), CLN_OK);
+    set(settings, "adaptive", "no"); /* then it limits nothing */
+    assert_string_equal(settings->config.level_at, "3:0.01,4:0.03,5:0.08");
+    set(settings, "adaptive", "yes");
+    set(settings, "level-at", "3:0.1,4:0.2");
+    set(settings, "start-level", "3");
+    assert_string_equal(settings->config.level_at, "3:0.1,4:0.2");
+    assert_int_equal(cln_settings_check(settings), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "--start-level 3"));
+    cln_clear_error();
+    cln_settings_free(settings);
+    settings = create(NULL);
+    settings->preset[0] = 0; /* of a run that is resumed */
+    set(settings, "start-level", "4");
+    assert_string_equal(settings->config.level_at, "3:0.01,4:0.03,5:0.08");
     cln_settings_free(settings);
 }
 
@@ -370,6 +409,7 @@ static void test_idle(void **state)
         {"empty-share=0.5 empty-weight=0", "--empty-share", "--empty-weight", "empty-share=0.5"},
         {"occlusion-from=0.5 t-min=0", "--occlusion-from", "--min-transmittance",
          "occlusion-from=0.5"},
+        {"holdout-from=1 holdout=0", "--holdout-from", "--holdout 0", "holdout-from=1"},
         {"cull-max=1 cull=mean", "--cull-max", "--cull guarded", "cull-max=1"},
         {"merge-factor=1 adaptive=no", "--merge-factor", "--adaptive", "merge-factor=1"},
         {"merge-factor=1 encoding=voxel adaptive=yes", "--merge-factor", "do not merge",
@@ -471,6 +511,7 @@ int test_group_settings(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_every_setting),
         cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_levels),
         cmocka_unit_test(test_extend),
         cmocka_unit_test(test_extend_too_much),
         cmocka_unit_test(test_extend_in_other_locale),

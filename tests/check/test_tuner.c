@@ -116,6 +116,27 @@ static void test_tuner_stops(void **state)
     assert_false(cln_is_file(file));
 }
 
+static int stop_at_fourth(void *user)
+{
+    int *asked = user;
+
+    return ++*asked >= 4 ? SIGTERM : 0;
+}
+
+/* A signal is answered while the kernels of one set are built and checked, not after it. */
+static void test_stops_within_a_set(void **state)
+{
+    int asked = 0;
+    cln_tune_desc desc = tuner_desc(NULL, "VW=4");
+    cln_tune_result r;
+
+    NEED_DEVICE();
+    desc.max_tries = 1;
+    desc.callbacks = (cln_callbacks){.interrupted = stop_at_fourth, .user = &asked};
+    assert_fails(cln_tune_search(&desc, &r), CLN_SIGTERM, "no row was written");
+    assert_in_range(asked, 4, 8);
+}
+
 /* ---- decisions ---- */
 
 static char told[512];
@@ -187,6 +208,11 @@ static void test_decides(void **state)
                 fail_msg("'%s' lacks '%s'", told, word);
         assert_memory_equal(told, "VW=4: ", 6);
     }
+    cln_log_set_sink(keep_line, NULL);
+    cln_tune_tell(&(cln_tune_try){
+        .tune = "VW=4", .reason = "given up", .verdict = CLN_SET_UNDECIDED, .ratio = NAN});
+    cln_log_set_sink(fixture_no_log, NULL);
+    assert_string_equal(told, "VW=4: given up");
 }
 
 /* A search decides by its own figures. */
@@ -226,11 +252,9 @@ static void test_decides_by_figures(void **state)
 int test_group_tuner(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_wrong_sets_are_refused),
-        cmocka_unit_test(test_wrong_start),
-        cmocka_unit_test(test_nothing_is_right),
-        cmocka_unit_test(test_tuner_stops),
-        cmocka_unit_test(test_decides),
+        cmocka_unit_test(test_wrong_sets_are_refused), cmocka_unit_test(test_wrong_start),
+        cmocka_unit_test(test_nothing_is_right),       cmocka_unit_test(test_tuner_stops),
+        cmocka_unit_test(test_stops_within_a_set),     cmocka_unit_test(test_decides),
         cmocka_unit_test(test_decides_by_figures),
     };
 

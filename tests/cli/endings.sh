@@ -315,6 +315,10 @@ section_cache() {
     expect "they are there" 0 "" env POCL_CACHE_DIR="$work/kernels" \
         "$cln" train "$work/scene" -o "$work/warm" "${tiny[@]}" --steps 2
     check "nothing is said" not_said "building kernels"
+    expect "a place for kernels that XDG_CACHE_HOME names, and is none" 4 \
+        "~none/pocl/kcache.\(by.XDG_CACHE_HOME\).cannot.be.written POCL_CACHE_DIR" \
+        env -u POCL_CACHE_DIR XDG_CACHE_HOME=/proc/none "$cln" devices --no-test
+    check "it is not for want of a GPU" not_said "GPUs need"
     mkdir -p "$work/small" "$work/empty"
     if ! unshare -m mount -t tmpfs none "$work/small" 2>/dev/null; then
         skip "a full kernel cache" "nothing can be mounted"

@@ -635,21 +635,34 @@ section_voxels() {
     expect "check of one network" 0 "" "$cln" check "$s" --preset nerf --probe 0
     check "one leaf is one" printed "tree of 1 leaf,"
 
-    expect "too little device memory: a batch that fits is named" 5 \
+    expect "too little device memory for a batch: a smaller one, by itself" 0 \
+        "~a.step.has.[0-9]+.samples,.not.524288.\\(--batch-samples\\)" \
+        "$cln" train "$s" -o "$work/little" "${little[@]}" --steps 2 --device-mem 64M
+    batch=$("$query" config.batch_samples <"$work/little/run.json")
+    check "it is recorded" [ "${batch:-524288}" -lt 524288 ]
+    expect "check tells it, too" 0 "" "$cln" check "$s" "${little[@]:3}" --probe 0 --device-mem 64M
+    check "in its own line" eval 'tr -s " \n" " " <"$work/out" | grep -q "has $batch samples, not"'
+    expect "a resumed run keeps it" 0 "" "$cln" train --resume "$work/little" --skip-selftest \
+        --steps +1 --device-mem 8G
+    check "without a word" not_said "batch-samples"
+    check "and records it" eval '[ "$("$query" config.batch_samples <"$work/little/run.json")" = \
+        "$batch" ]'
+    expect "one that is given is kept, or refused with one that fits" 5 \
         "~give.--batch-samples.[0-9]+,.which.fits --device-mem" \
-        "$cln" train "$s" -o "$work/never" "${little[@]}" --steps 2 --device-mem 64M
-    batch=$(sed -n 's/.*give --batch-samples \([0-9]*\), .*/\1/p' "$work/err")
-    expect "it fits" 0 "" "$cln" train "$s" -o "$work/little" "${little[@]}" --steps 2 \
-        --device-mem 64M --batch-samples "${batch:-0}"
+        "$cln" train "$s" -o "$work/never" "${little[@]}" --steps 2 --device-mem 64M \
+        --batch-samples 524288
     expect "too little device memory for pictures" 5 "~raise.--device-mem" \
         "$cln" eval "$r" --device-mem 1M
     check "no option is named that eval has not" not_said "batch-samples"
     expect "too little host memory: a batch that fits is named" 5 \
         "~give.--batch-samples.[0-9]+,.which.fits --host-mem" \
-        "$cln" train "$s" -o "$work/never" "${little[@]}" --steps 2 --host-mem 400M -d cpu
+        "$cln" train "$s" -o "$work/never" "${little[@]}" --steps 2 --host-mem 400M -d cpu \
+        --batch-samples 524288
     batch=$(sed -n 's/.*give --batch-samples \([0-9]*\), .*/\1/p' "$work/err")
-    expect "it fits, too" 0 "" "$cln" train "$s" -o "$work/tight" "${little[@]}" --steps 2 \
+    expect "it fits" 0 "" "$cln" train "$s" -o "$work/tight" "${little[@]}" --steps 2 \
         --host-mem 400M --batch-samples "${batch:-0}" -d cpu
+    expect "and a smaller one is taken by itself" 0 "~samples,.not.524288" "$cln" train "$s" \
+        -o "$work/tight too" "${little[@]}" --steps 2 --host-mem 400M -d cpu
 }
 
 # Scenes and places that are at the edge.
@@ -750,7 +763,7 @@ check_runs() { # check_runs RUN
     check "no setting that does not" eval '! printed view-width'
     check "bytes have their unit" grep -qE '^  device-mem +0 +2.0 GiB$' "$work/out"
     check "an empty text is told" grep -qE '^  eval-at +none +30$' "$work/out"
-    check "the best is marked" grep -qE '^  PSNR train +[0-9.]+ +77.25 \*$' "$work/out"
+    check "the best is marked" grep -qE '^  PSNR train, of rays +[0-9.]+ +77.25 \*$' "$work/out"
     check "a long name has a line of its own" \
         grep -qE '^    twin +[^ ]' "$work/out"
     check "devices differ: times do not compare" printed "times do not compare"

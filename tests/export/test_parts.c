@@ -47,7 +47,7 @@ static void the_largest_ball_stays(void **state)
     balls all = {3, {{-0.5, -0.4, -0.6, 0.2}, {0.4, 0.3, 0, 0.45}, {-0.5, 0, 0.6, 0.3}}};
     cln_surface s;
     size_t faces[4] = {0};
-    cln_parts found;
+    cln_parts found, counted;
 
     (void)state;
     trace(&all, &s);
@@ -56,7 +56,10 @@ static void the_largest_ball_stays(void **state)
     assert_non_null(s.normal);
     for (size_t v = 0; v < s.vertices; v++)
         memcpy(s.normal[v], s.at[v], sizeof s.at[v]);
+    assert_int_equal(cln_surface_count_parts(&s, &counted), CLN_OK);
+    assert_int_equal(s.faces, faces[3]); /* all are there still */
     assert_int_equal(cln_surface_keep_largest(&s, &found), CLN_OK);
+    assert_memory_equal(&counted, &found, sizeof found);
     for (int k = 0; k < 3; k++) {
         balls one = {1, {{all.at[k][0], all.at[k][1], all.at[k][2], all.at[k][3]}}};
         cln_surface alone;
@@ -97,7 +100,7 @@ static void parts_by_hand(void **state)
     (void)state;
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         cln_surface s = {.vertices = 10, .faces = rows[i].faces};
-        cln_parts found;
+        cln_parts found, counted;
         bool there = rows[i].kept == 0;
 
         s.at = calloc(10, sizeof *s.at);
@@ -106,7 +109,9 @@ static void parts_by_hand(void **state)
         memcpy(s.face, rows[i].face, sizeof rows[i].face);
         for (int v = 0; v < 10; v++)
             s.at[v][0] = (float)v;
+        assert_int_equal(cln_surface_count_parts(&s, &counted), CLN_OK);
         assert_int_equal(cln_surface_keep_largest(&s, &found), CLN_OK);
+        assert_memory_equal(&counted, &found, sizeof found);
         assert_int_equal(found.parts, rows[i].parts);
         assert_int_equal(s.faces, rows[i].kept);
         assert_int_equal(found.left_out, rows[i].faces - rows[i].kept);

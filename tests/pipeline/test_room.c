@@ -106,6 +106,83 @@ static void test_all_and_nothing(void **state)
     assert_int_equal(cln_error_status(), CLN_OK);
 }
 
+/* The plans with another batch: do they fit? *spare: bytes of memory that the first tree leaves. */
+static bool batch_fits(fake *f, const cln_config *config, int samples, double *total, double *limit)
+{
+    cln_config other = *config;
+    cln_room_desc desc;
+    cln_room room;
+
+    other.batch_samples = samples;
+    desc = desc_of(f, &other, 2 * MIB);
+    assert_ok(cln_room_find(&desc, &room));
+    *total = room.first_host.total;
+    *limit = room.first_host.limit;
+    return room.leaves > 0;
+}
+
+/* A batch takes no more than half of what the first tree leaves, the next larger one does; one that
+ * is not short of memory, or does not grow, has all that fits. */
+static void test_batch(void **state)
+{
+    static const int limits[] = {396, 420, 450, 500, 600, 700, 900, 4000, 16000}; /* MiB */
+    fake f;
+    cln_config config;
+    cln_room_desc desc;
+    int samples = 0, rays = 0, last = 0;
+    char text[CLN_ROOM_TEXT];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++) {
+        double total = 0, limit = 0, least = 0;
+
+        make_voxels(&f, &config, limits[i]);
+        desc = desc_of(&f, &config, 2 * MIB);
+        assert_ok(cln_room_fit_batch(&desc, true, &samples, &rays));
+        assert_true(samples >= last && rays == config.rays);
+        last = samples;
+        assert_true(batch_fits(&f, &config, 4096, &least, &limit));
+        assert_true(batch_fits(&f, &config, samples, &total, &limit));
+        assert_true(total - least <= (limit - least) / 2);
+        cln_room_say_batch(&desc, samples, rays, text);
+        if (samples == config.batch_samples) {
+            assert_string_equal(text, "");
+            continue;
+        }
+        assert_non_null(strstr(text, "not 524288 (--batch-samples), so that the tree has room"));
+        assert_null(strstr(text, "--rays"));
+        batch_fits(&f, &config, 2 * samples, &total, &limit);
+        assert_true(total - least > (limit - least) / 2);
+    }
+    assert_int_equal(last, config.batch_samples);
+
+    make_voxels(&f, &config, 500);
+    config.adaptive = false;
+    config.level_at[0] = 0; /* nothing grows */
+    desc = desc_of(&f, &config, 2 * MIB);
+    assert_ok(cln_room_fit_batch(&desc, true, &samples, &rays));
+    assert_int_equal(samples, 262144);
+    cln_room_say_batch(&desc, samples, rays, text);
+    assert_non_null(strstr(text, "as there is no room for more"));
+
+    make_voxels(&f, &config, 380); /* not even the smallest, but with fewer rays */
+    config.rays = 1 << 20;
+    config.batch_samples = 4096;
+    desc = desc_of(&f, &config, 2 * MIB);
+    assert_ok(cln_room_fit_batch(&desc, false, &samples, &rays));
+    assert_true(samples == 4096 && rays == 1 << 20);
+    assert_ok(cln_room_fit_batch(&desc, true, &samples, &rays));
+    assert_true(samples == 4096 && rays < 1 << 20 && rays >= CLN_LEAST_RAYS);
+    cln_room_say_batch(&desc, samples, rays, text);
+    assert_non_null(strstr(text, " rays, not 1048576 (--rays)"));
+    make_voxels(&f, &config, 200); /* nothing does */
+    desc = desc_of(&f, &config, 2 * MIB);
+    assert_ok(cln_room_fit_batch(&desc, true, &samples, &rays));
+    assert_true(samples == config.batch_samples && rays == config.rays);
+    cln_room_say_batch(&desc, samples, rays, text);
+    assert_string_equal(text, "");
+}
+
 /* A tree that is there does not give way: that of a resumed run, which may have grown beside photos
  * in a file. */
 static void test_resumed(void **state)
@@ -204,6 +281,7 @@ int test_group_room(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_photos_before_leaves),
         cmocka_unit_test(test_all_and_nothing),
+        cmocka_unit_test(test_batch),
         cmocka_unit_test(test_resumed),
         cmocka_unit_test(test_first_tree),
         cmocka_unit_test(test_free_now),

@@ -295,6 +295,9 @@ static void test_holdout(void **state)
     char json[8192] = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[";
     cln_config config = default_config();
     cln_scene *scene = NULL;
+    /* of r_0, r_1 ...: 1 + number by name modulo 8 */
+    static const int fold_of[17] = {1, 2, 2, 3, 4, 5, 6, 7, 8, 1, 3, 4, 5, 6, 7, 8, 1};
+    int folds[17] = {0};
 
     for (int i = 16; i >= 0; i--) {
         char name[32], frame[256];
@@ -314,8 +317,22 @@ static void test_holdout(void **state)
     assert_string_equal(scene->views[14].name, "r_0.png");
     assert_string_equal(scene->views[15].name, "r_9.png");
     assert_string_equal(scene->views[16].name, "r_16.png");
-    assert_non_null(strstr(scene->split_rule, "1 in 8"));
+    assert_non_null(strstr(scene->split_rule, "1 in 8 images by name, from the first, is test"));
     cln_scene_free(scene);
+    for (config.holdout_from = 0; config.holdout_from < 8; config.holdout_from++) { /* folds */
+        scene = load(folder, &config);
+        for (int i = 0; i < 17; i++)
+            if (scene->views[i].split == CLN_SPLIT_TEST)
+                folds[atoi(scene->views[i].name + 2)] += config.holdout_from + 1;
+        cln_scene_free(scene);
+    }
+    for (int i = 0; i < 17; i++)
+        assert_int_equal(folds[i], fold_of[i]);
+    config.holdout_from = 3;
+    scene = load(folder, &config);
+    assert_non_null(strstr(scene->split_rule, "from number 3 on (the first is 0)"));
+    cln_scene_free(scene);
+    config.holdout_from = 0;
     config.holdout = 0;
     scene = load(folder, &config);
     assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TRAIN), 17);
