@@ -7,6 +7,7 @@
 #include <cmocka.h>
 #include <signal.h>
 #include <string.h>
+#include <sys/time.h>
 #include "io/command.h"
 #include "outcome.h"
 #include "scratch.h"
@@ -63,11 +64,43 @@ static void test_ends(void **state)
     assert_true(cln_command_found("sh") && !cln_command_found("no such program"));
 }
 
+static void ring(int number)
+{
+    (void)number;
+}
+
+/* Signals end a write to a program that reads late half way. */
+static void test_interrupted_write(void **state)
+{
+    enum { BYTES = 1 << 20 };
+    static uint8_t data[BYTES];
+    const char *path = scratch_path(*state, "written");
+    const char *const argv[] = {"sh", "-c", "sleep 0.2; cmp - \"$0\"", path, NULL};
+    const struct sigaction rings = {.sa_handler = ring};
+    const struct itimerval often = {{0, 10000}, {0, 10000}}, never = {{0, 0}, {0, 0}};
+    struct sigaction before;
+    cln_command_feed *feed = NULL;
+    FILE *f = fopen(path, "wb");
+
+    for (uint32_t i = 0; i < BYTES; i++)
+        data[i] = (uint8_t)(i ^ i >> 8 ^ i >> 16);
+    assert_int_equal(fwrite(data, 1, BYTES, f), BYTES);
+    fclose(f);
+    assert_ok(cln_command_open(argv, &feed));
+    assert_int_equal(sigaction(SIGALRM, &rings, &before), 0);
+    setitimer(ITIMER_REAL, &often, NULL);
+    assert_ok(cln_command_write(feed, data, BYTES));
+    setitimer(ITIMER_REAL, &never, NULL);
+    sigaction(SIGALRM, &before, NULL);
+    assert_ok(cln_command_end(feed));
+}
+
 int test_group_command(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_lines, scratch_make, scratch_remove),
         cmocka_unit_test(test_ends),
+        cmocka_unit_test_setup_teardown(test_interrupted_write, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("command", tests, NULL, NULL);

@@ -190,6 +190,20 @@ static void test_copies(void **state)
 
 /* ---- the cube ---- */
 
+/* The photos show -0.5 to 1.42, and a third to either side in height; two of them most of that. */
+static void check_box_of_wall(const json_t *box)
+{
+    static const double least[6] = {-0.5, -0.4, 0.99, 0.9, 0.2, 0.99};
+    static const double most[6] = {0, -0.2, 1.01, 1.42, 0.4, 1.01};
+
+    for (size_t i = 0; i < 6; i++) {
+        const double at = json_number_value(json_array_get(box, i));
+
+        if (!(at >= least[i] && at <= most[i]))
+            fail_msg("number %zu of the box is %g", i, at);
+    }
+}
+
 /* What the wall's photos show is 1.4 wide and at a distance of 1. */
 static void test_box(void **state)
 {
@@ -217,6 +231,7 @@ static void test_box(void **state)
         text = text_of(inspect(w, "cube"));
         if (!strstr(text, cases[i].has) || strstr(text, cases[i].has_not))
             fail_msg("case %zu: '%s'", i, text);
+        check_box_of_wall(json_object_get(json_object_get(w->all, "measures"), "points_box"));
         free_wall(w);
     }
 }
