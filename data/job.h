@@ -25,6 +25,7 @@ typedef struct settings {
     const char *bent_by; /* text of --distortion; NULL without */
     double distortion[CLN_LENS_PARAMS];
     double unit, offset[3]; /* written positions: unit * ours + offset */
+    const char *held;       /* digits: EXIF orientations of the views, in turn; NULL: untold */
 } settings;
 
 typedef struct job {
@@ -41,6 +42,9 @@ typedef struct job {
 
 /* The exact camera of view i of the split, in the generator's own units. */
 void job_place(const settings *set, int split, int i, cln_camera *camera);
+
+/* The EXIF orientation of a view; 0: it has none. */
+int job_orientation(const settings *set, int view);
 
 /* Writes the camera files in the job's format. CLN_OUTPUT. */
 cln_status job_write(const job *j);

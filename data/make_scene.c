@@ -16,6 +16,7 @@
 #include "base/memory.h"
 #include "io/image.h"
 #include "io/npy.h"
+#include "held.h"
 #include "job.h"
 #include "picture.h"
 
@@ -56,6 +57,8 @@ static const char usage[] =
     "in\n"
     "                             one of the generator's; an object is about 2 of those wide (1)\n"
     "  --offset X,Y,Z             added to every position after that, such as a survey's (0)\n"
+    "  --held DIGITS              photos of 4:3 that lie as a phone stores them, with EXIF\n"
+    "                             orientations that tell how to turn them, 1, 3, 6 or 8, in turn\n"
     "  --fault NAME               plant a capture mistake, to test what detects it:\n"
     "                             " FAULT_WORDS "\n"
     "  --seed N                   of camera positions and noise textures (default 1)\n";
@@ -70,8 +73,8 @@ static cln_status (*const scenes[])(world *) = {scene_object, scene_room, scene_
 static cln_status write_mask(const job *j, int view, const uint8_t *rgba)
 {
     cln_status st = CLN_OK;
-    const int size = j->set->size;
-    const size_t pixels = (size_t)size * (size_t)size;
+    const int width = j->cameras[view].width, height = j->cameras[view].height;
+    const size_t pixels = (size_t)width * (size_t)height;
     uint8_t *mask = NULL;
     char *path = NULL;
 
@@ -79,7 +82,7 @@ static cln_status write_mask(const job *j, int view, const uint8_t *rgba)
     for (size_t i = 0; i < pixels; i++)
         memset(mask + 3 * i, (rgba[4 * i + 3] > 127) == (j->set->fault != FAULT_mask) ? 255 : 0, 3);
     CLN_TRY(cln_asprintf(&path, "%s/masks/%s.png", j->set->out, strchr(j->names[view], '/') + 1));
-    CLN_TRY(cln_image_write_png(path, size, size, 3, mask));
+    CLN_TRY(cln_image_write_png(path, width, height, 3, mask));
 done:
     free(mask);
     free(path);
@@ -92,8 +95,8 @@ static cln_status render_view(const job *j, int view)
     const int train = j->set->views[0], trained = view < train ? view : -1;
     const int shown = trained < 0 ? view : fault_photo((fault)j->set->fault, view, train);
     const cln_camera *camera = &j->cameras[shown];
-    int size = j->set->size, sides[2] = {size, size};
-    size_t pixels = (size_t)size * (size_t)size;
+    const int width = camera->width, height = camera->height, sides[2] = {height, width};
+    const size_t pixels = (size_t)width * (size_t)height;
     uint8_t *rgba = NULL;
     float *depth = NULL;
     char *stem = NULL, *path = NULL, *depth_path = NULL;
@@ -108,9 +111,11 @@ static cln_status render_view(const job *j, int view)
         CLN_TRY(write_mask(j, view, rgba));
     if (j->set->format != BLENDER)
         picture_over_white((int)pixels, rgba);
-    CLN_TRY(fault_pixels((fault)j->set->fault, trained, size, size,
+    CLN_TRY(fault_pixels((fault)j->set->fault, trained, width, height,
                          j->set->format == BLENDER ? 4 : 3, rgba));
-    CLN_TRY(cln_image_write_png(path, size, size, j->set->format == BLENDER ? 4 : 3, rgba));
+    CLN_TRY(cln_image_write_png(path, width, height, j->set->format == BLENDER ? 4 : 3, rgba));
+    if (j->set->held)
+        CLN_TRY(held_tag(path, job_orientation(j->set, shown)));
     for (size_t i = 0; i < pixels; i++)
         depth[i] = (float)(j->set->unit * depth[i]);
     if (j->set->depth)
@@ -222,6 +227,8 @@ static cln_status make_scene(const settings *set)
         for (int i = 0; i < set->views[split]; i++) {
             int view = j->view_count++;
             job_place(set, split, i, &j->cameras[view]);
+            if (set->held)
+                held_camera(job_orientation(set, view), &j->cameras[view]);
             if (set->format == BLENDER)
                 CLN_TRY(cln_asprintf(&j->names[view], "%s/r_%03d", cln_split_names[split], i));
             else
@@ -280,15 +287,23 @@ static cln_status parse_word(const char *option, const char *text, const char *c
 
 static cln_status parse(int argc, char **argv, settings *set)
 {
-    static const struct option options[] = {
-        {"kind", required_argument, NULL, 'k'},   {"format", required_argument, NULL, 'f'},
-        {"size", required_argument, NULL, 's'},   {"train", required_argument, NULL, 't'},
-        {"val", required_argument, NULL, 'v'},    {"test", required_argument, NULL, 'e'},
-        {"from", required_argument, NULL, 'w'},   {"distortion", required_argument, NULL, 'd'},
-        {"lens", required_argument, NULL, 'l'},   {"depth", no_argument, NULL, 'z'},
-        {"masks", no_argument, NULL, 'm'},        {"fault", required_argument, NULL, 'x'},
-        {"seed", required_argument, NULL, 'r'},   {"unit", required_argument, NULL, 'u'},
-        {"offset", required_argument, NULL, 'o'}, {NULL, 0, NULL, 0}};
+    static const struct option options[] = {{"kind", required_argument, NULL, 'k'},
+                                            {"format", required_argument, NULL, 'f'},
+                                            {"size", required_argument, NULL, 's'},
+                                            {"train", required_argument, NULL, 't'},
+                                            {"val", required_argument, NULL, 'v'},
+                                            {"test", required_argument, NULL, 'e'},
+                                            {"from", required_argument, NULL, 'w'},
+                                            {"distortion", required_argument, NULL, 'd'},
+                                            {"lens", required_argument, NULL, 'l'},
+                                            {"depth", no_argument, NULL, 'z'},
+                                            {"masks", no_argument, NULL, 'm'},
+                                            {"fault", required_argument, NULL, 'x'},
+                                            {"seed", required_argument, NULL, 'r'},
+                                            {"unit", required_argument, NULL, 'u'},
+                                            {"offset", required_argument, NULL, 'o'},
+                                            {"held", required_argument, NULL, 'h'},
+                                            {NULL, 0, NULL, 0}};
     cln_status st = CLN_OK;
 
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;)
@@ -340,6 +355,11 @@ static cln_status parse(int argc, char **argv, settings *set)
             break;
         case 'o':
             CLN_TRY(cln_parse_reals(optarg, 3, set->offset));
+            break;
+        case 'h':
+            set->held = optarg;
+            if (!*optarg || optarg[strspn(optarg, "1368")])
+                return cln_fail(CLN_USAGE, "--held %s: give digits of 1, 3, 6 and 8", optarg);
             break;
         case 'r':
             CLN_TRY(parse_int("seed", optarg, 0, 2147483647, &set->seed));
@@ -402,7 +422,8 @@ int main(int argc, char **argv)
         return cln_status_exit_code(st);
     }
     printf("%s: %s, %s format, %d x %d, views: %d train, %d val, %d test\n", set.out,
-           job_kinds[set.kind], job_formats[set.format], set.size, set.size,
-           set.views[CLN_SPLIT_TRAIN], set.views[CLN_SPLIT_VAL], set.views[CLN_SPLIT_TEST]);
+           job_kinds[set.kind], job_formats[set.format], set.size,
+           set.held ? set.size / 4 * 3 : set.size, set.views[CLN_SPLIT_TRAIN],
+           set.views[CLN_SPLIT_VAL], set.views[CLN_SPLIT_TEST]);
     return 0;
 }

@@ -80,6 +80,11 @@ static void place_object(const settings *set, int split, int i, double yaw, cons
     look(camera, at, scale(at, -1));
 }
 
+int job_orientation(const settings *set, int view)
+{
+    return set->held ? set->held[(size_t)view % strlen(set->held)] - '0' : 0;
+}
+
 /* Room: anywhere in its middle, looking all around. Street: from a walk around the fountain. Each
  * split has its own sequence. */
 void job_place(const settings *set, int split, int i, cln_camera *camera)

@@ -264,6 +264,8 @@ typedef struct cln_eval_image {
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
                              NAN where there are none */
+    int turn; /* EXIF orientation (1, 3, 6, 8) that its pictures, which are as its pixels are
+                 stored, are to be turned by to be seen as people see the photo; 1: as they are */
 } cln_eval_image;
 
 /* Changes of the field over a small step: of the colour (mean over channels), and of the alpha of a

@@ -95,8 +95,10 @@ static cln_status fail_few(const char *photos, int count, const char *folder)
     if (unread)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: has %d PNG or JPEG photo%s, and %d in formats that are not read (the "
-                         "first is '%s'): convert them; finding poses needs at least three",
-                         photos, count, cln_plural(count, "", "s"), others, unread));
+                         "first is '%s'): convert them to JPEG%s; finding poses needs at least "
+                         "three",
+                         photos, count, cln_plural(count, "", "s"), others, unread,
+                         cln_dataset_converter(unread)));
     CLN_TRY(cln_fail(CLN_INPUT, "%s: has %d PNG or JPEG photos; finding poses needs at least three",
                      photos, count));
 done:
@@ -115,9 +117,9 @@ static cln_status check_readable(const char *folder, const cln_names *photos)
     CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
     if (unread)
         cln_warn("%s: %d photo%s in formats that are not read %s left out (the first is '%s'); "
-                 "convert them to JPEG to have them, too",
+                 "convert them to JPEG%s to have them, too",
                  folder, others, cln_plural(others, "", "s"), cln_plural(others, "is", "are"),
-                 unread);
+                 unread, cln_dataset_converter(unread));
     for (int i = 0; i < photos->count; i++) {
         free(path);
         path = NULL;
@@ -245,6 +247,11 @@ static cln_status check_folder(work *w)
     if (!cln_is_dir(w->desc->photos) && cln_dataset_is_image(w->desc->photos))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: a single photo; give the folder that it is in with others",
                          w->desc->photos));
+    if (!cln_is_dir(w->desc->photos) && cln_dataset_is_unread(w->desc->photos))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: a single photo, in a format that is not read; convert it and the "
+                         "others to JPEG%s, and give their folder",
+                         w->desc->photos, cln_dataset_converter(w->desc->photos)));
     if (!cln_is_dir(w->desc->photos) && !cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_fail(
             CLN_INPUT,

@@ -315,11 +315,13 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
     } others[] = {
 #define OTHER(at, mark, name) \
     {at, mark, "is " name ", which is not read; convert it to PNG or JPEG"}
+#define HEIC "HEIC (of which heif-convert makes JPEG)"
         OTHER(8, "WEBP", "WebP"),      OTHER(0, "GIF8", "GIF"),
         OTHER(0, "BM", "BMP"),         OTHER(0, "II*", "TIFF or a camera's raw format"),
-        OTHER(0, "MM", "TIFF"),        OTHER(4, "ftyphe", "HEIC"),
-        OTHER(4, "ftypmif", "HEIC"),   OTHER(4, "ftypavif", "AVIF"),
+        OTHER(0, "MM", "TIFF"),        OTHER(4, "ftyphe", HEIC),
+        OTHER(4, "ftypmif", HEIC),     OTHER(4, "ftypavif", "AVIF"),
         OTHER(0, "v/1\x01", "OpenEXR")};
+#undef HEIC
 #undef OTHER
 
     memset(head, 0, sizeof *head);

@@ -28,10 +28,17 @@ static int length_of(const char *file)
     return used;
 }
 
-/* Extensions of images. Any other dot belongs to the name, as in "frame.0001". */
+/* Extensions of images, also of those that only a file of poses names. Any other dot belongs to the
+ * name, as in "frame.0001". */
 static bool is_extension(const char *dot)
 {
-    return !strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg");
+    static const char *const endings[] = {"png", "jpg",  "jpeg", "exr", "tif", "tiff",
+                                          "dpx", "webp", "heic", "bmp", "tga", "hdr"};
+
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
+        if (!strcasecmp(dot + 1, endings[i]))
+            return true;
+    return false;
 }
 
 cln_status cln_view_file_name(const char *name, char **out)

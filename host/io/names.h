@@ -5,8 +5,8 @@
 
 #include "base/status.h"
 
-/* Makes a file name of a dataset's view name, without .png, .jpg or .jpeg: "train/r_0.png" ->
- * "train_r_0". The caller frees *out. */
+/* Makes a file name of a dataset's view name, without .png, .jpg or another image's ending:
+ * "train/r_0.png" -> "train_r_0". The caller frees *out. */
 cln_status cln_view_file_name(const char *name, char **out);
 
 /* The same for all views of a scene: files[i] is the file name of names[i]. If different names

@@ -57,6 +57,8 @@ static cln_status of_split(const cln_render_desc *desc, const cln_scene *scene, 
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {
         out->frame[i].camera = scene->views[views[i]].camera;
+        if (desc->interpolate > 0) /* keys of a free camera, which does not lie on its side */
+            cln_view_seen(&scene->views[views[i]], &out->frame[i].camera);
         CLN_TRY(cln_strdup(&out->frame[i].name, scene->views[views[i]].file));
     }
 done:

@@ -114,18 +114,43 @@ done:
     return st;
 }
 
+/* The first training view; where people see photos turned, the first that stands or lies as most
+ * do. */
+static void find_shape(const cln_scene *scene, int count, cln_orbit_frame *out)
+{
+    cln_camera like, other;
+    bool turned = false;
+    int stand = 0; /* those that do, less those that lie */
+
+    cln_view_seen(cln_scene_training_view(scene, 0), &like);
+    for (int i = 0; i < count; i++) {
+        const cln_view *view = cln_scene_training_view(scene, i);
+
+        cln_view_seen(view, &other);
+        turned |= cln_view_turn(view) != 1;
+        stand += other.height > other.width ? 1 : -1;
+    }
+    for (int i = 0; i < count && turned && stand != 0; i++) {
+        cln_view_seen(cln_scene_training_view(scene, i), &other);
+        if ((other.height > other.width) == (stand > 0)) {
+            like = other;
+            break;
+        }
+    }
+    out->width = like.width;
+    out->height = like.height;
+    out->fx = like.fx;
+    out->fy = like.fy;
+}
+
 cln_status cln_orbit_frame_of(const cln_scene *scene, const double up[3], cln_orbit_frame *out)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    const cln_camera *like = &cln_scene_training_view(scene, 0)->camera;
 
     memset(out, 0, sizeof *out);
     find_target(scene, out->target);
     find_axes(scene, count, up, out);
-    out->width = like->width;
-    out->height = like->height;
-    out->fx = like->fx;
-    out->fy = like->fy;
+    find_shape(scene, count, out);
     return find_arc(scene, count, out);
 }
 

@@ -19,7 +19,9 @@ typedef struct cln_orbit_frame {
     /* degrees from east to north: the shortest arc with all cameras; to - from is 360 if they leave
      * no gap of more than 120 */
     double from, to;
-    int width, height; /* of the first training view, after --downscale */
+    /* of the first training view, after --downscale; where EXIF data turn photos (cln_view_turn),
+     * of the first that stands or lies as most do, as people see it */
+    int width, height;
     double fx, fy;
     bool guessed; /* up may as well be the opposite (cln_up_of_cameras) */
 } cln_orbit_frame;

@@ -168,15 +168,38 @@ done:
 
 /* ---- transforms JSON ---- */
 
-/* Names frames by their files; further frames of a file also get their numbers. */
-static cln_status name_frames(char *const *names, cln_frames *out)
+/* Bytes of the folder that has all files. */
+static size_t common_folder(char *const *names, int count)
+{
+    size_t same = strlen(names[0]);
+
+    for (int i = 0; i < count; i++) {
+        size_t k = 0;
+
+        while (k < same && names[i][k] == names[0][k])
+            k++;
+        same = k;
+    }
+    while (same > 0 && names[0][same - 1] != '/')
+        same--;
+    return same;
+}
+
+/* Names frames by their files, if these are named from the root, as programs for films do, without
+ * the folder that has all; further frames of a file also get their numbers. */
+static cln_status name_frames(char *const *names, bool from_root, cln_frames *out)
 {
     cln_status st = CLN_OK;
+    const size_t within = from_root ? common_folder(names, out->count) : 0;
     json_t *known = json_object();
+    const char **shorter = NULL;
     char **files = NULL;
 
     CLN_TRY(cln_alloc(&files, (size_t)out->count, sizeof *files, "poses"));
-    CLN_TRY(cln_view_file_names(out->count, (const char *const *)names, files));
+    CLN_TRY(cln_alloc(&shorter, (size_t)out->count, sizeof *shorter, "poses"));
+    for (int i = 0; i < out->count; i++)
+        shorter[i] = names[i] + within;
+    CLN_TRY(cln_view_file_names(out->count, shorter, files));
     for (int i = 0; i < out->count; i++) {
         if (json_object_get(known, files[i])) {
             CLN_TRY(cln_asprintf(&out->frame[i].name, "%s-%04d", files[i], i));
@@ -190,6 +213,7 @@ done:
     for (int i = 0; files && i < out->count; i++)
         free(files[i]);
     free(files);
+    free(shorter);
     json_decref(known);
     return st;
 }
@@ -198,18 +222,23 @@ static cln_status read_frames(const char *path, const json_t *root, int width, i
                               cln_frames *out)
 {
     cln_status st = CLN_OK;
+    const json_t *frames = json_object_get(root, "frames");
+    bool from_root = true;
     char **names = NULL, *folder = NULL;
 
     CLN_TRY(cln_scene_folder(path, &folder));
     CLN_TRY(cln_alloc(&names, (size_t)out->count, sizeof *names, "poses"));
     for (int i = 0; i < out->count; i++) {
         cln_camera *camera = &out->frame[i].camera;
+        const json_t *frame = json_array_get(frames, (size_t)i);
+        const char *file = json_string_value(json_object_get(frame, "file_path"));
 
+        from_root = from_root && file && *file == '/';
         camera->width = width;
         camera->height = height;
         CLN_TRY(cln_transforms_camera(folder, path, root, i, &names[i], camera));
     }
-    CLN_TRY(name_frames(names, out));
+    CLN_TRY(name_frames(names, from_root, out));
 done:
     for (int i = 0; names && i < out->count; i++)
         free(names[i]);

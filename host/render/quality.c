@@ -213,6 +213,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->psnr_exposed = gain ? psnr_at(gain, picture, truth, kept, rounded) : NAN;
     for (size_t i = 0; i < pixels * 3; i++)
         rounded[i] = (float)cln_to_u8(picture->rgb[i]) / 255.0f;
+    image->turn = cln_view_turn(v);
     image->width = width;
     image->height = height;
     image->mse = cln_image_mse(width, height, kept, picture->rgb, truth);
@@ -376,16 +377,17 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
     cln_digest_text(r->digest, digest);
     for (int i = 0; i < r->count; i++) {
         const cln_eval_image *e = &r->images[i];
+        json_t *one = json_pack(
+            "{s:s, s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name", e->name,
+            "file", e->file, "width", e->width, "height", e->height, "psnr", cln_json_real(e->psnr),
+            "psnr_u8", cln_json_real(e->psnr_u8), "psnr_fitted", cln_json_real(e->psnr_fitted),
+            "psnr_exposed", cln_json_real(e->psnr_exposed), "ssim", cln_json_real(e->ssim), "mse",
+            cln_json_real(e->mse), "opacity_error", cln_json_real(e->opacity_error), "opaque_air",
+            cln_json_real(e->opaque_air), "seconds", e->seconds);
 
-        json_array_append_new(
-            images,
-            json_pack("{s:s, s:s, s:i, s:i, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:f}", "name",
-                      e->name, "file", e->file, "width", e->width, "height", e->height, "psnr",
-                      cln_json_real(e->psnr), "psnr_u8", cln_json_real(e->psnr_u8), "psnr_fitted",
-                      cln_json_real(e->psnr_fitted), "psnr_exposed", cln_json_real(e->psnr_exposed),
-                      "ssim", cln_json_real(e->ssim), "mse", cln_json_real(e->mse), "opacity_error",
-                      cln_json_real(e->opacity_error), "opaque_air", cln_json_real(e->opaque_air),
-                      "seconds", e->seconds));
+        if (one && e->turn > 1)
+            json_object_set_new(one, "turn", json_integer(e->turn));
+        json_array_append_new(images, one);
     }
     *out = json_pack(
         "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, s:o, "

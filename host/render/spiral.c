@@ -40,8 +40,11 @@ static bool find_mean(const cln_scene *scene, int count, const double up[3], bas
     double at[3] = {0}, forward[3] = {0}, down[3] = {0};
 
     for (int i = 0; i < count; i++) {
-        const double *c2w = pose_of(scene, i);
+        const double *c2w = NULL;
+        cln_camera seen;
 
+        cln_view_seen(cln_scene_training_view(scene, i), &seen);
+        c2w = seen.c2w;
         for (int a = 0; a < 3; a++) {
             at[a] += c2w[4 * a + 3] / count;
             forward[a] += c2w[4 * a + 2] / count;

@@ -1,6 +1,7 @@
 /* Up from the training cameras. See up.h.
  *
- * Cameras are held level, so up is the axis along which their x axes point least. Photos of an
+ * Cameras are held level, or upright as EXIF data tell (cln_view_turn), so up is the axis along
+ * which the x axes of the photos, as people see them, point least. Photos of an
  * object or a room show its side by their own up vectors, whose mean also decides where the x axes
  * leave the axis open, as all of them lie along a line. Of a flight to and fro that looks down, the
  * up vectors cancel out: there it is a camera's looking rather down than up that tells. */
@@ -73,16 +74,19 @@ static void solve(const double matrix[3][3], double value[3], double vector[3][3
     }
 }
 
-static const double *pose_of(const cln_scene *scene, int i)
+/* The pose of photo i as people see it, in *seen. */
+static const double *pose_of(const cln_scene *scene, int i, cln_camera *seen)
 {
-    return cln_scene_training_view(scene, i)->camera.c2w;
+    cln_view_seen(cln_scene_training_view(scene, i), seen);
+    return seen->c2w;
 }
 
 static void face(const cln_scene *scene, int count, facing *out)
 {
     memset(out, 0, sizeof *out);
     for (int i = 0; i < count; i++) {
-        const double *c2w = pose_of(scene, i);
+        cln_camera seen;
+        const double *c2w = pose_of(scene, i, &seen);
 
         for (int a = 0; a < 3; a++) {
             out->up[a] -= c2w[4 * a + 1] / count; /* the camera's y points down */
@@ -101,7 +105,8 @@ static bool balance(const cln_scene *scene, int count, const double line[3], fac
     int of[2] = {0, 0};
 
     for (int i = 0; i < count; i++) {
-        const double *c2w = pose_of(scene, i);
+        cln_camera seen;
+        const double *c2w = pose_of(scene, i, &seen);
         const int way = line[0] * c2w[0] + line[1] * c2w[4] + line[2] * c2w[8] < 0;
 
         of[way]++;
@@ -139,7 +144,8 @@ static void lean_least(const facing *f, double out[3])
 /* How far the up of photo i points along an axis. */
 static double up_along(const cln_scene *scene, int i, const double axis[3])
 {
-    const double *c2w = pose_of(scene, i);
+    cln_camera seen;
+    const double *c2w = pose_of(scene, i, &seen);
 
     return 0 - (axis[0] * c2w[1] + axis[1] * c2w[5] + axis[2] * c2w[9]);
 }

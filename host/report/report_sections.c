@@ -70,12 +70,13 @@ done:
     return st;
 }
 
-cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what)
+cln_status cln_report_picture(FILE *to, const char *path, const json_t *image, const char *what)
 {
     cln_status st = CLN_OK;
     cln_status before = cln_error_status();
     uint8_t *pixels = NULL, *file = NULL;
     const char *type = NULL;
+    const json_int_t turn = json_integer_value(json_object_get(image, "turn"));
     size_t bytes = 0;
     int width = 0, height = 0, channels = 0, smaller = 0;
 
@@ -85,13 +86,15 @@ cln_status cln_report_picture(FILE *to, const char *path, const char *view, cons
         fprintf(to, "<span class=none>no %s picture</span>", what);
         goto done;
     }
+    if (turn > 1 && turn <= 8)
+        CLN_TRY(cln_image_turn((int)turn, &width, &height, channels, &pixels));
     smaller = (width + PICTURE_WIDTH / 2) / PICTURE_WIDTH;
     if (smaller >= 2 && height >= 2)
         CLN_TRY(cln_image_downscale(smaller < height ? smaller : height, &width, &height, channels,
                                     &pixels));
     CLN_TRY(encode(width, height, channels, pixels, &type, &file, &bytes));
     fprintf(to, "<img width=%d height=%d alt=\"%s of ", width, height, what);
-    cln_html_text(to, view);
+    cln_html_text(to, cln_json_text(image, "name"));
     fprintf(to, "\" src=\"data:image/%s;base64,", type);
     cln_base64_write(to, file, bytes);
     fputs("\">", to);

@@ -54,8 +54,8 @@ void cln_report_idle(const cln_report_data *data, bool idle[CLN_SETTINGS_MAX]);
 /* A stage's name, as texts for people have it for this run's leaves. */
 const char *cln_report_stage(const cln_report_data *data, const char *name);
 
-/* An <img> of the file, scaled down for the page, or the note "no WHAT picture" without such a
- * file. CLN_MEMORY is the only error. */
-cln_status cln_report_picture(FILE *to, const char *path, const char *view, const char *what);
+/* An <img> of the file, a picture of an evaluation's image, turned as that says and scaled down for
+ * the page, or the note "no WHAT picture" without such a file. CLN_MEMORY is the only error. */
+cln_status cln_report_picture(FILE *to, const char *path, const json_t *image, const char *what);
 
 #endif

@@ -99,7 +99,7 @@ static cln_status put_view(FILE *to, const char *folder, const json_t *image, bo
         free(path);
         path = NULL;
         CLN_TRY(cln_asprintf(&path, "%s/%s%s", folder, file, pictures[i].suffix));
-        CLN_TRY(cln_report_picture(to, path, view, pictures[i].what));
+        CLN_TRY(cln_report_picture(to, path, image, pictures[i].what));
     }
     fputs("</div></div>\n", to);
 done:

@@ -34,7 +34,7 @@ static cln_status put_view(FILE *to, const char *folder, const json_t *image)
     for (size_t i = 0; i < sizeof pictures / sizeof pictures[0]; i++) {
         free(path);
         CLN_TRY(cln_asprintf(&path, "%s/%s%s", folder, file, pictures[i].suffix));
-        CLN_TRY(cln_report_picture(to, path, name, pictures[i].what));
+        CLN_TRY(cln_report_picture(to, path, image, pictures[i].what));
     }
     fputs("</div></div>\n", to);
 done:

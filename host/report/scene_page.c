@@ -187,13 +187,14 @@ static void put_side(FILE *to, const cln_scene *scene, const json_t *document, c
 
 /* ---- photos ---- */
 
-/* A small copy over the background: nearest pixels suffice to recognise it. */
+/* A small copy over the background, as people see the photo: nearest pixels suffice to recognise
+ * it. */
 static cln_status put_thumb(FILE *to, const cln_scene *scene, const cln_view *view)
 {
     cln_status st = CLN_OK;
     const int wide = view->camera.width, high = view->camera.height;
     const double by = fmin(1, (double)THUMB_SIDE / (wide > high ? wide : high));
-    const int w = (int)fmax(1, by * wide), h = (int)fmax(1, by * high);
+    int w = (int)fmax(1, by * wide), h = (int)fmax(1, by * high);
     uint8_t *pixels = NULL, *jpeg = NULL;
     size_t bytes = 0;
 
@@ -206,6 +207,7 @@ static cln_status put_thumb(FILE *to, const cln_scene *scene, const cln_view *vi
             for (int c = 0; c < 3; c++)
                 pixels[3 * ((size_t)y * (size_t)w + (size_t)x) + (size_t)c] = cln_to_u8(rgb[c]);
         }
+    CLN_TRY(cln_image_turn(cln_view_turn(view), &w, &h, 3, &pixels));
     CLN_TRY(cln_image_encode_jpeg(w, h, 3, pixels, QUALITY, &jpeg, &bytes));
     fprintf(to, "<img width=%d height=%d alt='' src='data:image/jpeg;base64,", w, h);
     cln_base64_write(to, jpeg, bytes);

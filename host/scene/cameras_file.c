@@ -118,6 +118,8 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
     for (size_t i = 0; i < sizeof flags / sizeof *flags; i++)
         if (flags[i].set)
             json_object_set_new(row, flags[i].key, json_true());
+    if (view->orientation > 1)
+        json_object_set_new(row, "orientation", json_integer(view->orientation));
     st = put(to, before, row);
     row = NULL;
 done:
@@ -279,7 +281,9 @@ static cln_status read_view(const char *path, const json_t *row, int i, const cl
     view->split = (cln_split)s;
     view->number = i;
     view->channels = 3;
-    view->orientation = view->alpha_turn = view->mask_turn = 1;
+    view->alpha_turn = view->mask_turn = 1;
+    if (!get_whole(row, "orientation", 1, 8, &view->orientation))
+        view->orientation = 1; /* none, or of an older run */
     view->leads_out = json_is_true(json_object_get(row, "leads_out"));
     view->turned = json_is_true(json_object_get(row, "turned"));
     view->mask_black = json_is_true(json_object_get(row, "mask_black"));

@@ -74,7 +74,7 @@ bool cln_dataset_is_image(const char *name)
 
 typedef enum { IMAGES, UNREAD, FOLDERS } listed;
 
-static bool is_unread(const char *name)
+bool cln_dataset_is_unread(const char *name)
 {
     static const char *const endings[] = {"tif", "tiff", "webp", "heic", "heif", "avif",
                                           "bmp", "gif",  "exr",  "dng",  "cr2",  "cr3",
@@ -85,6 +85,15 @@ static bool is_unread(const char *name)
         if (!strcasecmp(dot + 1, endings[i]))
             return true;
     return false;
+}
+
+const char *cln_dataset_converter(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+
+    if (dot && (!strcasecmp(dot, ".heic") || !strcasecmp(dot, ".heif")))
+        return " (heif-convert does; a phone set to \"Most Compatible\" takes JPEG)";
+    return "";
 }
 
 static cln_status keep_name(cln_names *names, const char *within, const char *name)
@@ -134,7 +143,7 @@ static cln_status list(const char *folder, const char *within, int depth, listed
             else if (depth < MAX_DEPTH)
                 CLN_TRY(list(path, name, depth + 1, wanted, out));
         } else if (((wanted == IMAGES && cln_dataset_is_image(name)) ||
-                    (wanted == UNREAD && is_unread(name))) &&
+                    (wanted == UNREAD && cln_dataset_is_unread(name))) &&
                    cln_is_file(path)) { /* no dead link */
             CLN_TRY(keep_name(out, within, entry->d_name));
         }

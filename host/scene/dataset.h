@@ -40,6 +40,11 @@ void cln_dataset_free_names(cln_names *names);
  * ending; name NULL: the first of all. *first is NULL if there is none; the caller frees it. */
 cln_status cln_dataset_unread(const char *folder, const char *name, int *count, char **first);
 
+/* By the ending: is it a photo in such a format? And how it becomes one that is read, " (...)", of
+ * phones' formats; else "". */
+bool cln_dataset_is_unread(const char *name);
+const char *cln_dataset_converter(const char *name);
+
 /* Makes a view for each of these images of a folder, with name (below the folder) and path. */
 cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,
                              cln_reader_result *result);

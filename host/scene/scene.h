@@ -241,6 +241,15 @@ bool cln_scene_focus(const cln_scene *scene, double point[3]);
 cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint64_t *digest,
                               int *channels, uint8_t **pixels);
 
+/* How its `pixels` are to be turned to stand as people see the photo, as an EXIF orientation: 1, 3,
+ * 6 or 8. Of mirrors half or quarter turns alone: the scene is not mirrored, either. */
+int cln_view_turn(const cln_view *view);
+
+/* Its camera as people see the photo: turned about its axis by cln_view_turn, with the size, focal
+ * lengths and principal point of that picture. The rays are the view's own, but for the lens, which
+ * a turned one goes without. */
+void cln_view_seen(const cln_view *view, cln_camera *out);
+
 /* Are its pixels there, in memory or in the store? */
 bool cln_view_is_loaded(const cln_view *view);
 

@@ -4,10 +4,14 @@
  * turned here, too. Mirrors and half turns keep the shape: they follow the other photos.
  *
  * Masks are drawn on stored or on turned pictures: the one whose size they have, else as other
- * masks of the scene, else stored ones, as which they are turned with their photos. */
+ * masks of the scene, else stored ones, as which they are turned with their photos.
+ *
+ * Where pixels stay as stored, people still see the photo turned: which way is up, and how pictures
+ * of its view are shown, go by cln_view_turn. */
 #include "scene/build.h"
 
 #include <math.h>
+#include <string.h>
 #include "base/text.h"
 #include "io/image.h"
 #include "scene/inspect.h"
@@ -88,6 +92,42 @@ void cln_scene_find_turns(cln_scene *scene)
                 turn_camera(v);
         }
     }
+}
+
+int cln_view_turn(const cln_view *view)
+{
+    static const int turns[9] = {1, 1, 1, 3, 3, 6, 6, 8, 8};
+
+    return view->turned ? 1 : turns[view->orientation];
+}
+
+void cln_view_seen(const cln_view *view, cln_camera *out)
+{
+    const cln_camera *c = &view->camera;
+    const int turn = cln_view_turn(view), sign = turn == 6 ? -1 : 1;
+
+    *out = *c;
+    if (turn == 1)
+        return;
+    for (int a = 0; a < 3; a++) {
+        const double x = c->c2w[4 * a], y = c->c2w[4 * a + 1];
+
+        out->c2w[4 * a] = turn == 3 ? -x : sign * y;
+        out->c2w[4 * a + 1] = turn == 3 ? -y : -sign * x;
+    }
+    out->lens = CLN_LENS_OPENCV;
+    memset(out->distortion, 0, sizeof out->distortion);
+    if (turn == 3) {
+        out->cx = c->width - c->cx;
+        out->cy = c->height - c->cy;
+        return;
+    }
+    out->width = c->height;
+    out->height = c->width;
+    out->fx = c->fy;
+    out->fy = c->fx;
+    out->cx = turn == 6 ? c->height - c->cy : c->cy;
+    out->cy = turn == 6 ? c->cx : c->width - c->cx;
 }
 
 /* Is a mask or alpha file of the turned picture, 1, or of the stored one, -1? 0: perhaps either.
@@ -212,7 +252,8 @@ void cln_scene_doubt_turns(const cln_scene *scene, json_t *findings)
 void cln_scene_tell_turns(const cln_scene *scene, json_t *findings)
 {
     tell(scene, findings, true, false, "EXIF data tell viewers to turn",
-         ": their pixels are taken as stored, as the poses are of these");
+         ": their pixels are taken as stored, as the poses are of these; what is up goes by these "
+         "data");
     tell(scene, findings, true, true, "turned as EXIF data say: pixels of",
          ", as the poses are of turned ones");
 }

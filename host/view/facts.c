@@ -18,11 +18,12 @@ static json_t *numbers(const double *values, int count)
 
 static json_t *camera_json(const cln_view *view)
 {
-    const cln_camera *c = &view->camera;
+    cln_camera c;
 
+    cln_view_seen(view, &c); /* as its photo and its pictures come */
     return json_pack("{s:s, s:s, s:o, s:f, s:i, s:i}", "name", view->name, "split",
-                     cln_split_names[view->split], "pose", numbers(c->c2w, 12), "focal", c->fy,
-                     "width", c->width, "height", c->height);
+                     cln_split_names[view->split], "pose", numbers(c.c2w, 12), "focal", c.fy,
+                     "width", c.width, "height", c.height);
 }
 
 /* The cube; in a forward space, which has no end, a box about the target as wide as the cameras are

@@ -254,15 +254,18 @@ static cln_status draw(cln_painter *painter, cln_painting *g, uint8_t *pixels, i
     return CLN_OK;
 }
 
-static cln_status add_frame(cln_painter *painter, cln_painting *g, uint8_t *pixels, int channels)
+/* How a picture of the camera that is asked for is turned to be seen: as its photo. */
+static int turn_of(const cln_painter *painter, const cln_ask *ask)
+{
+    return ask->view >= 0 && painter->scene ? cln_view_turn(&painter->scene->views[ask->view]) : 1;
+}
+
+static cln_status add_frame(cln_painter *painter, cln_painting *g, const uint8_t *pixels)
 {
     cln_status st = CLN_OK;
     cln_reel *reel = &painter->reel;
-    const size_t n = (size_t)g->width * (size_t)g->height;
     char text[64];
 
-    for (size_t i = n; channels == 1 && i-- > 0;)
-        pixels[3 * i] = pixels[3 * i + 1] = pixels[3 * i + 2] = pixels[i];
     CLN_TRY(cln_reel_add(reel, pixels));
     snprintf(text, sizeof text, "{\"done\": %d, \"frames\": %d}", reel->done, reel->frames);
     cln_painting_say(g, 200, text);
@@ -275,19 +278,26 @@ static cln_status deliver(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
     const cln_picture *p = &g->rendering.picture;
+    const size_t n = (size_t)p->width * (size_t)p->height;
     int channels = 3;
     uint8_t *pixels = NULL;
 
-    CLN_TRY(cln_alloc(&pixels, (size_t)p->width * (size_t)p->height, 3, "picture"));
+    CLN_TRY(cln_alloc(&pixels, n, 3, "picture"));
     CLN_TRY(draw(painter, g, pixels, &channels));
     if (g->ask.kind == CLN_ASK_FILM_FRAME) {
-        CLN_TRY(add_frame(painter, g, pixels, channels));
+        for (size_t i = n; channels == 1 && i-- > 0;)
+            pixels[3 * i] = pixels[3 * i + 1] = pixels[3 * i + 2] = pixels[i];
+        channels = 3;
+    }
+    CLN_TRY(cln_image_turn(turn_of(painter, &g->ask), &g->width, &g->height, channels, &pixels));
+    if (g->ask.kind == CLN_ASK_FILM_FRAME) {
+        CLN_TRY(add_frame(painter, g, pixels));
         goto done;
     }
     if (g->ask.png)
-        CLN_TRY(cln_image_encode_png(p->width, p->height, channels, pixels, &g->body, &g->bytes));
+        CLN_TRY(cln_image_encode_png(g->width, g->height, channels, pixels, &g->body, &g->bytes));
     else
-        CLN_TRY(cln_image_encode_jpeg(p->width, p->height, channels, pixels,
+        CLN_TRY(cln_image_encode_jpeg(g->width, g->height, channels, pixels,
                                       g->ask.budget > 0 ? MOVING : STILL, &g->body, &g->bytes));
     g->type = g->ask.png ? "image/png" : "image/jpeg";
     g->status = 200;
@@ -377,6 +387,7 @@ static cln_status paint_photo(const cln_painter *painter, cln_painting *g)
         CLN_TRY(cln_image_downscale(n < width && n < height ? n : 1, &width, &height, channels,
                                     &pixels));
     }
+    CLN_TRY(cln_image_turn(cln_view_turn(view), &width, &height, channels, &pixels));
     if (channels == 4)
         over_background(g->ask.background, (size_t)width * (size_t)height, pixels);
     CLN_TRY(cln_image_encode_jpeg(width, height, 3, pixels, STILL, &g->body, &g->bytes));
@@ -434,6 +445,15 @@ done:
     return st;
 }
 
+/* Is the picture so large, as it is seen? */
+static bool has_size(const cln_painter *painter, const cln_ask *ask, int width, int height)
+{
+    const bool lies = turn_of(painter, ask) >= 5;
+
+    return ask->camera.width == (lies ? height : width) &&
+           ask->camera.height == (lies ? width : height);
+}
+
 static cln_status step_film(cln_painter *painter, cln_painting *g)
 {
     cln_status st = CLN_OK;
@@ -471,7 +491,7 @@ static cln_status step_film(cln_painter *painter, cln_painting *g)
         g->type = "application/json";
     } else if (reel->done == reel->frames) {
         cln_painting_say(g, 409, "the film has all its frames already");
-    } else if (g->ask.camera.width != reel->width || g->ask.camera.height != reel->height) {
+    } else if (!has_size(painter, &g->ask, reel->width, reel->height)) {
         cln_painting_say(g, 400, "width, height: must be the film's");
     } else {
         CLN_TRY(step_picture(painter, g));

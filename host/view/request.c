@@ -127,8 +127,10 @@ static cln_status read_camera(const cln_scene *scene, cln_ask_get *get, void *qu
     if (out->view < 0) {
         CLN_TRY(read_free_camera(get, query, width, height, &out->camera));
     } else {
-        CLN_TRY(cln_orbit_resize(lens_of(&scene->views[out->view], &like), width, height,
-                                 &out->camera));
+        const bool lies = cln_view_turn(&scene->views[out->view]) >= 5;
+
+        CLN_TRY(cln_orbit_resize(lens_of(&scene->views[out->view], &like), lies ? height : width,
+                                 lies ? width : height, &out->camera));
         CLN_TRY(check_size(&out->camera));
     }
 done:
@@ -196,14 +198,20 @@ done:
     return st;
 }
 
-static cln_status read_point(cln_ask_get *get, void *query, cln_ask *out)
+/* Of a view's picture as it is seen, to one of the camera's. */
+static cln_status read_point(const cln_scene *scene, cln_ask_get *get, void *query, cln_ask *out)
 {
     cln_status st = CLN_OK;
+    const int turn = out->view >= 0 ? cln_view_turn(&scene->views[out->view]) : 1;
+    const double wide = out->camera.width, high = out->camera.height;
+    double x = 0, y = 0;
 
-    CLN_TRY(read_real(get, query, "x", 0, out->camera.width, -1, &out->x));
-    CLN_TRY(read_real(get, query, "y", 0, out->camera.height, -1, &out->y));
-    if (out->x < 0 || out->y < 0)
+    CLN_TRY(read_real(get, query, "x", 0, turn >= 5 ? high : wide, -1, &x));
+    CLN_TRY(read_real(get, query, "y", 0, turn >= 5 ? wide : high, -1, &y));
+    if (x < 0 || y < 0)
         CLN_TRY(cln_fail(CLN_USAGE, "x, y: give a position in the picture"));
+    out->x = turn == 3 ? wide - x : turn == 6 ? y : turn == 8 ? wide - y : x;
+    out->y = turn == 3 ? high - y : turn == 6 ? high - x : turn == 8 ? x : y;
 done:
     return st;
 }
@@ -263,7 +271,7 @@ cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float b
         CLN_TRY(read_crop(get, query, &out->crop));
     }
     if (kind == CLN_ASK_POINT)
-        CLN_TRY(read_point(get, query, out));
+        CLN_TRY(read_point(scene, get, query, out));
     if (kind == CLN_ASK_PICTURE || kind == CLN_ASK_FILM_FRAME)
         CLN_TRY(read_looks(get, query, out));
     if (kind == CLN_ASK_PICTURE || kind == CLN_ASK_FILM_FRAME || kind == CLN_ASK_PHOTO)

@@ -41,9 +41,9 @@ typedef struct cln_ask {
     cln_ask_kind kind;
     int view;          /* index into the scene's views, whose photo or camera it is; or -1 */
     int side;          /* photo: at most so many pixels */
-    cln_camera camera; /* picture, point: at full size; scene units; of a view without its pose,
-                          which the painter takes */
-    double x, y;       /* point: pixel position */
+    cln_camera camera; /* picture, point: at full size; scene units; of a view as its pixels are
+                          stored, and without its pose, which the painter takes */
+    double x, y;       /* point: pixel position in the camera's picture */
     double budget;     /* picture: seconds that it may take, for which its size is reduced; 0 = full
                           size, however long it takes */
     bool edges;        /* picture: pixels at edges as the model learnt them, if by several rays */
@@ -63,11 +63,12 @@ typedef const char *cln_ask_get(void *query, const char *name);
  *   view=I                 the camera of view I of the scene, or
  *   pose=12 numbers        camera to world, row-major 3x4, OpenCV's axes, scene units, with
  *   focal=PIXELS           of both axes at the full size
- *   width= height=         full size (of a view: 0 or none as the photo, or by the other)
+ *   width= height=         full size (of a view: 0 or none as the photo, or by the other), as the
+ *                          picture is seen: of a view turned as its photo (cln_view_turn)
  *   crop=X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ] only what is in this box; scene units, degrees
  *   ms= edges=0|1 show=colour|depth|opacity|level|error format=jpeg|png background=R,G,B (0..1)
  *                          picture
- *   x= y=                  point
+ *   x= y=                  point, in the picture as it is seen
  *   view=I side=PIXELS background=   photo
  *   width= height= frames= fps=      film to begin
  *   film=NAME              further requests of a film; a frame: also a picture's but ms, format

@@ -57,13 +57,15 @@ section_photos() {
     expect "an archive" 3 "~text.zip:.*unpack" "$cln" poses "$work/text.zip" -o "$work/posed"
     touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
     expect "photos in formats that are not read" 3 \
-        "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
+        "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*heif-convert.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     cp -r "$work/photos/train" "$work/mixed"
     touch "$work/mixed/"{a.HEIC,b.webp}
     expect "a few in such formats among others are told, too" 1 \
-        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap" \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert.*Most.Compatible colmap" \
         env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
+    expect "one photo in such a format" 3 "~a.HEIC:.a.single.photo.*heif-convert" \
+        "$cln" poses "$work/mixed/a.HEIC" -o "$work/posed"
     for how in r_004 r_007; do
         truncate -s 100 "$work/mixed/$how.png"
     done

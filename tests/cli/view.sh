@@ -5,7 +5,7 @@
 # orders, who may give them. On a tiny generated scene, on any OpenCL device.
 # tests/browser/browser.sh tests the page in a browser.
 #   tests/cli/view.sh [SECTION...]
-#           sections: page pictures refused clients film token end newer silence training
+#           sections: page pictures refused clients film token end newer silence training phone
 #   BUILD=build/sanitize                the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -622,9 +622,39 @@ section_training() {
         -o "$work/none" --port 7007
 }
 
+# A phone's photos: their pictures come as people see them, from the camera that the page is told.
+section_phone() {
+    local pose focal
+
+    [ $server = 0 ] || stop TERM
+    "$make_scene" "$work/phone" --format nerfstudio --size 48 --train 6 --test 2 --held 6 \
+        >/dev/null || bad "make-scene"
+    expect "train" 0 "" "$cln" train "$work/phone" -o "$work/phone run" "${small[@]}"
+    run="$work/phone run"
+    serve
+    run=$work/run
+    get /facts
+    check "the first view stands" [ "$(json width) $(json height)" = "36 48" ]
+    check "the photos stand" [ "$(json cameras.6.width) $(json cameras.6.height)" = "36 48" ]
+    check "up is up" number_above "$(json up.2)" 0.99985
+    focal=$(json cameras.6.focal)
+    pose=$(for i in 0 1 2 3 4 5 6 7 8 9 10 11; do json "cameras.6.pose.$i"; done | paste -sd,)
+    gets "a photo's view" 200 "/picture?view=6&format=png" "${me[@]}"
+    check "it stands" has_header '^x-picture: 36 48 '
+    mv "$work/out" "$work/seen.png"
+    gets "a free camera there" 200 \
+        "/picture?pose=$pose&focal=$focal&width=36&height=48&format=png" "${me[@]}"
+    check "it sees the same" cmp -s "$work/out" "$work/seen.png"
+    gets "a larger one" 200 "/picture?view=6&width=72" "${me[@]}"
+    check "as wide as it is seen" has_header '^x-picture: 72 96 '
+    gets "a point below" 200 "/point?view=6&x=20&y=40" "${me[@]}"
+    gets "a point outside" 400 "/point?view=6&x=40&y=20" "${me[@]}"
+    stop TERM
+}
+
 if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     skip view "built without libmicrohttpd"
     count
     exit
 fi
-run_sections "page pictures refused clients film token end newer silence training" "$@"
+run_sections "page pictures refused clients film token end newer silence training phone" "$@"

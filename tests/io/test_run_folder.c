@@ -333,6 +333,8 @@ static void test_view_file_name(void **state)
                                            {"r_0", "r_0"},
                                            {"frame.0001", "frame.0001"},
                                            {"frame.0001.jpeg", "frame.0001"},
+                                           {"shot.1001.EXR", "shot.1001"},
+                                           {"a/b.tiff", "a_b"},
                                            {".png", ".png"},
                                            {"v1.5/r_0", "v1.5_r_0"},
                                            {"a\\b.png", "a_b"},

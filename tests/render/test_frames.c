@@ -199,6 +199,35 @@ static void test_transforms(void **state)
     cln_frames_free(&f);
 }
 
+/* Files that are named from the root name frames without the folder that has all of them. */
+static void test_names_from_root(void **state)
+{
+    cln_frames f = {0};
+
+    assert_int_equal(
+        cln_frames_read(
+            put(state,
+                "{\"frames\": [" FRAME(", \"file_path\": \"/shot 1/cam.A/1001.exr\"") "," FRAME(
+                    ", \"file_path\": \"/shot 1/cam.B/1001.exr\"") "]}"),
+            40, 30, &f),
+        CLN_OK);
+    assert_string_equal(f.frame[0].name, "cam.A_1001");
+    assert_string_equal(f.frame[1].name, "cam.B_1001");
+    cln_frames_free(&f);
+    assert_int_equal(
+        cln_frames_read(put(state, "{\"frames\": [" FRAME(", \"file_path\": \"/s/1001.exr\"") "]}"),
+                        40, 30, &f),
+        CLN_OK);
+    assert_string_equal(f.frame[0].name, "1001");
+    cln_frames_free(&f);
+    assert_int_equal(
+        cln_frames_read(put(state, "{\"frames\": [" FRAME(", \"file_path\": \"s/1001.exr\"") "]}"),
+                        40, 30, &f),
+        CLN_OK);
+    assert_string_equal(f.frame[0].name, "s_1001");
+    cln_frames_free(&f);
+}
+
 /* Nulls count as absent, as in a scene: of a frame they do not hide the document's values. */
 static void test_nulls_of_transforms(void **state)
 {
@@ -524,6 +553,7 @@ int test_group_frames(void)
                                        ON_DISK(test_broken_paths),
                                        ON_DISK(test_transforms),
                                        ON_DISK(test_nulls_of_transforms),
+                                       ON_DISK(test_names_from_root),
                                        ON_DISK(test_path_with_crop),
                                        cmocka_unit_test(test_through),
                                        cmocka_unit_test(test_turns),

@@ -558,6 +558,73 @@ static void test_viewer_edges(void **state)
     cln_open_run_close(&v);
 }
 
+/* The viewer's picture of a view, [height][width][channels]; the caller frees it. */
+static uint8_t *paint(cln_painter *painter, const cln_ask *ask, int *width, int *height,
+                      int *channels)
+{
+    cln_painting g = {.ask = *ask};
+    uint8_t *got = NULL;
+
+    while (g.status == 0)
+        assert_ok(cln_painter_step(painter, &g));
+    assert_int_equal(g.status, 200);
+    assert_ok(cln_image_decode("picture", g.body, g.bytes, width, height, channels, &got));
+    assert_true(g.width == *width && g.height == *height);
+    cln_painting_free(painter, &g);
+    return got;
+}
+
+/* Pictures of a view whose photo people see turned are turned with it, and are else the same. */
+static void test_viewer_turns(void **state)
+{
+    static const int orientations[] = {1, 3, 6, 8};
+    const bool pixels[CLN_SPLITS] = {false};
+    const cln_device_desc device = fixture_device();
+    cln_open_run v;
+    cln_painter painter = {.pipeline = &v.pipeline, .model = &v.model};
+    cln_ask ask = {.kind = CLN_ASK_PICTURE, .view = 0, .png = true};
+    cln_view *view = NULL;
+
+    (void)state;
+    NEED_DEVICE();
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
+    painter.scene = v.scene;
+    view = &v.scene->views[0];
+    view->camera.height = view->camera.height / 4 * 3;
+    ask.camera = view->camera;
+    assert_ok(cln_painter_open(&painter, &ask.camera));
+    for (int show = CLN_SHOW_COLOUR; show <= CLN_SHOW_DEPTH; show++) {
+        uint8_t *stored = NULL;
+
+        ask.show = (cln_show)show;
+        for (size_t i = 0; i < sizeof orientations / sizeof *orientations; i++) {
+            int width = 0, height = 0, channels = 0;
+            uint8_t *got = NULL;
+
+            view->orientation = orientations[i];
+            got = paint(&painter, &ask, &width, &height, &channels);
+            if (i == 0) {
+                stored = got;
+                continue;
+            }
+            for (int k = 0; k < width * height; k++) {
+                const int x = k % width, y = k / width, wide = ask.camera.width;
+                const int high = ask.camera.height, o = orientations[i];
+                const int from = o == 3   ? (high - 1 - y) * wide + wide - 1 - x
+                                 : o == 6 ? (high - 1 - x) * wide + y
+                                          : x * wide + wide - 1 - y;
+
+                assert_memory_equal(got + channels * k, stored + channels * from, channels);
+            }
+            assert_true(width == (orientations[i] == 3 ? ask.camera.width : ask.camera.height));
+            free(got);
+        }
+        free(stored);
+    }
+    cln_open_run_close(&v);
+}
+
 static void count_warnings(cln_log_level level, const char *line, void *user)
 {
     *(int *)user += level == CLN_LOG_WARN && strstr(line, "r_0") && strstr(line, "no SSIM");
@@ -634,6 +701,7 @@ int test_group_pictures(void)
         cmocka_unit_test(test_wide),
         cmocka_unit_test_teardown(test_antialias, show_all_of_whole),
         cmocka_unit_test(test_viewer_edges),
+        cmocka_unit_test(test_viewer_turns),
         cmocka_unit_test(test_fast),
         cmocka_unit_test(test_crop)};
 

@@ -133,6 +133,135 @@ static void test_orbits(void **state)
     }
 }
 
+/* Photo i as a phone stores it that writes this orientation: not turned. */
+static void store(shots *s, int i, int orientation)
+{
+    cln_view *v = &s->views[i];
+    cln_camera *c = &v->camera;
+    const int width = c->width;
+
+    v->orientation = orientation;
+    for (int a = 0; a < 3; a++) {
+        const double x = c->c2w[4 * a], y = c->c2w[4 * a + 1];
+
+        /* 6: the stored first row is seen at the right, the first column above */
+        c->c2w[4 * a] = orientation == 6 ? y : orientation == 8 ? -y : orientation == 3 ? -x : x;
+        c->c2w[4 * a + 1] = orientation == 6   ? -x
+                            : orientation == 8 ? x
+                            : orientation == 3 ? -y
+                                               : y;
+    }
+    if (orientation < 5)
+        return;
+    c->width = c->height;
+    c->height = width;
+}
+
+static void assert_same_frame(const cln_orbit_frame *a, const cln_orbit_frame *b)
+{
+    for (int k = 0; k < 3; k++) {
+        assert_true(a->target[k] == b->target[k] && a->up[k] == b->up[k]);
+        assert_true(a->east[k] == b->east[k] && a->north[k] == b->north[k]);
+    }
+    assert_true(a->distance == b->distance && a->elevation == b->elevation);
+    assert_true(a->from == b->from && a->to == b->to && a->guessed == b->guessed);
+    assert_true(a->width == b->width && a->height == b->height);
+    assert_true(a->fx == b->fx && a->fy == b->fy);
+}
+
+/* A phone held upright around an object: its photos lie as they are stored, all of them, or some,
+ * and one turned over. Up, orbits and spirals are those of the photos as people see them, to the
+ * bit, and a path between their poses does not lie down. */
+static void test_phone(void **state)
+{
+    static const int ways[][4] = {{6, 6, 6, 6}, {8, 8, 8, 8}, {6, 8, 1, 3}, {1, 6, 1, 6}};
+    const double none[3] = {0};
+    const cln_render_desc spiral = {.spiral_frames = 7, .orbit_radius = 1};
+    const cln_render_desc path = {.split = "train", .interpolate = 30};
+
+    (void)state;
+    for (size_t w = 0; w < sizeof ways / sizeof *ways; w++) {
+        shots seen, stored;
+        cln_orbit_frame upright, lying;
+        cln_frames a = {0}, b = {0};
+
+        begin(&seen, w);
+        for (int k = 0; k < 24; k++) {
+            const double heading = 15 * k + scatter(&seen, 2);
+            const double at[3] = {-4 * cos(heading * DEGREE), -4 * sin(heading * DEGREE), 1};
+            cln_camera *c = &seen.views[k].camera;
+
+            seen.views[k].file = (char *)"photo";
+            shoot(&seen, at, heading, -14 + scatter(&seen, 2), scatter(&seen, 1));
+            c->width = 9;
+            c->height = 16;
+            c->cx = 4.5;
+            c->cy = 8;
+        }
+        stored = seen;
+        stored.scene.views = stored.views;
+        for (int k = 0; k < 24; k++)
+            store(&stored, k, ways[w][k % 4]);
+        assert_true(off(&stored) < 1);
+        assert_int_equal(cln_orbit_frame_of(&seen.scene, none, &upright), CLN_OK);
+        assert_int_equal(cln_orbit_frame_of(&stored.scene, none, &lying), CLN_OK);
+        assert_true(lying.width == 9 && lying.height == 16);
+        assert_same_frame(&upright, &lying);
+        for (int k = 0; k < 2; k++) {
+            const cln_render_desc *desc = k ? &path : &spiral;
+
+            assert_int_equal(cln_frames_make(desc, &seen.scene, NULL, &a), CLN_OK);
+            assert_int_equal(cln_frames_make(desc, &stored.scene, NULL, &b), CLN_OK);
+            assert_int_equal(a.count, b.count);
+            for (int i = 0; i < a.count; i++) {
+                assert_true(b.frame[i].camera.width == 9 && b.frame[i].camera.height == 16);
+                for (int m = 0; m < 12; m++)
+                    assert_true(a.frame[i].camera.c2w[m] == b.frame[i].camera.c2w[m]);
+            }
+            cln_frames_free(&a);
+            cln_frames_free(&b);
+        }
+    }
+}
+
+/* Pictures of a path have the shape of most photos as people see them, be the first one another;
+ * without any tag the first one's, as ever. */
+static void test_shapes(void **state)
+{
+    static const struct {
+        int orientation[4]; /* of photos stored 16 x 9 */
+        int width, height;
+    } sets[] = {{{6, 6, 6, 6}, 9, 16}, {{1, 6, 8, 6}, 9, 16}, {{6, 1, 1, 3}, 16, 9},
+                {{1, 6, 1, 6}, 16, 9}, {{6, 1, 6, 1}, 9, 16}, {{1, 1, 1, 1}, 16, 9}};
+    cln_orbit_frame frame;
+    shots s;
+
+    (void)state;
+    for (size_t i = 0; i <= sizeof sets / sizeof *sets; i++) {
+        begin(&s, i);
+        for (int k = 0; k < 4; k++) {
+            cln_camera *c = &s.views[k].camera;
+
+            shoot(&s, (const double[3]){k, 0, 0}, 90, 0, 0);
+            c->width = 16;
+            c->height = 9;
+            c->fx = 12;
+            c->fy = 13;
+            if (i < sizeof sets / sizeof *sets)
+                s.views[k].orientation = sets[i].orientation[k];
+            else if (k > 0) /* three upright ones, as they are stored */
+                c->height = 20;
+        }
+        assert_int_equal(cln_orbit_frame_of(&s.scene, (const double[3]){0}, &frame), CLN_OK);
+        if (i < sizeof sets / sizeof *sets)
+            assert_true(frame.width == sets[i].width && frame.height == sets[i].height);
+        else
+            assert_true(frame.width == 16 && frame.height == 9);
+        assert_true(frame.fx == (frame.width == 16 ? 12 : 13));
+        assert_true(frame.fy == (frame.width == 16 ? 13 : 12));
+    }
+}
+
 /* A strip of land whose photos are level but for a degree: the zenith or what lies ahead, but never
  * the nadir. */
 static void test_strip(void **state)
@@ -303,7 +432,8 @@ int test_group_up(void)
         cmocka_unit_test(test_flights), cmocka_unit_test(test_orbits),
         cmocka_unit_test(test_one_way), cmocka_unit_test(test_strip),
         cmocka_unit_test(test_given),   cmocka_unit_test(test_turned_over),
-        cmocka_unit_test(test_texts)};
+        cmocka_unit_test(test_texts),   cmocka_unit_test(test_phone),
+        cmocka_unit_test(test_shapes)};
 
     return cmocka_run_group_tests_name("up", tests, NULL, NULL);
 }

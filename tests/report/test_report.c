@@ -691,6 +691,32 @@ static void photos_stay_small(void **state)
     free(page);
 }
 
+/* Pictures of a view whose photo people see turned, 20 x 30 then, are turned together. */
+static void phone_photos_stand(void **state)
+{
+    static const char *const kinds[] = {".truth.png", ".png", ".error.png"};
+    static const uint8_t lying[30 * 20 * 3] = {0};
+    const char *run = scratch_path(*state, "run"), *folder = "eval/00000100-test";
+    json_t *images = json_array(), *one = one_image("a.jpg", 20);
+    char *page = NULL, name[64];
+
+    assert_int_equal(cln_make_dirs(scratch_path(run, folder)), CLN_OK);
+    json_array_append_new(images, one_image("b.jpg", 21));
+    json_object_set_new(one, "turn", json_integer(6));
+    json_array_append_new(images, one);
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 3; k++) {
+            snprintf(name, sizeof name, "%s/%c%s", folder, 'a' + i, kinds[k]);
+            assert_int_equal(cln_image_write_png(scratch_path(run, name), 30, 20, 3, lying),
+                             CLN_OK);
+        }
+    put_eval(run, 100, "test", 20, images);
+    page = page_of(run);
+    assert_int_equal(count_of(page, "<img width=20 height=30 "), 3);
+    assert_int_equal(count_of(page, "<img width=30 height=20 "), 3);
+    free(page);
+}
+
 static void an_unwritable_folder_is_said(void **state)
 {
     const char *run = scratch_path(*state, "nowhere");
@@ -735,6 +761,7 @@ int test_group_report(void)
         ON_DISK(many_views_are_sampled_by_rank),
         ON_DISK(long_runs_stay_small),
         ON_DISK(photos_stay_small),
+        ON_DISK(phone_photos_stand),
         ON_DISK(an_unwritable_folder_is_said),
         ON_DISK(an_earlier_error_is_kept),
         ON_DISK(colours_are_for_light_and_dark),

@@ -89,6 +89,8 @@ static void assert_same_view(const cln_scene *scene, const cln_scene *other, int
     assert_int_equal(v->downscale, w->downscale);
     assert_int_equal(v->leads_out, w->leads_out);
     assert_int_equal(v->turned, w->turned);
+    assert_int_equal(v->orientation, w->orientation);
+    assert_int_equal(cln_view_turn(v), cln_view_turn(w));
     assert_int_equal(v->mask_path && v->mask_black, w->mask_black);
     assert_false(cln_view_is_loaded(w));
 }
@@ -101,6 +103,8 @@ static void test_there_and_back(void **state)
 
     assert_int_equal(scene->view_count, 5);
     scene->views[1].turned = true; /* as if EXIF data had said so */
+    scene->views[1].orientation = 8;
+    scene->views[2].orientation = 6;
     assert_ok(cln_cameras_write(run, scene, NULL));
     assert_ok(cln_cameras_read(run, &back));
     assert_int_equal(back->view_count, 5);

@@ -1,7 +1,7 @@
 /* Photos whose EXIF data tell viewers to turn them (io/exif.h, scene/turned.c): what is read of the
- * data, how pixels are turned, which photos of a scene are, and their masks with them. Oracle: the
- * standard's words on where the stored picture's first row and column belong, on pictures of few
- * pixels. */
+ * data, how pixels are turned, which photos of a scene are, and their masks with them; and as what
+ * people see the others. Oracle: the standard's words on where the stored picture's first row and
+ * column belong, on pictures of few pixels. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -170,6 +170,58 @@ static void test_turn(void **state)
         }
 }
 
+/* A pixel of the picture that people see has the ray that it has in the stored one, and what is up
+ * there is up by the standard's words: where the stored first row (2: its column) belongs. Of
+ * mirrors it is the picture before they mirror it. */
+static void test_seen(void **state)
+{
+    enum { WIDE = 4, HIGH = 3 };
+    static const double ups[9][2] = {[1] = {0, -1}, [2] = {0, -1}, [3] = {0, 1}, [4] = {0, 1},
+                                     [5] = {-1, 0}, [6] = {-1, 0}, [7] = {1, 0}, [8] = {1, 0}};
+    cln_view view = {.camera = {.c2w = {0.8, 0, 0.6, 1, 0, 1, 0, 2, -0.6, 0, 0.8, 3},
+                                .fx = 5,
+                                .fy = 7,
+                                .cx = 1.75,
+                                .cy = 1.25,
+                                .width = WIDE,
+                                .height = HIGH}};
+    const cln_camera *c = &view.camera;
+
+    (void)state;
+    for (int o = 0; o <= 8; o++) {
+        const double *up = ups[o ? o : 1];
+        uint8_t *pixels = malloc(3 * WIDE * HIGH);
+        int width = WIDE, height = HIGH;
+        cln_camera seen;
+
+        assert_non_null(pixels);
+        for (int i = 0; i < 3 * WIDE * HIGH; i++)
+            pixels[i] = (uint8_t)(i / 3);
+        view.orientation = o;
+        cln_view_seen(&view, &seen);
+        assert_int_equal(cln_image_turn(cln_view_turn(&view), &width, &height, 3, &pixels), CLN_OK);
+        assert_true(seen.width == width && seen.height == height);
+        for (int a = 0; a < 3; a++)
+            assert_true(-seen.c2w[4 * a + 1] == up[0] * c->c2w[4 * a] + up[1] * c->c2w[4 * a + 1]);
+        for (int i = 0; i < WIDE * HIGH; i++) {
+            const int from = pixels[3 * i];
+            double at[2][3], along[2][3];
+
+            assert_true(cln_camera_ray(&seen, i % width + 0.5, i / width + 0.5, at[0], along[0]));
+            assert_true(cln_camera_ray(c, from % WIDE + 0.5, from / WIDE + 0.5, at[1], along[1]));
+            for (int a = 0; a < 3; a++) {
+                assert_true(at[0][a] == at[1][a]);
+                assert_float_equal(along[0][a], along[1][a], 1e-12);
+            }
+        }
+        free(pixels);
+        view.turned = true; /* its pixels are as they are seen */
+        if (o > 1)
+            assert_int_equal(cln_view_turn(&view), 1);
+        view.turned = false;
+    }
+}
+
 /* ---- scenes ---- */
 
 /* A picture of which one quarter is dark (0 upper left, 1 upper right, 2 and 3 below). */
@@ -278,17 +330,18 @@ static void test_scenes(void **state)
         int width, height, orientation; /* of photo 0; camera 16 x 12 */
         int others;                     /* orientation of the other photos, of 16 x 12 */
         int first, rest;                /* dark quarters */
+        int turn;                       /* of photo 0, to be seen */
         int warnings;
         const char *told;
     } cases[] = {
-        {"none", 16, 12, 1, 0, 0, 0, 0, NULL},
-        {"stored", 16, 12, 6, 0, 0, 0, 0, "taken as stored, as the poses are of these"},
-        {"right", 12, 16, 6, 0, 1, 0, 0, "turned as EXIF data say"},
-        {"left", 12, 16, 8, 0, 2, 0, 0, "turned as EXIF data say"},
-        {"half", 16, 12, 3, 0, 0, 0, 1, "mogrify -auto-orient"},
-        {"mirrored", 16, 12, 2, 0, 0, 0, 1, "mogrify -auto-orient"},
-        {"all turned", 12, 16, 6, 3, 1, 3, 0, "turned as EXIF data say"},
-        {"all stored", 16, 12, 6, 3, 0, 0, 0, "taken as stored, as the poses are of these"},
+        {"none", 16, 12, 1, 0, 0, 0, 1, 0, NULL},
+        {"stored", 16, 12, 6, 0, 0, 0, 6, 0, "as the poses are of these; what is up goes by these"},
+        {"right", 12, 16, 6, 0, 1, 0, 1, 0, "turned as EXIF data say"},
+        {"left", 12, 16, 8, 0, 2, 0, 1, 0, "turned as EXIF data say"},
+        {"half", 16, 12, 3, 0, 0, 0, 3, 1, "mogrify -auto-orient"},
+        {"mirrored", 16, 12, 2, 0, 0, 0, 1, 1, "mogrify -auto-orient"},
+        {"all turned", 12, 16, 6, 3, 1, 3, 1, 0, "turned as EXIF data say"},
+        {"all stored", 16, 12, 6, 3, 0, 0, 6, 0, "taken as stored, as the poses are of these"},
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -306,6 +359,7 @@ static void test_scenes(void **state)
         print_message("    %s\n", cases[i].name);
         assert_int_equal(warnings, cases[i].warnings);
         assert_int_equal(dark_quarter(scene, 0), cases[i].first);
+        assert_int_equal(cln_view_turn(&scene->views[0]), cases[i].turn);
         for (int v = 1; v < FORMAT_VIEWS; v++)
             assert_int_equal(dark_quarter(scene, v), cases[i].rest);
         assert_true(scene->views[0].file_width == 16 && scene->views[0].file_height == 12);
@@ -649,6 +703,7 @@ int test_group_orientation(void)
         cmocka_unit_test(test_focal_length),
         cmocka_unit_test_setup_teardown(test_png_exif, scratch_make, scratch_remove),
         cmocka_unit_test(test_turn),
+        cmocka_unit_test(test_seen),
         cmocka_unit_test_setup_teardown(test_scenes, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mask_turns, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks_contradict, scratch_make, scratch_remove),

@@ -63,9 +63,40 @@ static void test_alpha_files(void **state)
     cln_painting_free(&painter, &g);
 }
 
+/* A photo comes as people see it, whether its pixels are stored so for its pose or turned. */
+static void test_seen_photos(void **state)
+{
+    static uint8_t photo[WIDTH * HEIGHT * 3]; /* red on the left, blue on the right */
+    cln_view view = {.orientation = 6};
+    const cln_scene scene = {.views = &view, .view_count = 1};
+    cln_pipeline pipeline = {0};
+    cln_painter painter = {.pipeline = &pipeline, .scene = &scene};
+
+    for (int i = 0; i < WIDTH * HEIGHT; i++)
+        photo[3 * i + (i % WIDTH < WIDTH / 2 ? 0 : 2)] = 200;
+    view.path = (char *)scratch_path(*state, "photo.png");
+    assert_int_equal(cln_image_write_png(view.path, WIDTH, HEIGHT, 3, photo), CLN_OK);
+    for (int turned = 0; turned < 2; turned++) {
+        cln_painting g = {.ask = {.kind = CLN_ASK_PHOTO, .side = WIDTH}};
+        int width = 0, height = 0, channels = 0;
+        uint8_t *got = NULL;
+
+        view.turned = turned;
+        assert_int_equal(cln_painter_step(&painter, &g), CLN_OK);
+        assert_int_equal(
+            cln_image_decode("photo", g.body, g.bytes, &width, &height, &channels, &got), CLN_OK);
+        assert_true(width == HEIGHT && height == WIDTH);
+        for (int i = 0; i < width * height; i++) /* what is left is above then */
+            assert_near(got[channels * i], i / width < height / 2 ? 200 : 0, 20);
+        free(got);
+        cln_painting_free(&painter, &g);
+    }
+}
+
 int test_group_painter(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_seen_photos, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_alpha_files, scratch_make, scratch_remove),
     };
 

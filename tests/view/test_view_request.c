@@ -99,6 +99,42 @@ static void read_what_is_asked(void **state)
 #undef NAME
 }
 
+/* Sizes and positions are those of the picture as people see its photo; the camera's are those of
+ * the stored one. */
+static void read_turned_views(void **state)
+{
+    static const char *const of_width[] = {"view", "1", "width", "30", NULL};
+    static const char *const of_height[] = {"view", "1", "height", "160", NULL};
+    static const char *const point[] = {"view", "1", "x", "10", "y", "20", NULL};
+    static const char *const low[] = {"view", "1", "x", "10", "y", "75", NULL};
+    static const char *const right[] = {"view", "1", "x", "75", "y", "10", NULL};
+    /* of 80 x 60 stored pixels: where the seen (10, 20) is */
+    static const struct {
+        int orientation;
+        double x, y;
+    } turns[] = {{1, 10, 20}, {3, 70, 40}, {6, 20, 50}, {8, 60, 10}};
+    cln_view views[2];
+    cln_scene scene;
+    cln_ask a;
+
+    (void)state;
+    scene_of_two(views, &scene);
+    for (size_t i = 0; i < sizeof turns / sizeof *turns; i++) {
+        const bool lies = turns[i].orientation >= 5;
+
+        views[1].orientation = turns[i].orientation;
+        assert_int_equal(ask(CLN_ASK_POINT, &scene, point, &a), CLN_OK);
+        assert_true(a.x == turns[i].x && a.y == turns[i].y);
+        assert_int_equal(ask(CLN_ASK_POINT, &scene, low, &a), lies ? CLN_OK : CLN_USAGE);
+        assert_int_equal(ask(CLN_ASK_POINT, &scene, right, &a), lies ? CLN_USAGE : CLN_OK);
+        cln_clear_error();
+        assert_int_equal(ask(CLN_ASK_PICTURE, &scene, of_width, &a), CLN_OK);
+        assert_true(a.camera.width == (lies ? 40 : 30) && a.camera.height == (lies ? 30 : 23));
+        assert_int_equal(ask(CLN_ASK_PICTURE, &scene, of_height, &a), CLN_OK);
+        assert_true(a.camera.width == (lies ? 160 : 213) && a.camera.height == (lies ? 120 : 160));
+    }
+}
+
 static void refuse_what_is_wrong(void **state)
 {
 #define POSE "pose", level_pose, "focal", "50"
@@ -308,9 +344,8 @@ static void only_its_own_page_may_ask(void **state)
 int test_group_view_request(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(read_what_is_asked),
-        cmocka_unit_test(refuse_what_is_wrong),
-        cmocka_unit_test(any_text_is_answered),
+        cmocka_unit_test(read_what_is_asked),        cmocka_unit_test(read_turned_views),
+        cmocka_unit_test(refuse_what_is_wrong),      cmocka_unit_test(any_text_is_answered),
         cmocka_unit_test(only_its_own_page_may_ask),
     };
 
