@@ -356,7 +356,8 @@ typedef struct cln_render_desc {
     bool normals;           /* also NAME.normal.npy and NAME.normal.png */
     double fps;             /* film: frames a second, 0.001 or more; 0 = the file of poses', or
                                24 */
-    bool overwrite;         /* else frames with existing files are skipped */
+    bool overwrite;         /* else existing frames are skipped if they were made from the same
+                               model, camera and settings; if not, CLN_OUTPUT */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     bool pfm;               /* also NAME.depth.pfm */
     double depth_unit;      /* also NAME.depth16.png, 16-bit grey in steps of this many scene units;
@@ -367,8 +368,10 @@ typedef struct cln_render_desc {
     const char *views; /* split: only these, as in cln_eval_desc; NULL = as max_images says */
     int first_frame, frame_count; /* of all of these frames, only so many from that one on, which is
                                      0 or more, as in names; 0 = all the others */
-    bool transparent; /* NAME.png has alpha: colours without the background, straight, not
-                         premultiplied; else colours on it */
+    bool transparent;        /* NAME.png has alpha: colours without the background, straight, not
+                         premultiplied; else colours on it. Of films: .mov and .webm */
+    const float *background; /* [3] r, g, b in 0..1, sRGB; NULL = the run's own, or that of the
+                                crop box in the file of poses */
 } cln_render_desc;
 
 typedef struct cln_render_result {

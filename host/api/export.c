@@ -70,6 +70,19 @@ static bool may_end_so(const char *form, const char *ending)
     return false;
 }
 
+/* What is meant by names of files that the web knows, but no export writes. */
+static const char *meant_by(const cln_export_desc *desc, const char *ending)
+{
+    if (strcmp(desc->what, "mesh") != 0 || !ending)
+        return NULL;
+    if (strcasecmp(ending, ".gltf") == 0)
+        return "glTF in one file is .glb: end the name so";
+    if (strcasecmp(ending, ".usdz") == 0 || strcasecmp(ending, ".usd") == 0)
+        return "browsers and Blender read .glb, which other programs turn into USDZ: end the name "
+               "so";
+    return NULL;
+}
+
 /* Checks the target before the work begins: its name has an ending of the format, its folder can be
  * written to, and what is there is a plain file that may be replaced. An export that writes a
  * folder checks the files in it itself. */
@@ -82,6 +95,8 @@ static cln_status check_target(const cln_export_desc *desc, const export_row *ro
 
     if (folders && there && S_ISDIR(info.st_mode))
         return CLN_OK;
+    if (meant_by(desc, ending))
+        return cln_fail(CLN_USAGE, "%s: %s", desc->file, meant_by(desc, ending));
     if (ending ? !may_end_so(row->form, ending) : !folders && (!there || S_ISREG(info.st_mode)))
         return cln_fail(CLN_USAGE, "%s: --%s writes %s%s; end the name with %.*s", desc->file,
                         desc->what, wanted, folders ? "" : " files", (int)strcspn(wanted, "|"),

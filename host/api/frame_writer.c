@@ -5,21 +5,16 @@
 #include <string.h>
 
 #include "base/log.h"
-#include "base/memory.h"
-#include "io/image.h"
 
-static cln_status add_to_film(cln_film *film, const cln_picture *p)
+static cln_status add_to_film(cln_film *film, const cln_picture *p, bool alpha)
 {
     cln_status st = CLN_OK;
-    const size_t n = 3 * (size_t)p->width * (size_t)p->height;
-    uint8_t *rgb = NULL;
+    uint8_t *pixels = NULL;
 
-    CLN_TRY(cln_alloc(&rgb, n, 1, "picture"));
-    for (size_t i = 0; i < n; i++)
-        rgb[i] = cln_to_u8(p->rgb[i]);
-    CLN_TRY(cln_film_add(film, rgb));
+    CLN_TRY(cln_picture_to_bytes(p, alpha, &pixels));
+    CLN_TRY(cln_film_add(film, pixels));
 done:
-    free(rgb);
+    free(pixels);
     return st;
 }
 
@@ -28,7 +23,7 @@ static void *write_frame(void *argument)
     cln_frame_writer *w = argument;
 
     if (w->film)
-        w->failure = add_to_film(w->film, &w->picture);
+        w->failure = add_to_film(w->film, &w->picture, w->job->desc->transparent);
     else
         w->failure = cln_render_write_frame(w->job, &w->job->frames[w->frame], &w->picture,
                                             w->normals, &w->warning);

@@ -8,8 +8,8 @@
  * An old NAME.png is removed first and the new one written last, so a frame that was cut short is
  * rendered again. Depth pictures follow when all frames are there, as they share a scale.
  * OUT/render.json has a digest of what each frame was made from: a frame of the same model, camera
- * and settings is kept, another one is rendered again. A folder that holds files but no render.json
- * is not written to. */
+ * and settings is kept, another one replaced only where desc.overwrite asks for it. A folder that
+ * holds files but no render.json is not written to. */
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -353,6 +353,11 @@ static cln_status render_film(cln_render_job *j, cln_render_result *result)
     cln_status st = CLN_OK;
     const cln_camera *first = &j->frames[0].camera;
     const double told = j->desc->fps > 0 ? j->desc->fps : j->cameras.fps;
+    const cln_film_form form = {.width = cln_render_width(j, &j->frames[0]),
+                                .height = first->height,
+                                .fps = told > 0 ? told : 24,
+                                .alpha = j->desc->transparent,
+                                .overwrite = j->desc->overwrite};
     cln_film *film = NULL, *finished = NULL;
 
     for (int i = 1; i < j->count; i++) {
@@ -367,13 +372,10 @@ static cln_status render_film(cln_render_job *j, cln_render_result *result)
     }
     CLN_TRY(check_sizes(j));
     if (j->writes)
-        CLN_TRY(cln_film_begin(j->desc->out, cln_render_width(j, &j->frames[0]), first->height,
-                               told > 0 ? told : 24, j->desc->overwrite, &film));
+        CLN_TRY(cln_film_begin(j->desc->out, &form, &film));
     if (film && cln_film_is_plain(film))
-        CLN_TRY(
-            cln_disk_check_file(cln_film_path(film),
-                                3.0 * cln_render_width(j, &j->frames[0]) * first->height * j->count,
-                                "uncompressed frames"));
+        CLN_TRY(cln_disk_check_file(cln_film_path(film), 3.0 * form.width * form.height * j->count,
+                                    "uncompressed frames"));
     result->plain_film = film && strcmp(cln_film_path(film), j->desc->out) != 0;
     CLN_TRY(start(j));
     CLN_TRY(render_frames(j, film, result));
@@ -420,11 +422,10 @@ static cln_status check_given(const cln_render_desc *d)
         CLN_TRY(
             cln_fail(CLN_USAGE, "--views: names views of a split; give it, without other poses"));
     CLN_TRY(cln_views_check(d->views, d->max_images));
-    if (d->transparent && cln_film_named(d->out))
-        CLN_TRY(cln_fail(CLN_USAGE,
-                         "--transparent: a film, %s, has no alpha; give a folder with -o, for "
-                         "pictures that have it",
-                         d->out));
+    if (d->transparent && cln_film_named(d->out) && !cln_film_takes_alpha(d->out))
+        CLN_TRY(cln_fail(CLN_USAGE, CLN_FILM_NO_ALPHA, d->out));
+    for (int c = 0; c < 3 && d->background; c++)
+        CLN_TRY(cln_given_number("cln_render", "background", (double)d->background[c], 0, 1));
     if (d->fps > 0 && d->fps < CLN_FILM_LEAST_FPS)
         CLN_TRY(
             cln_fail(CLN_USAGE, "fps is %g; give %g or more, or 0", d->fps, CLN_FILM_LEAST_FPS));
@@ -432,7 +433,8 @@ done:
     return st;
 }
 
-/* Without --crop, that of the file of poses, with its background. */
+/* Without --crop, that of the file of poses, with its background; a background that is given counts
+ * more. */
 static void choose_crop(cln_render_job *j)
 {
     const cln_render_desc *desc = j->desc;
@@ -445,6 +447,8 @@ static void choose_crop(cln_render_job *j)
                  "gives another box",
                  desc->poses);
     }
+    if (desc->background)
+        memcpy(model->background, desc->background, sizeof model->background);
     if (j->crop.on)
         cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &model->space, &model->tree,
                       &j->crop);
@@ -461,6 +465,7 @@ static cln_status render_folder(cln_render_job *j, cln_render_result *result)
         CLN_TRY(cln_render_check_folder(j->desc->out, &j->before));
         told = (int)json_integer_value(json_object_get(j->before, "earlier_frames"));
         CLN_TRY(cln_render_find_there(j));
+        CLN_TRY(cln_render_refuse_others(j));
         CLN_TRY(cln_render_check_disk(j));
     }
     CLN_TRY(tell_there(j));

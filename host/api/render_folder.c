@@ -3,6 +3,7 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -139,6 +140,16 @@ done:
 
 /* ---- the folder ---- */
 
+/* As in --background: of floats, what they were meant as. */
+static json_t *background_json(const cln_render_job *j)
+{
+    json_t *rgb = json_array();
+
+    for (int c = 0; c < 3; c++)
+        json_array_append_new(rgb, json_real(round(1e6 * j->opened.model.background[c]) / 1e6));
+    return rgb;
+}
+
 /* Makes render.json: what this rendering is of, and the digest of every frame in the folder.
  * Nothing in it differs between two renderings of the same. */
 static json_t *describe(const cln_render_job *j)
@@ -156,6 +167,8 @@ static json_t *describe(const cln_render_job *j)
                       (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
                       "depth_of", d->mean_depth ? "mean" : "median", "poses", j->cameras.poses,
                       "frames", frames);
+    if (about)
+        json_object_set_new(about, "background", background_json(j));
     if (about && j->earlier > 0)
         json_object_set_new(about, "earlier_frames", json_integer(j->earlier));
     if (about && d->depth_unit > 0)
@@ -225,7 +238,8 @@ cln_status cln_render_find_there(cln_render_job *j)
         const char *made_from = json_string_value(json_object_get(known, f->name));
         bool pictured = false;
 
-        f->there = !j->desc->overwrite && made_from && strcmp(made_from, f->made_from) == 0;
+        f->alike = made_from && strcmp(made_from, f->made_from) == 0;
+        f->there = !j->desc->overwrite && f->alike;
         for (int file = 0; file < FILES && f->there; file++)
             if (is_wanted(j, file))
                 CLN_TRY(has_whole_file(j, f, file, &f->there));
@@ -237,6 +251,54 @@ cln_status cln_render_find_there(cln_render_job *j)
     if (!is_of_before(j))
         j->pictured = 0;
 done:
+    return st;
+}
+
+/* What the picture at `path`, another than frame f would be, differs in. */
+static const char *word_of(const cln_render_job *j, const cln_render_frame *f, const char *path)
+{
+    const char *model = json_string_value(json_object_get(j->before, "model_digest"));
+    char digest[CLN_DIGEST_TEXT];
+    int width = 0, height = 0, channels = 0;
+    const bool read = cln_image_info(path, &width, &height, &channels) == CLN_OK;
+
+    cln_clear_error();
+    cln_digest_text(j->model_digest, digest);
+    if (read && (width != cln_render_width(j, f) || height != f->camera.height))
+        return "of another size";
+    if (!model || json_object_get(j->before, "earlier_frames")) /* it tells only the newest's */
+        return "of other settings or another model";
+    return strcmp(model, digest) != 0 ? "of another model" : "of other settings";
+}
+
+cln_status cln_render_refuse_others(const cln_render_job *j)
+{
+    cln_status st = CLN_OK;
+    const char *word = NULL;
+    char *path = NULL;
+    int others = 0;
+
+    for (int i = 0; i < j->count && !j->desc->overwrite; i++) {
+        const cln_render_frame *f = &j->frames[i];
+
+        if (f->alike)
+            continue;
+        free(path);
+        path = NULL;
+        CLN_TRY(path_of(j, f, COLOUR_PNG, &path));
+        if (!cln_is_file(path))
+            continue;
+        if (!word)
+            word = word_of(j, f, path);
+        others++;
+    }
+    if (others > 0)
+        st = cln_fail(CLN_OUTPUT,
+                      "%s: has %d of these frames already, but %s; --overwrite replaces %s, -o "
+                      "names another folder",
+                      j->desc->out, others, word, cln_plural(others, "it", "them"));
+done:
+    free(path);
     return st;
 }
 
@@ -302,9 +364,11 @@ cln_status cln_render_drop_stale(const cln_render_job *j)
         }
     }
     if (dropped > 0)
-        cln_info("%s: %d of %d frames %s of another model or other settings, or to be replaced: "
-                 "%s rendered again",
-                 j->desc->out, dropped, j->count, cln_plural(dropped, "is", "are"),
+        cln_info("%s: %d of %d frames %s: %s rendered again", j->desc->out, dropped, j->count,
+                 j->desc->overwrite
+                     ? cln_plural(dropped, "is to be replaced", "are to be replaced")
+                     : cln_plural(dropped, "lacks a file, or has one that was cut short",
+                                  "lack files, or have some that were cut short"),
                  cln_plural(dropped, "it is", "they are"));
 done:
     free(path);
@@ -336,16 +400,11 @@ done:
 static cln_status write_colours(const cln_render_job *j, const char *path, const cln_picture *p)
 {
     cln_status st = CLN_OK;
-    const size_t n = (size_t)p->width * (size_t)p->height;
-    const int channels = j->desc->transparent ? 4 : 3;
+    const bool alpha = j->desc->transparent;
     uint8_t *bytes = NULL;
 
-    CLN_TRY(cln_alloc(&bytes, n, (size_t)channels, "picture"));
-    for (size_t i = 0; i < n; i++)
-        for (int k = 0; k < channels; k++)
-            bytes[(size_t)channels * i + (size_t)k] =
-                cln_to_u8(k < 3 ? p->rgb[3 * i + (size_t)k] : p->opacity[i]);
-    CLN_TRY(cln_image_write_png(path, p->width, p->height, channels, bytes));
+    CLN_TRY(cln_picture_to_bytes(p, alpha, &bytes));
+    CLN_TRY(cln_image_write_png(path, p->width, p->height, alpha ? 4 : 3, bytes));
 done:
     free(bytes);
     return st;

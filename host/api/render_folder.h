@@ -15,7 +15,8 @@ typedef struct cln_render_frame {
     const char *name;
     cln_camera camera;
     char made_from[CLN_DIGEST_TEXT]; /* digest of all that its pictures depend on */
-    bool there;
+    bool alike; /* by render.json, what the folder may have of it was made from the same */
+    bool there; /* that is there, whole, and stays */
 } cln_render_frame;
 
 typedef struct cln_render_job {
@@ -44,10 +45,14 @@ int cln_render_width(const cln_render_job *j, const cln_render_frame *f);
 cln_status cln_render_check_folder(const char *out, json_t **before);
 
 /* Finds the frames in the folder that are as they would be made now, by j->before: sets
- * frame.there, j->there and j->pictured. Counts in j->earlier, and tells, how many others stay;
- * those whose pictures are gone leave j->before. j->pictured is 0 if the folder's newest render was
- * of other poses: their depths had another scale. */
+ * frame.alike and .there, j->there and j->pictured. Counts in j->earlier, and tells, how many
+ * others stay; those whose pictures are gone leave j->before. j->pictured is 0 if the folder's
+ * newest render was of other poses: their depths had another scale. */
 cln_status cln_render_find_there(cln_render_job *j);
+
+/* CLN_OUTPUT if pictures of these frames are there that were made otherwise, and desc.overwrite
+ * does not ask to replace them: they may have taken hours. */
+cln_status cln_render_refuse_others(const cln_render_job *j);
 
 /* CLN_OUTPUT if the disk has no room for the frames that are not there yet. */
 cln_status cln_render_check_disk(const cln_render_job *j);

@@ -128,4 +128,8 @@ typedef enum cln_background_kind {
 } cln_background_kind;
 cln_status cln_config_background(const cln_config *config, cln_background_kind *kind, float rgb[3]);
 
+/* "white", "black" or "r,g,b"; words: further ones that its sentence names, each with a comma and a
+ * space behind. CLN_USAGE. */
+cln_status cln_background_read(const char *text, const char *words, float rgb[3]);
+
 #endif

@@ -174,30 +174,32 @@ cln_status cln_config_eval_points(const cln_config *config, int max, double *sec
     return CLN_OK;
 }
 
-cln_status cln_config_background(const cln_config *config, cln_background_kind *kind, float rgb[3])
+cln_status cln_background_read(const char *text, const char *words, float rgb[3])
 {
     double value[3] = {1, 1, 1};
 
-    *kind = CLN_BACKGROUND_GIVEN;
-    if (strcmp(config->background, "auto") == 0)
-        *kind = CLN_BACKGROUND_AUTO;
-    else if (strcmp(config->background, "mean") == 0)
-        *kind = CLN_BACKGROUND_MEAN;
-    else if (strcmp(config->background, "black") == 0)
+    if (strcmp(text, "black") == 0)
         value[0] = value[1] = value[2] = 0;
-    else if (strcmp(config->background, "white") != 0 &&
-             !cln_reals_read(config->background, 3, value))
-        return cln_fail(CLN_USAGE,
-                        "--background: '%s' is not auto, mean, white, black or r,g,b in 0..1",
-                        config->background);
+    else if (strcmp(text, "white") != 0 && !cln_reals_read(text, 3, value))
+        return cln_fail(CLN_USAGE, "--background: '%s' is not %swhite, black or r,g,b in 0..1",
+                        text, words);
     for (int c = 0; c < 3; c++) {
         if (!(value[c] >= 0 && value[c] <= 1))
-            return cln_fail(CLN_USAGE, "--background: '%s' has a value outside 0..1",
-                            config->background);
+            return cln_fail(CLN_USAGE, "--background: '%s' has a value outside 0..1", text);
     }
     for (int c = 0; c < 3; c++)
         rgb[c] = (float)value[c];
     return CLN_OK;
+}
+
+cln_status cln_config_background(const cln_config *config, cln_background_kind *kind, float rgb[3])
+{
+    const bool automatic = strcmp(config->background, "auto") == 0,
+               mean = strcmp(config->background, "mean") == 0;
+
+    *kind = automatic ? CLN_BACKGROUND_AUTO : mean ? CLN_BACKGROUND_MEAN : CLN_BACKGROUND_GIVEN;
+    return cln_background_read(automatic || mean ? "white" : config->background, "auto, mean, ",
+                               rgb);
 }
 
 static cln_status check_bbox(const char *text)

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "base/files.h"
 #include "base/memory.h"
@@ -34,6 +35,14 @@ static json_t *counts_of(const cln_export_result *r)
     return counts;
 }
 
+/* Of the file that was written; -1 of a folder. */
+static json_int_t bytes_of(const char *path)
+{
+    struct stat info;
+
+    return stat(path, &info) == 0 && S_ISREG(info.st_mode) ? (json_int_t)info.st_size : -1;
+}
+
 static cln_status print_document(const cln_options *options, const cln_export_result *r)
 {
     json_t *levels = json_array(), *counts = counts_of(r), *document = NULL;
@@ -44,6 +53,8 @@ static cln_status print_document(const cln_options *options, const cln_export_re
                          options->operand, "file", options->export_file, "step",
                          (json_int_t)r->step, "leaves", r->leaves, "levels", levels);
     json_object_update(document, counts);
+    if (bytes_of(options->export_file) >= 0)
+        json_object_set_new(document, "bytes", json_integer(bytes_of(options->export_file)));
     if (r->faces_before > 0) {
         json_object_set_new(document, "triangles_before",
                             json_integer((json_int_t)r->faces_before));
@@ -102,7 +113,8 @@ static void print_size(FILE *to, const cln_export_result *r)
     fputs(text, to);
 }
 
-static void print_sentence(FILE *to, const char *file, const cln_export_result *r)
+/* bytes: of the file; -1 = not told */
+static void print_sentence(FILE *to, const char *file, json_int_t bytes, const cln_export_result *r)
 {
     json_t *counts = counts_of(r), *value = NULL;
     const char *key = NULL, *before = "";
@@ -140,6 +152,10 @@ static void print_sentence(FILE *to, const char *file, const cln_export_result *
     }
     if (r->vertices > 0)
         print_size(to, r);
+    if (bytes >= 0) {
+        cln_format_bytes((double)bytes, text);
+        fprintf(to, ", %s", text);
+    }
     cln_format_count((double)r->step, text);
     fprintf(to, ", of the model at step %s\n", text);
 }
@@ -262,9 +278,9 @@ cln_status cln_cmd_export(const cln_options *options)
     if (options->json)
         CLN_TRY(print_document(options, &result));
     else if (!to_stdout)
-        print_sentence(stdout, options->export_file, &result);
+        print_sentence(stdout, options->export_file, bytes_of(options->export_file), &result);
     else if (!options->quiet)
-        print_sentence(stderr, "standard output", &result);
+        print_sentence(stderr, "standard output", -1, &result);
 done:
     cln_console_close(&console);
     return st;

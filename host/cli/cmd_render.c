@@ -6,9 +6,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "cli/console.h"
+#include "io/film.h"
 #include "io/json.h"
 #include "ranks/ranks.h"
 #include "render/crop.h"
@@ -55,6 +57,17 @@ static cln_status read_range(const char *text, cln_render_desc *out)
     return CLN_OK;
 }
 
+static cln_status read_rate(const char *text, double *fps)
+{
+    if (!text || strcmp(text, "0") == 0)
+        return CLN_OK;
+    if (!cln_film_read_rate(text, fps))
+        return cln_fail(CLN_USAGE,
+                        "--fps %s: give frames a second, %g to 1000, as 25, 23.976 or 30000/1001",
+                        text, CLN_FILM_LEAST_FPS);
+    return CLN_OK;
+}
+
 /* out: the folder or film that was written. */
 static cln_status print_result(const cln_options *options, const char *out,
                                const cln_render_result *result)
@@ -81,6 +94,7 @@ cln_status cln_cmd_render(const cln_options *options)
     cln_console console = {0};
     cln_render_result result = {0};
     char *standard_out = NULL, *plain = NULL;
+    float background[3] = {0};
     const bool path = options->orbit_frames > 0 || options->spiral_frames > 0;
     cln_render_desc desc = {.run = options->operand,
                             .out = options->output,
@@ -96,7 +110,6 @@ cln_status cln_cmd_render(const cln_options *options)
                             .width = options->image_width,
                             .height = options->image_height,
                             .fov = options->fov,
-                            .fps = options->fps,
                             .max_images = options->max_images,
                             .views = options->views,
                             .antialias = options->antialias,
@@ -113,6 +126,10 @@ cln_status cln_cmd_render(const cln_options *options)
 
     CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
     CLN_TRY(read_range(options->frame_range, &desc));
+    CLN_TRY(read_rate(options->fps, &desc.fps));
+    if (options->background)
+        CLN_TRY(cln_background_read(options->background, "", background));
+    desc.background = options->background ? background : NULL;
     if (options->up)
         CLN_TRY(cln_up_read("--up", options->up, desc.up));
     if (!desc.out) {

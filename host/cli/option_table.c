@@ -122,9 +122,9 @@ const cln_arg cln_args[] = {
     TEXT(CLN_RENDER, "output", output, "DIR",
          "folder for the pictures, or a film of the colours: FILE.mp4, .mov, .mkv, .webm, .gif (by "
          "ffmpeg), or .y4m", .letter = 'o', .shown = "RUN/render/ and SPLIT, orbit, spiral, ..."),
-    REAL(CLN_RENDER, "fps", fps, "N", 0, 1000,
-         "film: frames a second, 0.001 or more; 0 = as camera_path.json says, or 24",
-         .standard = "0"),
+    TEXT(CLN_RENDER, "fps", fps, "N[/D]",
+         "film: frames a second, 0.001 to 1000; 23.976, 29.97, 59.94 and 119.88 are 24000/1001 and "
+         "so on; 0 = as camera_path.json says, or 24", .shown = "0"),
     TEXT(CLN_TUNE, "output", output, "FILE",
          "file to put the row in", .letter = 'o', .shown = "that of --tune-file"),
     TEXT(CLN_CHECK_SCENE, "output", output, "FILE.html",
@@ -232,13 +232,19 @@ const cln_arg cln_args[] = {
     INT(CLN_RENDER, "height", image_height, "PX", 0, 32768,
          "image height; 0 = as the photos, or by --width", .standard = "0"),
     REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
-         "orbit, spiral: horizontal field of view (0 = as the training images)", .standard = "0"),
+         "orbit, spiral: horizontal field of view; 0 = that of the training images, along the "
+         "shorter side of the picture", .standard = "0"),
     TEXT(CLN_RENDER, "frames", frame_range, "A-B",
          "only these of all the frames, as their names count them, from 0; A- = to the last one"),
     FLAG(CLN_RENDER, "transparent", transparent,
-         "NAME.png with alpha, straight: colours without the background"),
+         "NAME.png with alpha, straight: colours without the background; of films .mov (ProRes "
+         "4444) and .webm (VP9)"),
+    TEXT(CLN_RENDER, "background", background, "R,G,B|white|black",
+         "colour behind everything, numbers 0 to 1; also that around the crop box in a file of "
+         "poses", .shown = "the run's"),
     FLAG(CLN_RENDER, "overwrite", overwrite,
-         "replace files that exist; otherwise such frames are skipped, and a film is refused"),
+         "replace files that exist; otherwise frames of the same model, cameras and settings are "
+         "skipped, other ones and films refused"),
     FLAG(CLN_EXPORT | CLN_CHECK_SCENE, "overwrite", overwrite,
          "replace a file that exists; otherwise it is refused"),
     FLAG(CLN_RENDER, "z-depth", z_depth,

@@ -30,8 +30,8 @@ typedef struct cln_options {
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
     const char *poses, *depth, *crop, *up;
     bool pfm, normals, transparent;
-    const char *frame_range;
-    double elevation, radius, fov, fps, depth_unit, stereo, min_psnr, budget, probe, scale;
+    const char *frame_range, *fps, *background;
+    double elevation, radius, fov, depth_unit, stereo, min_psnr, budget, probe, scale;
     double spacing;       /* 0 = not given */
     int count, triangles; /* 0 = not given */
     bool closed, largest;

@@ -556,8 +556,7 @@ static cln_status check_info(const parser *p)
 /* A film has only colours, and a folder must not be named like a film or a picture. */
 static cln_status check_render_output(const parser *p)
 {
-    static const char *const of_folder[] = {"pfm", "normals", "depth-unit", "z-depth",
-                                            "transparent"};
+    static const char *const of_folder[] = {"pfm", "normals", "depth-unit", "z-depth"};
     static const char *const files[] = {".avi", ".m4v", ".mpg",  ".mpeg", ".ogv",
                                         ".png", ".jpg", ".jpeg", ".tif",  ".exr"};
     const char *output = p->out->output, *dot = output ? strrchr(output, '.') : NULL;
@@ -569,6 +568,8 @@ static cln_status check_render_output(const parser *p)
                     CLN_USAGE,
                     "--%s: a film has only colours; leave it out, or name a folder with -o",
                     of_folder[i]);
+        if (p->out->transparent && !cln_film_takes_alpha(output))
+            return cln_fail(CLN_USAGE, CLN_FILM_NO_ALPHA, output);
         return CLN_OK;
     }
     if (is_given(p, "fps"))

@@ -9,19 +9,40 @@
 /* Returns whether the name has a film's ending: .mp4 .mov .mkv .webm .gif .y4m. */
 bool cln_film_named(const char *path);
 
-/* Fewer frames a second would be 0 in the head of a .y4m file. */
+/* Whether a film of that name can have alpha: .mov (ProRes 4444) and .webm (VP9); the sentence if
+ * not, with the name. */
+bool cln_film_takes_alpha(const char *path);
+#define CLN_FILM_NO_ALPHA                                                                        \
+    "--transparent: %s, a film of that kind, has no alpha; name it .mov (ProRes 4444) or .webm " \
+    "(VP9), or give a folder for pictures with -o"
+
+/* Frames a second: at least, as a film's length in time must stay a number that files hold. */
 #define CLN_FILM_LEAST_FPS 0.001
 
-/* Begins a film; pictures are width x height. If ffmpeg is not installed, the film becomes a .y4m
- * file, with a warning. It has a temporary name until cln_film_end. CLN_OUTPUT if there is a file
- * already, unless `overwrite` is set. */
+/* Frames a second as the fraction *num / *den that is meant: 29.97 is 30000/1001, as 23.976, 59.94
+ * and 119.88 are of 24, 60 and 120; other numbers are the simplest fraction within 1e-9 of them. */
+void cln_film_rate(double fps, int64_t *num, int64_t *den);
+
+/* Reads frames a second, "25", "23.976" or "30000/1001", LEAST_FPS to 1000. False: it is not. */
+bool cln_film_read_rate(const char *text, double *fps);
+
+/* How a film is made. */
+typedef struct cln_film_form {
+    int width, height; /* of the pictures */
+    double fps;        /* as cln_film_rate takes it */
+    bool alpha;        /* pictures have a fourth channel, straight alpha */
+    bool overwrite;    /* a file that is there */
+} cln_film_form;
+
+/* Begins a film. If ffmpeg is not installed, the film becomes a .y4m file, with a warning. It has a
+ * temporary name until cln_film_end. CLN_OUTPUT if there is a file already, unless form->overwrite;
+ * CLN_USAGE if it cannot have alpha; CLN_FAILED if it needs ffmpeg for that. */
 typedef struct cln_film cln_film;
 const char *cln_film_path(const cln_film *f); /* the file that it will be */
 bool cln_film_is_plain(const cln_film *f);    /* .y4m: 3 bytes a pixel and frame */
-cln_status cln_film_begin(const char *path, int width, int height, double fps, bool overwrite,
-                          cln_film **out);
+cln_status cln_film_begin(const char *path, const cln_film_form *form, cln_film **out);
 
-cln_status cln_film_add(cln_film *film, const uint8_t *rgb); /* [height][width][3] */
+cln_status cln_film_add(cln_film *film, const uint8_t *pixels); /* [height][width][3 or 4] */
 
 /* Completes a film, or removes it. Call exactly one of them; both free it. */
 cln_status cln_film_end(cln_film *film);

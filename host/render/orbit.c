@@ -248,12 +248,17 @@ cln_status cln_orbit_lens(const cln_orbit_frame *like, const cln_render_desc *de
     const cln_camera view = {
         .width = like->width, .height = like->height, .fx = like->fx, .fy = like->fy};
     cln_camera resized;
+    double scale = 0;
 
     CLN_TRY(cln_orbit_resize(&view, desc->width, desc->height, &resized));
     memset(out, 0, sizeof *out);
     out->width = resized.width;
     out->height = resized.height;
-    out->fx = desc->fov > 0 ? 0.5 * resized.width / tan(desc->fov * PI / 360) : resized.fx;
+    /* what the photos frame is in pictures of other shapes, too, as in the viewer */
+    scale = desc->width > 0 && desc->height > 0
+                ? fmin(resized.width, resized.height) / fmin(like->width, like->height)
+                : (double)resized.width / like->width;
+    out->fx = desc->fov > 0 ? 0.5 * resized.width / tan(desc->fov * PI / 360) : like->fx * scale;
     out->fy = out->fx * like->fy / like->fx;
     out->cx = 0.5 * resized.width;
     out->cy = 0.5 * resized.height;

@@ -49,7 +49,8 @@ typedef struct cln_orbit {
 } cln_orbit;
 
 /* Size and intrinsics of desc's pictures on a path: those of the training view, without its lens
- * and with the principal point in the middle. CLN_USAGE for a picture that is too large. */
+ * and with the principal point in the middle; of another shape, its field of view along the shorter
+ * side. CLN_USAGE for a picture that is too large. */
 cln_status cln_orbit_lens(const cln_orbit_frame *like, const cln_render_desc *desc,
                           cln_camera *out);
 

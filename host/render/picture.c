@@ -4,6 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+#include "io/image.h"
+
 void cln_picture_free(cln_picture *picture)
 {
     free(picture->rgb);
@@ -39,6 +42,19 @@ float cln_depth_along_axis(const cln_camera *camera, int x, int y, bool back, fl
     for (int a = 0; a < 3; a++)
         cosine += direction[a] * camera->c2w[4 * a + 2];
     return (float)(back ? (double)depth / cosine : (double)depth * cosine);
+}
+
+cln_status cln_picture_to_bytes(const cln_picture *p, bool alpha, uint8_t **bytes)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)p->width * (size_t)p->height, channels = alpha ? 4 : 3;
+
+    CLN_TRY(cln_alloc(bytes, n, channels, "picture"));
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < channels; k++)
+            (*bytes)[channels * i + k] = cln_to_u8(k < 3 ? p->rgb[3 * i + k] : p->opacity[i]);
+done:
+    return st;
 }
 
 void cln_picture_straight(const float background[3], cln_picture *p)

@@ -23,6 +23,10 @@ void cln_picture_along_axis(const cln_camera *camera, cln_picture *picture);
  * behind the camera's plane; with `back`, the other way round. */
 float cln_depth_along_axis(const cln_camera *camera, int x, int y, bool back, float depth);
 
+/* [height][width][3], or with `alpha` its opacity as a fourth channel; the caller frees *bytes.
+ * CLN_MEMORY. */
+cln_status cln_picture_to_bytes(const cln_picture *picture, bool alpha, uint8_t **bytes);
+
 /* Takes the background out of its colours, which become straight (not premultiplied), as in PNG:
  * 0 where opacity is 0. */
 void cln_picture_straight(const float background[3], cln_picture *picture);

@@ -65,7 +65,8 @@ function listKeys(row, column) {
 }
 
 const seconds = () => clamp(Number($('seconds').value) || 5, 0.1, 3600);
-const perSecond = () => clamp(Math.round(Number($('fps').value)) || 24, 1, 120);
+/* 23.976, as files of other programs have it, stays: films take it for 24000/1001. */
+const perSecond = () => clamp(Math.round(1000 * Number($('fps').value)) / 1000 || 24, 1, 120);
 
 function play() {
   if (playing) {

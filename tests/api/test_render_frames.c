@@ -73,6 +73,7 @@ static void some_frames_are_those_of_all(void **state)
  * colours and alpha. */
 static void backgrounds_are_taken_out(void **state)
 {
+    const float black[3] = {0};
     cln_render_desc on = desc_of("on"), off = desc_of("off");
     int width = 0, height = 0, channels = 0, clear = 0, partly = 0;
     uint8_t *with = NULL, *without = NULL;
@@ -103,13 +104,58 @@ static void backgrounds_are_taken_out(void **state)
     }
     assert_true(clear > 0 && partly > 0);
     assert_rendered(&off, 0, 4);
-    off.transparent = false; /* another kind of picture: made again */
+    off.transparent = false; /* another kind of picture */
+    assert_fails(cln_render(&off, &result), CLN_OUTPUT, "of other settings");
+    free(with);
+    off.transparent = true;
+    off.background = black; /* of what is not opaque nothing else is left */
+    off.overwrite = true;
     assert_rendered(&off, 4, 0);
+    assert_ok(
+        cln_image_load(fixture_path("off/orbit_0002.png"), &width, &height, &channels, &with));
+    for (int i = 0; i < 4 * width * height; i++)
+        if (without[i / 4 * 4 + 3] > 100)
+            assert_true(abs(without[i] - with[i]) < 2);
     free(with);
     free(without);
-    off.transparent = true;
     off.out = fixture_path("film.y4m");
-    assert_fails(cln_render(&off, &result), CLN_USAGE, "--transparent: a film");
+    assert_fails(cln_render(&off, &result), CLN_USAGE, "film.y4m, a film of that kind");
+}
+
+static double told_background(const char *path, size_t c)
+{
+    json_t *about = fixture_json(path);
+    const double value = json_number_value(json_array_get(fixture_at(about, "background"), c));
+
+    json_decref(about);
+    return value;
+}
+
+static void backgrounds_can_be_given(void **state)
+{
+    const float green[3] = {0, 1, 0.25f}, beyond[3] = {0, 0, 1.5f};
+    cln_render_desc desc = desc_of("behind");
+    int width = 0, height = 0, channels = 0;
+    uint8_t *pixels = NULL;
+    cln_render_result result;
+
+    NEED_DEVICE();
+    desc.cropped = true;
+    for (int a = 0; a < 6; a++)
+        desc.crop[a] = a < 3 ? -0.3 : 0.3;
+    assert_rendered(&desc, 4, 0);
+    assert_true(told_background("behind/render.json", 2) == 1);
+    desc.background = green;
+    desc.overwrite = true;
+    assert_rendered(&desc, 4, 0);
+    assert_true(told_background("behind/render.json", 0) == 0 &&
+                told_background("behind/render.json", 2) == 0.25);
+    assert_ok(
+        cln_image_load(fixture_path("behind/orbit_0002.png"), &width, &height, &channels, &pixels));
+    assert_true(pixels[0] == 0 && pixels[1] == 255 && pixels[2] == 64); /* a corner */
+    free(pixels);
+    desc.background = beyond;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "background");
 }
 
 static void files_cut_short_are_made_again(void **state)
@@ -135,12 +181,48 @@ static void files_cut_short_are_made_again(void **state)
         }
 }
 
+/* A preview does not take the place of frames that took hours. */
+static void other_frames_stay(void **state)
+{
+    cln_render_desc desc = desc_of("hours");
+    cln_render_result result;
+    size_t bytes = 0, after = 0;
+    char *before = NULL, *now = NULL;
+
+    NEED_DEVICE();
+    assert_rendered(&desc, 4, 0);
+    before = scratch_get(fixture_path("hours/orbit_0003.png"), &bytes);
+    assert_int_equal(remove(fixture_path("hours/orbit_0001.png")), 0);
+    desc.width = 10;
+    assert_fails(cln_render(&desc, &result), CLN_OUTPUT,
+                 "hours: has 3 of these frames already, but of another size; --overwrite");
+    now = scratch_get(fixture_path("hours/orbit_0003.png"), &after);
+    assert_int_equal(after, bytes);
+    assert_memory_equal(now, before, bytes);
+    free(now);
+    desc.width = 20;
+    desc.mean_depth = true;
+    assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "of other settings; --overwrite");
+    desc.first_frame = 1; /* the one that is missing is free */
+    desc.frame_count = 1;
+    assert_rendered(&desc, 1, 0);
+    desc.first_frame = desc.frame_count = 0;
+    desc.width = 10;
+    desc.overwrite = true;
+    assert_rendered(&desc, 4, 0);
+    desc.overwrite = false;
+    assert_rendered(&desc, 0, 4);
+    free(before);
+}
+
 int test_group_render_frames(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(some_frames_are_those_of_all),
         cmocka_unit_test(backgrounds_are_taken_out),
+        cmocka_unit_test(backgrounds_can_be_given),
         cmocka_unit_test(files_cut_short_are_made_again),
+        cmocka_unit_test(other_frames_stay),
     };
 
     return cmocka_run_group_tests_name("render_frames", tests, fixture_setup, fixture_teardown);

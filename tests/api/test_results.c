@@ -289,6 +289,7 @@ static void test_render_drops_what_is_stale(void **state)
     desc.z_depth = true;
     desc.pfm = desc.normals = false;
     desc.depth_unit = 0;
+    desc.overwrite = true;
     assert_rendered(&desc, TEST_VIEWS, 0);
     for (int i = 0; i < 4; i++)
         assert_false(cln_is_file(fixture_path(extra[i])));
@@ -600,8 +601,8 @@ static void test_render_stops_and_goes_on(void **state)
     assert_rendered(&desc, 1, 1);
 }
 
-/* Frames of other settings are rendered again, frames of the same settings are kept, whatever was
- * rendered in between; foreign folders stay as they are. */
+/* Frames of other settings are replaced if that is asked for, frames of the same settings are kept,
+ * whatever was rendered in between; foreign folders stay as they are. */
 static void test_render_folders(void **state)
 {
     fixture_stop none = {0}, stop = {.signal = SIGTERM, .pictures = 2};
@@ -613,7 +614,10 @@ static void test_render_folders(void **state)
     assert_rendered(&desc, TEST_VIEWS, 0);
     assert_rendered(&desc, 0, TEST_VIEWS);
     desc.z_depth = true;
+    assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "of other settings");
+    desc.overwrite = true;
     assert_rendered(&desc, TEST_VIEWS, 0);
+    desc.overwrite = false;
     assert_rendered(&desc, 0, TEST_VIEWS);
     desc.split = "train";
     desc.max_images = 1;
@@ -626,8 +630,10 @@ static void test_render_folders(void **state)
     json_decref(about);
     /* stopped while rendering with other settings: old frames are not taken for new ones */
     desc.z_depth = false;
+    desc.overwrite = true;
     desc.callbacks = fixture_callbacks(&stop);
     assert_fails(cln_render(&desc, &result), CLN_SIGTERM, "1 of 2 frames");
+    desc.overwrite = false; /* goes on, though it was not given */
     assert_false(cln_is_file(fixture_path("mixed/test_r_1.png")));
     assert_false(cln_is_file(fixture_path("mixed/test_r_1.depth.png")));
     desc.callbacks = fixture_callbacks(&none);
@@ -637,13 +643,14 @@ static void test_render_folders(void **state)
     assert_false(cln_is_file(fixture_path("scene/render.json")));
 }
 
-/* After more training the same folder has the newer model's frames. */
+/* After more training the same folder gets the newer model's frames, if that is asked for. */
 static void test_render_follows_the_model(void **state)
 {
     fixture_stop none = {0};
     cln_render_desc desc = render_desc("followed", &none);
     cln_config config = fixture_config();
     cln_train_result trained;
+    cln_render_result result;
     uint64_t before = 0;
 
     NEED_DEVICE();
@@ -654,8 +661,12 @@ static void test_render_follows_the_model(void **state)
     before = digest_of(fixture_path("followed/test_r_0.png"));
     config.steps = 4;
     assert_ok(fixture_train("longer", true, &config, NULL, &trained));
+    assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "of another model; --overwrite");
+    assert_int_equal(digest_of(fixture_path("followed/test_r_0.png")), before);
+    desc.overwrite = true;
     assert_rendered(&desc, TEST_VIEWS, 0);
     assert_true(digest_of(fixture_path("followed/test_r_0.png")) != before);
+    desc.overwrite = false;
     assert_rendered(&desc, 0, TEST_VIEWS);
 }
 

@@ -371,6 +371,11 @@ def crop(page):
 
 def make_film(page):
     """Makes a film of the path: cancels it once, then finishes and saves it."""
+    page.check('frames a second of broadcast stay', page.js(
+        'const was = $("fps").value; $("fps").value = "23.976"; const now = perSecond();'
+        '$("fps").value = was; return now') == 23.976)
+    page.check('films can stand upright', page.js(
+        '$("film-size").value = "1080x1920"; return filmSize()') == [1080, 1920])
     page.js('openPanel(true); $("path-part").open = true; $("film-size").value = "854x480";'
             '$("make-film").scrollIntoView(); $("make-film").click()')
     page.check('a film begins', wait_for(

@@ -322,8 +322,9 @@ section_frames() {
     check "an orbit of two frames renders both" [ "$(json rendered)$(json skipped)" = 20 ]
     expect "train on" 0 "" "$cln" train --resume "$work/longer" --skip-selftest --progress none \
         --steps +4
-    expect "render again: the newer model's, and says so" 0 "~another.model" \
-        "$cln" render "$work/longer" --orbit 2 --json
+    expect "render again: refused, and says why" 7 "~another.model --overwrite" \
+        "$cln" render "$work/longer" --orbit 2
+    expect "the newer model's" 0 "" "$cln" render "$work/longer" --orbit 2 --overwrite --json
     check "a newer model's orbit renders both frames again" \
         [ "$(json rendered)$(json skipped)" = 20 ]
     expect "once more" 0 "" "$cln" render "$work/longer" --orbit 2 --json

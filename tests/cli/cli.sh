@@ -318,19 +318,22 @@ section_results() {
     check "all frames have the same bits" same_tree "$frames" "$work/frames"
     run "$cln" render "$work/whole" --max-images 1 -o "$work/edges"
     cp "$work/edges/test_r_000.png" "$work/one_ray.png"
-    expect "--antialias 2 over existing frames" 0 "" "$cln" render "$work/whole" --max-images 1 \
-        -o "$work/edges" --antialias 2 --json
+    expect "--antialias 2 over existing frames" 7 "~1.of.these.frames ~other.settings --overwrite" \
+        "$cln" render "$work/whole" --max-images 1 -o "$work/edges" --antialias 2
+    check "the frame stays" cmp "$work/edges/test_r_000.png" "$work/one_ray.png"
+    expect "--antialias 2 --overwrite" 0 "" "$cln" render "$work/whole" --max-images 1 \
+        -o "$work/edges" --antialias 2 --overwrite --json
     check "--antialias renders the frame again" [ "$(json rendered)" = 1 ]
     check "antialias: other pixels" eval '! cmp -s "$work/edges/test_r_000.png" "$work/one_ray.png"'
     run "$cln" render "$work/whole" --max-images 1 -o "$work/fast"
     cp "$work/fast/test_r_000.png" "$work/slow.png"
     expect "render --fast over existing frames" 0 "" "$cln" render "$work/whole" --max-images 1 \
-        -o "$work/fast" --fast --json
+        -o "$work/fast" --fast --overwrite --json
     check "--fast renders the frame again" [ "$(json rendered)" = 1 ]
     check "fast: other pixels" eval '! cmp -s "$work/fast/test_r_000.png" "$work/slow.png"'
     cp "$work/edges/test_r_000.png" "$work/uncropped.png"
     expect "render --crop over existing frames" 0 "" "$cln" render "$work/whole" --max-images 1 \
-        -o "$work/edges" --antialias 2 --crop -0.25,-9,-9,9,9,9 --json
+        -o "$work/edges" --antialias 2 --crop -0.25,-9,-9,9,9,9 --overwrite --json
     check "--crop renders the frame again" [ "$(json rendered)" = 1 ]
     check "crop: other pixels" eval '! cmp -s "$work/edges/test_r_000.png" "$work/uncropped.png"'
     check "render.json tells the box" [ "$("$query" crop.0 <"$work/edges/render.json")" = -0.25 ]
@@ -342,7 +345,7 @@ section_results() {
         -o "$work/stereo.y4m" --stereo 0.2 --json
     check "a film of pairs" [ "$(head -1 "$work/stereo.y4m" | cut -d' ' -f2,3)" = "W96 H48" ]
     expect "render --normals" 0 "" "$cln" render "$work/whole" --max-images 1 \
-        -o "$work/edges" --normals
+        -o "$work/edges" --normals --overwrite
     check "render --normals leaves its files" [ -s "$work/edges/test_r_000.normal.png" -a \
         "$(stat -c %s "$work/edges/test_r_000.normal.npy")" = $((128 + 48 * 48 * 12)) ]
     expect "render --frames" 0 "" "$cln" render "$work/whole" --orbit 9 --frames 7- --transparent \
@@ -353,8 +356,34 @@ section_results() {
         expect "render --frames '$range'" 2 "--frames" "$cln" render "$work/whole" --orbit 9 \
             "--frames=$range"
     done
-    expect "render --transparent to a film" 2 "--transparent: a film has only colours" "$cln" \
-        render "$work/whole" --orbit 9 --transparent -o "$work/none.y4m"
+    expect "render --transparent to a film without alpha" 2 "--transparent: none.y4m .mov .webm" \
+        "$cln" render "$work/whole" --orbit 9 --transparent -o "$work/none.y4m"
+    if command -v ffmpeg >/dev/null; then
+        for film in some.mov some.webm; do
+            expect "render --transparent to $film" 0 "" "$cln" render "$work/whole" --orbit 9 \
+                --frames 7- --transparent --width 20 -o "$work/$film"
+        done
+        check "ProRes has alpha" [ "$(ffprobe -v error -show_entries stream=codec_name,pix_fmt \
+            -of csv=p=0 "$work/some.mov" | sed 's/p1[02]le$//')" = prores,yuva444 ]
+        check "VP9 has alpha" grep -qi alpha_mode=1 \
+            <(ffprobe -v error -show_entries stream_tags "$work/some.webm")
+        grey=(-vf "alphaextract,format=gray" -f rawvideo -y)
+        ffmpeg -v error -i "$work/some.mov" "${grey[@]}" "$work/film.grey"
+        ffmpeg -v error -start_number 7 -i "$work/some/orbit_%04d.png" "${grey[@]}" "$work/png.grey"
+        paste <(od -An -v -tu1 -w1 "$work/film.grey") <(od -An -v -tu1 -w1 "$work/png.grey") \
+            >"$work/alphas"
+        check "its alpha is that of the pictures, to the rounding" awk \
+            '{ d = $1 - $2; far += d * d > 4 } END { exit NR != 2 * 20 * 20 || far > 0 }' \
+            "$work/alphas"
+    else
+        skip "films with alpha" "no ffmpeg"
+    fi
+    expect "render --background" 0 "" "$cln" render "$work/whole" --orbit 1 --width 8 \
+        --background 0,0.5,1 -o "$work/behind"
+    check "render.json tells the background" [ \
+        "$("$query" background.1 <"$work/behind/render.json")" = 0.5 ]
+    expect "a background of no colour" 2 "--background: blue white" "$cln" render "$work/whole" \
+        --orbit 1 --background blue
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "the orbit has two frames" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
@@ -369,8 +398,15 @@ section_results() {
     expect "render --spiral to a film" 0 "" "$cln" render "$work/whole" --spiral 2 --width 40 \
         --height 30 -o "$work/film.y4m" --fps 12 --json
     check "the film has that size and frame rate" \
-        [ "$(head -1 "$work/film.y4m")" = "YUV4MPEG2 W40 H30 F12000:1000 Ip A1:1 C444" ]
+        [ "$(head -1 "$work/film.y4m")" = "YUV4MPEG2 W40 H30 F12:1 Ip A1:1 C444" ]
     check "the film has two frames" [ "$(json rendered)$(grep -ac FRAME "$work/film.y4m")" = 22 ]
+    for rate in 29.97 30000/1001; do
+        expect "a film at $rate" 0 "" "$cln" render "$work/whole" --spiral 1 --width 8 \
+            -o "$work/tv.y4m" --fps $rate --overwrite
+        check "it has that rate" grep -aq "F30000:1001" "$work/tv.y4m"
+    done
+    expect "a rate that is none" 2 "~--fps.30/0 30000/1001" "$cln" render "$work/whole" --spiral 2 \
+        -o "$work/slow.y4m" --fps 30/0
     expect "a film too slow for its format" 2 "fps 0.001" "$cln" render "$work/whole" --spiral 2 \
         -o "$work/slow.y4m" --fps 0.0003
     expect "both eyes larger than a picture may be" 2 "~stereo ~both.eyes width" "$cln" render \

@@ -676,7 +676,7 @@ section_edges() {
     check "no test PSNR is printed" \
         grep -qE "^PSNR +[0-9.]+ train [(]mean of the last 3 steps[)]$" "$work/out"
     expect "cameras of one photo" 0 "" "$cln" export "$r" --cameras "$work/one.json"
-    check "they are one" printed ": 1 camera, of"
+    check "they are one" printed ": 1 camera, "
     expect "eval has nothing to compare with" 3 "--split" "$cln" eval "$r"
     expect "without HOME" 0 "" env -u HOME -u XDG_CONFIG_HOME "$cln" devices --no-test
     expect "the device in capitals" 0 "" "$cln" train "$s" -o "$work/cpu" "${small[@]}" \
@@ -928,6 +928,9 @@ section_results() {
     expect "their kind" 2 "z-depth" "$cln" render "$r" --orbit 2 --z-depth -o "$work/a.gif"
     expect "a mesh whose name does not tell its format" 2 "~end.the.name .ply" \
         "$cln" export "$r" --mesh "$work/a"
+    expect "a mesh for the web: which name" 2 "a.gltf ~\.glb:.end" \
+        "$cln" export "$r" --mesh "$work/a.gltf"
+    expect "a mesh for a phone" 2 "a.usdz .glb" "$cln" export "$r" --mesh "$work/a.usdz"
     expect "points for a slicer" 2 "~points.writes.\.ply" "$cln" export "$r" --points "$work/a.stl"
     run "$cln" render "$r" --orbit 3 --width 16 -o "$work/circle" --progress none
     expect "a shorter path in the folder of a longer one: what stays is told" 0 \
@@ -935,7 +938,7 @@ section_results() {
     check "and recorded" [ "$("$query" earlier_frames <"$work/circle/render.json")" = 2 ]
     rm "$work/circle/orbit_0002.png"
     expect "a frame that was removed" 0 "~1.other.frame.*stays" \
-        "$cln" render "$r" --orbit 1 --elevation 5 --width 16 -o "$work/circle"
+        "$cln" render "$r" --orbit 1 --elevation 5 --width 16 -o "$work/circle" --overwrite
     check "is not named any more" eval '! grep -q orbit_0002 "$work/circle/render.json"'
     # two paths in a folder: each one's depth pictures are on the scale that render.json tells
     run "$cln" render "$r" --orbit 2 --width 16 -o "$work/two paths" --progress none
@@ -975,6 +978,10 @@ section_results() {
     cp "$work/out" "$work/piped"
     expect "export to a file" 0 "" "$cln" export "$r" --octree "$work/x.PLY"
     check "the file has the same bytes" cmp "$work/piped" "$work/x.PLY"
+    check "the line tells how many" grep -qE ", [0-9.]+ ([KM]i)?B, of the model" "$work/out"
+    expect "so does the document" 0 "" \
+        "$cln" export "$r" --octree "$work/x.PLY" --overwrite --json
+    check "to the byte" [ "$(json bytes)" = "$(stat -c %s "$work/x.PLY")" ]
     expect "standard output for export and --json" 2 "--json" "$cln" export "$r" --octree - --json
     expect "standard output that is full" 7 "" bash -c 'exec "$@" >/dev/full' full "$cln" export \
         "$r" --octree -

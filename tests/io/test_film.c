@@ -34,8 +34,9 @@ static void assert_bytes(const char *path, const void *want, size_t bytes)
 
 static cln_status make(const char *path, bool overwrite)
 {
+    const cln_film_form form = {.width = 2, .height = 1, .fps = 12.5, .overwrite = overwrite};
     cln_film *film = NULL;
-    cln_status st = cln_film_begin(path, 2, 1, 12.5, overwrite, &film);
+    cln_status st = cln_film_begin(path, &form, &film);
 
     for (int i = 0; i < 2 && st == CLN_OK; i++)
         st = cln_film_add(film, pictures[i]);
@@ -46,7 +47,7 @@ static cln_status make(const char *path, bool overwrite)
 }
 
 /* BT.709 in the narrow range: red is Y 63, Cb 102, Cr 240; blue Y 32, Cb 240, Cr 118. */
-static const char y4m[] = "YUV4MPEG2 W2 H1 F12500:1000 Ip A1:1 C444\n"
+static const char y4m[] = "YUV4MPEG2 W2 H1 F25:2 Ip A1:1 C444\n"
                           "FRAME\n\x10\xEB\x80\x80\x80\x80"
                           "FRAME\n\x3F\x20\x66\xF0\xF0\x76";
 
@@ -150,9 +151,10 @@ static void test_odd_sides(void **state)
     put_ffmpeg(state, FFMPEG "/bin/cat >\"${to#file:}\"\n");
     for (int i = 0; i < 2; i++) {
         const char *path = scratch_path(*state, names[i]);
+        const cln_film_form form = {.width = 1, .height = 2, .fps = 25};
         cln_film *film = NULL;
 
-        assert_int_equal(cln_film_begin(path, 1, 2, 25, false, &film), CLN_OK);
+        assert_int_equal(cln_film_begin(path, &form, &film), CLN_OK);
         assert_int_equal(cln_film_add(film, column), CLN_OK);
         assert_int_equal(cln_film_end(film), CLN_OK);
         if (i == 0)
@@ -174,12 +176,86 @@ static void test_rate_in_other_locale(void **state)
     own = strdup(getenv("PATH"));
     assert_int_equal(setenv("PATH", *state, 1), 0);
     put_ffmpeg(state, FFMPEG "echo \"$*\" >\"${to#file:}\"\n/bin/cat >/dev/null\n"
-                             "case \"$*\" in *' -r 12.500000 '*) ;; *) exit 1 ;; esac\n");
+                             "case \"$*\" in *' -r 25/2 '*) ;; *) exit 1 ;; esac\n");
     st = make(path, false);
     comma_locale_end();
     setenv("PATH", own, 1);
     free(own);
     assert_int_equal(st, CLN_OK);
+}
+
+/* Pictures with alpha go as they are, with their last column again, to encoders that keep it; other
+ * kinds of film, and one that cannot be made, are refused. */
+static void test_alpha(void **state)
+{
+    static const uint8_t pixels[4] = {1, 2, 3, 4},
+                         even[16] = {1, 2, 3, 4, 1, 2, 3, 4, 1, 2, 3, 4, 1, 2, 3, 4};
+    static const struct {
+        const char *name, *words;
+    } rows[] = {{"a.mov", "'-pix_fmt rgba '*format=yuva444p10le*' prores_ks '*' 4444 '"},
+                {"a.webm", "'-pix_fmt rgba '*format=yuva420p*' libvpx-vp9 '"}};
+    const cln_film_form form = {.width = 1, .height = 1, .fps = 25, .alpha = true};
+    char *own = strdup(getenv("PATH")), script[512];
+    cln_film *film = NULL;
+
+    assert_int_equal(setenv("PATH", *state, 1), 0);
+    assert_int_equal(cln_film_begin(scratch_path(*state, "a.mov"), &form, &film), CLN_FAILED);
+    assert_non_null(strstr(cln_error_text(), "a film with alpha needs ffmpeg"));
+    cln_clear_error();
+    assert_int_equal(cln_film_begin(scratch_path(*state, "a.mp4"), &form, &film), CLN_USAGE);
+    assert_non_null(strstr(cln_error_text(), "has no alpha; name it .mov"));
+    cln_clear_error();
+    assert_true(!cln_film_takes_alpha("a.y4m") && !cln_film_takes_alpha("mov") &&
+                cln_film_takes_alpha("b/A.MOV"));
+    for (int i = 0; i < 2; i++) {
+        const char *path = scratch_path(*state, rows[i].name);
+
+        snprintf(script, sizeof script,
+                 FFMPEG "case \"$*\" in *%s*) ;; *) exit 4 ;; esac\n/bin/cat >\"${to#file:}\"\n",
+                 rows[i].words);
+        put_ffmpeg(state, script);
+        assert_int_equal(cln_film_begin(path, &form, &film), CLN_OK);
+        assert_int_equal(cln_film_add(film, pixels), CLN_OK);
+        assert_int_equal(cln_film_end(film), CLN_OK);
+        assert_bytes(path, even, sizeof even);
+    }
+    setenv("PATH", own, 1);
+    free(own);
+}
+
+static void test_rates(void **state)
+{
+    static const struct {
+        double fps;
+        int64_t num, den;
+    } rows[] = {{24, 24, 1},
+                {12.5, 25, 2},
+                {23.976, 24000, 1001},
+                {29.97, 30000, 1001},
+                {59.94, 60000, 1001},
+                {119.88, 120000, 1001},
+                {30000.0 / 1001, 30000, 1001},
+                {25000.0 / 1001, 25000, 1001},
+                {100.0 / 3, 100, 3},
+                {23.97, 2397, 100},
+                {0.001, 1, 1000},
+                {1000, 1000, 1}};
+    static const char *const bad[] = {"",   "x",   "24/", "/2",   "24/0",   "24/-1",
+                                      "-1", "24 ", "nan", "1001", "1/1001", "24/1/2"};
+    double fps = 0;
+    int64_t num = 0, den = 0;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        cln_film_rate(rows[i].fps, &num, &den);
+        if (num != rows[i].num || den != rows[i].den)
+            fail_msg("%.17g is %lld/%lld", rows[i].fps, (long long)num, (long long)den);
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        if (cln_film_read_rate(bad[i], &fps))
+            fail_msg("'%s' is read as %g", bad[i], fps);
+    assert_true(cln_film_read_rate("30000/1001", &fps) && fps == 30000.0 / 1001);
+    assert_true(cln_film_read_rate("23.976", &fps) && fps == 23.976);
 }
 
 /* The user's files stay, whatever their names; a colon makes no protocol of a name, and a dash no
@@ -216,10 +292,15 @@ static void test_names(void **state)
 int test_group_film(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
-    const struct CMUnitTest tests[] = {
-        ON_DISK(test_y4m),           ON_DISK(test_ffmpeg),    ON_DISK(test_ffmpeg_names),
-        ON_DISK(test_full_disk),     ON_DISK(test_odd_sides), ON_DISK(test_rate_in_other_locale),
-        cmocka_unit_test(test_names)};
+    const struct CMUnitTest tests[] = {ON_DISK(test_y4m),
+                                       ON_DISK(test_ffmpeg),
+                                       ON_DISK(test_ffmpeg_names),
+                                       ON_DISK(test_alpha),
+                                       cmocka_unit_test(test_rates),
+                                       ON_DISK(test_full_disk),
+                                       ON_DISK(test_odd_sides),
+                                       ON_DISK(test_rate_in_other_locale),
+                                       cmocka_unit_test(test_names)};
 
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }

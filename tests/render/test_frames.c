@@ -376,6 +376,30 @@ static void test_orbit_lens(void **state)
     assert_true(fabs(c.fx - 40) < 1e-12 && fabs(c.fy - 44) < 1e-12);
 }
 
+/* Pictures of another shape than the photos have the field of view of these along the shorter side,
+ * so a wide one cuts nothing off above and below. */
+static void test_orbit_of_other_shapes(void **state)
+{
+    static const struct {
+        int width, height;
+        double scale;
+    } rows[] = {{160, 90, 3}, {90, 160, 3}, {60, 60, 2}, {80, 0, 2}, {0, 15, 0.5}, {0, 0, 1}};
+    const cln_orbit_frame like = {.width = 40, .height = 30, .fx = 50, .fy = 51};
+    cln_camera lens;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        cln_render_desc desc = {.width = rows[i].width, .height = rows[i].height};
+
+        assert_int_equal(cln_orbit_lens(&like, &desc, &lens), CLN_OK);
+        assert_true(fabs(lens.fx - 50 * rows[i].scale) < 1e-9);
+        assert_true(fabs(lens.fy - 51 * rows[i].scale) < 1e-9);
+        desc.fov = 90;
+        assert_int_equal(cln_orbit_lens(&like, &desc, &lens), CLN_OK);
+        assert_true(fabs(lens.fx - 0.5 * lens.width) < 1e-9);
+    }
+}
+
 /* An orbit sweeps the arc of the cameras, there and back, and 10 degrees at least. */
 static void test_orbit_arc(void **state)
 {
@@ -559,6 +583,7 @@ int test_group_frames(void)
                                        cmocka_unit_test(test_turns),
                                        cmocka_unit_test(test_around),
                                        cmocka_unit_test(test_orbit_lens),
+                                       cmocka_unit_test(test_orbit_of_other_shapes),
                                        cmocka_unit_test(test_orbit_arc),
                                        cmocka_unit_test(test_spiral_in_front),
                                        cmocka_unit_test(test_spiral_around),
