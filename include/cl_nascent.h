@@ -234,7 +234,8 @@ typedef struct cln_train_result {
     double wall_seconds;          /* of the call */
     double psnr_train, psnr_test; /* dB, the newest; NaN if there is none */
     double psnr_exposed;          /* of the same test views; see cln_eval_image */
-    int eval_views, test_views;   /* number of views of psnr_test, and of all test views */
+    int eval_views, test_views;   /* number of views of psnr_test (0 if it is NaN), and of all
+                                     test views */
     int leaves;
     double device_peak, host_peak; /* most bytes of device buffers, and of the process */
     uint64_t digest;               /* model_digest */
@@ -520,6 +521,7 @@ typedef struct cln_export_result {
     int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
     double size[3]; /* points, mesh: along x, y and z of what is written; of a GLB file with y up */
     double box[6];  /* where they are, as `crop` takes it: in the scene's frame and units */
+    bool beyond_left_out; /* points, mesh: of a shell, without what lies beyond its cube */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or `scale`

@@ -869,7 +869,7 @@ done:
     result->psnr_train_steps = t.psnr_train_steps;
     result->psnr_test = t.psnr_test;
     result->psnr_exposed = t.psnr_exposed;
-    result->eval_views = t.eval_count;
+    result->eval_views = isfinite(t.psnr_test) ? t.eval_count : 0;
     result->test_views = t.scene ? cln_scene_split_count(t.scene, CLN_SPLIT_TEST) : 0;
     result->leaves = t.model.tree.leaf_count;
     result->device_peak = t.device ? (double)t.device->peak : 0;

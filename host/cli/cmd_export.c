@@ -76,6 +76,8 @@ static cln_status print_document(const cln_options *options, const cln_export_re
     }
     if (r->refined)
         json_object_set_new(document, "refined_poses", json_true());
+    if (r->beyond_left_out)
+        json_object_set_new(document, "beyond_left_out", json_true());
     json_decref(counts);
     return cln_print_json(document);
 }

@@ -85,6 +85,28 @@ static void span(const cln_mesh *mesh, const double turn[4], double scale, doubl
     }
 }
 
+/* Of a shell: tells that only what is in its cube is written, as a warning if that ends at one of
+ * the cube's faces. box: where it is, in scene units. cell: of the finest, likewise. */
+static void tell_shell(cln_export_job *job, const char *what, const double box[6], double cell)
+{
+    const cln_space core = cln_space_core(&job->opened.model.space);
+    bool cut = false;
+
+    if (!job->opened.model.space.shell)
+        return;
+    job->result->beyond_left_out = true;
+    for (int a = 0; a < 3; a++)
+        cut = cut || box[a] < core.centre[a] - core.half + 2 * cell ||
+              box[3 + a] > core.centre[a] + core.half - 2 * cell;
+    if (!cut)
+        cln_info("%s: what lies beyond the cube, in its shell, is left out", what);
+    else
+        cln_warn("%s: it ends at the faces of the cube (half side %.6g), as what lies beyond the "
+                 "cube, in its shell, is left out. A larger one has more of it: train with --space "
+                 "shell and --bbox; `cl-nascent check SCENE` proposes a box",
+                 what, core.half);
+}
+
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
 {
     cln_status st = CLN_OK;
@@ -94,13 +116,12 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
     double low[3], high[3];
     char *comment = NULL;
 
-    if (job->opened.model.space.shell)
-        cln_info("%s: what lies beyond the cube, in its shell, is left out", what);
     CLN_TRY(cln_export_comment(job, what, &comment));
     mesh->comment = comment;
     mesh->fine = cln_space_distance_to_scene(space, cln_surface_cell(&job->opened.model));
     memcpy(mesh->origin, space->centre, sizeof mesh->origin);
     span(mesh, (const double[4]){0, 0, 0, 1}, 1, job->result->box, job->result->box + 3);
+    tell_shell(job, what, job->result->box, mesh->fine);
     stand_up(job, glb, mesh);
     span(mesh, mesh->turn, mesh->scale, low, high);
     for (int a = 0; a < 3; a++)

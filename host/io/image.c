@@ -87,6 +87,7 @@ typedef struct header {
     cln_colour_mark colour;
     bool png, cut;
     bool deep; /* 16 bits a value */
+    bool grey;
     const char *problem;
 } header;
 
@@ -168,6 +169,7 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
     head->width = big_endian(data + 16, 4);
     head->height = big_endian(data + 20, 4);
     head->deep = data[24] == 16;
+    head->grey = !(data[25] & 3);
     head->channels = data[25] & 4 ? 4 : 3;
     for (;;) {
         size_t length = 0;
@@ -394,7 +396,8 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
                             .orientation = head.exif.orientation,
                             .focal = head.exif.focal,
                             .focal_film = head.exif.focal_film,
-                            .jpeg = !head.png};
+                            .jpeg = !head.png,
+                            .deep_grey = head.deep && head.grey};
     out->colour = cln_colour_of(&head.colour, out->profile);
 done:
     free(all);

@@ -19,7 +19,8 @@ cln_status cln_image_info(const char *path, int *width, int *height, int *channe
 typedef struct cln_image_head {
     int width, height, channels, orientation;
     double focal, focal_film;
-    bool jpeg; /* else PNG */
+    bool jpeg;      /* else PNG */
+    bool deep_grey; /* grey of 16 bits a value, as sensors' depths are */
     cln_colour_kind colour;
     char profile[CLN_COLOUR_NAME];
 } cln_image_head;

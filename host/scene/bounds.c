@@ -14,7 +14,9 @@
  *                   as much behind it as the cameras are away.
  *   before_cameras  the cameras look in parallel or outwards, and nothing tells how far the scene
  *                   is: half = 4 times the spread of the cameras, and the cube is moved along their
- *                   mean direction until parallel cameras stand at its face.
+ *                   mean direction until parallel cameras stand at its face. Where they look
+ *                   outwards, photos have a shell around it, as most of what they show may be
+ *                   beyond.
  * The last two are guesses; their bounds_rule names --bbox as the way to a better cube. */
 #include "scene/build.h"
 
@@ -29,6 +31,7 @@ enum { GRID = 33, LATTICE = 9 };
 /* Optical axes count as parallel when the nearest point is this badly determined: the smallest
  * eigenvalue of mean(I - d d^T) is about the squared sine of their typical angle. */
 static const double PARALLEL = 1e-3;
+static const double ONE_WAY = 0.9; /* length of the mean axis, from which all look one way */
 static const double SPREADS = 4;
 static const double CORE_SHARE = 0.5;
 static const double HALF_MIN = 1e-9, HALF_MAX = 1e12;
@@ -270,21 +273,26 @@ static cln_status looked_at(const evidence *e, cln_space *space, char **because)
 
 static cln_status before_cameras(const evidence *e, cln_space *space, char **because)
 {
+    const double *d = e->mean.direction;
     double spread = 0;
 
     for (int v = 0; v < cln_scene_split_count(e->scene, CLN_SPLIT_TRAIN); v++) {
-        double o[3], d[3];
+        double o[3], axis[3];
 
-        position_and_axis(&e->scene->views[v].camera, o, d);
+        position_and_axis(&e->scene->views[v].camera, o, axis);
         spread = fmax(spread, max_norm_distance(o, e->mean.position));
     }
-    e->scene->in_parallel = spread > 0 && !nearest_point(&e->mean, space->centre);
+    e->scene->outwards = nearest_point(&e->mean, space->centre) ||
+                         hypot(hypot(d[0], d[1]), d[2]) < ONE_WAY; /* opposite ones, along a line */
+    e->scene->in_parallel = spread > 0 && !e->scene->outwards;
     space->half =
         spread > 0 ? SPREADS * spread : 1; /* one camera, or all in one place: any scale */
     for (int i = 0; i < 3; i++)
-        space->centre[i] = e->mean.position[i] + space->half * e->mean.direction[i];
-    return cln_strdup(because, "a guess, 4 times the spread of the cameras, because they look in "
-                               "parallel or outwards; --bbox sets a better one");
+        space->centre[i] = e->mean.position[i] + space->half * d[i];
+    return cln_asprintf(because,
+                        "a guess, 4 times the spread of the cameras, because they look %s; --bbox "
+                        "sets a better one",
+                        e->scene->outwards ? "outwards" : "in parallel");
 }
 
 /* In this order; the last one always applies. */
@@ -379,7 +387,9 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
             continue;
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
         wide = rules[i] == of_dataset && result->wide;
-        chosen = chooses_shell(&e, config, rules[i] == of_points || rules[i] == looked_at || wide);
+        chosen = chooses_shell(&e, config,
+                               rules[i] == of_points || rules[i] == looked_at || wide ||
+                                   (rules[i] == before_cameras && scene->outwards));
         space->shell = chosen || config->space == CLN_SPACE_SHELL;
         if (space->shell && (rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)))
             CLN_TRY(looked_at_in_shell(&e, space, &scene->bounds_rule));

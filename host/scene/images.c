@@ -168,7 +168,9 @@ static void tell_profiles(const cln_scene *scene, const profiles *p)
 
 static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
 {
+    const char *deep_grey = NULL; /* the first such photo */
     profiles found = {0};
+    int count = 0;
 
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
@@ -185,9 +187,16 @@ static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
         view->file_height = head.height;
         view->channels = head.channels;
         view->orientation = head.orientation;
+        deep_grey = head.deep_grey && !deep_grey ? view->name : deep_grey;
+        count += head.deep_grey;
         add_profile(&found, view, &head);
     }
     tell_profiles(scene, &found);
+    if (count > 0)
+        cln_warn("%s: %d of %d images ('%s'%s) %s grey of 16 bits, as a sensor's depth images are, "
+                 "and count as photos; if they are depths, name the photos in their place",
+                 scene->folder, count, scene->view_count, deep_grey, count > 1 ? ", ..." : "",
+                 cln_plural(count, "is", "are"));
     return CLN_OK;
 }
 

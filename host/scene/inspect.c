@@ -473,8 +473,9 @@ static void judge_cube(inspection *in, double inside, double low[3], double high
     if (tighter)
         snprintf(advice, sizeof advice, ". A tighter box: %s--bbox=%s",
                  space->shell ? "--space shell " : "", box);
-    else if (!space->shell)
-        snprintf(advice, sizeof advice, ". A box around all of that: --bbox=%s", box);
+    else if (!space->shell || in->scene->outwards) /* what is looked at is in a shell's cube */
+        snprintf(advice, sizeof advice, ". A box around all of that: %s--bbox=%s",
+                 space->shell ? "--space shell " : "", box);
     if (inside < INSIDE_LEAST && !space->shell)
         cln_found_fault(in->findings, "cube", true, NULL,
                         "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "

@@ -1,18 +1,24 @@
 /* The points of a PLY file, ASCII or binary little-endian: its first element, `vertex`, with x, y,
  * z and where it has them red, green, blue; its other properties, and elements behind it, are
  * passed over. Of structure from motion, as nerfstudio keeps them: in how many images they are is
- * not told. */
+ * not told. Points of depth sensors have NaN, or zeros, where nothing was measured. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/cursor.h"
 #include "scene/dataset.h"
 
 enum { MOST_PROPERTIES = 256, MOST_POINTS = 50000000 };
 static const size_t MAX_BYTES = (size_t)4 << 30;
 static const double FARTHEST = 1e12;
+/* Points at the origin are told from so many on, if they are such a share of all. */
+enum { ZEROS_LEAST = 21 };
+static const double ZEROS_SHARE = 0.01;
 
 typedef enum kind { I8, U8, I16, U16, I32, U32, F32, F64, KINDS } kind;
 static const struct {
@@ -148,6 +154,21 @@ static double number_of(kind k, const char *at)
     return 0;
 }
 
+/* The next number of a line, or what C, Python and C++ libraries print for one that is none. */
+static bool read_value(char **line, double *out)
+{
+    char *word = NULL;
+
+    if (cln_field_number(line, out))
+        return true;
+    if (!cln_field_word(line, &word))
+        return false;
+    word += *word == '-' || *word == '+';
+    *out = strncasecmp(word, "inf", 3) == 0 ? INFINITY : NAN;
+    return strncasecmp(word, "nan", 3) == 0 || strcasecmp(word, "inf") == 0 ||
+           strcasecmp(word, "infinity") == 0;
+}
+
 /* The numbers of the next vertex, one a property. */
 static cln_status read_row(cln_cursor *c, const vertices *v, int index, double *numbers)
 {
@@ -165,10 +186,37 @@ static cln_status read_row(cln_cursor *c, const vertices *v, int index, double *
         return cln_fail(CLN_INPUT, "%s: the file ends after %d of its %.0f points; copy it again",
                         c->path, index, v->count);
     for (int i = 0; i < v->properties; i++)
-        if (!cln_field_number(&line, &numbers[i]))
+        if (!read_value(&line, &numbers[i]))
             return cln_fail(CLN_INPUT,
                             "%s: line %d has no %d numbers; correct it, or export the points again",
                             c->path, c->line, v->properties);
+    return CLN_OK;
+}
+
+/* Tells of points without a place, which were left out, and of those that have none but say 0. */
+static cln_status tell_unplaced(const char *path, const cln_reader_result *result, int count)
+{
+    const int kept = result->point_count, left = count - kept;
+    int zeros = 0;
+
+    if (left > 0 && kept == 0)
+        return cln_fail(CLN_INPUT,
+                        "%s: none of its %d points has a place (NaN or infinite); export the "
+                        "points again",
+                        path, count);
+    if (left > 0)
+        cln_info("%s: %d of its %d points %s no place (NaN or infinite) and %s left out", path,
+                 left, count, cln_plural(left, "has", "have"), cln_plural(left, "is", "are"));
+    for (int i = 0; i < kept; i++) {
+        const double *at = result->points[i].xyz;
+
+        zeros += at[0] == 0 && at[1] == 0 && at[2] == 0;
+    }
+    if (zeros >= ZEROS_LEAST && zeros >= ZEROS_SHARE * kept)
+        cln_warn("%s: %d of its %d points are exactly at the origin, as sensors write where they "
+                 "measured nothing; they widen the cube: leave them out of the file, or give "
+                 "--bbox",
+                 path, zeros, kept);
     return CLN_OK;
 }
 
@@ -190,11 +238,13 @@ cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result)
     CLN_TRY(cln_alloc(&result->points, (size_t)v.count, sizeof *result->points, "points"));
     for (int n = 0; n < (int)v.count; n++) {
         cln_point *point = &result->points[result->point_count];
+        bool placed = true;
 
         CLN_TRY(read_row(&c, &v, n, numbers));
         for (int m = 0; m < 3; m++) {
             point->xyz[m] = numbers[v.meaning[m]];
-            if (!(fabs(point->xyz[m]) <= FARTHEST)) /* also of what is not a number */
+            placed = placed && isfinite(point->xyz[m]);
+            if (isfinite(point->xyz[m]) && fabs(point->xyz[m]) > FARTHEST)
                 CLN_TRY(cln_fail(CLN_INPUT,
                                  "%s: point %d is at %g, which is nowhere; correct it, or export "
                                  "the points again",
@@ -202,8 +252,9 @@ cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result)
             if (v.meaning[3 + m] >= 0)
                 point->rgb[m] = (uint8_t)fmax(0, fmin(255, numbers[v.meaning[3 + m]]));
         }
-        result->point_count++;
+        result->point_count += placed;
     }
+    CLN_TRY(tell_unplaced(path, result, (int)v.count));
 done:
     free(c.data);
     return st;

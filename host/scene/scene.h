@@ -142,6 +142,7 @@ typedef struct cln_scene {
     double box[6];         /* minimum and maximum, scene units */
     bool cube_guessed;     /* from the cameras alone */
     bool in_parallel;      /* and these look in parallel, so that nothing tells how far it is */
+    bool outwards;         /* or they look outwards, likewise */
     double cube_share;     /* of the training rays, those that meet the cube */
     double spread;         /* of the training cameras about their middle, half sides */
     double apart_share;    /* of pairs of them, those that look apart; NaN: too few to tell */

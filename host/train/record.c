@@ -240,8 +240,8 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
             "wall_seconds", cln_now() - t->began, "start_seconds", cln_json_real(t->start_seconds),
             "eval_seconds", cln_json_real(t->eval_seconds), "psnr_train",
             cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test), "eval_views",
-            t->eval_count, "leaves", t->model.tree.leaf_count, "params",
-            cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
+            isfinite(t->psnr_test) ? t->eval_count : 0, "leaves", t->model.tree.leaf_count,
+            "params", cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
             (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);

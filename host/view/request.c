@@ -1,7 +1,7 @@
 /* Reads and checks requests. See request.h. */
 #include "view/request.h"
 
-#include <arpa/inet.h>
+#include <ctype.h>
 #include <errno.h>
 #include <math.h>
 #include <stddef.h>
@@ -294,6 +294,12 @@ static bool host_name(const char *host, char *out, size_t bytes)
         return false;
     if (length == 0 || length >= bytes)
         return false;
+    for (size_t i = 0; i < length; i++) { /* of names and numeric addresses */
+        const char c = from[i];
+
+        if (!isalnum((unsigned char)c) && !strchr("-._", c) && !(bracket && strchr(":%", c)))
+            return false;
+    }
     if (*rest == ':' && strspn(rest + 1, "0123456789") <= 5)
         rest += 1 + strspn(rest + 1, "0123456789");
     if (*rest)
@@ -304,28 +310,18 @@ static bool host_name(const char *host, char *out, size_t bytes)
     return true;
 }
 
-/* Whether a name is the machine's, alone or with a domain after it. */
-static bool is_own(const char *name, const char *own)
-{
-    const size_t length = own ? strlen(own) : 0;
-
-    return length > 0 && strncasecmp(name, own, length) == 0 &&
-           (name[length] == 0 || name[length] == '.');
-}
-
 bool cln_ask_allowed(const char *host, const char *origin, const char *site, bool far,
-                     const char *own, const char **reason)
+                     const char **reason)
 {
     char name[256];
-    unsigned char address[16];
-    bool numeric = false;
 
-    *reason = "the Host of the request is not this viewer's";
+    *reason = "the Host of the request is not this viewer's; open it as http://localhost with its "
+              "port (from another machine through ssh -L), or start it with --listen 0.0.0.0, "
+              "which takes any name, with a token";
     if (!host || !host_name(host, name, sizeof name))
         return false;
-    numeric = inet_pton(AF_INET, name, address) == 1 || inet_pton(AF_INET6, name, address) == 1;
-    if (strcmp(name, "localhost") != 0 && strcmp(name, "127.0.0.1") != 0 &&
-        strcmp(name, "::1") != 0 && !(far && (numeric || is_own(name, own))))
+    if (!far && strcmp(name, "localhost") != 0 && strcmp(name, "127.0.0.1") != 0 &&
+        strcmp(name, "::1") != 0)
         return false;
     *reason = "the request comes from a page of another Origin";
     if (origin) {

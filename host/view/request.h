@@ -77,11 +77,13 @@ cln_status cln_ask_read(cln_ask_kind kind, const cln_scene *scene, const float b
                         cln_ask_get *get, void *query, cln_ask *out);
 
 /* Decides who may ask. `host`, `origin` and `site` are the headers Host, Origin and Sec-Fetch-Site,
- * or NULL. False with a reason for a Host that is neither this machine's loopback by name or number
- * nor, with `far` (others may ask, with a token), a numeric address or a name of this machine
- * (`own`); for an Origin other than the Host; and for a page of another site. */
+ * or NULL. False with a reason for a Host that is not this machine's loopback by name or number;
+ * for an Origin other than the Host; and for a page of another site. With `far` (others may ask,
+ * with a token), the Host may have any name, as a container or a router gives it: a page whose name
+ * was made to lead here (DNS rebinding) has neither the token nor the cookie, which the browser
+ * keeps by the name that was opened. */
 bool cln_ask_allowed(const char *host, const char *origin, const char *site, bool far,
-                     const char *own, const char **reason);
+                     const char **reason);
 
 /* 32 random hexadecimal digits. CLN_FAILED. */
 cln_status cln_ask_make_token(char out[33]);

@@ -388,7 +388,7 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
 
     if (!cln_ask_allowed(header_of(connection, "Host"), header_of(connection, "Origin"),
                          page ? NULL : header_of(connection, "Sec-Fetch-Site"), s->listener->far,
-                         s->listener->own, &reason))
+                         &reason))
         return answer(s, connection, 403, reason);
     if (token[0]) {
         if (strcmp(path, "/") == 0 && cln_ask_same_token(query_value(connection, "token"), token))

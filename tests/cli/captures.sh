@@ -856,8 +856,13 @@ the cube" \
     expect "info" 0 "" "$cln" info "$run" --json
     check "info names the checkpoint's space" [ "$(json checkpoint.space)" = shell ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/street.ply" --count 1000
-    expect "a mesh of what is in the cube" 0 "~beyond.the.cube.*left.out" \
-        "$cln" export "$run" --mesh "$work/street-mesh.ply"
+    expect "a mesh of what is in the cube, and the way to more" 0 \
+        "~faces.of.the.cube ~beyond.the.cube.*left.out ~--bbox ~check" \
+        "$cln" export "$run" --mesh "$work/street-mesh.ply" --json
+    check "its document says so, too" [ "$(json beyond_left_out)" = true ]
+    expect "a part of it that ends nowhere near" 0 "~beyond.the.cube.*left.out" \
+        "$cln" export "$run" --mesh "$work/street-part.ply" --crop=-0.4,-0.4,-0.4,0.4,0.4,0.4
+    check "without a warning" eval '! said "faces.of.the.cube"'
     expect "boxes of leaves have no meaning" 2 "boxes --mesh" \
         "$cln" export "$run" --octree "$work/tree.ply"
     expect "nor has a grid" 2 "boxes --mesh" "$cln" export "$run" --volume "$work/volume.npy"

@@ -2,7 +2,8 @@
 # The command line from end to end, on tiny generated scenes: what it prints, what it leaves behind,
 # its exit codes, and that nothing is overwritten. Runs on any OpenCL device (PoCL is enough).
 # training.sh has what trainings do.
-#   tests/cli/cli.sh [SECTION...]      sections: usage devices scenes names results output
+#   tests/cli/cli.sh [SECTION...]      sections: usage devices scenes own names results
+#                                      output
 #   BUILD=build/sanitize               the programs to test
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u
@@ -190,6 +191,56 @@ section_scenes() {
 }
 
 # Names with characters that shells, grep -E, JSON, HTML and printf take for something else.
+# fenced WORD FILE: the block of docs/formats.md, "Your own poses", that begins with WORD
+fenced() {
+    awk -v word="$1" '/^## /{ in_it = /Your own poses/ } !in_it { next }
+        /^```/ {
+            open = !open
+            if (!open && index(text, word) == 1) print text
+            text = ""
+            next
+        }
+        open { text = text (text == "" ? "" : "\n") $0 }' docs/formats.md >"$2"
+    [ -s "$2" ]
+}
+
+# The program of the manual makes of the trajectory there the example there.
+section_own() {
+    local own=$work/own stamp
+    mkdir -p "$own/rgb"
+    check "formats.md has a program" fenced "import json" "$own/convert.py"
+    check "and a trajectory" fenced "# timestamp" "$own/trajectory.txt"
+    check "and the file" fenced "{" "$own/example.json"
+    if ! command -v python3 >/dev/null; then
+        skip "the program of formats.md" "there is no python3"
+        return
+    fi
+    # 8 x 8 pixels, grey of 16 bits
+    for stamp in 1305031102.175304 1305031102.275326; do
+        base64 -d >"$own/rgb/$stamp.png" <<'END'
+iVBORw0KGgoAAAANSUhEUgAAAAgAAAAIEAAAAACx9D0UAAAAEElEQVR4nGPg3oEKGQZGAADenDDBQ8H//gAAAABJRU
+5ErkJggg==
+END
+    done
+    sed 's/"w": 640.*/"fl_x": 10,/' "$own/example.json" >"$own/depths.json"
+    expect "depth images in place of photos" 0 "~2.of.2.images.*grey.of.16.bits" \
+        "$cln" info "$own/depths.json"
+    rm "$own"/rgb/*
+    check "the program runs" eval '(cd "$own" && python3 convert.py)'
+    check "it makes the file" python3 - "$own/transforms.json" "$own/example.json" <<'END'
+import json, sys
+
+def same(a, b):
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
+    if isinstance(a, list):
+        return len(a) == len(b) and all(map(same, a, b))
+    return a == b if isinstance(a, str) else abs(a - b) < 1e-6
+
+sys.exit(not same(*(json.load(open(f)) for f in sys.argv[1:])))
+END
+}
+
 section_names() {
     local odd="a [b] (c)+*\"q' <i>&amp; ü%41#?;" view="r [0] (+)*\"'<b>&ü%d" s r name json_view \
         text words
@@ -518,4 +569,4 @@ section_output() {
         "$work/whole" --json
 }
 
-run_sections "usage devices scenes names results output" "$@"
+run_sections "usage devices scenes own names results output" "$@"

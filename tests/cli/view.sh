@@ -192,6 +192,7 @@ section_pictures() {
 section_refused() {
     viewer
     gets "another Host" 403 / -H "Host: evil.example"
+    check "the answer tells how to open it" grep -q "http://localhost" "$work/out"
     gets "another Host with this port" 403 /facts -H "Host: evil.example:${address##*:}"
     gets "the Host through ssh -L" 200 / -H "Host: localhost:8080"
     gets "another Origin" 403 /facts -H "Origin: http://evil.example"
@@ -390,7 +391,10 @@ section_token() {
     mv "$work/elsewhere" "$work/photos"
     cookie=$(sed -n 's/^[Ss]et-[Cc]ookie: \([^;]*\).*/\1/p' "$work/entered")
     gets "a numeric Host" 200 / -b "$cookie" -H "Host: 192.0.2.1:7007"
-    gets "a Host of others" 403 / -b "$cookie" -H "Host: evil.example"
+    gets "a Host by a name of others" 200 / -b "$cookie" -H "Host: robot.local:8080"
+    gets "a name that was made to lead here, which has no cookie" 403 / -H "Host: evil.example"
+    gets "its wrong token" 403 "/?token=00000000000000000000000000000000" -H "Host: evil.example"
+    gets "its facts" 403 /facts -H "Host: evil.example"
     gets "an Origin of others" 403 / -b "$work/cookies" -H "Origin: http://evil.example"
     check "one address is not told twice" eval '! said "is not known"'
     stop INT

@@ -677,7 +677,7 @@ static void read_request(void)
     }
     for (int far = 0; far < 2; far++)
         require(cln_ask_allowed(value_of(lines, "host"), value_of(lines, "origin"),
-                                value_of(lines, "site"), far, "here", &reason) ||
+                                value_of(lines, "site"), far, &reason) ||
                     reason,
                 "refused without a reason");
     free(text);

@@ -142,6 +142,15 @@ static void test_png_of_sixteen_bits(void **state)
     assert_int_equal(c, 4);
     assert_memory_equal(pixels, expected, sizeof expected);
     free(pixels);
+    for (uint8_t kind = 0; kind < 7; kind += 2) { /* grey, RGB, + 4: with alpha */
+        cln_image_head head;
+
+        ihdr[9] = kind;
+        put_chunk(png, 8, "IHDR", ihdr, sizeof ihdr);
+        scratch_put(path, png, used);
+        assert_int_equal(cln_image_read_head(path, &head), CLN_OK);
+        assert_int_equal(head.deep_grey, !(kind & 2));
+    }
 }
 
 /* A smooth picture is preserved approximately, in few bytes. */

@@ -474,7 +474,8 @@ static void test_ply(void **state)
         {"end_header", "end_of_header", {"neither an element nor"}},
         {"1 2 3 4 5 6", "1 2 3 4 5 blue", {"line 12", "no 6 numbers"}},
         {"1 2 3 4 5 6", "1 2 1e300 4 5 6", {"point 0", "nowhere"}},
-        {"1 2 3 4 5 6", "1 2 nan 4 5 6", {"line 12", "no 6 numbers"}},
+        {"1 2 3 4 5 6", "1 2 inch 4 5 6", {"line 12", "no 6 numbers"}},
+        {"1 2 3 4 5 6\n2 ", "1 2 nan 4 5 6\n-inf ", {"none of its 2 points", "NaN"}},
     };
     const char *folder = *state, *file = scratch_path(folder, "text.ply");
 
@@ -492,6 +493,63 @@ static void test_ply(void **state)
     assert_refused(folder, plain(), (const char *const[3]){"ply_file_path must be a string"}, "7");
 }
 
+typedef struct told {
+    const char *wanted;
+    int lines, warnings;
+} told;
+
+static void count_told(cln_log_level level, const char *line, void *user)
+{
+    told *t = user;
+
+    t->lines += strstr(line, t->wanted) != NULL;
+    t->warnings += level == CLN_LOG_WARN && strstr(line, "at the origin") != NULL;
+}
+
+/* A sensor's points: those without a place are left out and counted, many at the origin told. */
+static void test_sensor_points(void **state)
+{
+    enum { COUNT = 1000 };
+    static const struct {
+        int none, zeros;
+        bool binary, warned;
+    } cases[] = {{0, 0, true, false},         {300, 0, true, false}, {300, 0, false, false},
+                 {0, 21, true, true},         {0, 20, true, false},  {300, 30, false, true},
+                 {COUNT - 20, 0, true, false}};
+    const char *folder = *state;
+    cln_point points[COUNT];
+
+    format_images(scratch_path(folder, "images"), 1);
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.1,\"ply_file_path\":\"a.ply\",\"frames\":[" FRAME(
+                 "images/view_00.png", POSE_FRONT) "]}");
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        char counted[64];
+        told t = {.wanted = counted};
+        cln_scene *scene = NULL;
+
+        snprintf(counted, sizeof counted, "%d of its %d points have no place", cases[k].none,
+                 COUNT);
+        memset(points, 0, sizeof points);
+        for (int i = 0; i < COUNT; i++)
+            for (int a = 0; a < 3; a++) {
+                const int turn = i * (a + 1) * 7 % 20; /* the same places again and again */
+
+                points[i].xyz[a] = i < cases[k].none ? (a == i % 3 ? (i % 2 ? NAN : -INFINITY) : 1)
+                                   : i < cases[k].none + cases[k].zeros ? 0
+                                                                        : 0.1 * turn - 1;
+            }
+        format_ply(folder, "a.ply", cases[k].binary, points, COUNT);
+        cln_log_set_sink(count_told, &t);
+        scene = load(folder, plain());
+        cln_log_set_sink(NULL, NULL);
+        assert_in_range((long)(1000 * scene->space.half), 1100, 1200);
+        assert_int_equal(t.lines, cases[k].none > 0);
+        assert_int_equal(t.warnings, cases[k].warned);
+        cln_scene_free(scene);
+    }
+}
+
 int test_group_broken_formats(void)
 {
     const struct CMUnitTest tests[] = {
@@ -506,6 +564,7 @@ int test_group_broken_formats(void)
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_ply, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_sensor_points, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("broken_formats", tests, NULL, NULL);

@@ -148,6 +148,38 @@ static void test_sound_captures(void **state)
     assert_true(c.scene.cube_share == 0.25);
 }
 
+static void keep_warning(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN)
+        snprintf(user, 512, "%s", line);
+}
+
+/* A cube by how far the cameras moved may be wrong to both sides, with a shell or without. */
+static void a_guess_is_told(void **state)
+{
+    static const char *const words[] = {"in parallel", "outwards", "outwards"};
+    capture c;
+
+    (void)state;
+    for (int k = 0; k < 3; k++) {
+        char text[512] = "";
+
+        around(&c, 1.5, 4, 360);
+        c.scene.in_parallel = k == 0;
+        c.scene.outwards = k > 0;
+        c.scene.space.shell = k == 2;
+        assert_int_equal(warnings(&c), 1);
+        cln_log_set_sink(keep_warning, text);
+        cln_scene_warn_doubts(&c.scene);
+        cln_log_set_sink(NULL, NULL);
+        assert_non_null(strstr(text, words[k]));
+        assert_non_null(strstr(text, "far smaller than what the photos show"));
+        assert_non_null(strstr(text, "several times as large"));
+        assert_non_null(strstr(text, "check` proposes a box"));
+        assert_int_equal(strstr(text, "painted") != NULL, k < 2);
+    }
+}
+
 /* Sparse points decide: before cameras that lean apart, as in a strip over land, nothing is
  * doubted; behind turned ones it is. */
 static void test_points(void **state)
@@ -256,6 +288,7 @@ int test_group_doubts(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_sound_captures),
+        cmocka_unit_test(a_guess_is_told),
         cmocka_unit_test(test_points),
         cmocka_unit_test(test_planted_faults),
         cmocka_unit_test(multiplied_colours_are_told),

@@ -209,13 +209,14 @@ static void test_box(void **state)
 {
     static const struct {
         double half;
-        bool shell;
+        bool shell, outwards;
         const char *has, *has_not;
     } cases[] = {
-        {2, false, "tighter box: --bbox=", "--space"},
-        {2, true, "tighter box: --space shell --bbox=", "around"},
-        {0.6, false, "box around all of that: --bbox=", "tighter"},
-        {0.6, true, "the cube is a guess", "--bbox"},
+        {2, false, false, "tighter box: --bbox=", "--space"},
+        {2, true, false, "tighter box: --space shell --bbox=", "around"},
+        {0.6, false, false, "box around all of that: --bbox=", "tighter"},
+        {0.6, true, false, "the cube is a guess", "--bbox"},
+        {0.6, true, true, "box around all of that: --space shell --bbox=", "tighter"},
     };
 
     (void)state;
@@ -226,6 +227,7 @@ static void test_box(void **state)
         w->scene.cube_guessed = true;
         w->scene.space.half = cases[i].half;
         w->scene.space.shell = cases[i].shell;
+        w->scene.outwards = cases[i].outwards;
         w->scene.space.centre[0] = 0.45;
         w->scene.space.centre[2] = 1;
         text = text_of(inspect(w, "cube"));

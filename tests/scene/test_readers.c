@@ -8,6 +8,7 @@
 #include <cmocka.h>
 #include <jansson.h>
 #include <sys/stat.h>
+#include "base/files.h"
 #include "base/settings.h"
 #include "cl_nascent.h"
 #include "scene/reader.h"
@@ -254,6 +255,51 @@ static void test_name_not_utf8(void **state)
     cln_clear_error();
 }
 
+/* The example of docs/formats.md, "Your own poses", is read as the page says. */
+static void test_documented_example(void **state)
+{
+    static const char page_name[] = "docs/formats.md", begins[] = "```json\n{\n  \"camera_model\"";
+    const double east[3] = {3, 1, 2.5}, both[3] = {2, 1, 1.5};
+    const char *folder = *state;
+    cln_config config = default_config();
+    char *page = NULL, *example = NULL, *end = NULL;
+    cln_scene *scene = NULL;
+    double u = 0, v = 0, z = 0;
+    size_t bytes = 0;
+
+    if (!cln_is_file(page_name))
+        skip(); /* not run from the repository's root */
+    page = scratch_get(page_name, &bytes);
+    example = strstr(page, begins);
+    assert_non_null(example);
+    end = strstr(example + 7, "```");
+    assert_non_null(end);
+    assert_non_null(strstr(end, "**up** in it, the third **backwards**"));
+    assert_non_null(strstr(end, "(451.25, 108.75)"));
+    *end = 0;
+    put_folder(folder, "rgb");
+    put_image(folder, "rgb/1305031102.175304.png", 640, 480, 3, 0);
+    put_image(folder, "rgb/1305031102.275326.png", 640, 480, 3, 1);
+    put_text(folder, "transforms.json", example + 8);
+    config.holdout = 0;
+    scene = load(folder, &config);
+    assert_string_equal(scene->dialect, "nerfstudio");
+    assert_int_equal(scene->view_count, 2);
+    assert_null(json_array_get(scene->ignored, 0));
+    assert_true(cln_camera_project(&scene->views[0].camera, east, &u, &v, &z));
+    assert_float_equal(u, 451.25, 1e-9);
+    assert_float_equal(v, 108.75, 1e-9);
+    assert_float_equal(z, 4, 1e-9);
+    for (int i = 0; i < 2; i++) { /* what both have in their middle */
+        assert_true(cln_camera_project(&scene->views[i].camera, both, &u, &v, &z));
+        assert_float_equal(u, 320, 1e-9);
+        assert_float_equal(v, 240, 1e-9);
+        assert_float_equal(z, 4 - i, 1e-9);
+    }
+    cln_scene_free(scene);
+    free(page);
+}
+
 int test_group_readers(void)
 {
     const struct CMUnitTest tests[] = {
@@ -261,6 +307,7 @@ int test_group_readers(void)
         cmocka_unit_test_setup_teardown(test_unreadable, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_odd_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_name_not_utf8, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_documented_example, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("readers", tests, NULL, NULL);

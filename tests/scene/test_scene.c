@@ -560,6 +560,9 @@ static void test_bounds(void **state)
     /* Back to back at x = +-1, looking outwards along +-x. */
     const char *outwards = FRAME("0.png", "[[0,0,-1,1],[-1,0,0,0],[0,1,0,0]]") "," FRAME(
         "1.png", "[[0,0,1,-1],[1,0,0,0],[0,1,0,0]]");
+    /* At (1, 0, 0) along x and at (0, 1, 0) along y, upright: the axes cross behind both. */
+    const char *apart = FRAME("0.png", "[[0,0,-1,1],[-1,0,0,0],[0,1,0,0]]") "," FRAME(
+        "1.png", "[[1,0,0,0],[0,0,-1,1],[0,1,0,0]]");
 
     put_image(folder, "0.png", 8, 8, 3, 0);
     put_image(folder, "1.png", 8, 8, 3, 1);
@@ -608,6 +611,14 @@ static void test_bounds(void **state)
     check_bounds(folder, CLN_SPACE_CUBE, "", "", parallel, (double[3]){1, 0, 0}, 4, "parallel");
     /* Outwards along one line: axes coincide, mean direction 0, spread 1. */
     check_bounds(folder, CLN_SPACE_CUBE, "", "", outwards, (double[3]){0, 0, 0}, 4, "outwards");
+    /* What outward cameras show is beyond any such cube; parallel ones have it before them. */
+    check_bounds(folder, CLN_SPACE_AUTO, "", "", outwards, (double[3]){0, 0, 0}, 4,
+                 "outwards; --bbox sets a better one; and a shell, as photos show");
+    check_bounds(folder, CLN_SPACE_AUTO, "", "", apart, (double[3]){1.5, 1.5, 0}, 2,
+                 "outwards; --bbox sets a better one; and a shell, as photos show");
+    check_bounds(folder, CLN_SPACE_AUTO, "0,0,0,2,2,2", "", apart, (double[3]){1, 1, 1}, 1,
+                 "--bbox");
+    check_bounds(folder, CLN_SPACE_AUTO, "", "", parallel, (double[3]){1, 0, 0}, 4, "in parallel");
     /* One camera gives no scale. */
     check_bounds(folder, CLN_SPACE_CUBE, "", "", FRAME("0.png", POSE_FRONT), (double[3]){0, 0, 3},
                  1, "guess");
