@@ -119,6 +119,7 @@ part "sanitized unit: kernels" groups build/sanitize/tests kernels
 part lint tests/lint.sh
 part faults env FAULTS=1 tests/faults.sh
 part "first hour" tests/cli/first_hour.sh
+part "odd places" tests/cli/odd_places.sh
 part tree tests/cli/tree.sh
 part endings tests/cli/endings.sh
 # leaks.sh looks for leaks: looking for them while the driver's threads end now and then crashes

@@ -17,14 +17,6 @@ trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
 
 # printed TEXT: TEXT is on the last stdout, literally
-printed() {
-    grep -qF -- "$1" "$work/out"
-}
-
-not_said() {
-    ! said "$1"
-}
-
 # The scene of most sections.
 scene() {
     [ -e "$work/scene" ] || "$make_scene" "$work/scene" --size 32 --train 8 --test 2 >/dev/null

@@ -137,3 +137,22 @@ run_sections() {
     done
     count
 }
+
+# printed TEXT: TEXT is on the last stdout, literally
+printed() {
+    grep -qF -- "$1" "$work/out"
+}
+
+not_said() {
+    ! said "$1"
+}
+
+# A pseudo-terminal of COLUMNS columns, for programs that look at theirs: what it shows is in out.
+on_terminal() { # on_terminal COLUMNS COMMAND...
+    local columns=$1
+    shift
+    COMMAND=$(printf '%q ' "$@")
+    rc=0
+    script -qec "stty cols $columns; $COMMAND" /dev/null >"$work/out" 2>"$work/err" </dev/null ||
+        rc=$?
+}

@@ -52,6 +52,7 @@ int test_group_integer_program(void);
 int test_group_learning(void);
 int test_group_lens(void);
 int test_group_marks(void);
+int test_group_masks(void);
 int test_group_measure(void);
 int test_group_mesh(void);
 int test_group_metrics_image(void);

@@ -1,0 +1,99 @@
+#!/bin/bash
+# Scenes and places that are at the edge: one photo, no home, names that are long or not ASCII,
+# folders that were moved or are files. On a tiny scene and short trainings.
+#   tests/cli/odd_places.sh
+#   BUILD=build/sanitize                   the programs to test
+set -u
+cd "$(dirname "$0")/../.." || exit 1
+
+BUILD=${BUILD:-build}
+here=$PWD
+cln=$here/$BUILD/cl-nascent
+make_scene=$here/$BUILD/make-scene
+work=$(mktemp -d "${TMPDIR:-/tmp}/cln odd XXXXXX")
+trap 'rm -rf "$work"' EXIT
+
+. tests/support/checks.sh
+
+small=("${grown[@]}" --skip-selftest --progress line)
+
+section_edges() {
+    local s=$work/one r="$work/one run" long
+    "$make_scene" "$s" --format nerfstudio --size 32 --train 1 --test 0 >/dev/null
+    sed -i 's/_filenames/_names/' "$s/transforms.json"
+    expect "a scene of one photo, which is held out" 3 "--holdout" "$cln" info "$s"
+    expect "one photo to train on" 0 "" \
+        "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --holdout 0
+    check "no test PSNR is printed" \
+        grep -qE "^PSNR +[0-9.]+ train [(]mean of the last 3 steps[)]$" "$work/out"
+    expect "cameras of one photo" 0 "" "$cln" export "$r" --cameras "$work/one.json"
+    check "they are one" printed ": 1 camera, "
+    expect "eval has nothing to compare with" 3 "--split" "$cln" eval "$r"
+    expect "without HOME" 0 "" env -u HOME -u XDG_CONFIG_HOME "$cln" devices --no-test
+    expect "the device in capitals" 0 "" "$cln" train "$s" -o "$work/cpu" "${small[@]}" \
+        --steps 2 --holdout 0 -d CPU
+    on_terminal 40 "$cln" train --resume "$r" --skip-selftest --steps +30
+    check "40 columns: whole fields" eval 'tr "\r" "\n" <"$work/out" | sed "s/\x1b\[K//" |
+        grep -aE "^train [0-9]" | grep -qE "^train [0-9]+% \| PSNR [0-9.]+ train$"'
+    on_terminal 80 env TERM=dumb "$cln" render "$r" --split train --width 8
+    check "TERM=dumb: no line is redrawn" eval '! grep -qF $'"'\033'"' "$work/out"'
+    on_terminal 60 "$cln" check "$s" --probe 0 --holdout 0
+    check "check fits into 60 columns" eval 'tr -d "\r" <"$work/out" | grep -q "^cameras" &&
+        ! tr -d "\r" <"$work/out" | grep -qE "^.{61}"'
+    expect "info of a run" 0 "" "$cln" info "$r"
+    check "info of a run has memory in units" \
+        grep -qE "^  device_peak +[0-9.]+ [KMG]iB$" "$work/out"
+    check "its plan has memory in units" grep -qE "^  leaf weights +[0-9.]+ [KMG]iB$" "$work/out"
+    check "its times are not estimates" \
+        grep -qE "^  wall_seconds +[0-9]+:[0-9]+$" "$work/out"
+    mv "$s" "$s.away"
+    expect "--resume without the scene: how to name it" 3 "$s" \
+        "$cln" train --resume "$r" --skip-selftest --steps +1
+    check "the run is quoted" said "by train --resume '$r' SCENE"
+    expect "eval without the scene: how to name it" 3 "~--scene.SCENE" "$cln" eval "$r"
+    check "it has no word of training" not_said "train --resume"
+    expect "the scene is named so" 0 "" "$cln" train --resume "$r" "$s.away" --skip-selftest \
+        --progress none --steps +1
+    mv "$s.away" "$s"
+    cp -r "$r" "$work/half"
+    : >"$work/half/run.json"
+    expect "a run whose run.json is empty" 3 "run.json ~is.empty.*copy" "$cln" info "$work/half"
+    rm "$work/half/run.json"
+    expect "a run without run.json" 3 "~run.without.its.run.json ~copy.the.run.again" \
+        "$cln" info "$work/half"
+    long=$(printf 'n%.0s' {1..300})
+    expect "an output name that is too long" 7 "~too.long.*300.*255.*shorter" \
+        "$cln" train "$s" -o "$work/$long" "${small[@]}" --steps 3 --holdout 0
+    check "no device was opened for it" not_said "device:"
+    expect "a folder on the way that is" 7 "~too.long.*shorter" \
+        "$cln" train "$s" -o "$work/$long/run" "${small[@]}" --steps 3 --holdout 0
+    expect "in a path that is too long" 7 "~path.is.too.long" \
+        "$cln" train "$s" -o "$work/$(printf 'nnn/%.0s' {1..1000})" "${small[@]}" --steps 3
+    expect "render to it" 7 "~too.long.*shorter" "$cln" render "$r" --orbit 2 -o "$work/$long"
+    expect "eval to it" 7 "~too.long.*shorter" "$cln" eval "$r" --split train -o "$work/$long"
+    check "no device was opened for them" not_said "device:"
+    # a name of 250 bytes is possible, but not while the file is written
+    expect "export to a name that is nearly too long" 7 "~too.long.*shorter" \
+        "$cln" export "$r" --octree "$work/${long:0:246}.ply"
+    expect "a film with such a name" 7 "~too.long.*shorter" \
+        "$cln" render "$r" --orbit 2 -o "$work/${long:0:246}.gif"
+    cp -r "$s" "$work/named"
+    mv "$work/named/images/frame_00001.png" "$work/named/images/${long:0:246}.png"
+    sed -i "s/frame_00001/${long:0:246}/" "$work/named/transforms.json"
+    expect "a photo with a long name" 0 "" "$cln" train "$work/named" -o "$work/named run" \
+        "${small[@]}" --steps 3 --holdout 0
+    expect "its render is saved" 0 "" "$cln" eval "$work/named run" --split train
+    check "under a shorter name" eval \
+        'find "$work/named run/eval" -name "*nnnn*.png" | grep -q .'
+    cp -r "$s" "$work/umlaut"
+    mv "$work/umlaut/images/frame_00001.png" "$work/umlaut/images/Bär.png"
+    sed -i "s/frame_00001/Bär/" "$work/umlaut/transforms.json"
+    expect "a name with an umlaut" 0 "" "$cln" eval "$r" --split train --scene "$work/umlaut" \
+        -o "$work/umlaut eval"
+    check "its figures stand below the others" awk '/r.png/ { a = length($0) }
+        /^mean/ { b = length($0) } END { exit !(a == b + 1) }' "$work/out" # in bytes
+    expect "output folder that is a file" 7 "folder" \
+        "$cln" train "$s" -o "$s/transforms.json" --steps 1
+}
+
+run_sections "edges" "$@"

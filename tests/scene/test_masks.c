@@ -1,0 +1,287 @@
+/* Masks of datasets: NeuS's, and those that transforms JSON names. test_cutout.c tests which masks
+ * are of an object, test_placing.c those that a dataset does not name. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include "format_fixture.h"
+#include "outcome.h"
+#include "tests.h"
+
+/* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
+static void put_mask(const char *folder, const char *name, int from, int channels)
+{
+    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3] = {0};
+
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        if (i % FORMAT_WIDTH >= from)
+            pixels[i * channels + channels - 1] = 255; /* of three, blue alone */
+    assert_int_equal(cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT,
+                                         channels, pixels),
+                     CLN_OK);
+}
+
+/* Masks: brightness becomes alpha, also with downscale; the digest includes them. */
+static void test_neus_masks(void **state)
+{
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_config config = *plain();
+    uint8_t mask[FORMAT_WIDTH * FORMAT_HEIGHT];
+    uint64_t digest = 0;
+    cln_scene *scene = NULL;
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "image"), 1);
+    format_neus(folder, cameras, false);
+    put_folder(folder, "mask");
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        char name[32];
+
+        for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+            mask[i] = (uint8_t)(i % FORMAT_WIDTH < 8 ? 0 : 250 + v);
+        snprintf(name, sizeof name, "mask/%03d.png", v);
+        assert_int_equal(
+            cln_image_write_png(scratch_path(folder, name), FORMAT_WIDTH, FORMAT_HEIGHT, 1, mask),
+            CLN_OK);
+    }
+    scene = load(folder, &config);
+    assert_true(scene->has_alpha);
+    digest = scene->digest;
+    for (int v = 0; v < FORMAT_VIEWS; v++)
+        for (int x = 0; x < FORMAT_WIDTH; x++) {
+            const uint8_t *p = scene->views[v].pixels + 4 * (5 * FORMAT_WIDTH + x);
+
+            assert_int_equal(scene->views[v].channels, 4);
+            assert_int_equal(p[0], 20 * v);
+            assert_int_equal(p[3], x < 8 ? 0 : 250 + v);
+        }
+    cln_scene_free(scene);
+    put_mask(scratch_path(folder, "mask"), "005.png", 8, 3); /* blue alone is as bright */
+    scene = load(folder, &config);
+    for (int x = 0; x < FORMAT_WIDTH; x++)
+        assert_int_equal(scene->views[5].pixels[4 * (5 * FORMAT_WIDTH + x) + 3], x < 8 ? 0 : 255);
+    cln_scene_free(scene);
+    config.downscale = 4;
+    scene = load(folder, &config);
+    assert_int_equal(scene->views[2].pixels[4 * 2 + 3], 252);
+    assert_int_equal(scene->views[2].pixels[4 * 1 + 3], 0);
+    cln_scene_free(scene);
+    mask[0] = 1;
+    assert_int_equal(cln_image_write_png(scratch_path(folder, "mask/005.png"), FORMAT_WIDTH,
+                                         FORMAT_HEIGHT, 1, mask),
+                     CLN_OK);
+    config.downscale = 1;
+    scene = load(folder, &config);
+    assert_true(scene->digest != digest);
+    cln_scene_free(scene);
+}
+
+/* ---- masks of transforms JSON ---- */
+
+#define MASKED(file, mask) \
+    "{\"file_path\":\"" file "\",\"mask_path\":\"" mask "\",\"transform_matrix\":" POSE_FRONT "}"
+#define MASK_SCENE                                                                         \
+    "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "m.png") "," FRAME( \
+        "view_01.png", POSE_FRONT) "," FRAME("view_02.png", POSE_FRONT) "]}"
+
+/* nerfstudio: black does not count; instant-ngp: what is not black does not. */
+static void test_masks(void **state)
+{
+    static const int first[3] = {5, 0, 0}, last[3] = {15, 9, 15}; /* columns that count */
+    const char *folder = *state;
+    cln_config config = *plain();
+    uint64_t digest = 0;
+    cln_scene *scene = NULL;
+    int warnings = 0;
+
+    format_images(folder, 1);
+    put_mask(folder, "m.png", 5, 1);
+    put_mask(folder, "dynamic_mask_view_01.png", 10, 3);
+    put_text(folder, "transforms.json", MASK_SCENE);
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    for (int n = 1; n <= 2; n++) { /* a pixel counts if all pixels that it averages do */
+        config.downscale = n;
+        scene = load(folder, &config);
+        for (int v = 0; v < 3; v++)
+            for (int x = 0; x < FORMAT_WIDTH / n; x++)
+                if (cln_view_keeps(&scene->views[v], x, 5 / n) !=
+                    (x * n >= first[v] && x * n + n - 1 <= last[v]))
+                    fail_msg("view %d, column %d of %d", v, x, FORMAT_WIDTH / n);
+        assert_int_equal(cln_scene_fold(scene).views, 0);
+        digest = scene->digest;
+        cln_scene_free(scene);
+    }
+    assert_int_equal(warnings, 0);
+    put_mask(folder, "m.png", 0, 1); /* nothing is ignored, in one of two */
+    scene = load(folder, &config);
+    assert_true(scene->digest != digest);
+    cln_scene_free(scene);
+    assert_int_equal(warnings, 0);
+    put_mask(folder, "dynamic_mask_view_01.png", 16,
+             3); /* and in the other: the wrong way round? */
+    cln_scene_free(load(folder, &config));
+    assert_int_equal(warnings, 1);
+}
+
+/* The document's mask is that of all frames without one of their own. */
+static void test_one_mask_for_all(void **state)
+{
+    static const int first[2] = {9, 5}; /* column that counts */
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    format_images(folder, 1);
+    put_mask(folder, "m.png", 9, 1);
+    put_mask(folder, "all.png", 5, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"mask_path\":\"all.png\",\"frames\":[" MASKED(
+                 "view_00.png", "m.png") "," FRAME("view_01.png", POSE_FRONT) "]}");
+    scene = load(folder, plain());
+    assert_int_equal(json_array_size(scene->ignored), 0);
+    for (int v = 0; v < 2; v++)
+        for (int x = 0; x < FORMAT_WIDTH; x++)
+            assert_int_equal(cln_view_keeps(&scene->views[v], x, 5), x >= first[v]);
+    cln_scene_free(scene);
+}
+
+/* Files that instant-ngp would take alpha from, by either form of file_path; not those that a frame
+ * names itself. */
+static void test_unread_alpha(void **state)
+{
+    const char *folder = *state;
+    int warnings = 0;
+
+    format_images(folder, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "view_00.png", POSE_FRONT) "," FRAME("view_01", POSE_FRONT) "]}");
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    put_mask(folder, "view_00.alpha.png", 5, 1); /* not a name that it looks for */
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 0);
+    put_mask(folder, "view_01.alpha.png", 5, 1);
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 1);
+    assert_int_equal(remove(scratch_path(folder, "view_01.alpha.png")), 0);
+    put_mask(folder, "view_00.png.alpha.png", 5, 1);
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 2);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[{\"file_path\":\"view_00.png\","
+             "\"alpha_path\":\"view_00.png.alpha.png\",\"transform_matrix\":" POSE_FRONT "}]}");
+    cln_scene_free(load(folder, plain()));
+    assert_int_equal(warnings, 2);
+}
+
+/* Beside an edge a JPEG's black is not quite black, nor its white quite white: a mask keeps what
+ * its pixels were before. In a PNG every value but 0 is other than black, as in label images. */
+static void test_jpeg_masks(void **state)
+{
+    enum { EDGE = 5 };
+    const char *folder = *state;
+    uint8_t pixels[FORMAT_WIDTH * FORMAT_HEIGHT * 3], *jpeg = NULL;
+    cln_scene *scene = NULL;
+    size_t bytes = 0;
+    bool above = false;
+
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        memset(pixels + 3 * i, i % FORMAT_WIDTH < EDGE ? 0 : 255, 3);
+    assert_int_equal(
+        cln_image_encode_jpeg(FORMAT_WIDTH, FORMAT_HEIGHT, 3, pixels, 75, &jpeg, &bytes), CLN_OK);
+    format_images(folder, 1);
+    scratch_put(scratch_path(folder, "m.jpg"), (const char *)jpeg, bytes);
+    free(jpeg);
+    assert_int_equal(
+        cln_image_load(scratch_path(folder, "m.jpg"), &(int){0}, &(int){0}, &(int){0}, &jpeg),
+        CLN_OK);
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        above |= i % FORMAT_WIDTH < EDGE && jpeg[3 * i] > 0;
+    free(jpeg);
+    assert_true(above); /* the case is one */
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "m.jpg") "]}");
+    scene = load(folder, plain());
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        if (cln_view_keeps(scene->views, i % FORMAT_WIDTH, i / FORMAT_WIDTH) !=
+            (i % FORMAT_WIDTH >= EDGE))
+            fail_msg("column %d, row %d", i % FORMAT_WIDTH, i / FORMAT_WIDTH);
+    cln_scene_free(scene);
+    for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT; i++)
+        memset(pixels + 3 * i, i % FORMAT_WIDTH >= EDGE, 3);
+    assert_int_equal(
+        cln_image_write_png(scratch_path(folder, "l.png"), FORMAT_WIDTH, FORMAT_HEIGHT, 3, pixels),
+        CLN_OK);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[" MASKED("view_00.png", "l.png") "]}");
+    scene = load(folder, plain());
+    for (int x = 0; x < FORMAT_WIDTH; x++)
+        assert_int_equal(cln_view_keeps(scene->views, x, 3), x >= EDGE);
+    cln_scene_free(scene);
+}
+
+static void test_broken_masks(void **state)
+{
+    static const struct {
+        const char *name;
+        int from;
+        const char *text, *words[2];
+    } cases[] = {
+        {"m.png", 16, NULL, {"m.png: the mask leaves no pixel", "other than black"}},
+        {"dynamic_mask_view_01.png", 0, NULL, {"mask_view_01.png: the mask leaves no", "(black"}},
+        {"m.png", 0, "GIF", {"m.png", "not a PNG"}},
+        {"transforms.json",
+         0,
+         "{\"fl_x\":20,\"frames\":[" MASKED("view_00.png", "gone.png") "]}",
+         {"'view_00.png'", "gone.png"}},
+        {"transforms.json",
+         0,
+         "{\"fl_x\":20,\"frames\":[" MASKED("view_00.png", "") "]}",
+         {"'view_00.png'", "mask_path must be a string"}},
+        {"transforms.json",
+         0,
+         "{\"fl_x\":20,\"mask_path\":\"gone.png\",\"frames\":[" FRAME("view_01.png",
+                                                                      POSE_FRONT) "]}",
+         {"'view_01.png'", "gone.png; restore it, or remove mask_path"}},
+    };
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        format_images(folder, 1);
+        put_mask(folder, "m.png", 5, 1);
+        put_mask(folder, "dynamic_mask_view_01.png", 10, 3);
+        put_text(folder, "transforms.json", MASK_SCENE);
+        if (cases[i].text)
+            put_text(folder, cases[i].name, cases[i].text);
+        else
+            put_mask(folder, cases[i].name, cases[i].from, 1);
+        assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+        assert_null(scene);
+        for (int k = 0; k < 2; k++)
+            if (!strstr(cln_error_text(), cases[i].words[k]))
+                fail_msg("case %zu: '%s' lacks '%s'", i, cln_error_text(), cases[i].words[k]);
+        cln_clear_error();
+    }
+    put_mask(folder, "m.png", 5, 1);
+    put_text(folder, "transforms.json", MASK_SCENE);
+    put_image(folder, "m.png", 16, 11, 3, 0);
+    assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "m.png: the mask has 16 x 11 pixels"));
+    cln_clear_error();
+}
+
+int test_group_masks(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("masks", tests, NULL, NULL);
+}
