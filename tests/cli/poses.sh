@@ -57,15 +57,13 @@ section_photos() {
     expect "an archive" 3 "~text.zip:.*unpack" "$cln" poses "$work/text.zip" -o "$work/posed"
     touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
     expect "photos in formats that are not read" 3 \
-        "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*heif-convert.*three" \
+        "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     cp -r "$work/photos/train" "$work/mixed"
     touch "$work/mixed/"{a.HEIC,b.webp}
     expect "a few in such formats among others are told, too" 1 \
-        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert.*Most.Compatible colmap" \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap" \
         env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
-    expect "one photo in such a format" 3 "~a.HEIC:.a.single.photo.*heif-convert" \
-        "$cln" poses "$work/mixed/a.HEIC" -o "$work/posed"
     for how in r_004 r_007; do
         truncate -s 100 "$work/mixed/$how.png"
     done
@@ -160,8 +158,8 @@ section_photos() {
 OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
     expect "undistorted photos" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
         -o "$work/pinhole" --lens PINHOLE --progress none
-    check "begin with COLMAP's own" eval \
-        'grep -q "camera_model PINHOLE" "$work/pinhole/colmap.log" && ! grep -q factor "$work/pinhole/colmap.log"'
+    check "begin with COLMAP's own" eval '! grep -q factor "$work/pinhole/colmap.log" &&
+        grep -q "camera_model PINHOLE" "$work/pinhole/colmap.log"'
     expect "a lens that nobody knows, before COLMAP works" 2 \
         "~--lens.FISH:.*auto,.SIMPLE_PINHOLE,.*OPENCV_FISHEYE,.*EQUIRECTANGULAR" \
         "$cln" poses "$work/photos/train" -o "$work/no lens" --lens FISH
