@@ -644,7 +644,8 @@ section_check() {
     "$make_scene" "$work/apart" --size 200 --train 6 --test 0 --format nerfstudio >/dev/null
     expect "six photos all around an object" 0 "" "$cln" check "$work/apart" --probe 0
     check "their poses are no fault" grep -q "^0 likely faults" "$work/out"
-    check "but too little overlaps" grep -q "remark overlap: the photos stand so far apart" "$work/out"
+    check "but too little overlaps" \
+        grep -q "remark overlap: the photos stand so far apart" "$work/out"
     mv "$work/apart/images/frame_00001.png" "$work/apart/first.png"
     for i in 1 2 3 4 5; do
         mv "$work/apart/images/frame_0000$((i + 1)).png" "$work/apart/images/frame_0000$i.png"
