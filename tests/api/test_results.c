@@ -298,6 +298,21 @@ static void test_render_drops_what_is_stale(void **state)
     assert_true(digest_of(fixture_path(extra[0])) != before);
 }
 
+/* The size that is asked for is told, also if it is of one side alone, and the least. */
+static void test_render_tells_size(void **state)
+{
+    fixture_stop none = {0};
+    cln_render_desc desc = render_desc("narrow", &none);
+    json_t *document = NULL;
+
+    NEED_DEVICE();
+    desc.width = 1;
+    assert_rendered(&desc, TEST_VIEWS, 0);
+    document = fixture_json("narrow/render.json");
+    assert_int_equal(json_integer_value(json_array_get(fixture_at(document, "size"), 0)), 1);
+    json_decref(document);
+}
+
 /* A frame whose files cannot be written or read is refused before anything is rendered. */
 static void test_render_refuses_sizes(void **state)
 {
@@ -964,6 +979,7 @@ int test_group_results(void)
         cmocka_unit_test(test_eval_stops_while_photos_are_read),
         cmocka_unit_test(test_render_skips),
         cmocka_unit_test(test_render_drops_what_is_stale),
+        cmocka_unit_test(test_render_tells_size),
         cmocka_unit_test(test_render_refuses_sizes),
         cmocka_unit_test(test_render_is_planned),
         cmocka_unit_test(test_render_files),

@@ -16,6 +16,7 @@ int test_group_cutout(void);
 int test_group_carry(void);
 int test_group_carve(void);
 int test_group_checkpoint(void);
+int test_group_children(void);
 int test_group_blocks(void);
 int test_group_colmap(void);
 int test_group_colour(void);
