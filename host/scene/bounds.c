@@ -15,8 +15,8 @@
  *   before_cameras  the cameras look in parallel or outwards, and nothing tells how far the scene
  *                   is: half = 4 times the spread of the cameras, and the cube is moved along their
  *                   mean direction until parallel cameras stand at its face. Where they look
- *                   outwards, photos have a shell around it, as most of what they show may be
- *                   beyond.
+ *                   outwards, or their lenses see far to the sides, photos have a shell around it,
+ *                   as most of what they show may be beyond.
  * The last two are guesses; their bounds_rule names --bbox as the way to a better cube. */
 #include "scene/build.h"
 
@@ -34,6 +34,8 @@ static const double PARALLEL = 1e-3;
 static const double ONE_WAY = 0.9; /* length of the mean axis, from which all look one way */
 static const double SPREADS = 4;
 static const double CORE_SHARE = 0.5;
+/* A lens sees to the sides if such a share of its rays are so far off the axis (their cosine). */
+static const double ASIDE = 0.5, ASIDE_SHARE = 0.125;
 static const double HALF_MIN = 1e-9, HALF_MAX = 1e12;
 
 static double max_norm_distance(const double a[3], const double b[3])
@@ -342,6 +344,26 @@ done:
     return st;
 }
 
+/* Whether the lens of the first training camera sees far to the sides, by a grid of its pixels. */
+static bool sees_aside(const cln_scene *scene)
+{
+    const cln_camera *c = &scene->views[0].camera;
+    int rays = 0, aside = 0;
+
+    for (int k = 0; k < GRID * GRID; k++) {
+        double o[3], d[3], along = 0;
+
+        if (!cln_camera_ray(c, (k % GRID + 0.5) / GRID * c->width,
+                            (k / GRID + 0.5) / GRID * c->height, o, d))
+            continue;
+        for (int a = 0; a < 3; a++)
+            along += d[a] * c->c2w[4 * a + 2];
+        rays++;
+        aside += along < ASIDE;
+    }
+    return aside > ASIDE_SHARE * rays;
+}
+
 /* Photos show what lies beyond a cube that was found by sparse points or guessed, but not if their
  * alpha cuts an object out, nor if their file gives a box that is not for that, too. */
 static bool chooses_shell(const evidence *e, const cln_config *config, bool found)
@@ -387,9 +409,10 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
             continue;
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
         wide = rules[i] == of_dataset && result->wide;
-        chosen = chooses_shell(&e, config,
-                               rules[i] == of_points || rules[i] == looked_at || wide ||
-                                   (rules[i] == before_cameras && scene->outwards));
+        chosen = chooses_shell(
+            &e, config,
+            rules[i] == of_points || rules[i] == looked_at || wide ||
+                (rules[i] == before_cameras && (scene->outwards || sees_aside(scene))));
         space->shell = chosen || config->space == CLN_SPACE_SHELL;
         if (space->shell && (rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)))
             CLN_TRY(looked_at_in_shell(&e, space, &scene->bounds_rule));

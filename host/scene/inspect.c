@@ -473,7 +473,7 @@ static void judge_cube(inspection *in, double inside, double low[3], double high
     if (tighter)
         snprintf(advice, sizeof advice, ". A tighter box: %s--bbox=%s",
                  space->shell ? "--space shell " : "", box);
-    else if (!space->shell || in->scene->outwards) /* what is looked at is in a shell's cube */
+    else if (!space->shell || in->scene->outwards || in->scene->in_parallel)
         snprintf(advice, sizeof advice, ". A box around all of that: %s--bbox=%s",
                  space->shell ? "--space shell " : "", box);
     if (inside < INSIDE_LEAST && !space->shell)
