@@ -69,6 +69,7 @@ int test_group_network(void);
 int test_group_octree(void);
 int test_group_opaque(void);
 int test_group_options(void);
+int test_group_orbit(void);
 int test_group_orientation(void);
 int test_group_gradient(void);
 int test_group_named(void);
