@@ -1,7 +1,7 @@
 /* EXIF is a TIFF file in a JPEG's APP1 segment, or in a PNG's eXIf chunk: a header with the byte
  * order and the place of the first directory, whose entries of 12 bytes are tag, type, count and
- * value. One of them has the place of a second directory, of how the picture was taken, and that one
- * the place of a third, of how files are exchanged. See exif.h. */
+ * value. One of them has the place of a second directory, of how the picture was taken, and that
+ * one the place of a third, of how files are exchanged. See exif.h. */
 #include "io/exif.h"
 
 #include <stdbool.h>
