@@ -132,11 +132,14 @@ static void other_value(const cln_config_row *row, const char *fast, const char 
  * them. */
 static const char *companion(const char *option)
 {
-    static const char *const with[][2] = {
-        {"start-level", "--level-at="},      {"rrelu-lower", "--rrelu-upper=1"},
-        {"rrelu-upper", "--rrelu-lower=-1"}, {"structure-from", "--no-adaptive"},
-        {"max-level", "--no-adaptive"},      {"lr-final", "--lr=1"},
-        {"encoding", "--no-adaptive"}};
+    static const char *const with[][2] = {{"holdout-from", "--holdout=0"},
+                                          {"start-level", "--level-at="},
+                                          {"rrelu-lower", "--rrelu-upper=1"},
+                                          {"rrelu-upper", "--rrelu-lower=-1"},
+                                          {"structure-from", "--no-adaptive"},
+                                          {"max-level", "--no-adaptive"},
+                                          {"lr-final", "--lr=1"},
+                                          {"encoding", "--no-adaptive"}};
 
     for (size_t i = 0; i < sizeof with / sizeof with[0]; i++) {
         if (strcmp(with[i][0], option) == 0)
