@@ -235,6 +235,9 @@ section_resume() {
     check "SIGINT: exit code 130" [ $rc = 130 ]
     check "SIGINT: a checkpoint is there" [ -s "$r/checkpoint/latest" ]
     check "SIGINT: run.json says interrupted" [ "$("$query" state <"$r/run.json")" = interrupted ]
+    check "SIGINT: no test PSNR, so no views of it" eval '
+        [ "$("$query" result.psnr_test <"$r/run.json") $("$query" result.eval_views \
+            <"$r/run.json")" = "null 0" ]'
     check "SIGINT: the training stopped early" is_another "$r"
     expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "interrupted and resumed = not interrupted" is_whole "$r"
