@@ -11,6 +11,7 @@
 #include "base/callbacks.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "scene/vectors.h"
 
 /* ASKED: views that are compared with others, each with NEIGHBOURS. TRIED: ties on which other
@@ -22,7 +23,7 @@ enum {
     FEWEST = 100,
     FEWEST_TO_READ = 24, /* that tell other axes from given ones, where nearly all agree */
     FEWEST_OF_VIEW = 8,
-    FEWEST_OF_BAD = 16,
+    FEWEST_OF_BAD = 16, /* and FEW_OF_BAD of a view's mean */
     PARTNERS_SHARE = 6,
     STILL_OF_PAIR = 4
 };
@@ -30,36 +31,17 @@ static const double TOLERANCE = 2; /* pixels, at the size at which features are 
 static const double STRICT = 0.25; /* share of it for focal lengths, whose effect is small */
 static const double STILL = 1;     /* pixels of the size at which features are found */
 static const double STILL_SHARE = 0.1, STILL_PAIRS = 0.3; /* of the ties; of the pairs */
-static const double GOOD = 0.5;       /* share of agreeing ties of a set that can tell bad views */
-static const double KEPT_GOOD = 0.7;  /* of kept ties, from which on they tell enough */
-static const double BAD = 0.2;        /* share of a bad view; another pose must gain as much */
-static const double STRAY = 0.7;      /* share of a stray over that of all views */
+static const double GOOD = 0.5;      /* share of agreeing ties of a set that can tell bad views */
+static const double KEPT_GOOD = 0.7; /* of kept ties, from which on they tell enough */
+static const double BAD = 0.2;       /* share of a bad view over that of all and of the views it
+                                         is compared with */
+static const double FEW_OF_BAD = 0.25, GAIN = 0.2; /* share that another pose must gain */
+static const double STRAY = 0.7;                   /* share of a stray over that of all views */
+static const double NEAR = 0.25; /* how unlike a view of a video and the next are at most */
+static const double BETWEEN = 0.25, BETWEEN_LEAST = 0.05; /* off the middle, over the way */
 static const double FAR_APART = 3e-4; /* squared sine of 1 deg, from which on distances are known */
 
 const double cln_exposure_jump = 0.7;
-
-const cln_reading cln_readings[CLN_READINGS] = {
-    {"as given", "", {1, 0, 0, 0, 1, 0, 0, 0, 1}, false},
-    {"with the axes of the other convention",
-     "in a transforms file, axes are OpenGL's (y up, z backwards); if this one has OpenCV's (y "
-     "down, z forward), negate the second and third column of each matrix",
-     {1, 0, 0, 0, -1, 0, 0, 0, -1},
-     false},
-    {"as world-to-camera matrices with OpenCV's axes",
-     "invert each matrix; in a transforms file, whose axes are OpenGL's, then negate its second "
-     "and third column",
-     {1, 0, 0, 0, 1, 0, 0, 0, 1},
-     true},
-    {"as world-to-camera matrices with OpenGL's axes",
-     "invert each matrix; in a file of another format than transforms, then negate its second and "
-     "third column",
-     {1, 0, 0, 0, -1, 0, 0, 0, -1},
-     true},
-    {"of photos upside down", "turn the photos", {-1, 0, 0, 0, -1, 0, 0, 0, 1}, false},
-    {"of photos turned to the left", "turn the photos", {0, -1, 0, 1, 0, 0, 0, 0, 1}, false},
-    {"of photos turned to the right", "turn the photos", {0, 1, 0, -1, 0, 0, 0, 0, 1}, false},
-    {"of mirrored photos", "mirror the photos", {-1, 0, 0, 0, 1, 0, 0, 0, 1}, false},
-};
 
 typedef struct work {
     const cln_scene *scene;
@@ -102,41 +84,11 @@ static bool agrees(const double o1[3], const double d1[3], const double o2[3], c
     return !nearest(b, d1, d2, &s, &t) || (s > 0 && t > 0);
 }
 
-static void read_pose(const cln_reading *reading, const double given[12], double out[12])
-{
-    double turned[12];
-
-    memcpy(turned, given, sizeof turned);
-    if (reading->inverse) {
-        double m[12];
-
-        /* undoes the reader's turn of the matrix's axes, if there was one */
-        for (int i = 0; i < 3; i++)
-            for (int k = 0; k < 4; k++)
-                m[4 * i + k] = given[4 * i + k] * (k < 3 ? reading->axes[4 * k] : 1);
-        for (int i = 0; i < 3; i++) {
-            turned[4 * i + 3] = 0;
-            for (int k = 0; k < 3; k++) {
-                turned[4 * i + k] = m[4 * k + i];
-                turned[4 * i + 3] -= m[4 * k + i] * m[4 * k + 3];
-            }
-        }
-    }
-    for (int i = 0; i < 3; i++) {
-        out[4 * i + 3] = turned[4 * i + 3];
-        for (int k = 0; k < 3; k++) {
-            out[4 * i + k] = 0;
-            for (int j = 0; j < 3; j++)
-                out[4 * i + k] += turned[4 * i + j] * reading->axes[3 * j + k];
-        }
-    }
-}
-
 static cln_camera as_read(const cln_camera *given, const cln_reading *reading, double focal)
 {
     cln_camera c = *given;
 
-    read_pose(reading, given->c2w, c.c2w);
+    cln_reading_pose(reading, given->c2w, c.c2w);
     c.fx *= focal;
     c.fy *= focal;
     return c;
@@ -550,6 +502,88 @@ static int find_strays(const work *w, int strays[STRAYS])
     return count;
 }
 
+/* The share of agreeing ties of the views with which one was compared, its own ties apart. */
+static cln_status share_around(const work *w, int view, double *share)
+{
+    cln_status st = CLN_OK;
+    const cln_agreement *out = w->out;
+    bool *near = NULL;
+    int ties = 0, agreeing = 0;
+
+    CLN_TRY(cln_alloc(&near, (size_t)w->scene->view_count, sizeof *near, "views"));
+    for (int i = 0; i < w->scene->view_count; i++)
+        near[i] = false;
+    for (int i = 0; i < out->pairs; i++)
+        for (int k = 0; k < 2; k++)
+            if (w->pairs[i][k] == view)
+                near[w->pairs[i][1 - k]] = true;
+    for (int i = 0; i < out->tie_count; i++) {
+        const cln_tie *t = &out->ties[i];
+
+        if (t->a == view || t->b == view)
+            continue;
+        ties += near[t->a] + near[t->b];
+        agreeing += t->agrees ? near[t->a] + near[t->b] : 0;
+    }
+    *share = (double)agreeing / (ties + 1);
+done:
+    free(near);
+    return st;
+}
+
+/* Does the pose lie between those of the photos before and after it by name, all near each other,
+ * as in a video? Then it is right, whatever one picture of a swing has in common with others. */
+static bool is_between(const work *w, int view)
+{
+    const cln_view *views = w->scene->views;
+    const double *before = NULL, *after = NULL, *here = camera_of(w, view)->c2w;
+    int sides[2] = {-1, -1};
+
+    for (int i = 0; i < w->scene->view_count; i++) {
+        const int order = cln_natural_compare(views[i].name, views[view].name);
+        int *side = &sides[order > 0];
+        const int nearer = *side < 0 ? 0 : cln_natural_compare(views[i].name, views[*side].name);
+
+        if (order != 0 && (*side < 0 || (order < 0 ? nearer > 0 : nearer < 0)))
+            *side = i;
+    }
+    if (sides[0] < 0 || sides[1] < 0 || unlike(w, sides[0], view) > NEAR ||
+        unlike(w, view, sides[1]) > NEAR)
+        return false;
+    before = camera_of(w, sides[0])->c2w;
+    after = camera_of(w, sides[1])->c2w;
+    for (int k = 0; k < 4; k++) { /* the axes, and the place */
+        double way = 0, off = 0;
+
+        for (int i = 0; i < 12; i += 4) {
+            way += pow(after[i + k] - before[i + k], 2);
+            off += pow(here[i + k] - .5 * (before[i + k] + after[i + k]), 2);
+        }
+        if (sqrt(off) > BETWEEN * sqrt(way) + BETWEEN_LEAST * (k < 3 ? 1 : w->reach))
+            return false;
+    }
+    return true;
+}
+
+/* Do hardly any of a view's ties agree, although it has as many as others, and those of the views
+ * around it do? */
+static cln_status is_bad(const work *w, int view, bool *bad)
+{
+    cln_status st = CLN_OK;
+    const cln_agreement *out = w->out;
+    const cln_agree_view *v = &out->views[view];
+    const double mean = 2.0 * out->tie_count / out->looked_at;
+    double around = 0;
+
+    *bad = v->partners == 0 && v->ties >= fmax(FEWEST_OF_BAD, FEW_OF_BAD * mean);
+    if (*bad)
+        CLN_TRY(share_around(w, view, &around));
+    *bad = *bad && share_of_view(v) < BAD * fmin(out->share, around) && !is_between(w, view) &&
+           is_related(w, view);
+done:
+    return st;
+}
+
 /* A view is bad if hardly any of its ties agree although its photo is related to others; or if its
  * photo fits the pose of another stray and not its own. A neighbour of a bad view has bad ties with
  * it, but good ones with others. */
@@ -569,8 +603,7 @@ static cln_status find_bad(work *w)
         int ties = 0, agreeing = 0;
         double own = 0, best = 0;
 
-        v->bad = v->partners == 0 && v->ties >= FEWEST_OF_BAD && share_of_view(v) < BAD &&
-                 is_related(w, strays[i]);
+        CLN_TRY(is_bad(w, strays[i], &v->bad));
         CLN_TRY(try_pose(w, strays[i], strays[i], &ties, &agreeing));
         own = (double)agreeing / (ties + 1);
         for (int k = 0; k < count; k++) {
@@ -578,7 +611,7 @@ static cln_status find_bad(work *w)
                 continue;
             CLN_TRY(try_pose(w, strays[i], strays[k], &ties, &agreeing));
             if (agreeing >= FEWEST_OF_VIEW &&
-                (double)agreeing / (ties + 1) > fmax(best, own + BAD)) {
+                (double)agreeing / (ties + 1) > fmax(best, own + GAIN)) {
                 best = (double)agreeing / (ties + 1);
                 v->pose_of = strays[k];
             }

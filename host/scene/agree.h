@@ -15,15 +15,23 @@ typedef struct cln_tie {
     bool cut, agrees; /* cut: masks or alpha cut it away */
 } cln_tie;
 
+/* Where a quaternion's w is in the numbers that the pose's was made of, if not where it was read. */
+typedef enum cln_reading_w { CLN_W_IS_RIGHT, CLN_W_IS_LAST, CLN_W_IS_FIRST } cln_reading_w;
+
 /* Other readings of the poses that are tried, besides the given one. */
 typedef struct cln_reading {
     const char *name, *advice;
-    double axes[9]; /* row-major; the camera's axes are turned by it */
-    bool inverse;   /* the matrix is inverted first */
+    double axes[9];  /* row-major; the camera's axes are turned by it */
+    bool inverse;    /* the matrix is inverted first */
+    cln_reading_w w; /* the quaternion's w is moved first */
 } cln_reading;
 
-enum { CLN_READINGS = 8 }; /* the first is the given one */
+enum { CLN_READINGS = 12 }; /* the first is the given one */
 extern const cln_reading cln_readings[CLN_READINGS];
+
+/* The pose that a reading makes of a given one; 3x4, row-major, camera (x right, y down, z forward)
+ * to scene. out is another than given. */
+void cln_reading_pose(const cln_reading *reading, const double given[12], double out[12]);
 
 extern const double cln_exposure_jump; /* stops: views that jump by more may be faulty */
 

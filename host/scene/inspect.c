@@ -35,7 +35,9 @@ static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over t
 static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 static const double COPY = 0.004, FLAT = 0.02;
-static const double COPY_PIXELS = 0.02;                    /* 34 dB; JPEGs of JPEGs have 39 */
+static const double COPY_PIXELS = 0.02;                    /* 34 dB; JPEGs of JPEGs have 39, but */
+static const double SAME_PIXELS = 0.002;                   /* so do photos of one place, by noise */
+static const double STOOD_STILL = 0.02, STOOD_ANGLE = 1;   /* of half the cube; degrees */
 static const double EXPOSURE_RANGE = 0.6;                  /* factors of 2; of an object cut */
 static const double EXPOSURE_RANGE_CUT = 0.8;              /* out: light from one side does much */
 static const double EXPOSURE_TREND = 2;                    /* a jump over those around it */
@@ -255,7 +257,8 @@ static void check_agreement(inspection *in)
         cln_found_fault(in->findings, "poses", true, NULL,
                         "the photos do not fit their poses: only %.0f%% of what two photos show "
                         "lies where both poses put it. Likely names and poses are in different "
-                        "orders, or the poses are those of other photos",
+                        "orders, or the poses are those of other photos, of another frame than "
+                        "the camera's, or made of numbers in another order",
                         100 * a->share);
     else if (!in->posed)
         cln_found_fault(in->findings, "poses", true, NULL,
@@ -716,6 +719,19 @@ static bool same_pose(const cln_scene *scene, int a, int b)
     return true;
 }
 
+/* Is a camera where another one is, as far as poses are exact, and turned alike? */
+static bool stood_still(const cln_scene *scene, int a, int b)
+{
+    const double *m = scene->views[a].camera.c2w, *n = scene->views[b].camera.c2w;
+    const double most = 2 * sin(STOOD_ANGLE * M_PI / 360);
+
+    for (int k = 0; k < 4; k++)
+        if (!(hypot(hypot(m[k] - n[k], m[4 + k] - n[4 + k]), m[8 + k] - n[8 + k]) <=
+              (k < 3 ? most : STOOD_STILL * scene->space.half)))
+            return false;
+    return true;
+}
+
 /* One frame that the val and the test set share, as in many datasets: no copy. */
 static bool in_two_held_out(const cln_view *a, const cln_view *b)
 {
@@ -761,22 +777,25 @@ static bool same_photo(const inspection *in, int a, int b)
 static cln_status check_duplicates(inspection *in)
 {
     cln_status st = CLN_OK;
-    json_t *photos = json_array(), *poses = json_array();
+    json_t *photos = json_array(), *poses = json_array(), *still = json_array();
     char names[512];
-    bool across = false;
+    bool across = false, still_across = false;
 
     for (int i = 0; i < in->scene->view_count; i++) {
         CLN_TRY(cln_tell_work(in->callbacks, NULL, 0, 0));
         for (int k = 0; k < i; k++) {
+            const cln_view *a = &in->scene->views[i], *b = &in->scene->views[k];
             const bool photo = same_photo(in, i, k), pose = same_pose(in->scene, i, k);
-            json_t *list = photo ? photos : poses;
+            const bool noise =
+                photo && stood_still(in->scene, i, k) && pixels_differ(a, b) > SAME_PIXELS;
+            json_t *list = noise ? still : photo ? photos : poses;
 
-            if ((!photo && !pose) || in_two_held_out(&in->scene->views[i], &in->scene->views[k]))
+            if ((!photo && !pose) || in_two_held_out(a, b))
                 continue;
             add_view(list, in, k);
             add_view(list, in, i);
-            across |= (in->scene->views[i].split == CLN_SPLIT_TRAIN) !=
-                      (in->scene->views[k].split == CLN_SPLIT_TRAIN);
+            *(noise ? &still_across : &across) |=
+                (a->split == CLN_SPLIT_TRAIN) != (b->split == CLN_SPLIT_TRAIN);
         }
     }
     if (json_array_size(photos))
@@ -784,6 +803,13 @@ static cln_status check_duplicates(inspection *in)
                         "the same photo more than once: %s. Leave the copies out%s",
                         name_pairs(photos, names, sizeof names),
                         across ? ". One of a pair is held out: its score would be too good" : "");
+    if (json_array_size(still))
+        cln_found_fault(in->findings, "duplicates", false, json_incref(still),
+                        "photos that differ by no more than noise, of one place: %s. The camera "
+                        "stood still there, or they are one photo saved anew: more than one tells "
+                        "nothing new%s",
+                        name_pairs(still, names, sizeof names),
+                        still_across ? ". One of a pair is held out: its score flatters" : "");
     if (json_array_size(poses))
         cln_found_fault(in->findings, "duplicates", true, json_incref(poses),
                         "different photos with the same pose: %s. One of each pair is wrong",
@@ -791,6 +817,7 @@ static cln_status check_duplicates(inspection *in)
 done:
     json_decref(photos);
     json_decref(poses);
+    json_decref(still);
     return st;
 }
 
