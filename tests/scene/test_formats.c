@@ -7,8 +7,6 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "format_fixture.h"
-#include "outcome.h"
-#include "scene/dataset.h"
 #include "tests.h"
 
 /* Compares every view's rays, at the corners and inside, with those of the camera of its number. */
@@ -460,24 +458,6 @@ static void test_points_of_transforms(void **state)
             assert_in_range((long)(1000 * scene->space.half), 2400, 3200);
         cln_scene_free(scene);
     }
-}
-
-/* A point's colour has bytes, whatever the file has. */
-static void test_colours_of_points(void **state)
-{
-    static const uint8_t wanted[2][3] = {{7, 200, 255}, {0, 255, 0}};
-    cln_reader_result result = {0};
-    FILE *f = format_open(*state, "colours.ply");
-
-    fprintf(f, "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
-               "property float z\nproperty short red\nproperty short green\n"
-               "property short blue\nend_header\n1 2 3 7 200 255\n4 5 6 -5 300 0\n");
-    fclose(f);
-    assert_ok(cln_dataset_read_ply(scratch_path(*state, "colours.ply"), &result));
-    assert_int_equal(result.point_count, 2);
-    for (int i = 0; i < 2; i++)
-        assert_memory_equal(result.points[i].rgb, wanted[i], 3);
-    free(result.points);
 }
 
 /* ---- LLFF, NeuS ---- */
@@ -1003,7 +983,6 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_large_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
-        cmocka_unit_test_setup_teardown(test_colours_of_points, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_keys_elsewhere, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
