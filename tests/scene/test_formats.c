@@ -7,8 +7,6 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "format_fixture.h"
-#include "outcome.h"
-#include "scene/dataset.h"
 #include "tests.h"
 
 /* Compares every view's rays, at the corners and inside, with those of the camera of its number. */
@@ -464,24 +462,6 @@ static void test_points_of_transforms(void **state)
     }
 }
 
-/* A point's colour has bytes, whatever the file has. */
-static void test_colours_of_points(void **state)
-{
-    static const uint8_t wanted[2][3] = {{7, 200, 255}, {0, 255, 0}};
-    cln_reader_result result = {0};
-    FILE *f = format_open(*state, "colours.ply");
-
-    fprintf(f, "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
-               "property float z\nproperty short red\nproperty short green\n"
-               "property short blue\nend_header\n1 2 3 7 200 255\n4 5 6 -5 300 0\n");
-    fclose(f);
-    assert_ok(cln_dataset_read_ply(scratch_path(*state, "colours.ply"), &result));
-    assert_int_equal(result.point_count, 2);
-    for (int i = 0; i < 2; i++)
-        assert_memory_equal(result.points[i].rgb, wanted[i], 3);
-    free(result.points);
-}
-
 /* ---- LLFF, NeuS ---- */
 
 static void test_llff(void **state)
@@ -741,7 +721,6 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_large_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
-        cmocka_unit_test_setup_teardown(test_colours_of_points, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_keys_elsewhere, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_format, scratch_make, scratch_remove),
     };

@@ -1,6 +1,7 @@
 /* The choice of a reader for a path, and the sentence if none accepts it: it names the path's
  * contents, what is missing and the remedy. Also scenes whose folder and images have names with a
- * meaning to shells, patterns and JSON: they load, and `info` prints them unchanged. */
+ * meaning to shells, patterns and JSON: they load, and `info` prints them unchanged. And what
+ * becomes of the colours of a PLY file. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -11,6 +12,8 @@
 #include "base/files.h"
 #include "base/settings.h"
 #include "cl_nascent.h"
+#include "outcome.h"
+#include "scene/dataset.h"
 #include "scene/reader.h"
 #include "scene_fixture.h"
 #include "tests.h"
@@ -300,6 +303,26 @@ static void test_documented_example(void **state)
     free(page);
 }
 
+/* A point's colour has bytes, whatever the file has. */
+static void test_colours_of_points(void **state)
+{
+    static const uint8_t wanted[2][3] = {{7, 200, 255}, {0, 255, 0}};
+    cln_reader_result result = {0};
+    const char *path = scratch_path(*state, "colours.ply");
+    FILE *f = fopen(path, "w");
+
+    assert_non_null(f);
+    fprintf(f, "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+               "property float z\nproperty short red\nproperty short green\n"
+               "property short blue\nend_header\n1 2 3 7 200 255\n4 5 6 -5 300 0\n");
+    fclose(f);
+    assert_ok(cln_dataset_read_ply(path, &result));
+    assert_int_equal(result.point_count, 2);
+    for (int i = 0; i < 2; i++)
+        assert_memory_equal(result.points[i].rgb, wanted[i], 3);
+    free(result.points);
+}
+
 int test_group_readers(void)
 {
     const struct CMUnitTest tests[] = {
@@ -308,6 +331,7 @@ int test_group_readers(void)
         cmocka_unit_test_setup_teardown(test_odd_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_name_not_utf8, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_documented_example, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_colours_of_points, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("readers", tests, NULL, NULL);

@@ -542,10 +542,24 @@ RETURNS(clEnqueueFillBuffer,
 RETURNS(clEnqueueMarkerWithWaitList,
         (cl_command_queue queue, cl_uint count, const cl_event *events, cl_event *event),
         (queue, count, events, event), CL_OUT_OF_RESOURCES)
-RETURNS(clWaitForEvents, (cl_uint count, const cl_event *events), (count, events),
-        CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST)
-RETURNS(clFinish, (cl_command_queue queue), (queue), CL_OUT_OF_RESOURCES)
 RETURNS(clFlush, (cl_command_queue queue), (queue), CL_OUT_OF_RESOURCES)
+
+/* These fail once the device has ended, as it goes on in fact: before, it might still read what the
+ * program frees next. */
+#define WAITS(name, list, args, code)         \
+    CL_API_ENTRY cl_int CL_API_CALL name list \
+    {                                         \
+        const bool faulty = FAILS(DEVICE);    \
+        cl_int done = CL_SUCCESS;             \
+                                              \
+        REAL(name);                           \
+        done = real args;                     \
+        return faulty ? (code) : done;        \
+    }
+
+WAITS(clWaitForEvents, (cl_uint count, const cl_event *events), (count, events),
+      CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST)
+WAITS(clFinish, (cl_command_queue queue), (queue), CL_OUT_OF_RESOURCES)
 MAKES(cl_context, clCreateContext,
       (const cl_context_properties *properties, cl_uint count, const cl_device_id *devices,
        void (*notify)(const char *, const void *, size_t, void *), void *user, cl_int *status),
