@@ -602,7 +602,7 @@ static void test_bounds(void **state)
     check_bounds(folder, CLN_SPACE_AUTO, "0,0,0,2,2,2", "", apart, (double[3]){1, 1, 1}, 1,
                  "--bbox");
     check_bounds(folder, CLN_SPACE_AUTO, "", "", parallel, (double[3]){1, 0, 0}, 4, "in parallel");
-    /* Half a width of 4 pixels at a focal length of 2 is 2 off the axis, by this lens 115 degrees. */
+    /* Half the height, 4 pixels, is 2 focal lengths off the axis: by this lens 115 degrees. */
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"camera_model\":\"FISHEYE\",\"fl_y\":2,", parallel,
                  (double[3]){1, 0, 0}, 4, "in parallel; --bbox sets a better one; and a shell");
     /* One camera gives no scale. */
