@@ -189,6 +189,238 @@ static void test_faulty_neighbours(void **state)
     assert_int_equal(first, 4);
 }
 
+/* ---- poses ---- */
+
+enum { SEEN_WIDE = 96, SEEN_HIGH = 64, SEEN_MOST = 24 };
+
+/* Photos of a painted wall at z = 1 as their cameras see it, each way that these are turned. */
+typedef struct seen {
+    cln_scene scene;
+    cln_view views[SEEN_MOST];
+    char names[SEEN_MOST][8];
+    uint8_t pixels[SEEN_MOST][SEEN_WIDE * SEEN_HIGH * 3];
+} seen;
+
+/* r = R(x) R(y) R(z), angles in radians about the camera's axes. */
+static void turned(const double angles[3], double c2w[12])
+{
+    double r[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+
+    for (int a = 0; a < 3; a++) {
+        const int i = (a + 1) % 3, k = (a + 2) % 3;
+        const double c = cos(angles[a]), s = sin(angles[a]);
+
+        for (int row = 0; row < 9; row += 3) {
+            const double one = r[row + i], other = r[row + k];
+
+            r[row + i] = c * one + s * other;
+            r[row + k] = c * other - s * one;
+        }
+    }
+    for (int i = 0; i < 9; i++)
+        c2w[4 * (i / 3) + i % 3] = r[i];
+}
+
+static void see(seen *s, int view)
+{
+    const cln_camera *c = &s->views[view].camera;
+
+    for (int p = 0; p < SEEN_WIDE * SEEN_HIGH; p++) {
+        const double u = (p % SEEN_WIDE + .5 - c->cx) / c->fx,
+                     v = (p / SEEN_WIDE + .5 - c->cy) / c->fy;
+        double d[3], at[2];
+
+        for (int i = 0; i < 3; i++)
+            d[i] = c->c2w[4 * i] * u + c->c2w[4 * i + 1] * v + c->c2w[4 * i + 2];
+        for (int i = 0; i < 2; i++)
+            at[i] = 1000 + 24 * (c->c2w[4 * i + 3] + d[i] / d[2] * (1 - c->c2w[11]));
+        memset(s->pixels[view] + 3 * p,
+               (int)(60 + 150 * cln_uniform_hash(3, 1, 0, (uint32_t)at[1], 0, (uint32_t)at[0])), 3);
+    }
+}
+
+/* A row of `count` cameras, `step` apart, turned by up to `turn` radians about each axis. */
+static seen *make_seen(int count, double step, double turn)
+{
+    seen *s = calloc(1, sizeof *s);
+
+    assert_non_null(s);
+    s->scene = (cln_scene){.views = s->views,
+                           .view_count = count,
+                           .folder = "photos",
+                           .bounds_rule = "a test",
+                           .cube_share = 1,
+                           .apart_share = NAN,
+                           .space = cln_space_unit};
+    for (int i = 0; i < count; i++) {
+        cln_view *view = &s->views[i];
+        double angles[3];
+
+        for (int a = 0; a < 3; a++)
+            angles[a] = turn * (2 * cln_uniform_hash(5, 1, 0, (uint32_t)i, 0, (uint32_t)a) - 1);
+        view->camera = (cln_camera){.width = SEEN_WIDE,
+                                    .height = SEEN_HIGH,
+                                    .fx = SEEN_WIDE,
+                                    .fy = SEEN_WIDE,
+                                    .cx = SEEN_WIDE / 2.0,
+                                    .cy = SEEN_HIGH / 2.0};
+        turned(angles, view->camera.c2w);
+        view->camera.c2w[3] = step * i;
+        view->camera.c2w[7] = 0.05 * (i % 3);
+        snprintf(s->names[i], sizeof s->names[i], "%d", i);
+        view->name = view->path = s->names[i];
+        view->channels = 3;
+        view->pixels = s->pixels[i];
+        see(s, i);
+    }
+    return s;
+}
+
+/* The text of the first finding of that word, or ""; *fault: is it one? */
+static char *told_of(const seen *s, const char *what, bool *fault)
+{
+    json_t *all = NULL, *findings = NULL;
+    char *text = NULL;
+
+    *fault = false;
+    assert_int_equal(cln_scene_inspect(&s->scene, NULL, &all), CLN_OK);
+    findings = json_object_get(all, "findings");
+    for (size_t i = 0; !text && i < json_array_size(findings); i++) {
+        const json_t *one = json_array_get(findings, i);
+
+        if (strcmp(json_string_value(json_object_get(one, "what")), what) != 0)
+            continue;
+        *fault = json_is_true(json_object_get(one, "likely_fault"));
+        text = strdup(json_string_value(json_object_get(one, "text")));
+    }
+    json_decref(all);
+    return text ? text : strdup("");
+}
+
+/* The turn of a quaternion (w, x, y, z), column by column: q e q*, e an axis. */
+static void turn_of(const double q[4], double c2w[12])
+{
+    for (int k = 0; k < 3; k++) {
+        double e[3] = {k == 0, k == 1, k == 2}, once[3], twice[3];
+
+        for (int i = 0; i < 3; i++)
+            once[i] = q[1 + (i + 1) % 3] * e[(i + 2) % 3] - q[1 + (i + 2) % 3] * e[(i + 1) % 3];
+        for (int i = 0; i < 3; i++)
+            twice[i] =
+                q[1 + (i + 1) % 3] * once[(i + 2) % 3] - q[1 + (i + 2) % 3] * once[(i + 1) % 3];
+        for (int i = 0; i < 3; i++)
+            c2w[4 * i + k] = e[i] + 2 * q[0] * once[i] + 2 * twice[i];
+    }
+}
+
+/* Poses of quaternions whose numbers are moved up or down a place are found again, whichever is
+ * the largest. */
+static void test_moved_w(void **state)
+{
+    static const double four[4] = {0.1, -0.3, 0.5, 0.806225774829855};
+
+    (void)state;
+    for (int first = 0; first < 4; first++)
+        for (int sign = -1; sign <= 1; sign += 2) {
+            double q[4], up[4], down[4], right[12] = {0}, given[12] = {0}, got[12];
+
+            for (int i = 0; i < 4; i++)
+                q[i] = (i == 2 ? sign : 1) * four[(first + i) % 4];
+            for (int i = 0; i < 4; i++) {
+                up[(i + 1) % 4] = q[i];
+                down[i] = q[(i + 1) % 4];
+            }
+            turn_of(q, right);
+            right[3] = given[3] = 7;
+            right[11] = given[11] = -2;
+            turn_of(down, given); /* as x y z w that are taken for w x y z */
+            cln_reading_pose(&cln_readings[10], given, got);
+            for (int i = 0; i < 12; i++)
+                assert_true(fabs(got[i] - right[i]) < 1e-12);
+            turn_of(up, given);
+            cln_reading_pose(&cln_readings[11], given, got);
+            for (int i = 0; i < 12; i++)
+                assert_true(fabs(got[i] - right[i]) < 1e-12);
+        }
+}
+
+/* Mistakes of those who write poses of a robot, and what check says of them. */
+static void test_robots_poses(void **state)
+{
+    /* body: the camera's columns are, with a sign, these of the matrix; w: places that it moves */
+    static const struct {
+        int body[3], w;
+        const char *text;
+    } cases[] = {
+        {{3, -1, -2}, 0, "a robot's body (x forward, y left, z up"}, /* forward, left, up */
+        {{3, 1, 2}, 0, "a robot's body (x forward, y left, z up"},   /* turned as OpenGL's are */
+        {{1, 2, 3}, 1, "read with w first, and have it last"},
+        {{1, 2, 3}, -1, "read with w last, and have it first"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        seen *s = make_seen(12, 0.08, 0.3);
+        char *text = NULL;
+        bool fault = false;
+
+        for (int k = 0; k < s->scene.view_count; k++) {
+            double *m = s->views[k].camera.c2w, was[12];
+
+            memcpy(was, m, sizeof was);
+            for (int row = 0; row < 12; row += 4)
+                for (int a = 0; a < 3; a++)
+                    m[row + a] =
+                        was[row + abs(cases[i].body[a]) - 1] * (cases[i].body[a] < 0 ? -1 : 1);
+            if (cases[i].w) { /* the other reading undoes what this one does */
+                memcpy(was, m, sizeof was);
+                cln_reading_pose(&cln_readings[cases[i].w > 0 ? 11 : 10], was, m);
+            }
+        }
+        text = told_of(s, "axes", &fault);
+        if (!fault || !strstr(text, cases[i].text))
+            fail_msg("case %zu: '%s'", i, text);
+        free(text);
+        free(s);
+    }
+}
+
+/* A photo that does not fit its pose is a fault if the pose is none of a video, between those
+ * before and after it, and if it has as many marks as others. */
+static void test_bad_pose(void **state)
+{
+    enum { COUNT = 24, ODD = 12 };
+    static const struct {
+        double shown, posed; /* how far down the photo was taken, and is by its pose */
+        int kept;            /* rows of the photo with something to see */
+        bool fault;
+    } cases[] = {
+        {0.2, -0.2, SEEN_HIGH, true},
+        {0.2, 0, SEEN_HIGH, false},
+        {0.2, -0.2, 16, false},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        seen *s = make_seen(COUNT, 0.03, 0);
+        char *text = NULL;
+        bool fault = false;
+
+        for (int k = 0; k < COUNT; k++) {
+            s->views[k].camera.c2w[7] = k == ODD ? cases[i].shown : 0;
+            see(s, k);
+        }
+        s->views[ODD].camera.c2w[7] = cases[i].posed;
+        memset(s->pixels[ODD] + 3 * cases[i].kept * SEEN_WIDE, 128,
+               (size_t)(3 * (SEEN_HIGH - cases[i].kept) * SEEN_WIDE));
+        text = told_of(s, "pose", &fault);
+        if (fault != cases[i].fault || (fault && !strstr(text, "poses: 12;")))
+            fail_msg("case %zu: '%s'", i, text);
+        free(text);
+        free(s);
+    }
+}
+
 int test_group_agree(void)
 {
     const struct CMUnitTest tests[] = {
@@ -196,6 +428,9 @@ int test_group_agree(void)
         cmocka_unit_test(test_pairs_once),
         cmocka_unit_test(test_light_that_fades),
         cmocka_unit_test(test_faulty_neighbours),
+        cmocka_unit_test(test_moved_w),
+        cmocka_unit_test(test_robots_poses),
+        cmocka_unit_test(test_bad_pose),
     };
 
     return cmocka_run_group_tests_name("agree", tests, NULL, NULL);

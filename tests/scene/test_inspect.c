@@ -188,6 +188,34 @@ static void test_copies(void **state)
     }
 }
 
+/* A camera that stood still takes photos that differ by noise: no fault, nor are those of one place
+ * that are one photo; copies are one, and photos that are alike far apart. */
+static void test_stood_still(void **state)
+{
+    static const struct {
+        double way; /* half sides */
+        int noise;  /* grey levels, of one side or the other */
+        bool fault;
+    } cases[] = {{0.01, 3, false}, {0, 3, false}, {0.01, 0, true}, {0.1, 3, true}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        wall *w = make_wall(6);
+        const json_t *found = NULL;
+
+        copy_view(w, 2, 3, false);
+        w->views[3].camera.c2w[3] += cases[i].way * w->scene.space.half;
+        for (int p = 0; p < WIDE * HIGH; p++)
+            memset(w->pixels[3] + 3 * p,
+                   w->pixels[2][3 * p] + (p * 7 / 5 % 2 ? 1 : -1) * cases[i].noise, 3);
+        found = inspect(w, "duplicates");
+        if (!found || json_is_true(json_object_get(found, "likely_fault")) != cases[i].fault ||
+            !strstr(text_of(found), cases[i].fault ? "Leave the copies out" : "stood still there"))
+            fail_msg("case %zu: '%s'", i, text_of(found));
+        free_wall(w);
+    }
+}
+
 /* ---- the cube ---- */
 
 /* The photos show -0.5 to 1.42, and a third to either side in height; two of them most of that. */
@@ -486,7 +514,7 @@ int test_group_inspect(void)
         cmocka_unit_test(test_inside),        cmocka_unit_test(test_nothing_to_compare),
         cmocka_unit_test(test_cameras_apart), cmocka_unit_test(test_masks_without_effect),
         cmocka_unit_test(test_backdrop),      cmocka_unit_test(test_no_backdrop),
-        cmocka_unit_test(test_stopped),
+        cmocka_unit_test(test_stopped),       cmocka_unit_test(test_stood_still),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
