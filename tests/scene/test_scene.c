@@ -295,6 +295,9 @@ static void test_holdout(void **state)
     char json[8192] = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[";
     cln_config config = default_config();
     cln_scene *scene = NULL;
+    /* of r_0, r_1 ...: 1 + number by name modulo 8 */
+    static const int fold_of[17] = {1, 2, 2, 3, 4, 5, 6, 7, 8, 1, 3, 4, 5, 6, 7, 8, 1};
+    int folds[17] = {0};
 
     for (int i = 16; i >= 0; i--) {
         char name[32], frame[256];
@@ -314,8 +317,22 @@ static void test_holdout(void **state)
     assert_string_equal(scene->views[14].name, "r_0.png");
     assert_string_equal(scene->views[15].name, "r_9.png");
     assert_string_equal(scene->views[16].name, "r_16.png");
-    assert_non_null(strstr(scene->split_rule, "1 in 8"));
+    assert_non_null(strstr(scene->split_rule, "1 in 8 images by name, from the first, is test"));
     cln_scene_free(scene);
+    for (config.holdout_from = 0; config.holdout_from < 8; config.holdout_from++) { /* folds */
+        scene = load(folder, &config);
+        for (int i = 0; i < 17; i++)
+            if (scene->views[i].split == CLN_SPLIT_TEST)
+                folds[atoi(scene->views[i].name + 2)] += config.holdout_from + 1;
+        cln_scene_free(scene);
+    }
+    for (int i = 0; i < 17; i++)
+        assert_int_equal(folds[i], fold_of[i]);
+    config.holdout_from = 3;
+    scene = load(folder, &config);
+    assert_non_null(strstr(scene->split_rule, "from number 3 on (the first is 0)"));
+    cln_scene_free(scene);
+    config.holdout_from = 0;
     config.holdout = 0;
     scene = load(folder, &config);
     assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TRAIN), 17);
@@ -828,8 +845,9 @@ static void test_describe(void **state)
     cln_scene_free(scene);
 }
 
-/* How many rows `info` has for three cameras, the second of which differs by `by` pixels. */
-static size_t rows_of_intrinsics(const char *folder, double by)
+/* How many rows `info` has for three cameras, one of which differs by `by` pixels. The first is of
+ * the test view, which comes last. */
+static size_t rows_of_intrinsics(const char *folder, int which, double by)
 {
     static const char *const poses[3] = {POSE_FRONT, POSE_SIDE, POSE_FRONT};
     char json[2048] = "{\"frames\":[";
@@ -843,7 +861,7 @@ static size_t rows_of_intrinsics(const char *folder, double by)
         snprintf(json + used, sizeof json - used,
                  "%s{\"file_path\":\"%d.png\",\"fl_x\":%.9g,\"cx\":%.9g,"
                  "\"transform_matrix\":%s}",
-                 i ? "," : "", i, 9 + (i == 1) * by, 4 - (i == 1) * by, poses[i]);
+                 i ? "," : "", i, 9 + (i == which) * by, 4 - (i == which) * by, poses[i]);
     }
     strcat(json, "]}");
     put_text(folder, "transforms.json", json);
@@ -865,9 +883,10 @@ static void test_rows_of_intrinsics(void **state)
         snprintf(name, sizeof name, "%d.png", i);
         put_image(folder, name, 8, 6, 3, i);
     }
-    assert_int_equal(rows_of_intrinsics(folder, 0), 1);
-    assert_int_equal(rows_of_intrinsics(folder, 0.004), 1);
-    assert_int_equal(rows_of_intrinsics(folder, 0.02), 2);
+    assert_int_equal(rows_of_intrinsics(folder, 1, 0), 1);
+    assert_int_equal(rows_of_intrinsics(folder, 1, 0.004), 1);
+    for (int which = 0; which < 3; which++) /* 2: the first row's come again behind it */
+        assert_int_equal(rows_of_intrinsics(folder, which, 0.02), 2);
 }
 
 int test_group_scene(void)
