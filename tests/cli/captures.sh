@@ -322,8 +322,9 @@ section_frames() {
     check "an orbit of two frames renders both" [ "$(json rendered)$(json skipped)" = 20 ]
     expect "train on" 0 "" "$cln" train --resume "$work/longer" --skip-selftest --progress none \
         --steps +4
-    expect "render again: the newer model's, and says so" 0 "~another.model" \
-        "$cln" render "$work/longer" --orbit 2 --json
+    expect "render again: refused, and says why" 7 "~another.model --overwrite" \
+        "$cln" render "$work/longer" --orbit 2
+    expect "the newer model's" 0 "" "$cln" render "$work/longer" --orbit 2 --overwrite --json
     check "a newer model's orbit renders both frames again" \
         [ "$(json rendered)$(json skipped)" = 20 ]
     expect "once more" 0 "" "$cln" render "$work/longer" --orbit 2 --json
@@ -856,8 +857,13 @@ the cube" \
     expect "info" 0 "" "$cln" info "$run" --json
     check "info names the checkpoint's space" [ "$(json checkpoint.space)" = shell ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/street.ply" --count 1000
-    expect "a mesh of what is in the cube" 0 "~beyond.the.cube.*left.out" \
-        "$cln" export "$run" --mesh "$work/street-mesh.ply"
+    expect "a mesh of what is in the cube, and the way to more" 0 \
+        "~faces.of.the.cube ~beyond.the.cube.*left.out ~--bbox ~check" \
+        "$cln" export "$run" --mesh "$work/street-mesh.ply" --json
+    check "its document says so, too" [ "$(json beyond_left_out)" = true ]
+    expect "a part of it that ends nowhere near" 0 "~beyond.the.cube.*left.out" \
+        "$cln" export "$run" --mesh "$work/street-part.ply" --crop=-0.4,-0.4,-0.4,0.4,0.4,0.4
+    check "without a warning" eval '! said "faces.of.the.cube"'
     expect "boxes of leaves have no meaning" 2 "boxes --mesh" \
         "$cln" export "$run" --octree "$work/tree.ply"
     expect "nor has a grid" 2 "boxes --mesh" "$cln" export "$run" --volume "$work/volume.npy"
@@ -952,6 +958,43 @@ section_objects() {
         "$work/objects bare" --masks alpha
 }
 
+# size_of PNG: its width and height
+size_of() {
+    od -An -j16 -N8 -tu1 "$1" | awk '{ print 256 * $3 + $4, 256 * $7 + $8 }'
+}
+
+# A phone's photos as it stores them, upright and not: whatever their EXIF data turn, up is up, and
+# what people are shown stands. Files of the photos' own views stay as these are stored.
+section_phone() {
+    local run="$work/phone run"
+
+    "$make_scene" "$work/phone" --format nerfstudio --size 48 --train 12 --test 2 --held 6681 \
+        >/dev/null || bad "make-scene"
+    expect "a phone's photos" 0 "" "$cln" train "$work/phone" -o "$run" "${small[@]}"
+    check "their scene stands, within a degree" \
+        number_above "$("$query" orbit.up.2 <"$run/run.json")" 0.99985
+    expect "an orbit" 0 "" "$cln" render "$run" --orbit 1 -o "$work/phone orbit"
+    check "it stands as most of the photos" \
+        [ "$(size_of "$work/phone orbit/orbit_0000.png")" = "36 48" ]
+    expect "a test view" 0 "" "$cln" render "$run" --split test --max-images 1 -o "$work/phone test"
+    check "it lies as its photo is stored" \
+        [ "$(size_of "$work/phone test/images_frame_00013.png")" = "48 36" ]
+    expect "its quality" 0 "" "$cln" eval "$run" --json
+    check "its pictures are told to be turned" [ "$(json images.0.turn)" = 6 ]
+    check "in the report they are" grep -q '<img width=36 height=48 alt="render' "$run/report.html"
+    expect "check" 0 "" "$cln" check "$work/phone" --probe 0 -o "$work/page.html"
+    check "it tells what is up" grep -q "stored, .*; what is up goes by these data" \
+        "$work/page.html"
+    check "its page shows photos as people see them" eval \
+        'grep -q "<img width=36 height=48" "$work/page.html" &&
+        grep -q "<img width=48 height=36" "$work/page.html"'
+    expect "a spiral" 0 "" "$cln" render "$run" --spiral 2 -o "$work/phone spiral"
+    mv "$work/phone" "$work/phone away"
+    expect "a spiral without the photos" 0 "" "$cln" render "$run" --spiral 2 \
+        -o "$work/phone spiral alone"
+    check "is the same, bit by bit" diff -r "$work/phone spiral" "$work/phone spiral alone"
+}
+
 every="missing splits measured wide moved second orbit frames evals disk doubts nadir check depth"
-every+=" sparse forward beyond masks objects"
+every+=" sparse forward beyond masks objects phone"
 run_sections "$every" "$@"
