@@ -15,7 +15,7 @@ typedef struct cln_tie {
     bool cut, agrees; /* cut: masks or alpha cut it away */
 } cln_tie;
 
-/* Where a quaternion's w is in the numbers that the pose's was made of, if not where it was read. */
+/* Where a quaternion's w is in the numbers that a pose was made of, if not where it was read. */
 typedef enum cln_reading_w { CLN_W_IS_RIGHT, CLN_W_IS_LAST, CLN_W_IS_FIRST } cln_reading_w;
 
 /* Other readings of the poses that are tried, besides the given one. */

@@ -257,8 +257,8 @@ static void check_agreement(inspection *in)
         cln_found_fault(in->findings, "poses", true, NULL,
                         "the photos do not fit their poses: only %.0f%% of what two photos show "
                         "lies where both poses put it. Likely names and poses are in different "
-                        "orders, or the poses are those of other photos, of another frame than "
-                        "the camera's, or made of numbers in another order",
+                        "orders, or the poses are those of other photos or of another thing than "
+                        "the camera, or quaternions were read in a wrong order",
                         100 * a->share);
     else if (!in->posed)
         cln_found_fault(in->findings, "poses", true, NULL,
