@@ -112,6 +112,7 @@ part "command line" tests/cli/cli.sh
 part devices tests/device/devices.sh -q
 part "unit: kernels" groups build/tests kernels
 part captures tests/cli/captures.sh
+part check tests/cli/check.sh
 part poses tests/cli/poses.sh
 # without the tests that build many kernels: they run the same host code
 part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"

@@ -137,7 +137,7 @@ noticed_by() {
         notices 900 make --no-print-directory grind && by=grind
         return
     fi
-    for script in cli training tune captures poses first_hour odd_places view; do
+    for script in cli training tune captures check poses first_hour odd_places view; do
         may_spend || return
         notices 600 "tests/cli/$script.sh" && by=$script.sh && return
     done

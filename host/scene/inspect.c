@@ -1,5 +1,5 @@
 /* The findings of inspect.h: measures against bounds, and sentences. A bound lies between the
- * values of sound captures and of those with the fault (tests/cli/captures.sh plants faults). If
+ * values of sound captures and of those with the fault (tests/cli/check.sh plants faults). If
  * photos and poses can be compared (agree.h), that decides: a finding by the poses alone is taken
  * back if the photos agree with them. */
 #include "scene/inspect.h"
