@@ -195,13 +195,16 @@ static json_t *describe(const cln_render_job *j)
     }
     if (about && cln_up_given(d->up))
         json_object_set_new(about, "up", json_pack("[f,f,f]", d->up[0], d->up[1], d->up[2]));
+    if (about && (d->first_frame > 0 || d->frame_count > 0))
+        json_object_set_new(about, "range",
+                            json_pack("[i,i]", d->first_frame, d->first_frame + j->count - 1));
     if (about && d->poses)
         json_object_set_new(about, "file", json_string(d->poses));
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))
         json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
     if (about && strcmp(j->cameras.poses, "orbit") == 0)
         json_object_set_new(about, "orbit",
-                            json_pack("{s:i, s:o, s:f, s:b, s:i, s:i, s:f}", "frames", j->count,
+                            json_pack("{s:i, s:o, s:f, s:b, s:i, s:i, s:f}", "frames", d->orbit_frames,
                                       "elevation", cln_json_real(d->orbit_elevation), "radius",
                                       d->orbit_radius, "circle", d->orbit_circle, "width",
                                       j->frames[0].camera.width, "height",

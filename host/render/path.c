@@ -220,6 +220,12 @@ static cln_camera lens_of(const cln_frames *keys)
     return c;
 }
 
+/* The shorter one: of keys of another shape as much is seen along it, by square pixels. */
+static double side_of(const cln_camera *c)
+{
+    return c->width < c->height ? c->width : c->height;
+}
+
 cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit_frame *around,
                               cln_frames *out)
 {
@@ -249,8 +255,8 @@ cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit
         b = &from->frame[segment + 1].camera;
         u = (at - keys[segment].at) / (keys[segment + 1].at - keys[segment].at);
         *c = lens_of(from);
-        c->fx = c->width * ((1 - u) * a->fx / a->width + u * b->fx / b->width);
-        c->fy = c->height * ((1 - u) * a->fy / a->height + u * b->fy / b->height);
+        c->fx = side_of(c) * ((1 - u) * a->fx / side_of(a) + u * b->fx / side_of(b));
+        c->fy = side_of(c) * ((1 - u) * a->fy / side_of(a) + u * b->fy / side_of(b));
         pose_at(&keys[segment], &keys[segment + 1], at, around, c->c2w);
         CLN_TRY(cln_asprintf(&out->frame[i].name, "path_%04d", i));
     }

@@ -324,6 +324,19 @@ static void test_through(void **state)
     }
     assert_string_equal(f.frame[40].name, "path_0040");
     cln_frames_free(&f);
+    for (int i = 0; i < KEYS; i++) { /* photos that lie and that stand: one lens, square pixels */
+        keys[i].camera.width = i % 2 ? 24 : 32;
+        keys[i].camera.height = i % 2 ? 32 : 24;
+        keys[i].camera.fx = keys[i].camera.fy = 50;
+    }
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    for (int i = 0; i < COUNT; i++) {
+        const cln_camera *c = &f.frame[i].camera;
+
+        assert_true(c->width == 32 && c->height == 24);
+        assert_true(fabs(c->fx - 50) < 1e-9 && fabs(c->fy - 50) < 1e-9);
+    }
+    cln_frames_free(&f);
     keys[2].camera = keys[1].camera;
     assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++)
