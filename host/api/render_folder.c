@@ -82,7 +82,8 @@ static cln_status has_whole_file(const cln_render_job *j, const cln_render_frame
     if (*there && picture)
         *there = cln_image_check_ends(path) == CLN_OK;
     else if (*there)
-        *there = (double)about.st_size >= values * sizeof(float) * (file == NORMAL_NPY ? 3 : 1);
+        *there = (double)about.st_size >= (file == DEPTH_PFM ? 0 : CLN_NPY_HEAD) +
+                                              values * sizeof(float) * (file == NORMAL_NPY ? 3 : 1);
     cln_clear_error();
 done:
     free(path);
@@ -203,12 +204,12 @@ static json_t *describe(const cln_render_job *j)
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))
         json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
     if (about && strcmp(j->cameras.poses, "orbit") == 0)
-        json_object_set_new(about, "orbit",
-                            json_pack("{s:i, s:o, s:f, s:b, s:i, s:i, s:f}", "frames", d->orbit_frames,
-                                      "elevation", cln_json_real(d->orbit_elevation), "radius",
-                                      d->orbit_radius, "circle", d->orbit_circle, "width",
-                                      j->frames[0].camera.width, "height",
-                                      j->frames[0].camera.height, "fx", j->frames[0].camera.fx));
+        json_object_set_new(
+            about, "orbit",
+            json_pack("{s:i, s:o, s:f, s:b, s:i, s:i, s:f}", "frames", d->orbit_frames, "elevation",
+                      cln_json_real(d->orbit_elevation), "radius", d->orbit_radius, "circle",
+                      d->orbit_circle, "width", j->frames[0].camera.width, "height",
+                      j->frames[0].camera.height, "fx", j->frames[0].camera.fx));
     return about;
 }
 

@@ -43,8 +43,10 @@ static cln_status read_range(const char *text, cln_render_desc *out)
     if (!text)
         return CLN_OK;
     first = last = strtol(text, &end, 10);
-    if (*end == '-') {
-        open = !end[1];
+    if (*end == '-' && !end[1]) {
+        open = true;
+        end++;
+    } else if (*end == '-' && isdigit((unsigned char)end[1])) {
         last = strtol(end + 1, &end, 10);
     }
     if (*end || !isdigit((unsigned char)*text) || (!open && last < first) || first > INT_MAX - 1 ||

@@ -235,7 +235,7 @@ const cln_arg cln_args[] = {
          "orbit, spiral: horizontal field of view; 0 = that of the training images, along the "
          "shorter side of the picture", .standard = "0"),
     TEXT(CLN_RENDER, "frames", frame_range, "A-B",
-         "only these of all the frames, as their names count them, from 0; A- = to the last one"),
+         "only these of all the frames, counted from 0 as they are listed; A- = to the last one"),
     FLAG(CLN_RENDER, "transparent", transparent,
          "NAME.png with alpha, straight: colours without the background; of films .mov (ProRes "
          "4444) and .webm (VP9)"),

@@ -157,7 +157,7 @@ static cln_status tell_loose(const cln_surface *surface)
     cln_format_count((double)parts.left_out, triangles);
     cln_format_count((double)surface->faces, all);
     cln_info("the surface has %s loose piece%s beside the largest, with %s of its %s triangles "
-             "(%.2g %%): --largest leaves %s out",
+             "(%.3g %%): --largest leaves %s out",
              pieces, cln_plural((double)parts.parts - 1, "", "s"), triangles, all,
              100.0 * (double)parts.left_out / (double)surface->faces,
              cln_plural((double)parts.parts - 1, "it", "them"));

@@ -7,6 +7,7 @@
 #include "base/files.h"
 
 #define CLN_NPY_MAX_BYTES ((size_t)1 << 31) /* of data */
+#define CLN_NPY_HEAD      128               /* bytes before the data, as it is written here */
 
 /* Writes shape[dims] float32, atomically. */
 cln_status cln_npy_write_f32(const char *path, int dims, const int *shape, const float *data);

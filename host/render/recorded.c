@@ -254,6 +254,9 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
                                   ((resumes || !given->path) && !divides_each(dataset))))
         config.downscale = (int)json_integer_value(json_object_get(dataset, "downscale"));
     desc.config = &config;
+    /* nor which masks are found; null: it had none */
+    desc.without_masks =
+        (resumes || !given->path) && json_is_null(json_object_get(dataset, "masks"));
     desc.keep_alpha = json_is_true(json_object_get(dataset, "alpha"));
     if (json_is_false(json_object_get(dataset, "alpha")) && text_of(dataset, "digest"))
         desc.opaque_digest = strtoull(text_of(dataset, "digest"), NULL, 16);

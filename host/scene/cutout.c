@@ -13,6 +13,7 @@
 #include <string.h>
 #include "base/callbacks.h"
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/image.h"
@@ -274,6 +275,21 @@ static void take_as_alpha(cln_scene *scene)
     }
 }
 
+static void drop_masks(cln_scene *scene)
+{
+    int dropped = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        dropped += scene->views[i].mask_path != NULL;
+        free(scene->views[i].mask_path);
+        scene->views[i].mask_path = NULL;
+    }
+    if (dropped)
+        cln_warn("%s: the run began without masks, so those of %d image%s are not read; a new run "
+                 "has them",
+                 scene->folder, dropped, cln_plural(dropped, "", "s"));
+}
+
 cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc)
 {
     cln_status st = CLN_OK;
@@ -282,6 +298,8 @@ cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc)
     const char *why = NULL;
     int masks = 0;
 
+    if (desc->without_masks)
+        drop_masks(scene);
     for (int i = 0; i < scene->view_count; i++) {
         masks += is_mask(&scene->views[i]);
         scene->mask_count += scene->views[i].mask_path != NULL;

@@ -6,7 +6,7 @@
  *   masks/STEM_mask.ENDING  Metashape's export
  *   STEM_mask.ENDING  OpenDroneMap, beside the photo: "Using Image Masks" of its documentation
  *                     ("Color in black the areas to exclude")
- * The folder may be called mask, too, both in any case. Two photos never share a mask. */
+ * The folder may be called mask, too, both in any case; in it, two photos never share a mask. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -151,6 +151,8 @@ static cln_status find_folder(const char *scene, const char *images, char **out)
     CLN_TRY(find_called(scene, out));
     CLN_TRY(cln_path_absolute(&beside, images));
     CLN_TRY(cln_path_absolute(&whole, scene));
+    if (strcmp(beside, whole) == 0) /* what is beside a scene is not the scene's */
+        goto done;
     slash = strrchr(beside, '/');
     if (slash && slash > beside)
         *slash = 0;

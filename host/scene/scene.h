@@ -164,6 +164,7 @@ typedef struct cln_scene_desc {
     bool unseen;              /* no error if no camera sees the cube */
     bool measured;            /* its views are only measured: nor if there is no training view, but
                                  all count as such until cln_scene_return_splits */
+    bool without_masks;       /* those that there are do not count, which is said */
     bool keep_alpha;          /* photos that are opaque everywhere keep their alpha, too */
     uint64_t opaque_digest;   /* of the scene when its photos were found to be opaque: they are not
                                  looked at again if they still are the same; 0: not known */

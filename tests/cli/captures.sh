@@ -653,6 +653,7 @@ section_masks() {
     "$make_scene" "$at" --format colmap --size 32 --train 6 >/dev/null
     expect "masks that a file names" 0 "~masks.of.[0-9]*.images.leave" "$cln" train \
         "$work/masks named" -o "$work/masks named run" "${small[@]}" --steps 1 --masks ignore
+    expect "photos without" 0 "" "$cln" train "$at" -o "$at bare" "${small[@]}" --steps 1
     mkdir "$at/masks"
     for file in "$work/masks named"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
     expect "COLMAP's masks" 0 "" "$cln" info "$at" --json
@@ -661,6 +662,9 @@ section_masks() {
         "${small[@]}" --steps 1 --masks ignore
     left=$(sed -n 's/.*leave[s]* \([0-9.]*\) %.*/\1/p' "$work/err")
     check "black is left out: $left % are kept" awk -v a="$left" 'BEGIN { exit !(a > 1 && a < 60) }'
+    expect "a run that began before they came" 0 "~began.without.masks.*14.images" \
+        "$cln" train --resume "$at bare" --skip-selftest --progress none --steps +1
+    check "goes on as it was" eval '! said not.the.one'
     for file in "$at"/masks/*.png.png; do
         mv "$file" "$at/images/$(basename "$file" .png.png)_mask.png"
     done

@@ -99,6 +99,22 @@ static void test_mask_names(void **state)
     }
 }
 
+/* What lies beside a scene whose photos are in its own folder is another one's. */
+static void test_masks_beside_a_scene(void **state)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+    const char *folder = NULL;
+
+    put_folder(*state, "scene");
+    put_folder(*state, "masks");
+    put_image(*state, "masks/view_00.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 0);
+    folder = scratch_path(*state, "scene");
+    format_cameras(cameras);
+    format_images(folder, 1);
+    format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, NULL, 0);
+    expect_masks(folder, "", "", "");
+}
+
 /* A mask of any ending is that of one photo: not of two that differ in their ending alone, where
  * one has it by its own name. */
 static void test_shared_mask(void **state)
@@ -197,6 +213,7 @@ int test_group_placing(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_mask_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masks_beside_a_scene, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_shared_mask, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_llff_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_second_ending, scratch_make, scratch_remove),
