@@ -13,11 +13,7 @@
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
-BUILD=${BUILD:-build}
-here=$PWD
-cln=$here/$BUILD/cl-nascent
-make_scene=$here/$BUILD/make-scene
-shim=$here/build/faults.so
+shim=$PWD/build/faults.so
 moments=${FAULTS:-50}
 RANDOM=${FAULT_SEED:-1}
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-faults-XXXXXX")

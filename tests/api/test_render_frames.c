@@ -21,15 +21,6 @@ static cln_render_desc desc_of(const char *out)
                              .device = fixture_device()};
 }
 
-static void assert_rendered(const cln_render_desc *desc, int rendered, int skipped)
-{
-    cln_render_result result;
-
-    assert_ok(cln_render(desc, &result));
-    assert_int_equal(result.rendered, rendered);
-    assert_int_equal(result.skipped, skipped);
-}
-
 static bool is_there(const char *name)
 {
     return cln_is_file(fixture_path(name));
@@ -43,10 +34,10 @@ static void some_frames_are_those_of_all(void **state)
     char *png[2];
 
     NEED_DEVICE();
-    assert_rendered(&all, 4, 0);
+    fixture_rendered(&all, 4, 0);
     some.first_frame = 1;
     some.frame_count = 2;
-    assert_rendered(&some, 2, 0);
+    fixture_rendered(&some, 2, 0);
     assert_true(is_there("some/orbit_0001.png") && is_there("some/orbit_0002.png"));
     assert_false(is_there("some/orbit_0000.png") || is_there("some/orbit_0003.png"));
     png[0] = scratch_get(fixture_path("all/orbit_0002.png"), &bytes[0]);
@@ -57,9 +48,9 @@ static void some_frames_are_those_of_all(void **state)
     free(png[1]);
     some.first_frame = 3;
     some.frame_count = 0; /* to the end */
-    assert_rendered(&some, 1, 0);
+    fixture_rendered(&some, 1, 0);
     some.first_frame = 0;
-    assert_rendered(&some, 1, 3);
+    fixture_rendered(&some, 1, 3);
     some.first_frame = 4;
     assert_fails(cln_render(&some, &result), CLN_USAGE, "--frames: there are 4");
     some.first_frame = 3;
@@ -84,8 +75,8 @@ static void backgrounds_are_taken_out(void **state)
     on.cropped = off.cropped = true; /* so that some rays meet nothing */
     for (int a = 0; a < 6; a++)
         on.crop[a] = off.crop[a] = a < 3 ? -0.3 : 0.3;
-    assert_rendered(&on, 4, 0);
-    assert_rendered(&off, 4, 0);
+    fixture_rendered(&on, 4, 0);
+    fixture_rendered(&off, 4, 0);
     assert_ok(cln_image_load(fixture_path("on/orbit_0002.png"), &width, &height, &channels, &with));
     assert_int_equal(channels, 3);
     assert_ok(
@@ -103,14 +94,14 @@ static void backgrounds_are_taken_out(void **state)
         }
     }
     assert_true(clear > 0 && partly > 0);
-    assert_rendered(&off, 0, 4);
+    fixture_rendered(&off, 0, 4);
     off.transparent = false; /* another kind of picture */
     assert_fails(cln_render(&off, &result), CLN_OUTPUT, "of other settings");
     free(with);
     off.transparent = true;
     off.background = black; /* of what is not opaque nothing else is left */
     off.overwrite = true;
-    assert_rendered(&off, 4, 0);
+    fixture_rendered(&off, 4, 0);
     assert_ok(
         cln_image_load(fixture_path("off/orbit_0002.png"), &width, &height, &channels, &with));
     for (int i = 0; i < 4 * width * height; i++)
@@ -143,11 +134,11 @@ static void backgrounds_can_be_given(void **state)
     desc.cropped = true;
     for (int a = 0; a < 6; a++)
         desc.crop[a] = a < 3 ? -0.3 : 0.3;
-    assert_rendered(&desc, 4, 0);
+    fixture_rendered(&desc, 4, 0);
     assert_true(told_background("behind/render.json", 2) == 1);
     desc.background = green;
     desc.overwrite = true;
-    assert_rendered(&desc, 4, 0);
+    fixture_rendered(&desc, 4, 0);
     assert_true(told_background("behind/render.json", 0) == 0 &&
                 told_background("behind/render.json", 2) == 0.25);
     assert_ok(
@@ -165,14 +156,14 @@ static void files_cut_short_are_made_again(void **state)
     cln_render_desc desc = desc_of("cut");
 
     NEED_DEVICE();
-    assert_rendered(&desc, 4, 0);
+    fixture_rendered(&desc, 4, 0);
     for (size_t i = 0; i < sizeof files / sizeof *files; i++)
         for (int empty = 0; empty < 2; empty++) {
             size_t bytes = 0, again = 0;
             char *whole = scratch_get(fixture_path(files[i]), &bytes), *after = NULL;
 
             scratch_put(fixture_path(files[i]), whole, empty ? 0 : bytes - 1);
-            assert_rendered(&desc, 1, 3);
+            fixture_rendered(&desc, 1, 3);
             after = scratch_get(fixture_path(files[i]), &again);
             assert_int_equal(again, bytes);
             assert_memory_equal(after, whole, bytes);
@@ -190,7 +181,7 @@ static void other_frames_stay(void **state)
     char *before = NULL, *now = NULL;
 
     NEED_DEVICE();
-    assert_rendered(&desc, 4, 0);
+    fixture_rendered(&desc, 4, 0);
     before = scratch_get(fixture_path("hours/orbit_0003.png"), &bytes);
     assert_int_equal(remove(fixture_path("hours/orbit_0001.png")), 0);
     desc.width = 10;
@@ -205,13 +196,13 @@ static void other_frames_stay(void **state)
     assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "of other settings; --overwrite");
     desc.first_frame = 1; /* the one that is missing is free */
     desc.frame_count = 1;
-    assert_rendered(&desc, 1, 0);
+    fixture_rendered(&desc, 1, 0);
     desc.first_frame = desc.frame_count = 0;
     desc.width = 10;
     desc.overwrite = true;
-    assert_rendered(&desc, 4, 0);
+    fixture_rendered(&desc, 4, 0);
     desc.overwrite = false;
-    assert_rendered(&desc, 0, 4);
+    fixture_rendered(&desc, 0, 4);
     free(before);
 }
 

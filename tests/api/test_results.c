@@ -225,15 +225,6 @@ static cln_render_desc render_desc(const char *out, fixture_stop *stop)
                              .callbacks = fixture_callbacks(stop)};
 }
 
-static void assert_rendered(const cln_render_desc *desc, int rendered, int skipped)
-{
-    cln_render_result result;
-
-    assert_ok(cln_render(desc, &result));
-    assert_int_equal(result.rendered, rendered);
-    assert_int_equal(result.skipped, skipped);
-}
-
 static uint64_t digest_of(const char *path)
 {
     size_t bytes = 0;
@@ -254,20 +245,20 @@ static void test_render_skips(void **state)
     uint64_t before[5];
 
     NEED_DEVICE();
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     for (int i = 0; i < 5; i++)
         before[i] = digest_of(fixture_path(files[i]));
-    assert_rendered(&desc, 0, TEST_VIEWS);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
     for (int i = 0; i < 4; i++) {    /* whichever file is missing, it is made again */
         const int rendered = i != 2; /* a depth picture comes from what is there */
 
         assert_int_equal(remove(fixture_path(files[i])), 0);
-        assert_rendered(&desc, rendered, TEST_VIEWS - rendered);
+        fixture_rendered(&desc, rendered, TEST_VIEWS - rendered);
     }
     for (int i = 0; i < 5; i++)
         assert_int_equal(digest_of(fixture_path(files[i])), before[i]);
     desc.overwrite = true;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     assert_int_equal(digest_of(fixture_path(files[0])), before[0]);
 }
 
@@ -283,17 +274,17 @@ static void test_render_drops_what_is_stale(void **state)
     NEED_DEVICE();
     desc.pfm = desc.normals = true;
     desc.depth_unit = 0.001;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     before = digest_of(fixture_path(extra[0]));
     desc.z_depth = true;
     desc.pfm = desc.normals = false;
     desc.depth_unit = 0;
     desc.overwrite = true;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     for (int i = 0; i < 4; i++)
         assert_false(cln_is_file(fixture_path(extra[i])));
     desc.pfm = desc.normals = true;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     assert_true(digest_of(fixture_path(extra[0])) != before);
 }
 
@@ -306,7 +297,7 @@ static void test_render_tells_size(void **state)
 
     NEED_DEVICE();
     desc.width = 1;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     document = fixture_json("narrow/render.json");
     assert_int_equal(json_integer_value(json_array_get(fixture_at(document, "size"), 0)), 1);
     json_decref(document);
@@ -351,7 +342,7 @@ static void test_render_is_planned(void **state)
     desc.orbit_frames = 1;
     desc.orbit_radius = 1;
     desc.width = desc.height = 32;
-    assert_rendered(&desc, 1, 0);
+    fixture_rendered(&desc, 1, 0);
     desc.out = fixture_path("larger pictures");
     desc.width = desc.height = 2000; /* 400 MB at most; with a pair's other eye, 800 */
     desc.stereo = 0.1;
@@ -370,10 +361,10 @@ static void test_render_files(void **state)
     uint8_t *opacity = NULL, *picture = NULL, *evaluated = NULL;
 
     NEED_DEVICE();
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     desc.out = fixture_path("axis");
     desc.z_depth = true;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     assert_ok(cln_npy_read_f32(fixture_path("along/test_r_0.depth.npy"), &dims, shape, &ray));
     assert_int_equal(dims, 2);
     assert_int_equal(shape[0], SIDE);
@@ -401,7 +392,7 @@ static void test_render_files(void **state)
     desc = render_desc("of a file", &none);
     desc.split = NULL;
     desc.poses = fixture_path("scene/transforms_test.json");
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     assert_true(digest_of(fixture_path("of a file/test_r_0.png")) ==
                 digest_of(fixture_path("along/test_r_0.png")));
     free(ray);
@@ -444,7 +435,7 @@ static void test_render_behind(void **state)
         desc.z_depth = axis == 1;
         desc.depth_unit = 0.001;
         cln_log_to(CLN_LOG_WARN, count_behind, &warnings);
-        assert_rendered(&desc, 1, 0);
+        fixture_rendered(&desc, 1, 0);
         cln_log_to(CLN_LOG_INFO, fixture_no_log, NULL);
         assert_int_equal(warnings, axis);
         snprintf(name, sizeof name, "%s/round.depth.npy", out[axis]);
@@ -508,7 +499,7 @@ static void test_render_warns_here(void **state)
     NEED_DEVICE();
     desc.depth_unit = 1e-6;
     cln_log_to(CLN_LOG_WARN, hear, &h);
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     cln_log_to(CLN_LOG_INFO, fixture_no_log, NULL);
     assert_int_equal(h.here, TEST_VIEWS);
     assert_int_equal(h.elsewhere, 0);
@@ -552,8 +543,8 @@ static void test_render_pairs(void **state)
     NEED_DEVICE();
     desc.stereo = 0.4;
     desc.normals = true;
-    assert_rendered(&desc, TEST_VIEWS, 0);
-    assert_rendered(&desc, 0, TEST_VIEWS);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
     about = fixture_json("pairs/render.json");
     assert_true(json_number_value(fixture_at(about, "stereo")) == 0.4);
     json_decref(about);
@@ -576,7 +567,7 @@ static void test_render_pairs(void **state)
         desc.split = NULL;
         desc.poses = fixture_path(name);
         desc.normals = true;
-        assert_rendered(&desc, TEST_VIEWS, 0);
+        fixture_rendered(&desc, TEST_VIEWS, 0);
         snprintf(name, sizeof name, "%s/test_r_1.png", eyes[e]);
         assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &one));
         snprintf(name, sizeof name, "%s/test_r_1.depth.npy", eyes[e]);
@@ -612,7 +603,7 @@ static void test_render_stops_and_goes_on(void **state)
     assert_fails(cln_render(&desc, &result), CLN_SIGTERM, "1 of 2 frames");
     assert_int_equal(result.rendered, 1);
     desc.callbacks = fixture_callbacks(&none);
-    assert_rendered(&desc, 1, 1);
+    fixture_rendered(&desc, 1, 1);
 }
 
 /* Frames of other settings are replaced if that is asked for, frames of the same settings are kept,
@@ -625,20 +616,20 @@ static void test_render_folders(void **state)
     json_t *about = NULL;
 
     NEED_DEVICE();
-    assert_rendered(&desc, TEST_VIEWS, 0);
-    assert_rendered(&desc, 0, TEST_VIEWS);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
     desc.z_depth = true;
     assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "of other settings");
     desc.overwrite = true;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     desc.overwrite = false;
-    assert_rendered(&desc, 0, TEST_VIEWS);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
     desc.split = "train";
     desc.max_images = 1;
-    assert_rendered(&desc, 1, 0);
+    fixture_rendered(&desc, 1, 0);
     desc.split = "test";
     desc.max_images = 0;
-    assert_rendered(&desc, 0, TEST_VIEWS);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
     about = fixture_json("mixed/render.json");
     assert_int_equal(json_object_size(fixture_at(about, "frames")), TEST_VIEWS + 1);
     json_decref(about);
@@ -651,7 +642,7 @@ static void test_render_folders(void **state)
     assert_false(cln_is_file(fixture_path("mixed/test_r_1.png")));
     assert_false(cln_is_file(fixture_path("mixed/test_r_1.depth.png")));
     desc.callbacks = fixture_callbacks(&none);
-    assert_rendered(&desc, 1, 1);
+    fixture_rendered(&desc, 1, 1);
     desc.out = fixture_path("scene");
     assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "render.json");
     assert_false(cln_is_file(fixture_path("scene/render.json")));
@@ -671,17 +662,17 @@ static void test_render_follows_the_model(void **state)
     config.steps = 2;
     assert_ok(fixture_train("longer", false, &config, NULL, &trained));
     desc.run = fixture_path("longer");
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     before = digest_of(fixture_path("followed/test_r_0.png"));
     config.steps = 4;
     assert_ok(fixture_train("longer", true, &config, NULL, &trained));
     assert_fails(cln_render(&desc, &result), CLN_OUTPUT, "of another model; --overwrite");
     assert_int_equal(digest_of(fixture_path("followed/test_r_0.png")), before);
     desc.overwrite = true;
-    assert_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
     assert_true(digest_of(fixture_path("followed/test_r_0.png")) != before);
     desc.overwrite = false;
-    assert_rendered(&desc, 0, TEST_VIEWS);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
 }
 
 /* A run.json that says that its photos have no alpha is believed where they are not decoded, and

@@ -11,8 +11,6 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-cln=$PWD/build/cl-nascent
-make_scene=$PWD/build/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-browser-XXXXXX")
 server=0
 trap '[ $server = 0 ] || kill $server; rm -rf "$work"' EXIT

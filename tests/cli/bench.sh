@@ -6,13 +6,10 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-BUILD=${BUILD:-build}
-cln=$PWD/$BUILD/cl-nascent
-make_scene=$PWD/$BUILD/make-scene
-bench=$PWD/$BUILD/bench-kernels
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-bench-XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh
+bench=$here/$BUILD/bench-kernels
 
 # A row of the kernels' bench has all that docs/benches.md says. No speed is tested.
 section_bench() {

@@ -9,10 +9,6 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-BUILD=${BUILD:-build}
-here=$PWD
-cln=$here/$BUILD/cl-nascent
-make_scene=$here/$BUILD/make-scene
 # every path of every check has characters that shells and patterns take for something else
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln cli [*] (+) XXXXXX")
 . tests/support/checks.sh

@@ -7,10 +7,6 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-BUILD=${BUILD:-build}
-here=$PWD
-cln=$here/$BUILD/cl-nascent
-make_scene=$here/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-endings-XXXXXX")
 trap 'rm -rf "$work"' EXIT
 

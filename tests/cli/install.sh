@@ -8,7 +8,6 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-make_scene=$PWD/build/make-scene
 sources=$PWD/examples
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-install-XXXXXX")
 trap 'rm -rf "$work"' EXIT

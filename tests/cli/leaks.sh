@@ -11,8 +11,6 @@ set -u
 cd "$(dirname "$0")/../.." || exit 1
 
 BUILD=${BUILD:-build/sanitize}
-cln=$PWD/$BUILD/cl-nascent
-make_scene=$PWD/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln-leaks-XXXXXX")
 server=0
 trap '[ $server = 0 ] || kill -9 $server; rm -rf "$work"' EXIT

@@ -7,9 +7,6 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-BUILD=${BUILD:-build}
-cln=$PWD/$BUILD/cl-nascent
-make_scene=$PWD/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln poses XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh

@@ -8,9 +8,7 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-cln=$PWD/build/cl-nascent
 ranked=$PWD/build/mpi/cl-nascent
-make_scene=$PWD/build/make-scene
 shim=$PWD/build/faults.so
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln ranks XXXXXX")
 beside="" # process of the sections that run beside the others

@@ -10,9 +10,6 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-BUILD=${BUILD:-build}
-cln=$PWD/$BUILD/cl-nascent
-make_scene=$PWD/$BUILD/make-scene
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln view XXXXXX")
 server=0 address="" slow=""
 with=() # variables of the viewer's environment

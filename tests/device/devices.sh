@@ -15,10 +15,7 @@
 set -u
 cd "$(dirname "$0")/../.." || exit 1
 
-here=$PWD
-cln=$here/build/cl-nascent
-make_scene=$here/build/make-scene
-cases=$here/build/device-cases
+cases=$PWD/build/device-cases
 work=$(mktemp -d "${TMPDIR:-/tmp}/cln devices [*] (+) XXXXXX")
 trap 'rm -rf "$work"' EXIT
 . tests/support/checks.sh

@@ -1,8 +1,12 @@
 #!/bin/bash
 # Support of tests/cli/*.sh and devices.sh: checks that count themselves, and the environment of a
 # new user. Source it from the repository's root with $work set to a folder of the script.
-# shellcheck disable=SC2154
-query=$PWD/build/json-query
+# BUILD=build/sanitize: the programs to test.
+# shellcheck disable=SC2034,SC2154
+BUILD=${BUILD:-build} here=$PWD
+cln=$here/$BUILD/cl-nascent
+make_scene=$here/$BUILD/make-scene
+query=$here/build/json-query
 passed=0 failed=0 skipped=0
 export LC_ALL=C
 unset CL_NASCENT_DEVICE CL_NASCENT_KERNEL_DIR CL_NASCENT_TUNE_FILE CL_NASCENT_RANK_WAIT CI NO_COLOR

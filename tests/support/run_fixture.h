@@ -229,6 +229,16 @@ static inline cln_status fixture_train(const char *run, bool resume, const cln_c
     return cln_train(&desc, result);
 }
 
+/* Renders; asserts how many frames were, and how many were left as they are. */
+static inline void fixture_rendered(const cln_render_desc *desc, int rendered, int skipped)
+{
+    cln_render_result result;
+
+    assert_ok(cln_render(desc, &result));
+    assert_int_equal(result.rendered, rendered);
+    assert_int_equal(result.skipped, skipped);
+}
+
 /* A kernel folder whose lanes.h ends with these lines; skips outside the source tree. */
 static inline const char *fixture_kernels_with(const char *name, const char *lines)
 {
