@@ -370,7 +370,7 @@ typedef struct cln_render_desc {
     int first_frame, frame_count; /* of all of these frames, only so many from that one on, which is
                                      0 or more, as in names; 0 = all the others */
     bool transparent;        /* NAME.png has alpha: colours without the background, straight, not
-                         premultiplied; else colours on it. Of films: .mov and .webm */
+                                premultiplied; else colours on it. Of films: .mov and .webm */
     const float *background; /* [3] r, g, b in 0..1, sRGB; NULL = the run's own, or that of the
                                 crop box in the file of poses */
 } cln_render_desc;

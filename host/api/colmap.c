@@ -251,12 +251,6 @@ static void fit_memory(cln_colmap *c, const cln_photo_cameras *cameras)
              each, whole, c->room.threads, cln_plural(c->room.threads, "", "s"), smaller);
 }
 
-static bool is_fisheye(const cln_colmap_model *model)
-{
-    return model->lens == CLN_LENS_OPENCV_FISHEYE || model->lens == CLN_LENS_THIN_PRISM_FISHEYE ||
-           model->lens == CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE;
-}
-
 /* Finds the features of photos that a camera took, or of all, each with a camera of its own. list:
  * their names, NULL for all. A few photos cannot tell four parameters of a lens. */
 static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char *list)
@@ -276,7 +270,7 @@ static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char
                             one_camera ? "1" : "0",
                             c->extraction,
                             "0"};
-    const bool guess = c->lens && c->guesses && is_fisheye(c->lens);
+    const bool guess = c->lens && c->guesses && cln_lens_is_fisheye(c->lens->lens);
     const char *const more[][2] = {{list ? LIST : NULL, list},
                                    {guess ? GUESS : NULL, FISHEYE},
                                    {c->room.threads ? c->threads : NULL, threads},

@@ -241,11 +241,6 @@ static void add_text(json_t *about, const char *key, const char *text)
         json_object_set_new(about, key, json_string(text));
 }
 
-static bool is_given(const cln_settings *settings, const char *option)
-{
-    return cln_settings_given(settings, cln_config_find(option));
-}
-
 /* The batch that a training would have by itself. */
 static cln_status fit_batch(json_t *about, cln_device *device, const cln_scene *scene,
                             const cln_settings *settings, cln_config *c)
@@ -256,9 +251,9 @@ static cln_status fit_batch(json_t *about, cln_device *device, const cln_scene *
     char text[CLN_ROOM_TEXT];
     int samples = 0, rays = 0;
 
-    if (is_given(settings, "batch-samples"))
+    if (cln_settings_has(settings, "batch-samples"))
         return CLN_OK;
-    CLN_TRY(cln_room_fit_batch(&desc, !is_given(settings, "rays"), &samples, &rays));
+    CLN_TRY(cln_room_fit_batch(&desc, !cln_settings_has(settings, "rays"), &samples, &rays));
     cln_room_say_batch(&desc, samples, rays, text);
     add_text(about, "batch_note", text);
     c->batch_samples = samples;

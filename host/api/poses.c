@@ -8,8 +8,7 @@
  *   SCENE/colmap.log    every command with its output
  *
  * Photos of one size and, by EXIF data, focal length are one camera's (photo_cameras.c), all with
- * one model of lens. This file
- * checks and makes the folder; colmap.c runs the program.
+ * one model of lens. This file checks and makes the folder; colmap.c runs the program.
  *
  * Photos are matched all with all, or each with the next ones where there are many and their
  * names are numbered without many gaps, as cameras and videos number them. */

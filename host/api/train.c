@@ -553,11 +553,6 @@ done:
     return st;
 }
 
-static bool is_given(const cln_trainer *t, const char *option)
-{
-    return cln_settings_given(t->desc->settings, cln_config_find(option));
-}
-
 /* Of a new training: a smaller batch where memory is short and none is given, which is said and the
  * same on all ranks; epochs, if they are its budget. A resumed run has both in its settings. */
 static cln_status fit_budget(cln_trainer *t, cln_config *config)
@@ -568,12 +563,13 @@ static cln_status fit_budget(cln_trainer *t, cln_config *config)
                           cln_scene_pixel_bytes(t->scene));
     cln_settings fitted = *t->desc->settings;
     char text[CLN_ROOM_TEXT];
-    const bool given = is_given(t, "batch-samples");
+    const bool given = cln_settings_has(t->desc->settings, "batch-samples");
     int samples = config->batch_samples, rays = config->rays;
     double least[2];
 
     if (!given)
-        CLN_TRY(cln_room_fit_batch(&desc, !is_given(t, "rays"), &samples, &rays));
+        CLN_TRY(cln_room_fit_batch(&desc, !cln_settings_has(t->desc->settings, "rays"), &samples,
+                                   &rays));
     least[0] = -samples;
     least[1] = -rays;
     cln_ranks_largest(least, 2);

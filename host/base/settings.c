@@ -63,21 +63,16 @@ static cln_status find_row(const char *name, const cln_config_row **row)
                     cln_config_nearest(name));
 }
 
-static bool is_given(const cln_settings *settings, const char *name)
-{
-    return cln_settings_given(settings, cln_config_find(name));
-}
-
 /* Drops the run's budgets that are used up, which would end it at once; that which is extended is
  * set after this. One that was given stays. */
 static void lift_used_up(cln_settings *settings)
 {
     cln_config *c = &settings->config;
 
-    if (c->steps > 0 && settings->used.steps >= c->steps && !is_given(settings, "steps"))
+    if (c->steps > 0 && settings->used.steps >= c->steps && !cln_settings_has(settings, "steps"))
         c->steps = 0;
     if (c->time_limit > 0 && settings->used.time_limit >= c->time_limit &&
-        !is_given(settings, "time-limit"))
+        !cln_settings_has(settings, "time-limit"))
         c->time_limit = 0;
 }
 
@@ -151,9 +146,10 @@ done:
 static void fit_levels(cln_settings *settings)
 {
     cln_config *c = &settings->config;
-    const bool first = is_given(settings, "start-level"), last = is_given(settings, "max-level");
+    const bool first = cln_settings_has(settings, "start-level"),
+               last = cln_settings_has(settings, "max-level");
 
-    if ((first || last) && settings->preset[0] && !is_given(settings, "level-at"))
+    if ((first || last) && settings->preset[0] && !cln_settings_has(settings, "level-at"))
         cln_config_keep_levels(settings->base.level_at, first ? c->start_level : -1,
                                last && c->adaptive ? c->max_level : CLN_LEVELS, c->level_at);
 }
@@ -200,7 +196,7 @@ cln_status cln_settings_check(const cln_settings *settings)
     if (!settings)
         return cln_given("cln_settings_check", "settings", settings);
     if (settings->preset[0] && settings->base.encoding == CLN_ENCODING_VOXEL &&
-        settings->config.encoding != CLN_ENCODING_VOXEL && !is_given(settings, "lr"))
+        settings->config.encoding != CLN_ENCODING_VOXEL && !cln_settings_has(settings, "lr"))
         return cln_fail(CLN_USAGE,
                         "--encoding: networks do not train at preset %s's learning rate "
                         "(--lr); give --preset fast, too",
@@ -213,8 +209,8 @@ int cln_settings_epochs(const cln_settings *settings, double pixels)
     const cln_config *c = &settings->config;
     const double least = cln_config_step_epochs(c, pixels, CLN_VOXEL_STEPS);
 
-    if (c->encoding != CLN_ENCODING_VOXEL || is_given(settings, "epochs") || c->epochs >= least ||
-        c->steps > 0 || c->time_limit > 0)
+    if (c->encoding != CLN_ENCODING_VOXEL || cln_settings_has(settings, "epochs") ||
+        c->epochs >= least || c->steps > 0 || c->time_limit > 0)
         return c->epochs;
     return (int)fmin(1e6, ceil(least));
 }
@@ -222,6 +218,11 @@ int cln_settings_epochs(const cln_settings *settings, double pixels)
 bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)
 {
     return settings->given[row - cln_config_rows];
+}
+
+bool cln_settings_has(const cln_settings *settings, const char *option)
+{
+    return cln_settings_given(settings, cln_config_find(option));
 }
 
 bool cln_setting_describe(int index, cln_setting_info *info)

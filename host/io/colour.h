@@ -1,7 +1,6 @@
 /* What an image file says of its colours - an ICC profile, a PNG's gAMA and cHRM chunks, a JPEG's
- * EXIF data that have Adobe RGB - and its
- * pixels brought to sRGB, which all pictures here are in, by Little CMS. Finding these in a file is
- * image.c's. */
+ * EXIF data that have Adobe RGB - and its pixels brought to sRGB, which all pictures here are in,
+ * by Little CMS. Finding these in a file is image.c's. */
 #ifndef CLN_COLOUR_H
 #define CLN_COLOUR_H
 

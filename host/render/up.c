@@ -1,10 +1,10 @@
 /* Up from the training cameras. See up.h.
  *
  * Cameras are held level, or upright as EXIF data tell (cln_view_turn), so up is the axis along
- * which the x axes of the photos, as people see them, point least. Photos of an
- * object or a room show its side by their own up vectors, whose mean also decides where the x axes
- * leave the axis open, as all of them lie along a line. Of a flight to and fro that looks down, the
- * up vectors cancel out: there it is a camera's looking rather down than up that tells. */
+ * which the x axes of the photos, as people see them, point least. Photos of an object or a room
+ * show its side by their own up vectors, whose mean also decides where the x axes leave the axis
+ * open, as all of them lie along a line. Of a flight to and fro that looks down, the up vectors
+ * cancel out: there it is a camera's looking rather down than up that tells. */
 #include "render/up.h"
 
 #include <math.h>

@@ -239,9 +239,7 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
             return "beside photos with alpha of their own";
         if (v->camera.lens == CLN_LENS_EQUIRECTANGULAR)
             return "of panoramas";
-        fisheye = fisheye || v->camera.lens == CLN_LENS_OPENCV_FISHEYE ||
-                  v->camera.lens == CLN_LENS_THIN_PRISM_FISHEYE ||
-                  v->camera.lens == CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE;
+        fisheye = fisheye || cln_lens_is_fisheye(v->camera.lens);
     }
     if (fisheye && seen->kept > OF_FISHEYE * seen->count)
         return "of fisheye lenses, and keep much";

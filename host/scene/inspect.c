@@ -16,17 +16,19 @@
 #include "io/json.h"
 #include "scene/agree.h"
 #include "scene/build.h"
+#include "scene/copies.h"
 #include "scene/photos.h"
 
-static const double SOUND = 0.5;      /* share of agreeing ties above which poses are right */
-static const double UNSOUND = 0.3;    /* share below which they are wrong */
-static const double UNSURE = 0.7;     /* share below which poses are wrong if ties are inexact: */
-static const double EXACT = 0.45;     /* share of agreeing ties that agree within a quarter; 1/4
-                                          if they do by chance or nearly, as beside the true pose */
-static const double FAR_EXACT = 0.55; /* likewise, from which on poses are right, although of
-                                          photos far apart most ties are false; below */
-static const double FAR_UNCLEAR = 0.38, FAR_CHANCE = 0.06; /* it nothing is known; share that
-                                                              agrees by chance */
+static const double SOUND = 0.5;   /* share of agreeing ties above which poses are right */
+static const double UNSOUND = 0.3; /* share below which they are wrong */
+static const double UNSURE = 0.7;  /* share below which poses are wrong if ties are inexact: */
+static const double EXACT = 0.45; /* share of agreeing ties that agree within a quarter; 1/4 if they
+                                      do by chance or nearly, as beside the true pose */
+/* Of photos far apart most ties are false. The same share, from which on their poses are right all
+ * the same, and below which they are wrong; the share of ties that agree by chance. */
+static const double FAR_EXACT = 0.55, FAR_UNCLEAR = 0.38, FAR_CHANCE = 0.06;
+/* Of theirs: ties of a pair, at most; agreeing ones that tell how exactly they do. */
+enum { FAR_TIES = 20, FAR_AGREEING = 12 };
 static const double READING = 0.6;     /* the given reading's share over another's */
 static const double FOCAL_GAIN = 1.15; /* share with other focal lengths over the given ones' */
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
@@ -34,20 +36,11 @@ static const double FAR_OFF = 8;       /* distance from the middle, in median di
 static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over that of pixels */
 static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
-static const double COPY = 0.004, FLAT = 0.02;
-static const double COPY_PIXELS = 0.02;                    /* 34 dB; JPEGs of JPEGs have 39, but */
-static const double SAME_PIXELS = 0.002;                   /* so do photos of one place, by noise */
-static const double STOOD_STILL = 0.02, STOOD_ANGLE = 1;   /* of half the cube; degrees */
-static const double EXPOSURE_RANGE = 0.6;                  /* factors of 2; of an object cut */
-static const double EXPOSURE_RANGE_CUT = 0.8;              /* out: light from one side does much */
+/* Factors of 2; of an object that is cut out, on which light from one side does much. */
+static const double EXPOSURE_RANGE = 0.6, EXPOSURE_RANGE_CUT = 0.8;
 static const double EXPOSURE_TREND = 2;                    /* a jump over those around it */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
-enum {
-    FAR_TIES = 20,
-    FAR_AGREEING = 12
-}; /* ties of a pair, of photos far apart; agreeing ones that
-                                              tell how exactly they do */
 enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
 
 typedef struct inspection {
@@ -709,71 +702,6 @@ done:
     return st;
 }
 
-static bool same_pose(const cln_scene *scene, int a, int b)
-{
-    const double *m = scene->views[a].camera.c2w, *n = scene->views[b].camera.c2w;
-
-    for (int i = 0; i < 12; i++)
-        if (fabs(m[i] - n[i]) > 1e-6 * (i % 4 < 3 ? 1 : scene->space.half))
-            return false;
-    return true;
-}
-
-/* Is a camera where another one is, as far as poses are exact, and turned alike? */
-static bool stood_still(const cln_scene *scene, int a, int b)
-{
-    const double *m = scene->views[a].camera.c2w, *n = scene->views[b].camera.c2w;
-    const double most = 2 * sin(STOOD_ANGLE * M_PI / 360);
-
-    for (int k = 0; k < 4; k++)
-        if (!(hypot(hypot(m[k] - n[k], m[4 + k] - n[4 + k]), m[8 + k] - n[8 + k]) <=
-              (k < 3 ? most : STOOD_STILL * scene->space.half)))
-            return false;
-    return true;
-}
-
-/* One frame that the val and the test set share, as in many datasets: no copy. */
-static bool in_two_held_out(const cln_view *a, const cln_view *b)
-{
-    return a->split != CLN_SPLIT_TRAIN && b->split != CLN_SPLIT_TRAIN && a->split != b->split &&
-           strcmp(a->path, b->path) == 0;
-}
-
-/* Root of the mean square of the difference of two photos of one size, 0..1, over some of their
- * pixels; 0 for others, of which nothing is known. */
-static double pixels_differ(const cln_view *a, const cln_view *b)
-{
-    enum { ROWS = 200 };
-    const int width = a->camera.width, height = a->camera.height, each = height / ROWS + 1;
-    double sum = 0;
-    size_t n = 0;
-
-    if (width != b->camera.width || height != b->camera.height)
-        return 0;
-    for (int y = 0; y < height; y += each)
-        for (int x = 0; x < width; x += each) {
-            uint8_t one[4], other[4];
-
-            cln_view_bytes(a, x, y, one);
-            cln_view_bytes(b, x, y, other);
-            for (int c = 0; c < 3; c++, n++)
-                sum += (one[c] - other[c]) * (one[c] - other[c]) / 65025.0;
-        }
-    return sqrt(sum / (double)n);
-}
-
-/* Are two photos copies? Most pairs differ in their means already, which is found faster. Views of
- * an object from nearly one place look alike as a whole, but their pixels differ by more than those
- * of copies that were saved anew. */
-static bool same_photo(const inspection *in, int a, int b)
-{
-    const cln_photo *one = &in->photos[a], *other = &in->photos[b];
-
-    return one->contrast > (float)FLAT && fabsf(one->mean - other->mean) < (float)COPY + 1e-4f &&
-           cln_photo_difference(one, other) < COPY &&
-           pixels_differ(&in->scene->views[a], &in->scene->views[b]) < COPY_PIXELS;
-}
-
 static cln_status check_duplicates(inspection *in)
 {
     cln_status st = CLN_OK;
@@ -784,18 +712,16 @@ static cln_status check_duplicates(inspection *in)
     for (int i = 0; i < in->scene->view_count; i++) {
         CLN_TRY(cln_tell_work(in->callbacks, NULL, 0, 0));
         for (int k = 0; k < i; k++) {
-            const cln_view *a = &in->scene->views[i], *b = &in->scene->views[k];
-            const bool photo = same_photo(in, i, k), pose = same_pose(in->scene, i, k);
-            const bool noise =
-                photo && stood_still(in->scene, i, k) && pixels_differ(a, b) > SAME_PIXELS;
-            json_t *list = noise ? still : photo ? photos : poses;
+            const cln_pair pair = cln_pair_of(in->scene, in->photos, i, k);
+            json_t *list = pair == CLN_PAIR_NOISE ? still : pair == CLN_PAIR_COPY ? photos : poses;
 
-            if ((!photo && !pose) || in_two_held_out(a, b))
+            if (pair == CLN_PAIR_APART)
                 continue;
             add_view(list, in, k);
             add_view(list, in, i);
-            *(noise ? &still_across : &across) |=
-                (a->split == CLN_SPLIT_TRAIN) != (b->split == CLN_SPLIT_TRAIN);
+            *(pair == CLN_PAIR_NOISE ? &still_across : &across) |=
+                (in->scene->views[i].split == CLN_SPLIT_TRAIN) !=
+                (in->scene->views[k].split == CLN_SPLIT_TRAIN);
         }
     }
     if (json_array_size(photos))

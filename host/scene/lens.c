@@ -240,6 +240,12 @@ const cln_colmap_model cln_colmap_models[CLN_COLMAP_MODELS] = {
     {"EQUIRECTANGULAR", CLN_LENS_EQUIRECTANGULAR, 0, 2},
 };
 
+bool cln_lens_is_fisheye(cln_lens lens)
+{
+    return lens == CLN_LENS_OPENCV_FISHEYE || lens == CLN_LENS_THIN_PRISM_FISHEYE ||
+           lens == CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE;
+}
+
 const cln_colmap_model *cln_colmap_find(const char *name)
 {
     for (int i = 0; i < CLN_COLMAP_MODELS; i++)

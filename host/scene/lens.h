@@ -58,6 +58,10 @@ bool cln_lens_undistort(cln_lens lens, const double *params, const double place[
  * no end, and for models with closed forms, which check their own. */
 double cln_lens_limit(cln_lens lens, const double *params);
 
+/* Whether a model's radius grows with the angle off the axis, as a fisheye's, not with its
+ * tangent. */
+bool cln_lens_is_fisheye(cln_lens lens);
+
 /* ---- COLMAP's camera models ---- */
 
 /* How the parameter list of a COLMAP camera is to be read: `focals` focal lengths (f, or fx fy),

@@ -3,8 +3,8 @@
  * whose columns are the camera's axes in the world, down, right and backwards, its position, and
  * (height, width, focal length) of the originals; then the depths of the nearest and the farthest
  * object. No distortion; the principal point is the centre; masks may lie beside (masks.c). Such
- * scenes are mostly forward-facing:
- * bounds_forward.c puts them into normalised device coordinates. */
+ * scenes are mostly forward-facing: bounds_forward.c puts them into normalised device
+ * coordinates. */
 #include <math.h>
 #include <stdlib.h>
 #include "base/files.h"
