@@ -23,7 +23,7 @@
  *   BEND_DENSITY BEND_COLOUR   1 / delta^2, where these squares turn linear; 0: never
  *   MOMENTUM 0 | 1  no first moment (beta1 is 0) | Adam's
  *   EACH            leaves that a work-group of voxel_update takes one after another
- *   DENSITY_RATE HARMONIC_RATE     learning rates of densities and of k > 0, as shares of colours'
+ *   DENSITY_RATE    learning rate of densities, as a share of colours'
  */
 #ifndef EACH
 #define EACH 16
@@ -36,7 +36,6 @@
 #endif
 #ifndef DENSITY_RATE
 #define DENSITY_RATE   4.0f
-#define HARMONIC_RATE  0.2f
 #define SMOOTH_DENSITY 4e-9f
 #define SMOOTH_COLOUR  4e-9f
 #define BEND_DENSITY   1.0f
@@ -717,7 +716,8 @@ HELPER void fetch_update(const __local leaf_update *u, int row, uint leaf,
 #endif
 
 /* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
- * work-group updates EACH of the `own` leaves from `first` on. A gradient is the sum over leaves of
+ * work-group updates EACH of the `own` leaves from `first` on, by the rate lr, and times
+ * harmonic_rate for a_k, k > 0. A gradient is the sum over leaves of
  * their sums over slices, of which other ranks' leaves have one (halo.cl). What a leaf's update
  * reads is fetched during the one before, row by row. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
@@ -727,7 +727,7 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              const __global int *restrict around,        /* [leaf][27] */
              LEAF_ARRAY(float, params), LEAF_ARRAY(moment_type, m), LEAF_ARRAY(moment_type, v),
              const __global uint *restrict far, /* [leaf]; not read if all leaves are here */
-             uint first, uint own, float lr, uint step_key)
+             uint first, uint own, float lr, float harmonic_rate, uint step_key)
 {
     __local leaf_update updates[1 + FETCHES]; /* of this leaf, and of the next to fetch for */
     const leaf_slices of = {slice_starts, far, first, own};
@@ -739,7 +739,7 @@ voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
         float lanes[VW];
 
         UNROLL (i, VW)
-            lanes[i] = f * VW + i == 3 ? DENSITY_RATE : f * VW + i > 3 ? HARMONIC_RATE : 1.0f;
+            lanes[i] = f * VW + i == 3 ? DENSITY_RATE : f * VW + i > 3 ? harmonic_rate : 1.0f;
         rate[f] = lr * VLOAD(lanes);
     }
     if (FETCHES && from < to)

@@ -158,6 +158,7 @@ static const setting voxel[] = {
     {"distortion-loss", "0.004"},
     {"density-lr", "4"},
     {"harmonics-lr", "0.2"},
+    {"harmonics-rise", "0.1"},
     {"smooth-density", "4e-9"},
     {"smooth-colour", "4e-9"},
     {"smooth-density-delta", "1"},

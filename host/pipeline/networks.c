@@ -366,7 +366,7 @@ static cln_status launch_voxel_update(cln_pipeline *p, double lr, uint32_t step_
 {
     cln_status st = CLN_OK;
     const cl_uint first = (cl_uint)p->first, own = (cl_uint)p->own, key = step_key;
-    const cl_float rate = (cl_float)lr;
+    const cl_float rate = (cl_float)lr, harmonics = (cl_float)p->harmonic_rate;
     const cln_buffer *far = p->ranks > 1 ? &p->halo_far : &p->slice_starts;
 
     CLN_TRY(decoder_update(p, lr));
@@ -375,7 +375,7 @@ static cln_status launch_voxel_update(cln_pipeline *p, double lr, uint32_t step_
                        CLN_ARG(p->slice_starts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
                        CLN_ARG(p->around.mem), CLN_LEAF_ARG(p, params), CLN_LEAF_ARG(p, adam_m),
                        CLN_LEAF_ARG(p, adam_v), CLN_ARG(far->mem), CLN_ARG(first), CLN_ARG(own),
-                       CLN_ARG(rate), CLN_ARG(key)));
+                       CLN_ARG(rate), CLN_ARG(harmonics), CLN_ARG(key)));
 done:
     return st;
 }

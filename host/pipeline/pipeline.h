@@ -86,8 +86,9 @@ typedef struct cln_common {
 struct cln_pipeline {
     cln_device *device;
     cln_config config;
-    double opacity_loss; /* config.alpha_loss, or opaque_loss where images have no alpha */
-    double depth_loss;   /* config.depth_loss, or 0 where no ray shows a sparse point */
+    double opacity_loss;  /* config.alpha_loss, or opaque_loss where images have no alpha */
+    double depth_loss;    /* config.depth_loss, or 0 where no ray shows a sparse point */
+    double harmonic_rate; /* of the next update: config.harmonic_rate, or less (train/step.h) */
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */

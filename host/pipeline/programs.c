@@ -183,7 +183,6 @@ cln_status cln_pipeline_defines(const cln_pipeline *p, char **out)
         real(&t, "BEND_DENSITY", bend(p, c->smooth_density_delta));
         real(&t, "BEND_COLOUR", bend(p, c->smooth_colour_delta));
         real(&t, "DENSITY_RATE", c->density_rate);
-        real(&t, "HARMONIC_RATE", c->harmonic_rate);
     }
     line(&t, "#define DECODER %d", net->decoder);
     line(&t, "#define DENSITY %d", c->density);
@@ -494,6 +493,7 @@ static cln_status outline(cln_device *device, const cln_config *config,
     out->parts = out->part_leaves = out->part_slices = 1;
     out->max_counted = UINT32_MAX;
     out->config = *config;
+    out->harmonic_rate = config->harmonic_rate;
     out->lenses = facts->lenses;
     out->space = *facts->space;
     out->deepest = deepest(config, facts);

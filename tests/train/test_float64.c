@@ -29,7 +29,7 @@ typedef struct preset_case {
     int decoder;                         /* width of voxels' decoder */
 } preset_case;
 
-/* How a trainer is wrong on purpose, in its voxels: {NULL, 1, 1, 0, 1, 1} is right. */
+/* How a trainer is wrong on purpose, in its voxels: {NULL, 1, 1, 0, 1, 1, false, false} is right. */
 typedef struct mistake {
     const char *name;
     double step, smooth; /* factors of Adam's steps, of the smoothness */
@@ -37,8 +37,9 @@ typedef struct mistake {
     double first;        /* factor of second moments that begin */
     double decoder;      /* factor of the decoder's steps */
     bool apart;          /* gradients of a vertex that leaves share are not added */
+    bool at_once;        /* the rate of harmonics does not rise */
 } mistake;
-static const mistake right = {NULL, 1, 1, 0, 1, 1, false};
+static const mistake right = {NULL, 1, 1, 0, 1, 1, false, false};
 
 /* ---- both trainings ---- */
 
@@ -392,7 +393,24 @@ static double *row_of(const twin *w, double *numbers, int vertex)
            vertex % w->vertices * w->net->features;
 }
 
-static void step_vertex(twin *w, int vertex, uint32_t key, double lr)
+/* Rates of this step: of colours, and as shares of it of harmonics. */
+typedef struct step_rates {
+    double lr, harmonics;
+} step_rates;
+
+static step_rates rates_of(const twin *w, double fraction)
+{
+    const cln_config *c = w->config;
+    const double harmonics = w->wrong->harmonics > 0 ? w->wrong->harmonics : c->harmonic_rate;
+    const bool rises = c->harmonics_rise > 0 && !w->wrong->at_once;
+
+    return (step_rates){c->lr_schedule == CLN_SCHEDULE_STEP
+                            ? c->lr * pow(0.1, floor(3 * fraction))
+                            : c->lr * pow(c->lr_final / c->lr, fraction),
+                        harmonics * (rises ? fmin(fraction / c->harmonics_rise, 1) : 1)};
+}
+
+static void step_vertex(twin *w, int vertex, uint32_t key, step_rates rates)
 {
     const cln_config *c = w->config;
     const uint32_t leaf = (uint32_t)(vertex / w->vertices);
@@ -402,13 +420,12 @@ static void step_vertex(twin *w, int vertex, uint32_t key, double lr)
 
     for (int f = 0; f < w->net->features; f++) {
         const uint32_t p = (uint32_t)(vertex % w->vertices * w->net->features + f);
-        const double harmonics = w->wrong->harmonics > 0 ? w->wrong->harmonics : c->harmonic_rate;
-        const double rate = f == 3 ? c->density_rate : f > 3 ? harmonics : 1;
+        const double rate = f == 3 ? c->density_rate : f > 3 ? rates.harmonics : 1;
         const bool begins = v[f] == 0;
         double none = 0, at = param[f];
 
         ref_voxel_step(&at, grad[f], &none, &v[f],
-                       (ref_adam_rule){lr * rate, c->beta1, c->beta2, c->epsilon});
+                       (ref_adam_rule){rates.lr * rate, c->beta1, c->beta2, c->epsilon});
         v[f] *= begins ? w->wrong->first : 1;
         param[f] += w->wrong->step * (at - param[f]) / (begins ? sqrt(w->wrong->first) : 1);
         if (c->moments == CLN_MOMENTS_BFLOAT16)
@@ -416,14 +433,14 @@ static void step_vertex(twin *w, int vertex, uint32_t key, double lr)
     }
 }
 
-static void update_voxels(twin *w, uint32_t key, double lr)
+static void update_voxels(twin *w, uint32_t key, step_rates rates)
 {
     const int all = w->leaves * w->vertices, features = w->net->features;
 
     for (int u = 0; u < w->net->decoder_params; u++) /* betas of kernels/decoder.cl */
         ref_voxel_step(&w->decoder[u], w->decoder_grads[u], &w->decoder_m[u], &w->decoder_v[u],
-                       (ref_adam_rule){lr * w->wrong->decoder * w->config->decoder_rate, 0.9, 0.99,
-                                       w->config->epsilon});
+                       (ref_adam_rule){rates.lr * w->wrong->decoder * w->config->decoder_rate, 0.9,
+                                       0.99, w->config->epsilon});
     for (int u = 0; u < all; u++) {
         const int owner = w->owner[u];
 
@@ -435,7 +452,7 @@ static void update_voxels(twin *w, uint32_t key, double lr)
     }
     for (int u = 0; u < all; u++)
         if (w->owner[u] == u && w->met[u])
-            step_vertex(w, u, key, lr);
+            step_vertex(w, u, key, rates);
     for (int u = 0; u < all; u++)
         if (w->owner[u] != u)
             memcpy(row_of(w, w->params, u), row_of(w, w->params, w->owner[u]),
@@ -454,10 +471,7 @@ static double step_in_double(twin *w, const step_work *k, const cln_batch *batch
                            .distortion = c->distortion_loss,
                            .alpha = c->alpha_loss};
     const uint32_t key = cln_hash(step + cln_hash((uint32_t)c->seed));
-    const double fraction = (double)step / CURVE;
-    const double lr = c->lr_schedule == CLN_SCHEDULE_STEP
-                          ? c->lr * pow(0.1, floor(3 * fraction))
-                          : c->lr * pow(c->lr_final / c->lr, fraction);
+    const step_rates rates = rates_of(w, (double)step / CURVE);
     double(*out)[4] = room(k->samples, sizeof *out), (*dout)[4] = room(k->samples, sizeof *dout);
     double *factors = room(k->samples, sizeof *factors), total = 0;
     int *met = room((size_t)w->leaves, sizeof *met);
@@ -492,14 +506,14 @@ static double step_in_double(twin *w, const step_work *k, const cln_batch *batch
     }
     if (w->vertices) {
         voxel_gradients(w, k, key, (const double(*)[4])dout, factors);
-        update_voxels(w, key, lr);
+        update_voxels(w, key, rates);
     }
     for (uint32_t i = 0; i < k->samples && !w->vertices; i++)
         if (factors[i] > 0 && met[k->sample[i].slot] >= c->min_leaf_samples)
             network(w, k, key, i, NULL, dout[i]);
     for (int s = 0; s < w->leaves && !w->vertices; s++)
         if (met[s] >= c->min_leaf_samples && met[s] > 0)
-            update(w, s, lr);
+            update(w, s, rates.lr);
     free(out);
     free(dout);
     free(factors);
@@ -609,12 +623,13 @@ static void test_curves(void **state)
 static void test_voxels(void **state)
 {
     static const mistake mistakes[] = {
-        {"1 % of Adam's steps", 1.01, 1, 0, 1, 1, false},
-        {"no smoothness", 1, 0, 0, 1, 1, false},
-        {"the harmonics' rate of one", 1, 1, 1, 1, 1, false},
-        {"second moments that begin 2 % lower", 1, 1, 0, 0.98, 1, false},
-        {"gradients of neighbours not added", 1, 1, 0, 1, 1, true},
-        {"2 % of the decoder's steps", 1, 1, 0, 1, 1.02, false},
+        {"1 % of Adam's steps", 1.01, 1, 0, 1, 1, false, false},
+        {"no smoothness", 1, 0, 0, 1, 1, false, false},
+        {"the harmonics' rate of one", 1, 1, 1, 1, 1, false, false},
+        {"second moments that begin 2 % lower", 1, 1, 0, 0.98, 1, false, false},
+        {"gradients of neighbours not added", 1, 1, 0, 1, 1, true, false},
+        {"harmonics whose rate does not rise", 1, 1, 0, 1, 1, false, true},
+        {"2 % of the decoder's steps", 1, 1, 0, 1, 1.02, false, false},
     };
     const int count = sizeof mistakes / sizeof *mistakes;
     double off[MISTAKES];
