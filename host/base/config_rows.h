@@ -264,9 +264,11 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "voxel: learning rate of densities, times --lr", .flags = CLN_ROW_LATER)                  \
     REAL(harmonic_rate, "harmonics-lr", 1, 1, 1e-3, 1e3,                                           \
          "voxel: learning rate of harmonics above degree 0, times --lr", .flags = CLN_ROW_LATER)   \
-    REAL(harmonics_rise, "harmonics-rise", 0, 0, 0, 1,                                             \
-         "voxel: --harmonics-lr rises from 0 over this fraction of the budget",                    \
-         .flags = CLN_ROW_LATER)                                                                   \
+    REAL(                                                                                          \
+        harmonics_rise, "harmonics-rise", 0, 0, 0, 1,                                              \
+        "voxel: --harmonics-lr rises from 0 over this fraction of the budget, for images without " \
+        "alpha",                                                                                   \
+        .flags = CLN_ROW_LATER)                                                                    \
     REAL(decoder_rate, "decoder-lr", 0.1, 0.1, 0, 1e3,                                             \
          "voxel: learning rate of the decoder, times --lr", .flags = CLN_ROW_LATER)                \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \

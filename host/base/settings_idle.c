@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 53 };
+enum { IDLE_ROWS = 54 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -77,6 +77,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "of several processes none sees all photos' edges; train with one"},
         {"antialias-after", cln_config_antialias(c, facts->has_alpha) <= 1,
          "there is one ray a pixel; give --antialias 2"},
+        {"harmonics-rise", c->harmonics_rise > 0 && facts->has_alpha,
+         "the images have alpha, which shows where surfaces are; leave it out"},
         {"alpha-loss", c->alpha_loss > 0 && !facts->has_alpha,
          "the images have no alpha; give --opaque-loss"},
         {"opaque-loss", c->opaque_loss > 0 && facts->has_alpha,

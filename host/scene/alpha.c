@@ -1,7 +1,8 @@
 /* What the alpha of photos tells besides their background.
  *   where the scene is: a point is empty if a training photo that sees it is transparent there.
  *     Looked at on a grid of points of the cube, so it is coarse; it only tells whether a cube that
- *     was guessed from the cameras is much too large.
+ *     was guessed from the cameras is much too large. And whether the cube is beside it: then few
+ *     rays through opaque pixels meet the cube.
  *   whether colours were multiplied by it: then none exceeds it, in any pixel of any photo. */
 #include "scene/build.h"
 
@@ -15,6 +16,7 @@ enum { GRID = 48, LEAST_VIEWS = 3 }; /* points along an axis; views that must se
 /* Half transparent pixels of a photo; a colour of some opaque one. */
 enum { SOFT = 8, BRIGHT = 64 };
 static const double WIDE = 0.6; /* share of the cube's side, from which it is wide enough */
+static const double MET = 0.5;  /* share of the object's rays, from which the cube is not beside */
 
 /* Is the point, in scene units, opaque in all photos that see it, which are enough? */
 static bool is_shown(const cln_scene *scene, const double point[3])
@@ -90,6 +92,60 @@ void cln_scene_warn_wide(const cln_scene *scene)
              scene->folder, scene->space.half, scene->bounds_rule,
              100 * side / (2 * scene->space.half), n, box[0], n, box[1], n, box[2], n, box[3], n,
              box[4], n, box[5]);
+}
+
+/* Of grid pixels of loaded training photos that are opaque: how many, and how many of their rays
+ * meet the cube; the largest distance of one from `focus`. */
+static void count_met(const cln_scene *scene, const double focus[3], int *opaque, int *met,
+                      double *radius)
+{
+    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
+        const cln_view *view = cln_scene_training_view(scene, i);
+        const cln_camera *c = &view->camera;
+
+        if (view->channels != 4 || !cln_view_is_loaded(view))
+            continue;
+        for (int k = 0; k < GRID * GRID; k++) {
+            const int x = (2 * (k % GRID) + 1) * c->width / (2 * GRID);
+            const int y = (2 * (k / GRID) + 1) * c->height / (2 * GRID);
+            double o[3], d[3], along = 0, square = 0;
+            uint8_t rgba[4];
+
+            cln_view_bytes(view, x, y, rgba);
+            if (rgba[3] < 128 || !cln_camera_ray(c, x + 0.5, y + 0.5, o, d))
+                continue;
+            (*opaque)++;
+            *met += cln_space_met_by(&scene->space, o, d);
+            for (int a = 0; a < 3; a++)
+                along += (focus[a] - o[a]) * d[a];
+            for (int a = 0; a < 3; a++)
+                square += pow(o[a] + along * d[a] - focus[a], 2);
+            *radius = fmax(*radius, sqrt(square));
+        }
+    }
+}
+
+void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
+{
+    double focus[3], radius = 0;
+    int opaque = 0, met = 0, n = 0;
+
+    if (!scene->has_alpha || scene->space.forward || scene->space.shell ||
+        !cln_scene_focus(scene, focus))
+        return;
+    count_met(scene, focus, &opaque, &met, &radius);
+    if (opaque == 0 || met >= MET * opaque)
+        return;
+    const double box[6] = {focus[0] - radius, focus[1] - radius, focus[2] - radius,
+                           focus[0] + radius, focus[1] + radius, focus[2] + radius};
+
+    n = cln_reals_digits(6, box, 2 * radius);
+    cln_found_fault(findings, "cube", true, NULL,
+                    "only %.0f%% of the rays through what the photos' alpha shows meet the cube "
+                    "(half side %g; %s): the object lies beside it. A box around the object: "
+                    "--bbox=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
+                    100.0 * met / opaque, scene->space.half, scene->bounds_rule, n, box[0], n,
+                    box[1], n, box[2], n, box[3], n, box[4], n, box[5]);
 }
 
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])

@@ -116,6 +116,10 @@ enum { CLN_LEAST_PHOTOS = 3 };
 /* alpha.c: adds to the findings that colours look as if they were multiplied by alpha. */
 void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings);
 
+/* Tells if most rays through opaque pixels of training photos with alpha miss the cube, and names a
+ * box around what they show. Counts loaded photos alone. */
+void cln_scene_tell_missed(const cln_scene *scene, json_t *findings);
+
 /* doubts.c: fills cube_share, spread, apart_share and, by the reader's points, before_share. */
 void cln_scene_find_doubts(cln_scene *scene, const cln_reader_result *result);
 /* Adds what they make doubtful to the findings (inspect.h). */

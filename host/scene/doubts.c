@@ -267,6 +267,7 @@ void cln_scene_warn_doubts(const cln_scene *scene)
     json_t *findings = json_array();
 
     cln_scene_tell_doubts(scene, findings);
+    cln_scene_tell_missed(scene, findings);
     for (size_t i = 0; i < json_array_size(findings); i++)
         cln_warn("%s: %s", scene->folder,
                  json_string_value(json_object_get(json_array_get(findings, i), "text")));

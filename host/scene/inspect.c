@@ -857,6 +857,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     cln_scene_tell_doubts(scene, in.findings);
     cln_scene_tell_turns(scene, in.findings);
     cln_scene_tell_multiplied(scene, in.findings);
+    cln_scene_tell_missed(scene, in.findings);
     if (cln_scene_is_empty(scene, empty))
         cln_found_fault(in.findings, "alpha", true, NULL, "%s", empty);
     check_agreement(&in);

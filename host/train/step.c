@@ -30,9 +30,11 @@ double cln_step_learning_rate(const cln_config *c, double fraction)
     return c->lr * pow(c->lr_final / c->lr, fraction);
 }
 
-double cln_step_harmonic_rate(const cln_config *c, double fraction)
+double cln_step_harmonic_rate(const cln_config *c, bool has_alpha, double fraction)
 {
-    return c->harmonic_rate * (fraction < c->harmonics_rise ? fraction / c->harmonics_rise : 1);
+    const bool rises = !has_alpha && fraction < c->harmonics_rise;
+
+    return c->harmonic_rate * (rises ? fraction / c->harmonics_rise : 1);
 }
 
 /* Rays of the next step: --rays, more if leaves would meet too few samples, fewer if the batch
@@ -214,7 +216,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     CLN_TRY(cln_stage_forward(p, here, slices, true, key));
     CLN_TRY(cln_stage_composite_train(p, rays, here));
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, here));
-    p->harmonic_rate = cln_step_harmonic_rate(c, fraction);
+    p->harmonic_rate = cln_step_harmonic_rate(c, t->model.has_alpha, fraction);
     CLN_TRY(cln_stage_update(p, here, slices, (uint32_t)c->min_leaf_samples, key,
                              cln_step_learning_rate(c, fraction)));
     CLN_TRY(cln_stage_measure(p, measured));

@@ -135,7 +135,7 @@ section_measured() {
 
 # Photos with alpha whose file does not tell where the scene is: a cube out to the cameras.
 section_wide() {
-    local box
+    local box aside
     baseline
     cp -r "$work/photos" "$work/wide"
     mv "$work/wide/transforms_train.json" "$work/wide/transforms.json"
@@ -149,6 +149,19 @@ section_wide() {
     expect "with it" 0 "" "$cln" train "$work/wide" -o "$work/tight run" "${small[@]}" --steps 2 \
         "$box"
     check "nothing is said" eval '! said "the cube is a guess"'
+
+    aside=--bbox=2.5,-1.5,-1.5,5.5,1.5,1.5
+    expect "an object beside the cube" 0 "~warning:.*only.[0-9]*%.*the.object.lies.beside.it" \
+        "$cln" train "$work/photos" -o "$work/beside run" "${small[@]}" --steps 2 "$aside"
+    box=$(grep -oE -- '--bbox=[-0-9.,e]+' "$work/err" | tail -1)
+    check "the box holds the object, and little else" awk -v box="${box#*=}" 'BEGIN {
+        n = split(box, b, ",")
+        exit n != 6 || b[1] > -1 || b[1] < -3 || b[4] < 1 || b[4] > 3 }'
+    expect "check names it" 0 "" "$cln" check "$work/photos" --probe 0 "$aside"
+    check "by the box" grep -q -e "the object lies" "$work/out"
+    expect "with it" 0 "" "$cln" train "$work/photos" -o "$work/around run" "${small[@]}" \
+        --steps 2 "$box"
+    check "nothing is said any more" eval '! said "lies beside"'
 }
 
 section_moved() {

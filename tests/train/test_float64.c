@@ -537,6 +537,7 @@ static double compare_curves(const preset_case *c, uint32_t steps, double *fell,
     twin w[1 + MISTAKES];
 
     open_trainer(&config, &t);
+    t.model.has_alpha = false; /* the harmonics' rate rises as it does without */
     assert_ok(cln_batch_create(t.scene, &config, &batch));
     for (int i = 0; i <= mistakes; i++)
         open_twin(&t.model, &config, i == 0 ? &right : &wrong[i - 1], &w[i]);

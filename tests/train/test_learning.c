@@ -12,6 +12,7 @@
 #include "run_fixture.h"
 #include "sanitized.h"
 #include "tests.h"
+#include "train/step.h"
 
 enum { LONG = 600 };
 
@@ -145,6 +146,21 @@ static void test_learning_rate(void **state)
     check_rates("in steps", true);
 }
 
+/* The harmonics' rate rises from 0 to its own, unless alpha shows where surfaces are. */
+static void test_harmonic_rate(void **state)
+{
+    cln_config c = {.harmonic_rate = 0.4, .harmonics_rise = 0.2};
+
+    (void)state;
+    assert_true(cln_step_harmonic_rate(&c, false, 0) == 0);
+    assert_float_equal(cln_step_harmonic_rate(&c, false, 0.05), 0.1, 1e-12);
+    assert_true(cln_step_harmonic_rate(&c, false, 0.2) == 0.4);
+    assert_true(cln_step_harmonic_rate(&c, false, 1) == 0.4);
+    assert_true(cln_step_harmonic_rate(&c, true, 0) == 0.4);
+    c.harmonics_rise = 0;
+    assert_true(cln_step_harmonic_rate(&c, false, 0) == 0.4);
+}
+
 /* Before a background of any colour nothing but opacity fits: what is transparent stays so, and the
  * run is another, resumed like any. */
 static void test_random_background(void **state)
@@ -268,9 +284,10 @@ static void test_recovers(void **state)
 int test_group_learning(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_beats_a_constant), cmocka_unit_test(test_depth_is_the_balls),
-        cmocka_unit_test(test_learning_rate),    cmocka_unit_test(test_random_background),
-        cmocka_unit_test(test_diverges),         cmocka_unit_test(test_recovers),
+        cmocka_unit_test(test_beats_a_constant),  cmocka_unit_test(test_depth_is_the_balls),
+        cmocka_unit_test(test_learning_rate),     cmocka_unit_test(test_harmonic_rate),
+        cmocka_unit_test(test_random_background), cmocka_unit_test(test_diverges),
+        cmocka_unit_test(test_recovers),
     };
 
     return cmocka_run_group_tests_name("learning", tests, fixture_setup, fixture_teardown);
