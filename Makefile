@@ -48,8 +48,9 @@ MICROHTTPD := $(shell $(PKG_CONFIG) --exists libmicrohttpd && echo libmicrohttpd
 LCMS2 := $(shell $(PKG_CONFIG) --exists lcms2 && echo lcms2)
 PKGS := OpenCL jansson zlib $(MICROHTTPD) $(LCMS2)
 # for export --mesh --triangles; without it that option says what is missing. It has no pkg-config.
-MESHOPTIMIZER := $(shell $(CC) -fsyntax-only -include meshoptimizer.h -x c /dev/null 2>/dev/null \
-                         && echo meshoptimizer)
+# A header alone may be another machine's: a cross compiler looks into /usr/include, too.
+MESHOPTIMIZER := $(shell echo 'int main(void) { return 0; }' | $(CC) -include meshoptimizer.h \
+                         -x c - -o /dev/null -lmeshoptimizer 2>/dev/null && echo meshoptimizer)
 CLANG ?= $(firstword $(shell command -v clang-14 clang))
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
 # -g1: reports of sanitizers have lines; compiling takes three quarters of the time

@@ -16,8 +16,9 @@
 #include "device/cache.h"
 #include "ranks/ranks.h"
 
-/* A terminal that is closed sends SIGHUP, which is obeyed as SIGTERM; nohup has it ignored. */
-static const int stop_signals[] = {SIGINT, SIGTERM, SIGHUP};
+/* A terminal that is closed sends SIGHUP, a soft limit of processor time SIGXCPU: both are obeyed
+ * as SIGTERM; nohup has SIGHUP ignored. */
+static const int stop_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGXCPU};
 
 /* Written by handlers, read by the poll. */
 static volatile sig_atomic_t stop_signal;
@@ -104,11 +105,12 @@ static int poll_signals(void *user)
     if (stop_signal) {
         if (!console->announced)
             cln_info("%s: stopping; a second signal stops at once",
-                     stop_signal == SIGINT   ? "interrupted"
-                     : stop_signal == SIGHUP ? "hung up"
-                                             : "terminated");
+                     stop_signal == SIGINT    ? "interrupted"
+                     : stop_signal == SIGHUP  ? "hung up"
+                     : stop_signal == SIGXCPU ? "out of processor time"
+                                              : "terminated");
         console->announced = true;
-        return stop_signal == SIGHUP ? SIGTERM : stop_signal;
+        return stop_signal == SIGINT ? SIGINT : SIGTERM;
     }
     if (checkpoint_wanted) {
         checkpoint_wanted = 0;

@@ -9,9 +9,9 @@
 /* Adam's learning rate at a fraction 0..1 of the budget: config.lr, lower by config.lr_schedule. */
 double cln_step_learning_rate(const cln_config *config, double fraction);
 
-/* The rate of voxels' harmonics above degree 0, as a share of Adam's, likewise: config.harmonic_rate,
- * which of photos without alpha rises from 0 over config.harmonics_rise of the budget
- * (docs/method.md 1.2). */
+/* Likewise the rate of voxels' harmonics above degree 0, as a share of Adam's: harmonic_rate of the
+ * settings, which of photos without alpha rises from 0 over the fraction harmonics_rise (method.md
+ * 1.2). */
 double cln_step_harmonic_rate(const cln_config *config, bool has_alpha, double fraction);
 
 /* The used fraction 0..1 of the budget in steps or in time, whichever is larger. */

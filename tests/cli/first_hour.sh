@@ -551,6 +551,16 @@ section_training() {
     check "its terminal is closed: training ends" [ $? = 143 ]
     check "it leaves a checkpoint" [ -s "$work/other/checkpoint/latest" ]
     rm -rf "$work/other"
+    "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 >"$work/out" \
+        2>"$work/err" &
+    step=$!
+    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+    kill -XCPU $step
+    wait $step
+    check "processor time is used up: training ends" [ $? = 143 ]
+    check "and says so" said "out of processor time: stopping"
+    check "with a checkpoint, too" [ -s "$work/other/checkpoint/latest" ]
+    rm -rf "$work/other"
     nohup "$cln" train "$s" -o "$work/other" "${small[@]}" --time-limit 3 >"$work/out" \
         2>"$work/err" &
     step=$!

@@ -29,7 +29,7 @@ typedef struct preset_case {
     int decoder;                         /* width of voxels' decoder */
 } preset_case;
 
-/* How a trainer is wrong on purpose, in its voxels: {NULL, 1, 1, 0, 1, 1, false, false} is right. */
+/* How a trainer is wrong on purpose, in its voxels: `right` is not. */
 typedef struct mistake {
     const char *name;
     double step, smooth; /* factors of Adam's steps, of the smoothness */
