@@ -642,7 +642,7 @@ the cube" \
         "$cln" export "$run" --mesh "$work/street-mesh.ply" --json
     check "its document says so, too" [ "$(json beyond_left_out)" = true ]
     expect "a part of it that ends nowhere near" 0 "~beyond.the.cube.*left.out" \
-        "$cln" export "$run" --mesh "$work/street-part.ply" --crop=-0.4,-0.4,-0.4,0.4,0.4,0.4
+        "$cln" export "$run" --mesh "$work/street-part.ply" --crop=-1,-1,-1,1,1,1
     check "without a warning" eval '! said "faces.of.the.cube"'
     expect "boxes of leaves have no meaning" 2 "boxes --mesh" \
         "$cln" export "$run" --octree "$work/tree.ply"
