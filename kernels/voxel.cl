@@ -717,9 +717,9 @@ HELPER void fetch_update(const __local leaf_update *u, int row, uint leaf,
 
 /* Leaf around[leaf][13 + (dz * 3 + dy) * 3 + dx] is the neighbour of this size there, or -1. A
  * work-group updates EACH of the `own` leaves from `first` on, by the rate lr, and times
- * harmonic_rate for a_k, k > 0. A gradient is the sum over leaves of
- * their sums over slices, of which other ranks' leaves have one (halo.cl). What a leaf's update
- * reads is fetched during the one before, row by row. */
+ * harmonic_rate for a_k, k > 0. A gradient is the sum over leaves of their sums over slices, of
+ * which other ranks' leaves have one (halo.cl). What a leaf's update reads is fetched during the
+ * one before, row by row. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
 voxel_update(const __global uint *restrict slice_starts, /* [leaf + 1] */
              LEAF_ARRAY(const float, grads),             /* [slice][PARAMS] */

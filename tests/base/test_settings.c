@@ -440,6 +440,9 @@ static void test_idle(void **state)
     assert_string_equal(warnings("fast", "opaque-loss=0.1", false, false), "");
     assert_non_null(strstr(warnings("fast", "alpha-loss=0.1", false, false), "no alpha"));
     assert_string_equal(warnings("fast", "alpha-loss=0.1", false, true), "");
+    assert_non_null(
+        strstr(warnings("voxel", "harmonics-rise=0.2", false, true), "--harmonics-rise has no"));
+    assert_string_equal(warnings("voxel", "harmonics-rise=0.2", false, false), "");
     no_sights = true;
     assert_non_null(strstr(warnings("fast", "depth-loss=0.1", false, false), "name no points"));
     no_sights = false;

@@ -396,6 +396,11 @@ section_scenes() {
         "$cln" train "$s" -o "$work/keys" "${small[@]}" --steps 2
 }
 
+# Until the training of this run, process $step, has a row of metrics, or has ended.
+first_row() { # first_row RUN
+    while [ ! -s "$1/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+}
+
 # A first training and what it prints.
 section_training() {
     local s=$work/my\ scene r="$work/run's 1" step
@@ -543,7 +548,7 @@ section_training() {
     env --default-signal=HUP bash -c 'exec "$@" 2>&-' - "$cln" train "$s" -o "$work/other" \
         "${small[@]}" --steps 1000000 >"$work/out" &
     step=$!
-    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+    first_row "$work/other"
     check "standard error that is closed is no other file" \
         [ "$(readlink /proc/$step/fd/2)" = /dev/null ]
     kill -HUP $step
@@ -554,7 +559,7 @@ section_training() {
     "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 >"$work/out" \
         2>"$work/err" &
     step=$!
-    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+    first_row "$work/other"
     kill -XCPU $step
     wait $step
     check "processor time is used up: training ends" [ $? = 143 ]
@@ -564,7 +569,7 @@ section_training() {
     nohup "$cln" train "$s" -o "$work/other" "${small[@]}" --time-limit 3 >"$work/out" \
         2>"$work/err" &
     step=$!
-    while [ ! -s "$work/other/metrics.jsonl" ] && kill -0 $step; do sleep 0.1; done
+    first_row "$work/other"
     kill -HUP $step
     wait $step
     check "with nohup training goes on" [ $? = 0 ]
