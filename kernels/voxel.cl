@@ -203,7 +203,8 @@ HELPER void block_places(block *b, int count)
 
 /* Colours and densities of the first `count` samples. features: the block's rows, kept to train. */
 HELPER void block_forward(const block *b, int count, const __global float *net,
-                          __global float *features, uint step_key, __global float4 *out)
+                          __global float *features, uint step_key, uint decode,
+                          __global float4 *out)
 {
     float raw[4][BLOCK];
 #if DECODER
@@ -223,11 +224,13 @@ HELPER void block_forward(const block *b, int count, const __global float *net,
         UNROLL (v, FEATURES / VW)
             VSTORE(sum[v], f + v * VW);
 #if DECODER
-        decoder_inputs(f, b->along[i], BLOCK, inputs + i);
+        if (decode) {
+            decoder_inputs(f, b->along[i], BLOCK, inputs + i);
 #if TRAIN
-        UNROLL (v, FEATURES / VW)
-            VSTORE_IN(__global, sum[v], features + (size_t)i * FEATURES + v * VW);
+            UNROLL (v, FEATURES / VW)
+                VSTORE_IN(__global, sum[v], features + (size_t)i * FEATURES + v * VW);
 #endif
+        }
 #endif
         harmonics_of(b->along[i], HARMONICS, 1, y);
         UNROLL (k, HARMONICS - 1)
@@ -249,18 +252,20 @@ HELPER void block_forward(const block *b, int count, const __global float *net,
     }
     for (int i = 0; i < count; i += VW) {
 #if DECODER
-        vf x[DECODER_IN], h[DECODER], sum[3];
+        if (decode) {
+            vf x[DECODER_IN], h[DECODER], sum[3];
 
-        for (int k = 0; k < DECODER_IN; k++)
-            x[k] = VLOAD(inputs + k * BLOCK + i);
-        decoder_hidden(net, x, h);
-        UNROLL (a, 3)
-            sum[a] = VLOAD(raw[a] + i);
-        for (int j = 0; j < DECODER; j++)
+            for (int k = 0; k < DECODER_IN; k++)
+                x[k] = VLOAD(inputs + k * BLOCK + i);
+            decoder_hidden(net, x, h);
             UNROLL (a, 3)
-                sum[a] = MAD((vf)(net[DECODER_OUT + a * DECODER + j]), h[j], sum[a]);
-        UNROLL (a, 3)
-            VSTORE(sum[a], raw[a] + i);
+                sum[a] = VLOAD(raw[a] + i);
+            for (int j = 0; j < DECODER; j++)
+                UNROLL (a, 3)
+                    sum[a] = MAD((vf)(net[DECODER_OUT + a * DECODER + j]), h[j], sum[a]);
+            UNROLL (a, 3)
+                VSTORE(sum[a], raw[a] + i);
+        }
 #endif
         UNROLL (a, 3)
             VSTORE(1.0f / (1.0f + EXP(-VLOAD(raw[a] + i))), raw[a] + i);
@@ -271,6 +276,7 @@ HELPER void block_forward(const block *b, int count, const __global float *net,
     (void)net;
     (void)features;
     (void)step_key;
+    (void)decode;
 }
 
 #if TRAIN
@@ -285,7 +291,8 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
               __global float4 *restrict out,               /* [sample] r, g, b, sigma */
               const __global float *restrict net,          /* [DECODER_SIZE] */
               __global float *restrict features, /* [grouped sample][FEATURES], kept to train */
-              uint n_slices, uint step_key, int first)
+              uint n_slices, uint step_key, int first,
+              uint decode) /* 0: the decoder adds 0, and is left out */
 {
     const uint group = slice_of(slices, get_group_id(0), n_slices);
 
@@ -311,7 +318,8 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
             b.row[i] = w;
         }
         block_places(&b, count);
-        block_forward(&b, count, net, features + (size_t)start * FEATURES, step_key, out);
+        block_forward(&b, count, net, features + (size_t)start * FEATURES, step_key, decode,
+                      out);
     }
 }
 #else
@@ -326,7 +334,7 @@ voxel_samples(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
               const __global float4 *restrict ray_d,       /* [ray] */
               __global float4 *restrict out,               /* [sample] r, g, b, sigma */
               const __global float *restrict net,          /* [DECODER_SIZE] */
-              uint n, uint each, uint first, uint own)
+              uint n, uint each, uint first, uint own, uint decode)
 {
     const uint begin = get_group_id(0) * each, end = min(begin + each, n);
 
@@ -368,7 +376,7 @@ voxel_samples(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
             UNROLL (a, 3)
                 b.at[a][i] = 0.0f;
         block_places(&b, count);
-        block_forward(&b, count, net, 0, 0u, out);
+        block_forward(&b, count, net, 0, 0u, decode, out);
     }
 }
 #endif
@@ -487,7 +495,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
                LEAF_ARRAY(float, grads), __global uint *restrict met, uint n_slices,
                const __global uint *restrict begin,
                const __global float *restrict feature_grads, /* [grouped sample][FEATURES] */
-               uint step_key, int first)
+               uint step_key, int first, uint decode)
 {
     const uint group = slice_of(slices, get_group_id(0), n_slices);
     const int lid = (int)get_local_id(0);
@@ -538,8 +546,10 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
             UNROLL (a, 3)
                 d[4 + 3 * h + a] = y[h + 1] * d[a];
 #if DECODER
-        UNROLL (f, FEATURES)
-            d[f] += feature_grads[(size_t)(slice.start + i) * FEATURES + f];
+        if (decode) {
+            UNROLL (f, FEATURES)
+                d[f] += feature_grads[(size_t)(slice.start + i) * FEATURES + f];
+        }
 #endif
         add_to_corners(&p[k], d, lid, mine, grad);
     }
@@ -554,6 +564,7 @@ voxel_backward(LEAF_ARRAY(const float, params),             /* [row][PARAMS] */
     (void)w;
     (void)begin;
     (void)feature_grads;
+    (void)decode;
 }
 
 /* ---- update ---- */

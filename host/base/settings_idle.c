@@ -43,8 +43,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"width depth skip bands bands-by-level view-width view-bands view-l2 rrelu-scope "
          "rrelu-lower rrelu-upper init min-leaf-samples",
          !cln_leaf_kind_of(c->encoding)->network, "voxels have no network; give --preset fast"},
-        {"harmonics decoder-width decoder-lr density-lr harmonics-lr harmonics-rise smooth-density "
-         "smooth-colour smooth-density-delta smooth-colour-delta cell-pixels",
+        {"harmonics decoder-width decoder-lr decoder-after density-lr harmonics-lr harmonics-rise "
+         "smooth-density smooth-colour smooth-density-delta smooth-colour-delta cell-pixels",
          c->encoding != CLN_ENCODING_VOXEL, "there are no voxels; give --preset voxel"},
         {"harmonics-lr harmonics-rise", c->harmonics == 0,
          "there are no harmonics; give --harmonics 1"},
@@ -53,8 +53,10 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "the resumed run's tree is past --structure-until; give a later one, or more --steps"},
         {"cell-pixels", facts->forward && !c->adaptive,
          "whole levels of normalised device coordinates have no width; give --adaptive"},
-        {"decoder-lr", c->decoder_width == 0, "there is no decoder; give --decoder-width 32"},
-        {"harmonics harmonics-lr harmonics-rise decoder-width decoder-lr", !c->view_dependence,
+        {"decoder-lr decoder-after", c->decoder_width == 0,
+         "there is no decoder; give --decoder-width 32"},
+        {"harmonics harmonics-lr harmonics-rise decoder-width decoder-lr decoder-after",
+         !c->view_dependence,
          "without view dependence there are no harmonics; give --view-dependence"},
         {"bands bands-by-level", c->encoding == CLN_ENCODING_GRID,
          "networks on a grid read no bands of the position; give --encoding frequency"},

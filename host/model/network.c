@@ -236,6 +236,14 @@ void cln_decoder_init(const cln_network *net, const cln_config *config, float *p
     fill_uniform(config, 1, net->decoder, 1 / sqrt(in), params + in * net->decoder);
 }
 
+bool cln_decoder_adds(const cln_network *net, const float *params)
+{
+    for (int i = net->decoder_params - 3 * net->decoder; i < net->decoder_params; i++)
+        if (params[i] != 0)
+            return true;
+    return false;
+}
+
 double cln_network_density_bias(const cln_config *config)
 {
     double y = config->initial_depth / (config->density_scale * 2); /* the root cube is 2 wide */

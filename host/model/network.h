@@ -69,6 +69,9 @@ void cln_network_init(const cln_network *net, const cln_config *config, float *p
  * is 0. */
 void cln_decoder_init(const cln_network *net, const cln_config *config, float *params);
 
+/* Does it add anything: is a weight of its output not 0? No without a decoder. */
+bool cln_decoder_adds(const cln_network *net, const float *params);
+
 /* Density activation's bias b, from initial_depth (method.md section 1). */
 double cln_network_density_bias(const cln_config *config);
 

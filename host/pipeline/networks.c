@@ -90,10 +90,17 @@ static bool is_voxel(const cln_pipeline *p)
     return p->net.encoding == CLN_ENCODING_VOXEL;
 }
 
+/* Is the decoder needed? While it adds 0 and no update changes that, it has no gradient either. */
+static bool decodes(const cln_pipeline *p, bool training)
+{
+    return p->net.decoder > 0 && (p->decodes || (training && p->decoder_rate > 0));
+}
+
 cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t slice_count,
                              bool training, uint32_t step_key)
 {
     cln_status st = CLN_OK;
+    const cl_uint decode = decodes(p, training);
     cln_device *device = p->device;
     const cl_uint slices = slice_count, key = step_key;
     const cl_uint count = sample_count, each = (cl_uint)p->tune.sl, own = (cl_uint)p->own;
@@ -107,14 +114,14 @@ cln_status cln_stage_forward(cln_pipeline *p, uint32_t sample_count, uint32_t sl
                            CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
                            CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
                            CLN_ARG(p->out.mem), CLN_ARG(p->decoder_w.mem), CLN_ARG(p->acts.mem),
-                           CLN_ARG(slices), CLN_ARG(key), CLN_ARG(first)));
+                           CLN_ARG(slices), CLN_ARG(key), CLN_ARG(first), CLN_ARG(decode)));
     else if (is_voxel(p))
         CLN_TRY(CLN_LAUNCH(device, p->k.voxel_samples, CLN_STAGE_FORWARD,
                            cln_groups(sample_count, each), (size_t)p->tune.ls,
                            CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->samples.mem),
                            CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem), CLN_ARG(p->out.mem),
                            CLN_ARG(p->decoder_w.mem), CLN_ARG(count), CLN_ARG(each), CLN_ARG(first),
-                           CLN_ARG(own)));
+                           CLN_ARG(own), CLN_ARG(decode)));
     else
         CLN_TRY(CLN_LAUNCH(device, training ? p->k.mlp_forward_train : p->k.mlp_forward_eval,
                            CLN_STAGE_FORWARD, slices, (size_t)p->tune.ls, CLN_LEAF_ARG(p, params),
@@ -275,7 +282,7 @@ static cln_status decoder_backward(cln_pipeline *p, uint32_t sample_count, uint3
     int rows = 0;
 
     CLN_TRY(CLN_RESERVE(p, feature_grads, sample_count));
-    if (!p->net.decoder)
+    if (!decodes(p, true))
         return CLN_OK;
     p->decoder_groups = (int)cln_groups(slice_count, CLN_DECODER_EACH);
     rows = p->decoder_groups > p->ranks ? p->decoder_groups : p->ranks;
@@ -306,6 +313,7 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sa
     const cl_uint half = (cl_uint)p->tune.sl / 2, least = update ? update->min_samples : 0;
     const cl_float rate = update ? (float)update->lr : 0;
     const cl_int first = p->first;
+    const cl_uint decode = decodes(p, true);
     size_t far = 0; /* of other ranks' leaves */
 
     CLN_TRY(cln_halo_room(p, &far));
@@ -313,14 +321,14 @@ static cln_status launch_backward(cln_pipeline *p, double gradients, uint32_t sa
     if (is_voxel(p)) {
         CLN_TRY(CLN_RESERVE(p, met, slice_count + far));
         CLN_TRY(decoder_backward(p, sample_count, slice_count));
-        CLN_TRY(CLN_LAUNCH(p->device, p->k.voxel_backward, CLN_STAGE_BACKWARD, slices,
-                           (size_t)p->tune.ls, CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem),
-                           CLN_ARG(p->slices.mem), CLN_ARG(p->values[0].mem),
-                           CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem), CLN_ARG(p->ray_d.mem),
-                           CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem),
-                           CLN_ARG(p->chosen_counts.mem), CLN_LEAF_ARG(p, grads),
-                           CLN_ARG(p->met.mem), CLN_ARG(slices), CLN_ARG(p->begin.mem),
-                           CLN_ARG(p->feature_grads.mem), CLN_ARG(key), CLN_ARG(first)));
+        CLN_TRY(CLN_LAUNCH(
+            p->device, p->k.voxel_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
+            CLN_LEAF_ARG(p, params), CLN_ARG(p->boxes.mem), CLN_ARG(p->slices.mem),
+            CLN_ARG(p->values[0].mem), CLN_ARG(p->samples.mem), CLN_ARG(p->ray_o.mem),
+            CLN_ARG(p->ray_d.mem), CLN_ARG(p->heads.mem), CLN_ARG(p->chosen.mem),
+            CLN_ARG(p->chosen_counts.mem), CLN_LEAF_ARG(p, grads), CLN_ARG(p->met.mem),
+            CLN_ARG(slices), CLN_ARG(p->begin.mem), CLN_ARG(p->feature_grads.mem), CLN_ARG(key),
+            CLN_ARG(first), CLN_ARG(decode)));
         goto done;
     }
     CLN_TRY(CLN_LAUNCH(p->device, p->k.mlp_backward, CLN_STAGE_BACKWARD, slices, (size_t)p->tune.ls,
@@ -351,10 +359,11 @@ static cln_status decoder_update(cln_pipeline *p, double lr)
 {
     const size_t wg = (size_t)p->tune.wg;
     const cl_uint groups = (cl_uint)p->decoder_groups;
-    const cl_float rate = (cl_float)(lr * p->config.decoder_rate);
+    const cl_float rate = (cl_float)(lr * p->decoder_rate);
 
-    if (!p->net.decoder)
+    if (!decodes(p, true))
         return CLN_OK;
+    p->decodes = true;
     return CLN_LAUNCH(p->device, p->k.decoder_update, CLN_STAGE_ADAM,
                       cln_groups((size_t)p->net.decoder_params, wg), wg,
                       CLN_ARG(p->decoder_grads.mem), CLN_ARG(p->decoder_w.mem),
@@ -433,7 +442,8 @@ cln_status cln_stage_update(cln_pipeline *p, uint32_t sample_count, uint32_t sli
     if (is_voxel(p)) {
         CLN_TRY(cln_stage_backward(p, sample_count, slice_count, step_key));
         CLN_TRY(cln_halo_gradients(p, slice_count));
-        CLN_TRY(cln_halo_decoder(p));
+        if (decodes(p, true))
+            CLN_TRY(cln_halo_decoder(p));
         CLN_TRY(launch_voxel_update(p, lr, step_key));
         CLN_TRY(cln_halo_values(p));
         goto done;

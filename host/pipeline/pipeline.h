@@ -89,6 +89,8 @@ struct cln_pipeline {
     double opacity_loss;  /* config.alpha_loss, or opaque_loss where images have no alpha */
     double depth_loss;    /* config.depth_loss, or 0 where no ray shows a sparse point */
     double harmonic_rate; /* of the next update: config.harmonic_rate, or less (train/step.h) */
+    double decoder_rate;  /* likewise config.decoder_rate, or less */
+    bool decodes;         /* the decoder was updated: before, it adds 0 and is left out */
     cln_network net;
     cln_tune tune; /* chosen for the network, fitted to its shape and the local memory */
     char tune_from[CLN_TUNE_FROM]; /* its source, as a phrase */

@@ -494,6 +494,7 @@ static cln_status outline(cln_device *device, const cln_config *config,
     out->max_counted = UINT32_MAX;
     out->config = *config;
     out->harmonic_rate = config->harmonic_rate;
+    out->decoder_rate = config->decoder_rate;
     out->lenses = facts->lenses;
     out->space = *facts->space;
     out->deepest = deepest(config, facts);

@@ -118,6 +118,7 @@ cln_status cln_pipeline_upload(cln_pipeline *p, const cln_model *model, bool tra
     CLN_TRY(cln_pipeline_tree(p, &model->tree));
     CLN_TRY(put_own(p, CLN_BUFFER_params, model->params));
     CLN_TRY(CLN_PUT(p, decoder_w, model->decoder, 1));
+    p->decodes = cln_decoder_adds(&model->net, model->decoder);
     if (model->density)
         CLN_TRY(CLN_PUT(p, density, model->density, (size_t)p->leaves));
     else if (training)

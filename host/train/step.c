@@ -37,6 +37,13 @@ double cln_step_harmonic_rate(const cln_config *c, bool has_alpha, double fracti
     return c->harmonic_rate * (rises ? fraction / c->harmonics_rise : 1);
 }
 
+double cln_step_decoder_rate(const cln_config *c, double fraction)
+{
+    const double after = c->decoder_after;
+
+    return c->decoder_rate * (after > 0 ? fmin(fmax(fraction / after - 1, 0), 1) : 1);
+}
+
 /* Rays of the next step: --rays, more if leaves would meet too few samples, fewer if the batch
  * would have too many. Integers only; a step changes the number by a bounded factor. */
 static int adapt_rays(const cln_trainer *t, int rays, uint32_t samples)
@@ -213,10 +220,11 @@ cln_status cln_step(cln_trainer *t, double fraction)
     if (sampling.stretches)
         CLN_TRY(cln_share_count(p, here, samples));
     samples += here - measured;
+    p->harmonic_rate = cln_step_harmonic_rate(c, t->model.has_alpha, fraction);
+    p->decoder_rate = cln_step_decoder_rate(c, fraction);
     CLN_TRY(cln_stage_forward(p, here, slices, true, key));
     CLN_TRY(cln_stage_composite_train(p, rays, here));
     CLN_TRY(cln_stage_regularise_gradient(p, &sampling, here));
-    p->harmonic_rate = cln_step_harmonic_rate(c, t->model.has_alpha, fraction);
     CLN_TRY(cln_stage_update(p, here, slices, (uint32_t)c->min_leaf_samples, key,
                              cln_step_learning_rate(c, fraction)));
     CLN_TRY(cln_stage_measure(p, measured));

@@ -14,6 +14,10 @@ double cln_step_learning_rate(const cln_config *config, double fraction);
  * 1.2). */
 double cln_step_harmonic_rate(const cln_config *config, bool has_alpha, double fraction);
 
+/* Likewise the rate of their decoder: decoder_rate, which is 0 until the fraction decoder_after and
+ * rises over as much again. */
+double cln_step_decoder_rate(const cln_config *config, double fraction);
+
 /* The used fraction 0..1 of the budget in steps or in time, whichever is larger. */
 double cln_step_fraction(const cln_trainer *t);
 

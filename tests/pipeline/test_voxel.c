@@ -467,6 +467,75 @@ static void test_decoder_steps(void **state)
     cln_model_free(&model);
 }
 
+/* One step from a decoder whose output is 0, at this rate: colours [sample], weights of leaves. */
+static void first_step(const voxel_case *c, double rate, float (*out)[4], float *params,
+                       float *decoder)
+{
+    const cln_config config = config_of(c);
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    cln_model model = {0};
+    batch b = {0};
+    uint32_t slices = 0;
+
+    make_model(&config, &model);
+    for (int i = model.net.decoder_params - 3 * c->decoder; i < model.net.decoder_params; i++)
+        model.decoder[i] = 0;
+    make_batch(&model.tree, false, &b);
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_false(p->decodes);
+    p->decoder_rate = rate;
+    assert_ok(cln_pipeline_points(p, b.ray_o[0], b.ray_d[0], NULL, b.n));
+    assert_ok(cln_pipeline_samples(p, b.samples, b.n));
+    assert_ok(CLN_RESERVE(p, dout, b.n));
+    assert_ok(cln_buffer_write(p->device, &p->dout, 0, b.dout, b.n * sizeof *b.dout));
+    assert_ok(cln_stage_group(p, b.n, &slices));
+    assert_ok(cln_stage_forward(p, b.n, slices, true, 0x1234567u));
+    assert_ok(cln_stage_update(p, b.n, slices, 1, 0x1234567u, 0.01));
+    assert_true(p->decodes == (rate > 0));
+    assert_ok(cln_buffer_read(p->device, &p->out, 0, out, b.n * sizeof *out));
+    assert_ok(CLN_GET(p, params, params, (size_t)model.tree.leaf_count));
+    assert_ok(CLN_GET(p, decoder_w, decoder, 1));
+    free_batch(&b);
+    cln_model_free(&model);
+}
+
+/* A decoder that has not begun is left out, and nothing else changes, to the bit. */
+static void test_decoder_waits(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const voxel_case *c = &cases[i];
+        const cln_config config = config_of(c);
+        cln_model model = {0};
+        batch b = {0};
+        float(*out[2])[4], *params[2], *decoder[2];
+        size_t weights = 0, all = 0;
+
+        if (!c->decoder)
+            continue;
+        make_model(&config, &model);
+        make_batch(&model.tree, false, &b);
+        weights = (size_t)model.net.decoder_params;
+        all = (size_t)(model.tree.leaf_count * model.net.params);
+        for (int k = 0; k < 2; k++) {
+            out[k] = test_alloc(b.n, sizeof *out[k]);
+            params[k] = test_alloc(all, sizeof *params[k]);
+            decoder[k] = test_alloc(weights, sizeof *decoder[k]);
+            first_step(c, k * 0.1, out[k], params[k], decoder[k]);
+        }
+        assert_memory_equal(out[0], out[1], b.n * sizeof *out[0]);
+        assert_memory_equal(params[0], params[1], all * sizeof *params[0]);
+        assert_memory_not_equal(decoder[0], decoder[1], weights * sizeof *decoder[0]);
+        for (int k = 0; k < 2; k++) {
+            free(out[k]);
+            free(params[k]);
+            free(decoder[k]);
+        }
+        free_batch(&b);
+        cln_model_free(&model);
+    }
+}
+
 /* Culled leaves come back: vertices shared with leaves that stayed have their numbers, the others
  * initial ones. */
 static void test_regrown(void **state)
@@ -620,9 +689,9 @@ static void test_around(void **state)
 int test_group_voxel(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_update),  cmocka_unit_test(test_decoder_steps),
-        cmocka_unit_test(test_regrown), cmocka_unit_test(test_split),
-        cmocka_unit_test(test_around),
+        cmocka_unit_test(test_update),        cmocka_unit_test(test_decoder_steps),
+        cmocka_unit_test(test_decoder_waits), cmocka_unit_test(test_regrown),
+        cmocka_unit_test(test_split),         cmocka_unit_test(test_around),
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(voxel_train) |

@@ -161,6 +161,21 @@ static void test_harmonic_rate(void **state)
     assert_true(cln_step_harmonic_rate(&c, false, 0) == 0.4);
 }
 
+/* The decoder's rate is 0 at first, then rises to its own. */
+static void test_decoder_rate(void **state)
+{
+    cln_config c = {.decoder_rate = 0.1, .decoder_after = 0.3};
+
+    (void)state;
+    assert_true(cln_step_decoder_rate(&c, 0) == 0);
+    assert_true(cln_step_decoder_rate(&c, 0.3) == 0);
+    assert_float_equal(cln_step_decoder_rate(&c, 0.45), 0.05, 1e-12);
+    assert_float_equal(cln_step_decoder_rate(&c, 0.6), 0.1, 1e-12);
+    assert_true(cln_step_decoder_rate(&c, 1) == 0.1);
+    c.decoder_after = 0;
+    assert_true(cln_step_decoder_rate(&c, 0) == 0.1);
+}
+
 /* Before a background of any colour nothing but opacity fits: what is transparent stays so, and the
  * run is another, resumed like any. */
 static void test_random_background(void **state)
@@ -284,10 +299,10 @@ static void test_recovers(void **state)
 int test_group_learning(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_beats_a_constant),  cmocka_unit_test(test_depth_is_the_balls),
-        cmocka_unit_test(test_learning_rate),     cmocka_unit_test(test_harmonic_rate),
-        cmocka_unit_test(test_random_background), cmocka_unit_test(test_diverges),
-        cmocka_unit_test(test_recovers),
+        cmocka_unit_test(test_beats_a_constant), cmocka_unit_test(test_depth_is_the_balls),
+        cmocka_unit_test(test_learning_rate),    cmocka_unit_test(test_harmonic_rate),
+        cmocka_unit_test(test_decoder_rate),     cmocka_unit_test(test_random_background),
+        cmocka_unit_test(test_diverges),         cmocka_unit_test(test_recovers),
     };
 
     return cmocka_run_group_tests_name("learning", tests, fixture_setup, fixture_teardown);
