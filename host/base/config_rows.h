@@ -271,8 +271,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         .flags = CLN_ROW_LATER)                                                                    \
     REAL(decoder_rate, "decoder-lr", 0.1, 0.1, 0, 1e3,                                             \
          "voxel: learning rate of the decoder, times --lr", .flags = CLN_ROW_LATER)                \
-    REAL(decoder_after, "decoder-after", 0, 0.3, 0, 1,                                             \
-         "voxel: --decoder-lr is 0 until this fraction of the budget, and rises over as much",     \
+    REAL(decoder_after, "decoder-after", 0, 0.5, 0, 1,                                             \
+         "voxel: --decoder-lr is 0 until this fraction of the budget, then rises over a fifth",    \
          .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \
     ENUM(moments, "moments", CLN_MOMENTS_FLOAT32, CLN_MOMENTS_BFLOAT16, "float32|bfloat16",        \

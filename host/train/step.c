@@ -39,9 +39,9 @@ double cln_step_harmonic_rate(const cln_config *c, bool has_alpha, double fracti
 
 double cln_step_decoder_rate(const cln_config *c, double fraction)
 {
-    const double after = c->decoder_after;
+    const double risen = (fraction - c->decoder_after) / CLN_STEP_DECODER_RISE;
 
-    return c->decoder_rate * (after > 0 ? fmin(fmax(fraction / after - 1, 0), 1) : 1);
+    return c->decoder_rate * (c->decoder_after > 0 ? fmin(fmax(risen, 0), 1) : 1);
 }
 
 /* Rays of the next step: --rays, more if leaves would meet too few samples, fewer if the batch

@@ -15,7 +15,8 @@ double cln_step_learning_rate(const cln_config *config, double fraction);
 double cln_step_harmonic_rate(const cln_config *config, bool has_alpha, double fraction);
 
 /* Likewise the rate of their decoder: decoder_rate, which is 0 until the fraction decoder_after and
- * rises over as much again. */
+ * rises over CLN_STEP_DECODER_RISE (method.md 1.2). */
+#define CLN_STEP_DECODER_RISE 0.2
 double cln_step_decoder_rate(const cln_config *config, double fraction);
 
 /* The used fraction 0..1 of the budget in steps or in time, whichever is larger. */

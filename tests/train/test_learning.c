@@ -169,8 +169,8 @@ static void test_decoder_rate(void **state)
     (void)state;
     assert_true(cln_step_decoder_rate(&c, 0) == 0);
     assert_true(cln_step_decoder_rate(&c, 0.3) == 0);
-    assert_float_equal(cln_step_decoder_rate(&c, 0.45), 0.05, 1e-12);
-    assert_float_equal(cln_step_decoder_rate(&c, 0.6), 0.1, 1e-12);
+    assert_float_equal(cln_step_decoder_rate(&c, 0.4), 0.05, 1e-12);
+    assert_float_equal(cln_step_decoder_rate(&c, 0.5), 0.1, 1e-12);
     assert_true(cln_step_decoder_rate(&c, 1) == 0.1);
     c.decoder_after = 0;
     assert_true(cln_step_decoder_rate(&c, 0) == 0.1);
