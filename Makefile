@@ -297,11 +297,11 @@ $B/pages_embed.c: $(PAGES) Makefile
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
     host/cli/help.o host/io/colour.o tests/export/test_reduce.o tests/io/test_colour.o): $B/optional
-# The kernels' bench names its commit.
-COMMIT = $(or $(shell [ ! -e .git ] || git describe --always --dirty --abbrev=12 2>/dev/null), \
-               unknown)
-$B/obj/bench/kernels/bench_output.o: override CFLAGS += -DBENCH_COMMIT='"$(COMMIT)"'
-$B/obj/bench/kernels/bench_output.o: $B/commit
+# The program names its commit: git's, or that of the archive.
+COMMIT = $(or $(shell if [ -e .git ]; then git describe --always --dirty --abbrev=12 2>/dev/null; \
+                      else sed '/Format/d' packaging/commit; fi),unknown)
+$B/obj/host/base/commit.o: override CFLAGS += -DCLN_COMMIT='"$(COMMIT)"'
+$B/obj/host/base/commit.o: $B/commit
 $B/commit: FORCE
 	@mkdir -p $(@D)
 	@echo '$(COMMIT)' | cmp -s - $@ || echo '$(COMMIT)' > $@

@@ -26,7 +26,7 @@ extern "C" {
 
 /* Until 1.0 structs get members from one version to the next, and the shared library's name stays:
  * compile with the header of the library that you run with (docs/api.md, "What may change"). */
-#define CLN_VERSION "0.1.0"
+#define CLN_VERSION "0.2.0-dev"
 
 /* Marks the shared library's exports. */
 #define CLN_API __attribute__((visibility("default")))

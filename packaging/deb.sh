@@ -7,7 +7,8 @@ cd "$(dirname "$0")/.."
 make=${MAKE:-make}
 work=build/deb
 root=$work/root
-version=$(sed -n 's/^#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)-1local1
+# 0.2.0~dev comes before 0.2.0
+version=$(sed -n 's/^#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h | tr - '~')-1local1
 arch=$(dpkg --print-architecture)
 maintainer="${DEBFULLNAME:-cl-nascent developers} <${DEBEMAIL:-cl-nascent@packages.invalid}>"
 # the newest file's date, so that the same sources give the same package

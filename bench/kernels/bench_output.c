@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/commit.h"
 #include "base/files.h"
 #include "bench.h"
 #include "common/csv.h"
@@ -73,7 +74,7 @@ void bench_print_json(const bench *b, const bench_row *row)
         number(row->copy * 1e-9), "share", number(share), "bound", bound, "nmse",
         number(row->errors.nmse), "worst", number(row->errors.worst), "exact", row->errors.exact,
         "compared", (json_int_t)row->errors.compared, "ok", bench_ok(row), "tune", row->tune,
-        "device", b->device->info.name, "driver", b->device->info.driver, "commit", BENCH_COMMIT);
+        "device", b->device->info.name, "driver", b->device->info.driver, "commit", cln_commit());
 
     if (object && json_dumpf(object, stdout, JSON_REAL_PRECISION(6)) == 0)
         putchar('\n');
@@ -106,7 +107,7 @@ cln_status bench_write_csv(const bench *b, const char *path)
         csv_text(to, b->device->info.name);
         fputc(',', to);
         csv_text(to, b->device->info.driver);
-        fprintf(to, ",%s,%s\n", CLN_VERSION, BENCH_COMMIT);
+        fprintf(to, ",%s,%s\n", CLN_VERSION, cln_commit());
     }
     CLN_TRY(cln_atomic_commit(&file));
 done:

@@ -16,8 +16,8 @@ set -eu
 [ $# -ge 3 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 scene=$1 out=$2 steps=$3
 shift 3
-cln=${CLN:-build/cl-nascent}
-query=${QUERY:-build/json-query}
+# shellcheck source=bench/scenes/programs.sh
+. "$(dirname "$0")/programs.sh"
 mkdir -p "$out"
 
 # Seconds on processors of finished children, by what `times` of the shell itself (in a subshell it

@@ -16,8 +16,8 @@ set -eu
 [ $# -ge 4 ] || { sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"; exit 2; }
 scene=$1 run=$2 limit=$3 points=$4
 shift 4
-cln=${CLN:-build/cl-nascent}
-query=${QUERY:-build/json-query}
+# shellcheck source=bench/scenes/programs.sh
+. "$(dirname "$0")/programs.sh"
 metrics=$run/metrics.jsonl
 
 "$cln" train "$scene" -o "$run" --time-limit "$limit" --eval-at "$points" --progress none "$@" >&2

@@ -19,8 +19,8 @@ set -eu
 . "$(dirname "$0")/../common/lib.sh"
 bench=seeds scene=$1 out=$2 steps=$3 seeds=$4
 shift 4
-cln=${CLN:-build/cl-nascent}
-query=${QUERY:-build/json-query}
+# shellcheck source=bench/scenes/programs.sh
+. "$(dirname "$0")/programs.sh"
 limit="$steps steps"
 mkdir -p "$out"
 

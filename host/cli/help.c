@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
+#include "base/commit.h"
 #include "base/number.h"
 #include "cl_nascent.h"
 
@@ -307,6 +308,7 @@ void cln_version_print(FILE *to, bool verbose)
     fprintf(to, "cl-nascent " CLN_VERSION "\n");
     if (!verbose)
         return;
+    fprintf(to, "commit %s\n", cln_commit());
     fprintf(to, "jansson %s\nzlib %s\n", jansson_version_str(), zlibVersion());
     fprintf(to, "%s\n", cln_built_with());
     if (cln_devices_list(NULL, false, &devices, &count) != CLN_OK) {

@@ -219,11 +219,15 @@ static void put_headline(FILE *to, const cln_report_data *data)
 
 static void put_foot(FILE *to, const json_t *run)
 {
-    const char *version = cln_json_text(run, "version");
+    const char *version = cln_json_text(run, "version"), *commit = cln_json_text(run, "commit");
     const char *digest = cln_json_text(json_object_get(run, "result"), "model_digest");
 
     fputs("<footer>cl-nascent ", to);
     cln_html_text(to, version);
+    if (*commit) {
+        fputs(" of commit ", to);
+        cln_html_text(to, commit);
+    }
     if (*digest) {
         fputs(" &middot; model ", to);
         cln_html_text(to, digest);

@@ -127,10 +127,13 @@ static cln_status find_facts(side *s)
     const json_t *run = s->data.run, *device = json_object_get(run, "device");
     const json_t *splits = json_object_get(s->dataset, "splits");
     const char *path = cln_json_text(s->dataset, "path"), *driver = cln_json_text(device, "driver");
+    const char *commit = cln_json_text(run, "commit");
 
     s->facts = json_pack(
-        "{s:s, s:s, s:o, s:s, s:i, s:s, s:o, s:s}", "preset", cln_json_text(run, "preset"),
-        "version", cln_json_text(run, "version"), "device",
+        "{s:s, s:o, s:o, s:s, s:i, s:s, s:o, s:s}", "preset", cln_json_text(run, "preset"),
+        "version",
+        json_sprintf("%s%s%s", cln_json_text(run, "version"), *commit ? " of commit " : "", commit),
+        "device",
         json_sprintf("%s%s%s", cln_json_text(device, "name"), *driver ? ", driver " : "", driver),
         "tune", cln_json_text(run, "tune"), "processes",
         s->data.ranks.ranks > 1 ? (int)s->data.ranks.ranks : 1, "scene",

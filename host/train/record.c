@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "base/commit.h"
 #include "base/config.h"
 #include "base/files.h"
 #include "base/log.h"
@@ -186,14 +187,15 @@ cln_status cln_record_start(cln_trainer *t)
     if (t->desc->resume)
         CLN_TRY(take_processor_seconds(t, json_object_get(before, "result")));
     cln_tune_text(&t->pipeline.tune, tune);
-    t->run = json_pack("{s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, s:s, "
-                       "s:n, s:o, s:o}",
-                       "schema", "cl-nascent.run/1", "version", CLN_VERSION, "command",
-                       t->desc->command ? t->desc->command : "", "preset", preset, "config", config,
-                       "device", device_json(&t->device->info), "dataset", scene, "state",
-                       "running", "started", text_of(before, "started", now), "ended", "plan", plan,
-                       "host_plan", host_plan, "tune", tune, "tune_from", t->pipeline.tune_from,
-                       "result", "orbit", cln_orbit_frame_json(&frame), "history", history);
+    t->run =
+        json_pack("{s:s, s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, "
+                  "s:s, s:n, s:o, s:o}",
+                  "schema", "cl-nascent.run/1", "version", CLN_VERSION, "commit", cln_commit(),
+                  "command", t->desc->command ? t->desc->command : "", "preset", preset, "config",
+                  config, "device", device_json(&t->device->info), "dataset", scene, "state",
+                  "running", "started", text_of(before, "started", now), "ended", "plan", plan,
+                  "host_plan", host_plan, "tune", tune, "tune_from", t->pipeline.tune_from,
+                  "result", "orbit", cln_orbit_frame_json(&frame), "history", history);
     config = scene = plan = host_plan = history = NULL;
     if (!t->run) {
         st = cln_fail(CLN_MEMORY, "run.json: cannot make JSON");

@@ -115,6 +115,9 @@ EOF
         grep -qxF "| host, and the device waiting for it | 23.33 | 23.3 % |" "$work/out"
     check "evaluations are no stage" sh -c '! grep -q "| evaluation" "$1"' - "$work/out"
     check "they are told" grep -qxF "Beside it: evaluation, 8.0 s." "$work/out"
+    expect "a missing program is told before the training" 2 "run \`make all bench-programs\`" \
+        env CLN="$work/program" QUERY="$work/nothing" bench/scenes/scene.sh none "$work/no" 10s 5s
+    check "and nothing was trained" [ ! -e "$work/no" ]
 }
 
 run_sections "bench ceiling mutate stages" "$@"

@@ -24,6 +24,7 @@ section_words() {
     check "version prints the version" grep -q '^cl-nascent [0-9]' "$work/out"
     expect "version -v" 0 "" "$cln" version -v
     check "version -v names the libraries" printed jansson
+    check "version -v names the commit" grep -qx "commit $(cat "$BUILD/commit")" "$work/out"
     check "version -v names optional libraries" \
         grep -qE '^built with(out)? libmicrohttpd .*meshoptimizer' \
         "$work/out"

@@ -192,6 +192,8 @@ if git rev-parse HEAD >/dev/null 2>&1 && command -v xz >/dev/null; then
     check "the archive has what the commit has, in a folder of its own" \
         diff <(git ls-tree -r --name-only HEAD | sed "s|^|cl-nascent-$version/|" | sort) \
         "$work/out"
+    check "it names the commit" [ "$(tar -xOf "build/cl-nascent-$version.tar.xz" \
+        "cl-nascent-$version/packaging/commit")" = "$(git log -1 --format=%h)" ]
 else
     skip "make dist" "no git, or no xz"
 fi

@@ -1,0 +1,10 @@
+#include "base/commit.h"
+
+#ifndef CLN_COMMIT /* by the Makefile */
+#define CLN_COMMIT "unknown"
+#endif
+
+const char *cln_commit(void)
+{
+    return CLN_COMMIT;
+}
