@@ -784,6 +784,8 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(load_scene(t, &config));
     t->device->callbacks = &callbacks;
     CLN_TRY(check_files(t, &config));
+    if (!t->desc->resume)
+        cln_config_by_photos(&config, t->scene->has_alpha);
     CLN_TRY(load_model(t, &config));
     if (!t->desc->resume)
         CLN_TRY(fit_budget(t, &config));

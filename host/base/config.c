@@ -159,6 +159,8 @@ static const setting voxel[] = {
     {"density-lr", "4"},
     {"harmonics-lr", "0.2"},
     {"harmonics-rise", "0.1"},
+    {"decoder-width", "auto"},
+    {"decoder-after", "0.5"},
     {"smooth-density", "4e-9"},
     {"smooth-colour", "4e-9"},
     {"smooth-density-delta", "1"},
@@ -336,7 +338,7 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
     switch (row->type) {
     case CLN_ROW_INT:
         if (row->flags & CLN_ROW_AUTO && strcmp(text, "auto") == 0)
-            integer = 0;
+            integer = (long long)row->min;
         else if (!read_whole(text, &integer) || !in_range(row, (double)integer))
             return fail_value(CLN_USAGE, row, text);
         *(int *)field = (int)integer;
@@ -442,7 +444,10 @@ void cln_config_text(const cln_config *config, const cln_config_row *row, char o
 
     switch (row->type) {
     case CLN_ROW_INT:
-        snprintf(out, CLN_TEXT_BYTES, "%d", *(const int *)field);
+        if (row->flags & CLN_ROW_AUTO && *(const int *)field == (int)row->min)
+            snprintf(out, CLN_TEXT_BYTES, "auto");
+        else
+            snprintf(out, CLN_TEXT_BYTES, "%d", *(const int *)field);
         break;
     case CLN_ROW_REAL:
         cln_number_write(*(const double *)field, out);
@@ -620,6 +625,13 @@ const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *
             return row;
     }
     return NULL;
+}
+
+void cln_config_by_photos(cln_config *config, bool alpha)
+{
+    if (config->decoder_width < 0)
+        config->decoder_width =
+            config->encoding == CLN_ENCODING_VOXEL && config->view_dependence && !alpha ? 32 : 0;
 }
 
 int cln_config_antialias(const cln_config *config, bool alpha)

@@ -38,7 +38,7 @@ enum {
     CLN_ROW_BUDGET = 32, /* +N extends a resumed run */
     CLN_ROW_SECONDS = 64, /* REAL: also 90s, 10m, 2h, 1:30 */
     CLN_ROW_BYTES = 128,  /* REAL: also 512M, 4G */
-    CLN_ROW_AUTO = 256,   /* INT: "auto" is 0 */
+    CLN_ROW_AUTO = 256,   /* INT: "auto" is its least value */
     CLN_ROW_TIME = 512,   /* a step's time depends on it: `info --like` names it if it differs */
     CLN_ROW_NONE = 1024,  /* TEXT: "none" is the empty text */
     CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE | CLN_ROW_TIME
@@ -95,10 +95,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(harmonics, "harmonics", 1, 1, 0, 2,                                                        \
         "voxel: degree of the spherical harmonics by which colours depend on the direction",       \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
-    INT(decoder_width, "decoder-width", 0, 0, 0, 64,                                               \
+    INT(decoder_width, "decoder-width", 0, 0, -1, 64,                                              \
         "voxel: width of a network, shared by all leaves, that adds to colours: 0 (none), 16, "    \
-        "32, 48 or 64",                                                                            \
-        .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
+        "32, 48 or 64 (-1 or auto: 32 for photos without alpha, else none)",                       \
+        .flags = CLN_ROW_NETWORK | CLN_ROW_LATER | CLN_ROW_AUTO)                                   \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
          "colour depends on the direction; without it view layer or harmonics are left out",       \
          .flags = CLN_ROW_NETWORK)                                                                 \
@@ -271,7 +271,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         .flags = CLN_ROW_LATER)                                                                    \
     REAL(decoder_rate, "decoder-lr", 0.1, 0.1, 0, 1e3,                                             \
          "voxel: learning rate of the decoder, times --lr", .flags = CLN_ROW_LATER)                \
-    REAL(decoder_after, "decoder-after", 0, 0.5, 0, 1,                                             \
+    REAL(decoder_after, "decoder-after", 0, 0, 0, 1,                                               \
          "voxel: --decoder-lr is 0 until this fraction of the budget, then rises over a fifth",    \
          .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
     REAL(epsilon, "epsilon", 1e-8, 1e-10, 1e-20, 1, "Adam")                                        \

@@ -256,8 +256,6 @@ static void add_settings(int count, const side *sides, json_t *settings)
                 continue;
             }
             cln_config_text(&sides[i].config, row, text);
-            if (row->flags & CLN_ROW_AUTO && strcmp(text, "0") == 0)
-                cln_format(text, sizeof text, "auto");
             find_outcome(&sides[i], row->option, text, outcome);
             differ |= any && strcmp(first, outcome) != 0;
             used |= !sides[i].idle[r];

@@ -282,15 +282,46 @@ static void test_round_trip_extremes(void **state)
             continue;
         for (int e = 0; e < 2; e++) {
             char text[CLN_TEXT_BYTES], back[CLN_TEXT_BYTES];
+            cln_config again;
 
             snprintf(text, sizeof text, "%.17g", e ? row->max : row->min);
             if (row->type == CLN_ROW_INT)
                 snprintf(text, sizeof text, "%.0f", e ? row->max : row->min);
             assert_int_equal(cln_config_set(&config, row, text), CLN_OK);
             cln_config_text(&config, row, back);
-            assert_true(strtod(back, NULL) == (e ? row->max : row->min));
+            if (row->flags & CLN_ROW_AUTO && !e) /* a word is the least value */
+                assert_string_equal(back, "auto");
+            else
+                assert_true(strtod(back, NULL) == (e ? row->max : row->min));
+            again = preset("fast");
+            assert_int_equal(cln_config_set(&again, row, back), CLN_OK);
+            cln_config_text(&again, row, text);
+            assert_string_equal(text, back);
         }
     }
+}
+
+/* What the photos decide: voxels of photos without alpha have a decoder. */
+static void test_by_photos(void **state)
+{
+    cln_config c = preset("voxel");
+
+    (void)state;
+    assert_int_equal(c.decoder_width, -1);
+    cln_config_by_photos(&c, true);
+    assert_int_equal(c.decoder_width, 0);
+    c = preset("voxel");
+    cln_config_by_photos(&c, false);
+    assert_int_equal(c.decoder_width, 32);
+    cln_config_by_photos(&c, true); /* it is not asked twice */
+    assert_int_equal(c.decoder_width, 32);
+    c = preset("voxel");
+    c.view_dependence = false;
+    cln_config_by_photos(&c, false);
+    assert_int_equal(c.decoder_width, 0);
+    c = preset("fast");
+    cln_config_by_photos(&c, false);
+    assert_int_equal(c.decoder_width, 0);
 }
 
 /* Values just below and above every range are refused; the sentence names option, text, range. */
@@ -923,6 +954,7 @@ int test_group_config(void)
         cmocka_unit_test(test_round_trip),
         cmocka_unit_test(test_round_trip_extremes),
         cmocka_unit_test(test_ranges),
+        cmocka_unit_test(test_by_photos),
         cmocka_unit_test(test_bad_texts),
         cmocka_unit_test(test_words_and_flags),
         cmocka_unit_test(test_units),
