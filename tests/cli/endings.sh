@@ -131,6 +131,8 @@ section_exposure() {
     done
     run "$cln" train "$work/light-none" -o "$work/light" --preset voxel --rays 1024 \
         --skip-selftest --progress none --steps 160
+    check "photos without alpha have a decoder" \
+        [ "$("$query" config.decoder_width <"$work/light/run.json")" = 32 ]
     for kind in none exposure; do
         expect "eval of photos, $kind" 0 "" "$cln" eval "$work/light" --split train \
             --scene "$work/light-$kind" -o "$work/light-eval-$kind" --no-save-images

@@ -124,6 +124,8 @@ section_voxels() {
         --level-at 3:0.1,4:0.3,5:0.6,6:0.8 --antialias 1
     expect "resume" 0 "" "$cln" train --resume "$work/voxels" --skip-selftest --progress none \
         --steps +40
+    check "photos with alpha have no decoder" \
+        [ "$("$query" config.decoder_width <"$work/voxels/run.json")" = 0 ]
     expect "eval --seams" 0 "" "$cln" eval "$work/voxels" --seams --json --no-save-images
     check "voxels show the object" number_above "$(json mean.psnr)" 22
     check "voxels have pairs across faces" number_above "$(json seams.across.pairs)" 20
@@ -143,7 +145,7 @@ section_voxels() {
     local -a decoded=(--preset voxel --decoder-width 16 --rays 512 --leaf-samples 0 --steps 120
         --level-at 3:0.3 --progress none --skip-selftest --eval-images 1 --log-every 1)
     expect "train with a decoder" 0 "" "$cln" train "$work/object" -o "$work/whole" "${decoded[@]}"
-    interrupted 40 "$work/halves" "${decoded[@]}"
+    interrupted 70 "$work/halves" "${decoded[@]}" # it began at step 60
     expect "resume with a decoder" 0 "" "$cln" train --resume "$work/halves" --skip-selftest \
         --progress none
     check "a resumed decoder is as one that was not interrupted" \
