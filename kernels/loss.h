@@ -23,6 +23,9 @@
 #define DEPTH_LOSS     1
 #define MEASURES       3
 #endif
+#if LOSS > 1
+#error "no code for this LOSS"
+#endif
 
 #if DEPTH_LOSS
 #define DEPTH_ARGUMENTS                                                                         \

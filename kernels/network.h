@@ -56,6 +56,9 @@
 #ifndef ENCODING
 #define ENCODING 0
 #endif
+#if DENSITY > 2 || RRELU > 2
+#error "no code for this DENSITY or RRELU"
+#endif
 /* Rows of a sample's position, which the grid encoding replaces by its place in the grid. */
 #define AT_ROWS (ENCODING == 1 ? 4 : 3)
 #ifndef LEAF

@@ -16,6 +16,9 @@
 #define ALLOCATE 1
 #define CDF      1
 #endif
+#if ALLOCATE > 1 || CDF > 1
+#error "no code for this ALLOCATE or CDF"
+#endif
 
 /* The library's exp even with NATIVE: the number of samples depends on it. */
 #undef EXP

@@ -18,6 +18,9 @@
 #define PADDED  0
 #define DROPPED 1
 #endif
+#if STAGE1 > 1
+#error "no code for this STAGE1"
+#endif
 #ifndef LEVELS
 #define LEVELS 6u /* of the tree, from the host */
 #endif

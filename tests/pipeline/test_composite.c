@@ -474,6 +474,7 @@ enum way { ALONE, STRETCHES, PIXELS };
 
 static void check_losses(const loss_case *c, const tune_set *set, const batch *b, enum way way)
 {
+    char square_name[96], colour_name[96], density_name[96];
     cln_config config = small_config();
     cln_ray_result *results = NULL;
     float(*dout)[4] = NULL, *colour_gradient = test_alloc(3 * b->samples, sizeof(float));
@@ -554,16 +555,17 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
         density_gradient[i] = dout[i][3];
         want_density[i] = want[i][3] / RAYS;
     }
+    snprintf(square_name, sizeof square_name, "%s: square error", c->name);
+    snprintf(colour_name, sizeof colour_name, "%s: colour gradient", c->name);
+    snprintf(density_name, sizeof density_name, "%s: density gradient", c->name);
     compare(c->name, loss, want_loss, RAYS, (bounds){1e-10, 1e-4});
-    compare("square error", square, want_square, RAYS, (bounds){1e-11, 1e-5});
-    compare("colour gradient", colour_gradient, want_colour, 3 * b->samples, (bounds){1e-10, 1e-4});
-    compare("density gradient", density_gradient, want_density, b->samples, (bounds){1e-9, 1e-3});
+    compare(square_name, square, want_square, RAYS, (bounds){1e-11, 1e-5});
+    compare(colour_name, colour_gradient, want_colour, 3 * b->samples, (bounds){1e-10, 1e-4});
+    compare(density_name, density_gradient, want_density, b->samples, (bounds){1e-9, 1e-3});
     compare_scaled(c->name, loss, want_loss, loss_scale, RAYS, 1e-4);
-    compare_scaled("square error", square, want_square, square_scale, RAYS, 1e-5);
-    compare_scaled("colour gradient", colour_gradient, want_colour, colour_scale, 3 * b->samples,
-                   1e-5);
-    compare_scaled("density gradient", density_gradient, want_density, density_scale, b->samples,
-                   1e-5);
+    compare_scaled(square_name, square, want_square, square_scale, RAYS, 1e-5);
+    compare_scaled(colour_name, colour_gradient, want_colour, colour_scale, 3 * b->samples, 1e-5);
+    compare_scaled(density_name, density_gradient, want_density, density_scale, b->samples, 1e-5);
     free(colour_scale);
     free(density_scale);
     free(results);
