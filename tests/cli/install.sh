@@ -166,14 +166,14 @@ check "nor do others' empty folders go, nor what is above the prefix" \
     ". ./usr ./usr/bin ./usr/bin/other ./usr/share ./usr/share/empty" ]
 
 # a relative prefix, as GNU spells it, and all of it goes
-own="build/own prefix $$"
-run "${MAKE:-make}" --no-print-directory install prefix="$own"
+own="$work/own$PWD/build/own prefix"
+run "${MAKE:-make}" --no-print-directory install DESTDIR="$work/own" prefix="build/own prefix"
 check "make install into a relative prefix=" [ $rc = 0 -a -x "$own/bin/cl-nascent" ]
-check "pkg-config has the whole of it" grep -qxF "prefix=$PWD/build/own\\ prefix\\ $$" \
+check "pkg-config has the whole of it" grep -qxF "prefix=$PWD/build/own\\ prefix" \
     "$own/lib/pkgconfig/cl-nascent.pc"
-run "${MAKE:-make}" --no-print-directory uninstall prefix="$own"
-check "make uninstall takes the prefix away, too" [ $rc = 0 -a ! -e "$own" -a -d build ]
-rm -rf "$own"
+run "${MAKE:-make}" --no-print-directory uninstall DESTDIR="$work/own" prefix="build/own prefix"
+check "make uninstall takes the prefix away, too, and nothing above it" \
+    [ $rc = 0 -a ! -e "$own" -a -d "${own%/*}" ]
 
 # ---- folders that packagers choose ----
 
