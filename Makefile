@@ -18,11 +18,19 @@
 #   make dist               the sources of HEAD, build/cl-nascent-VERSION.tar.xz
 #   make deb                a Debian package of the program, in build/
 #   make deps | clean       install what the build needs; remove build/
+#   make help               this text
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
 #            CC AR OBJCOPY PKG_CONFIG CPPFLAGS CFLAGS LDFLAGS, as usual; HOSTPROG: see below
 #            MPI=1: build/mpi/cl-nascent and library, for training by several processes
 #            (docs/scale-out.md; libopenmpi-dev)
+# Packagers: LCMS2= MICROHTTPD= MESHOPTIMIZER= leave these libraries out, whether they are there or
+# not; each by itself, too. Else they are used if they are found, which `version -v` tells.
 
+# GNU's spelling (make install prefix=/usr) is taken, too.
+$(foreach name,prefix:PREFIX bindir:BINDIR libdir:LIBDIR includedir:INCLUDEDIR datadir:DATADIR \
+               mandir:MANDIR docdir:DOCDIR,$(foreach theirs,$(firstword $(subst :, ,$(name))),\
+    $(if $(filter command,$(origin $(theirs))),\
+         $(eval $(lastword $(subst :, ,$(name))) := $($(theirs))))))
 PREFIX ?= /usr/local
 BINDIR ?= $(PREFIX)/bin
 LIBDIR ?= $(PREFIX)/lib
@@ -33,6 +41,11 @@ DOCDIR ?= $(DATADIR)/doc/cl-nascent
 BASHDIR ?= $(DATADIR)/bash-completion/completions
 ZSHDIR ?= $(DATADIR)/zsh/site-functions
 FISHDIR ?= $(DATADIR)/fish/vendor_completions.d
+# From here on relative ones are absolute, as they stand in the file of pkg-config. Not by abspath,
+# which takes a folder with a space for two.
+$(foreach name,PREFIX BINDIR LIBDIR INCLUDEDIR DATADIR MANDIR DOCDIR BASHDIR ZSHDIR FISHDIR,\
+    $(if $(filter-out /%,$(firstword $($(name)))),\
+         $(eval override $(name) := $(CURDIR)/$($(name)))))
 B := build$(if $(SANITIZE),/sanitize)$(if $(DEBUG),/debug)
 
 CC ?= gcc
@@ -329,6 +342,9 @@ $(GENERATED:%=$B/obj/%.o): $B/obj/%.o: $B/%.c
 	@mkdir -p $(@D)
 	$(call SAY,CC $<)$(CC) $(CFLAGS_ALL) -c $< -o $@
 
+help:
+	@sed -n '/^#/!q; s/^# \{0,1\}//p' Makefile
+
 deps:
 	@tests/deps.sh build
 
@@ -422,7 +438,12 @@ install: all
 	install -m 644 $P/texts/completion.zsh "$(DESTDIR)$(ZSHDIR)/_cl-nascent"
 	install -m 644 $P/texts/completion.fish "$(DESTDIR)$(FISHDIR)/cl-nascent.fish"
 
-# The same variables as for install. Folders that others use, too, stay.
+# The same variables as for install. Folders that are empty then go, up to PREFIX, but none that
+# systems have anyway.
+FOLDERS = "$(DESTDIR)$(BINDIR)" "$(DESTDIR)$(INCLUDEDIR)" "$(DESTDIR)$(LIBDIR)/pkgconfig" \
+          "$(DESTDIR)$(LIBDIR)" "$(DESTDIR)$(MANDIR)/man1" "$(DESTDIR)$(MANDIR)" \
+          "$(DESTDIR)$(DOCDIR)" "$(DESTDIR)$(BASHDIR)" "$(DESTDIR)$(ZSHDIR)" \
+          "$(DESTDIR)$(FISHDIR)" "$(DESTDIR)$(DATADIR)"
 uninstall:
 	rm -f "$(DESTDIR)$(BINDIR)/cl-nascent" "$(DESTDIR)$(INCLUDEDIR)/cl_nascent.h" \
 	    "$(DESTDIR)$(LIBDIR)/libcl-nascent.a" "$(DESTDIR)$(LIBDIR)/$(SONAME)" \
@@ -432,7 +453,20 @@ uninstall:
 	    "$(DESTDIR)$(FISHDIR)/cl-nascent.fish" $(TEXTS:%="$(DESTDIR)$(DOCDIR)/%")
 	rm -rf "$(DESTDIR)$(DATADIR)/cl-nascent" "$(DESTDIR)$(DOCDIR)/docs" \
 	    "$(DESTDIR)$(DOCDIR)/examples"
-	rmdir "$(DESTDIR)$(DOCDIR)" 2>/dev/null || true
+	@for folder in $(FOLDERS); do \
+	   while :; do \
+	     case $$folder in \
+	     /usr | /usr/local | /usr/local/bin | /usr/local/include | /usr/local/lib | \
+	     /usr/local/share | /usr/local/share/man | /usr/local/man | /opt | "") break ;; \
+	     esac; \
+	     rmdir "$$folder" 2>/dev/null || break; \
+	     folder=$${folder%/*}; \
+	     case $$folder in \
+	     "$(DESTDIR)$(PREFIX)" | "$(DESTDIR)$(PREFIX)"/*) ;; \
+	     *) break ;; \
+	     esac; \
+	   done; \
+	 done
 
 # Of git alone: what is not committed is left out.
 DIST := cl-nascent-$(VERSION)
@@ -450,6 +484,6 @@ clean:
 -include $(ALL_SRC:%.c=$B/obj/%.d) $B/obj/mpi/ranks.d
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE deps demo test check test-devices test-browser grind faults fuzz lint fmt bench \
-        bench-programs bench-peers bench-sort bench-scale bench-scale-programs \
+.PHONY: all FORCE help deps demo test check test-devices test-browser grind faults fuzz lint fmt \
+        bench bench-programs bench-peers bench-sort bench-scale bench-scale-programs \
         install uninstall dist deb clean

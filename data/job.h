@@ -18,7 +18,7 @@ extern const char *const job_kinds[], *const job_places[], *const job_formats[];
 typedef struct settings {
     const char *out;
     int kind, format, fault, from;
-    bool depth, masks;
+    bool depth, masks, plain;
     int size, seed;
     int views[CLN_SPLITS];
     cln_lens lens;

@@ -53,6 +53,7 @@ static const char usage[] =
     "                             surface\n"
     "  --masks                    also write masks of the shapes (nerfstudio: black is "
     "ignored)\n"
+    "  --plain                    every shape in one colour, without texture, light or shadow\n"
     "  --unit U                   every position and depth times this, the number of written units "
     "in\n"
     "                             one of the generator's; an object is about 2 of those wide (1)\n"
@@ -234,6 +235,7 @@ static cln_status make_scene(const settings *set)
             else
                 CLN_TRY(cln_asprintf(&j->names[view], "images/frame_%05d", view + 1));
         }
+    j->world.plain = set->plain;
     world_noise(&j->world, (uint64_t)set->seed);
     CLN_TRY(scenes[set->kind](&j->world));
     CLN_TRY(check_folder(set->out));
@@ -287,23 +289,16 @@ static cln_status parse_word(const char *option, const char *text, const char *c
 
 static cln_status parse(int argc, char **argv, settings *set)
 {
-    static const struct option options[] = {{"kind", required_argument, NULL, 'k'},
-                                            {"format", required_argument, NULL, 'f'},
-                                            {"size", required_argument, NULL, 's'},
-                                            {"train", required_argument, NULL, 't'},
-                                            {"val", required_argument, NULL, 'v'},
-                                            {"test", required_argument, NULL, 'e'},
-                                            {"from", required_argument, NULL, 'w'},
-                                            {"distortion", required_argument, NULL, 'd'},
-                                            {"lens", required_argument, NULL, 'l'},
-                                            {"depth", no_argument, NULL, 'z'},
-                                            {"masks", no_argument, NULL, 'm'},
-                                            {"fault", required_argument, NULL, 'x'},
-                                            {"seed", required_argument, NULL, 'r'},
-                                            {"unit", required_argument, NULL, 'u'},
-                                            {"offset", required_argument, NULL, 'o'},
-                                            {"held", required_argument, NULL, 'h'},
-                                            {NULL, 0, NULL, 0}};
+    static const struct option options[] = {
+        {"kind", required_argument, NULL, 'k'},  {"format", required_argument, NULL, 'f'},
+        {"size", required_argument, NULL, 's'},  {"train", required_argument, NULL, 't'},
+        {"val", required_argument, NULL, 'v'},   {"test", required_argument, NULL, 'e'},
+        {"from", required_argument, NULL, 'w'},  {"distortion", required_argument, NULL, 'd'},
+        {"lens", required_argument, NULL, 'l'},  {"depth", no_argument, NULL, 'z'},
+        {"masks", no_argument, NULL, 'm'},       {"plain", no_argument, NULL, 'p'},
+        {"fault", required_argument, NULL, 'x'}, {"seed", required_argument, NULL, 'r'},
+        {"unit", required_argument, NULL, 'u'},  {"offset", required_argument, NULL, 'o'},
+        {"held", required_argument, NULL, 'h'},  {NULL, 0, NULL, 0}};
     cln_status st = CLN_OK;
 
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;)
@@ -344,6 +339,9 @@ static cln_status parse(int argc, char **argv, settings *set)
             break;
         case 'm':
             set->masks = true;
+            break;
+        case 'p':
+            set->plain = true;
             break;
         case 'x':
             CLN_TRY(parse_word("fault", optarg, fault_names, &set->fault));

@@ -118,6 +118,8 @@ vec shade(const world *w, const hit *h, vec origin, vec direction, int sample)
     vec u, v, light, sky;
     double x, y, reach = INFINITY;
 
+    if (w->plain)
+        return vec3(to_srgb(m->colour[0].x), to_srgb(m->colour[0].y), to_srgb(m->colour[0].z));
     disc_point(sample, &x, &y);
     light = w->light_near ? sub(w->light, p) : w->light;
     if (w->light_near) {

@@ -39,6 +39,7 @@ typedef struct world {
     double light_size;             /* radius of its disc: at distance 1, or of the lamp itself */
     vec light_colour, sky, ground; /* linear */
     double sky_reach;              /* reach of ambient occlusion */
+    bool plain;                    /* first colours alone, without pattern or light */
     float noise[NOISE_SIDE * NOISE_SIDE * NOISE_SIDE];
 } world;
 

@@ -239,6 +239,8 @@ cln_status job_mark(const settings *set)
         job_places[set->from], "lens", cln_lens_models[set->lens].name, "distortion", distortion,
         "depth", set->depth, "masks", set->masks, "fault", fault_names[set->fault], "seed",
         set->seed, "unit", set->unit, "offset", set->offset[0], set->offset[1], set->offset[2]);
+    if (set->plain)
+        json_object_set_new(document, "plain", json_true());
     if (set->held)
         json_object_set_new(document, "held", json_string(set->held));
     cln_status st = write_json(set->out, "generator.json", document);

@@ -80,6 +80,8 @@ static const char *meant_by(const cln_export_desc *desc, const char *ending)
     if (strcasecmp(ending, ".usdz") == 0 || strcasecmp(ending, ".usd") == 0)
         return "browsers and Blender read .glb, which other programs turn into USDZ: end the name "
                "so";
+    if (strcasecmp(ending, ".fbx") == 0)
+        return "Blender and Unreal read .glb, and Unity by its package glTFast: end the name so";
     return NULL;
 }
 

@@ -538,6 +538,12 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
     return NULL;
 }
 
+cln_status cln_fail_output(void)
+{
+    return cln_fail(CLN_USAGE, "export has no --output, -o: the file's name stands behind what is "
+                               "written, as in --mesh FILE.ply");
+}
+
 /* Fails for an option of other commands: `bits` says whose. */
 static cln_status fail_of_others(const cln_command *command, const char *name, unsigned bits)
 {
@@ -549,6 +555,8 @@ static cln_status fail_of_others(const cln_command *command, const char *name, u
                         " SCENE`",
                         command->name, command->name,
                         command->bit == CLN_TRAIN ? " --resume RUN" : "");
+    if (strcmp(name, "output") == 0 && command->bit == CLN_EXPORT)
+        return cln_fail_output();
     for (int i = 0; i < cln_command_count; i++) {
         const size_t used = strlen(owners);
 

@@ -86,6 +86,9 @@ const cln_config_row *cln_row_find(const cln_command *command, const char *name,
 /* CLN_USAGE for an option that the command does not take, or an unknown command: the sentence says
  * which command takes the option, or which known name this one resembles. */
 cln_status cln_fail_option(const cln_command *command, const char *name, size_t length);
+
+/* Fails for --output of export. */
+cln_status cln_fail_output(void);
 cln_status cln_fail_command(const char *name);
 
 /* Fails for an argument with dashes where the command belongs: says which command, or which of the

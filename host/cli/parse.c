@@ -264,6 +264,8 @@ static cln_status fail_letters(const cln_command *command, const char *argument,
                         argument + 1);
     if (access(argument, F_OK) == 0)
         return fail_dashed(argument);
+    if (letter == 'o' && command->bit == CLN_EXPORT)
+        return cln_fail_output();
     return cln_fail(CLN_USAGE, "unknown option -%c", letter);
 }
 

@@ -74,16 +74,17 @@ static json_t *document_of(const cln_mesh *mesh, const part *parts, int count, s
         json_object_set_new(primitive, "indices", json_integer(3));
     return json_pack(
         "{s:{s:s, s:s}, s:[s], s:i, s:[{s:[i]}],"
-        " s:[{s:s, s:[i], s:[f,f,f,f], s:[f,f,f]}, {s:i, s:s, s:[f,f,f]}], s:[{s:[o]}],"
-        " s:[{s:{s:f, s:f}, s:b, s:{s:{}}}], s:o, s:o, s:[{s:I}]}",
+        " s:[{s:s, s:[i], s:[f,f,f,f], s:[f,f,f]}, {s:i, s:s, s:[f,f,f]}], s:[{s:s, s:[o]}],"
+        " s:[{s:s, s:{s:f, s:f}, s:b, s:{s:{}}}], s:o, s:o, s:[{s:I}]}",
         "asset", "version", "2.0", "generator", mesh->comment, "extensionsUsed",
         "KHR_materials_unlit", "scene", 0, "scenes", "nodes", 0, "nodes", "name", "scene",
         "children", 1, "rotation", mesh->turn[0], mesh->turn[1], mesh->turn[2], mesh->turn[3],
         "scale", mesh->scale, mesh->scale, mesh->scale, "mesh", 0, "name", "surface", "translation",
-        mesh->origin[0], mesh->origin[1], mesh->origin[2], "meshes", "primitives", primitive,
-        "materials", "pbrMetallicRoughness", "metallicFactor", 0.0, "roughnessFactor", 1.0,
-        "doubleSided", 1, "extensions", "KHR_materials_unlit", "accessors", accessors,
-        "bufferViews", views, "buffers", "byteLength", (json_int_t)*total);
+        mesh->origin[0], mesh->origin[1], mesh->origin[2], "meshes", "name", "surface",
+        "primitives", primitive, "materials", "name", "colours", "pbrMetallicRoughness",
+        "metallicFactor", 0.0, "roughnessFactor", 1.0, "doubleSided", 1, "extensions",
+        "KHR_materials_unlit", "accessors", accessors, "bufferViews", views, "buffers",
+        "byteLength", (json_int_t)*total);
 }
 
 static uint16_t linear_of(uint8_t srgb)

@@ -29,6 +29,8 @@ static const double DOWN = 0.25;
  * photos upside down leaves more. */
 static const double UNSURE = 0.15;
 
+static const double AT_AXIS = 0.0017453; /* the sine of 0.1 degrees */
+
 static const double LONGEST = 1e30; /* of a vector that is given: its square is a number */
 
 enum { SWEEPS = 12 }; /* of Jacobi's turns: plenty for three */
@@ -189,6 +191,21 @@ static bool off_plane(const cln_scene *scene, int count, const facing *f, const 
     return sure;
 }
 
+/* Scenes whose cameras were placed or aligned have an axis upright; their mean has it nearly, and
+ * the turn of a GLB file or a path's horizon would be odd by as little. */
+static void snap(double up[3])
+{
+    for (int a = 0; a < 3; a++) {
+        double axis[3] = {0};
+
+        if (hypot(up[(a + 1) % 3], up[(a + 2) % 3]) > AT_AXIS)
+            continue;
+        axis[a] = up[a] < 0 ? -1 : 1;
+        memcpy(up, axis, sizeof axis);
+        return;
+    }
+}
+
 bool cln_up_of_cameras(const cln_scene *scene, double up[3])
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
@@ -213,8 +230,10 @@ bool cln_up_of_cameras(const cln_scene *scene, double up[3])
                 f.up[a] += DOWN * f.back[a];
         lean_least(&f, up);
     }
-    if (cln_normalise(up))
+    if (cln_normalise(up)) {
+        snap(up);
         return sure;
+    }
     memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
     return false;
 }

@@ -29,6 +29,12 @@ static const double EXACT = 0.45; /* share of agreeing ties that agree within a 
 static const double FAR_EXACT = 0.55, FAR_UNCLEAR = 0.38, FAR_CHANCE = 0.06;
 /* Of theirs: ties of a pair, at most; agreeing ones that tell how exactly they do. */
 enum { FAR_TIES = 20, FAR_AGREEING = 12 };
+/* Below both, photos show too little: of surfaces of one colour, marks are corners and ends of
+ * edges, which are found inexactly, and which others are alike. */
+enum { THIN_MARKS = 20, THIN_TIES = 4 }; /* of a photo; of a pair */
+/* Standard deviations by which a share of few ties must be beyond a bound; the best of many focal
+ * lengths. */
+static const double SURE = 2, SURE_BEST = 3;
 static const double READING = 0.6;     /* the given reading's share over another's */
 static const double FOCAL_GAIN = 1.15; /* share with other focal lengths over the given ones' */
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
@@ -163,10 +169,12 @@ typedef enum { WRONG, UNCLEAR, RIGHT } verdict;
 /* Of poses that few ties agree with. Where photos stand so far apart that one shows little of what
  * another does, most ties are false, and agree by chance alone; but true ones agree exactly, if the
  * poses are right. */
-static verdict judge_few(const cln_agreement *a, double exact)
+static verdict judge_few(const cln_agreement *a, double exact, bool thin)
 {
     const bool apart = a->tie_count < FAR_TIES * a->pairs;
 
+    if (thin && a->share > 2 * FAR_CHANCE)
+        return UNCLEAR;
     if (a->reading > 0)
         return WRONG;
     if (a->agreeing < FAR_AGREEING)
@@ -174,15 +182,78 @@ static verdict judge_few(const cln_agreement *a, double exact)
     return exact > FAR_EXACT ? RIGHT : apart && exact > FAR_UNCLEAR ? UNCLEAR : WRONG;
 }
 
-static void check_agreement(inspection *in)
+static verdict judge(const cln_agreement *a, double exact, bool thin)
 {
+    if (a->share < UNSOUND)
+        return judge_few(a, exact, thin);
+    if (!(a->share < UNSURE && exact < EXACT))
+        return RIGHT;
+    return thin || exact + SURE * sqrt(exact * (1 - exact) / a->agreeing) > EXACT ? UNCLEAR : WRONG;
+}
+
+/* Do other focal lengths fit better, by more than chance? */
+static bool has_other_focal(const cln_agreement *a)
+{
+    const double gain = a->focal_share - a->strict_share;
+
+    return a->focal_share > FOCAL_GAIN * a->strict_share && a->focal_share > LEAST_STRICT &&
+           fmax(a->focal, 1 / a->focal) > FOCAL_LEAST && a->focal_exact > FOCAL_EXACT &&
+           gain * a->tie_count > SURE_BEST * sqrt(a->strict_share * a->tie_count);
+}
+
+/* The median over the photos that were compared; NaN: none. */
+static cln_status count_marks(const inspection *in, double *marks)
+{
+    cln_status st = CLN_OK;
+    double *values = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_alloc(&values, (size_t)in->scene->view_count, sizeof *values, "marks"));
+    for (int i = 0; i < in->scene->view_count; i++)
+        if (in->agreement.views[i].looked_at)
+            values[count++] = in->agreement.views[i].features;
+    *marks = median(values, count);
+done:
+    free(values);
+    return st;
+}
+
+static void tell_unclear(inspection *in, double exact, double marks, bool thin)
+{
+    const cln_agreement *a = &in->agreement;
+    char few[160] = "";
+
+    if (thin)
+        snprintf(
+            few, sizeof few,
+            "a photo has %.0f mark%s (of most captures 100 or more), as surfaces of one colour "
+            "show few, and a pair of neighbours shares %.2g; ",
+            marks, cln_plural(marks, "", "s"), (double)a->tie_count / a->pairs);
+    cln_found_fault(in->findings, "poses", false, NULL,
+                    "too little to tell whether the photos fit their poses: %sof %d marks that two "
+                    "photos share, %.0f%% lie where both poses put them, and %.0f%% of these "
+                    "exactly, which right and wrong poses may both do. A short training tells "
+                    "more",
+                    few, a->tie_count, 100 * a->share, 100 * exact);
+}
+
+static cln_status check_agreement(inspection *in)
+{
+    cln_status st = CLN_OK;
     const cln_agreement *a = &in->agreement;
     const cln_reading *reading = &cln_readings[a->reading];
     const double exact = a->strict_share / a->reading_share;
-    const verdict few = a->share < UNSOUND ? judge_few(a, exact) : RIGHT;
+    double marks = NAN;
+    bool thin = false;
+    verdict judged = RIGHT;
+
+    CLN_TRY(count_marks(in, &marks));
+    thin = marks < THIN_MARKS && a->tie_count < THIN_TIES * a->pairs;
+    judged = isnan(a->share) ? RIGHT : judge(a, exact, thin);
 
     measure(in, "compared_views", a->looked_at);
     measure(in, "compared_pairs", a->pairs);
+    measure(in, "marks", marks);
     measure(in, "ties", a->tie_count);
     measure(in, "agreeing_share", a->share);
     measure(in, "exact_share", isnan(a->share) ? NAN : exact);
@@ -194,14 +265,14 @@ static void check_agreement(inspection *in)
                         "while the object turns before a camera. It would be learnt as fog around "
                         "the object: mask all but the object (--masks), or cut it out as alpha",
                         100 * a->still_share);
-    in->posed = few == RIGHT && !(a->share < UNSURE && exact < EXACT);
+    in->posed = judged == RIGHT;
     if (isnan(a->share))
         soften_axes(in);
     if (isnan(a->share) && a->pairs == 0) {
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "no two photos stand apart, so that none can be compared with their poses: "
                         "a scene needs photos from several places");
-        return;
+        goto done;
     }
     if (isnan(a->share)) {
         cln_found_fault(
@@ -211,7 +282,7 @@ static void check_agreement(inspection *in)
             "texture",
             a->tie_count, cln_plural(a->tie_count, "", "s"), a->pairs,
             cln_plural(a->pairs, "", "s"));
-        return;
+        goto done;
     }
     if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {
         take_back(in->findings, "axes");
@@ -221,10 +292,9 @@ static void check_agreement(inspection *in)
                         "the photos do not fit the poses as given (%.0f%% of what two photos show "
                         "lies where both poses put it), but fit poses %s (%.0f%%): %s",
                         100 * a->share, reading->name, 100 * a->reading_share, reading->advice);
-        return;
+        goto done;
     }
-    if (a->focal_share > FOCAL_GAIN * a->strict_share && a->focal_share > LEAST_STRICT &&
-        fmax(a->focal, 1 / a->focal) > FOCAL_LEAST && a->focal_exact > FOCAL_EXACT) {
+    if (has_other_focal(a)) {
         in->posed = a->share > SOUND;
         cln_found_fault(
             in->findings, "focal length", true, NULL,
@@ -233,9 +303,11 @@ static void check_agreement(inspection *in)
             "with the given ones %.0f%%). Likely the focal length is given for "
             "another image size, or the field of view is that across the other side",
             a->focal, 100 * a->focal_share, 100 * a->strict_share);
-        return;
+        goto done;
     }
-    if (a->share < UNSOUND && few != WRONG)
+    if (judged == UNCLEAR && (thin || a->share >= UNSOUND))
+        tell_unclear(in, exact, marks, thin);
+    else if (a->share < UNSOUND && judged != WRONG)
         cln_found_fault(
             in->findings, "overlap", false, NULL,
             "the photos stand so far apart that one shows little of what another does: "
@@ -243,9 +315,9 @@ static void check_agreement(inspection *in)
             "put them%s. Photos at most 20 degrees apart tell more, and are learnt "
             "better",
             100 * a->share, a->tie_count,
-            few == RIGHT ? ", but these exactly, so the poses are right as far as "
-                           "can be told"
-                         : ", and whether the poses are right cannot be told");
+            judged == RIGHT ? ", but these exactly, so the poses are right as far as "
+                              "can be told"
+                            : ", and whether the poses are right cannot be told");
     else if (a->share < UNSOUND)
         cln_found_fault(in->findings, "poses", true, NULL,
                         "the photos do not fit their poses: only %.0f%% of what two photos show "
@@ -263,6 +335,8 @@ static void check_agreement(inspection *in)
                         100 * a->share, 100 * exact);
     else if (a->share > SOUND)
         take_back(in->findings, "axes");
+done:
+    return st;
 }
 
 static void check_strays(inspection *in)
@@ -860,7 +934,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     cln_scene_tell_missed(scene, in.findings);
     if (cln_scene_is_empty(scene, empty))
         cln_found_fault(in.findings, "alpha", true, NULL, "%s", empty);
-    check_agreement(&in);
+    CLN_TRY(check_agreement(&in));
     check_strays(&in);
     CLN_TRY(check_far(&in));
     check_overlap(&in);

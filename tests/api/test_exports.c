@@ -853,11 +853,15 @@ static void other_locales_change_no_file(void **state)
 
 static void mistakes_are_named(void **state)
 {
-    cln_export_desc desc = export_desc("mesh", "x.fbx");
+    cln_export_desc desc = export_desc("mesh", "x.xyz");
     cln_export_result result;
 
     NEED_DEVICE();
     assert_fails(cln_export(&desc, &result), CLN_USAGE, ".ply|.obj|.glb|.stl");
+    desc = export_desc("mesh", "x.FBX");
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "Unreal read .glb");
+    desc = export_desc("points", "x.fbx");
+    assert_fails(cln_export(&desc, &result), CLN_USAGE, "end the name with .ply");
     desc = export_desc("mesh", "x.obj");
     desc.spacing = 1e-5;
     assert_fails(cln_export(&desc, &result), CLN_USAGE, "or more");

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Scenes that are wrong, or look it: what `info` and `train` doubt, and what `check` finds. On tiny
 # generated scenes, with faults planted.
-#   tests/cli/check.sh [SECTION...]       sections: doubts nadir check
+#   tests/cli/check.sh [SECTION...]       sections: doubts nadir check plain
 #   BUILD=build/sanitize                   the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -242,4 +242,43 @@ section_check() {
     check "is a fault" grep -q "FAULT  poses: the photos do not fit" "$work/out"
 }
 
-run_sections "doubts nadir check" "$@"
+# untold NAME SCENE: check finds no likely fault, but says that there is too little to tell
+untold() {
+    expect "$1" 0 "" "$cln" check "$2" --probe 0
+    check "no fault is found in so little" grep -q "^0 likely faults" "$work/out"
+    check "it is said" grep -q "remark poses: too little to tell" "$work/out"
+}
+
+# Surfaces of one colour: photos have few marks, whose places tell little of poses.
+section_plain() {
+    local i
+
+    "$make_scene" "$work/blocks" --plain --size 32 --train 60 --test 0 --seed 2 >/dev/null
+    untold "a plain object, exact poses" "$work/blocks"
+    check "and how little" eval 'tr "\n" " " <"$work/out" | tr -s " " | \
+        grep -q "a photo has 7 marks (of.*shares 1.8; of 284 marks that two photos share, 61% lie"'
+    "$make_scene" "$work/plain" --plain --kind room --size 64 --train 40 --test 0 --seed 2 \
+        --format nerfstudio >/dev/null
+    expect "a plain room" 0 "" "$cln" check "$work/plain" --probe 0 --json
+    check "it shows as little: $(json measures.marks) marks" \
+        number_above 20 "$(json measures.marks)"
+    check "nothing is a fault" eval '! grep -q "\"likely_fault\": true" "$work/out"'
+    mv "$work/plain/images/frame_00001.png" "$work/first.png"
+    for i in $(seq 39); do
+        mv "$work/plain/images/frame_$(printf %05d $((i + 1))).png" \
+            "$work/plain/images/frame_$(printf %05d "$i").png"
+    done
+    mv "$work/first.png" "$work/plain/images/frame_00040.png"
+    expect "each photo with the pose of the one before it" 0 "" "$cln" check "$work/plain" --probe 0
+    check "is a fault: hardly any mark fits" \
+        grep -q "FAULT  poses: the photos do not fit" "$work/out"
+    "$make_scene" "$work/square" --plain --kind street --size 48 --train 24 --test 0 --seed 3 \
+        --format nerfstudio >/dev/null
+    untold "a plain street, a share that is under the bound by chance" "$work/square"
+    "$make_scene" "$work/other" --plain --size 56 --train 24 --test 0 --seed 2 >/dev/null
+    expect "a plain object whose few marks fit another focal length, too" 0 "" \
+        "$cln" check "$work/other" --probe 0
+    check "no focal length is a fault by so little" grep -q "^0 likely faults" "$work/out"
+}
+
+run_sections "doubts nadir check plain" "$@"

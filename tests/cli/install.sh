@@ -68,6 +68,8 @@ while read -r command; do
     page=$usr/share/man/man1/cl-nascent-$command.1
     check "the page of $command says what it is" grep -q "^cl.-nascent.-$command .- [a-zA-Z]" \
         "$page"
+    check "the page of $command has a date that mandoc reads, too" \
+        grep -qE '^\.TH [^ ]+ 1 "20[0-9]{2}-[0-9]{2}-[0-9]{2}" ' "$page"
     check "the page of $command has its options" grep -q '^\.SS All commands' "$page"
     if command -v man >/dev/null && command -v groff >/dev/null; then
         LC_ALL=C.UTF-8 MANROFFSEQ='' MANWIDTH=80 man --warnings -E UTF-8 -l -Tutf8 -Z "$page" \
@@ -155,9 +157,23 @@ run "${MAKE:-make}" --no-print-directory install DESTDIR="$work/gone" PREFIX=/us
 touch "$work/gone/usr/bin/other"
 run "${MAKE:-make}" --no-print-directory uninstall DESTDIR="$work/gone" PREFIX=/usr
 check "make uninstall" [ $rc = 0 ]
-check "make uninstall leaves only others' files" \
-    [ "$(cd "$work/gone" && find . -type f -o -type l)" = \
-    ./usr/bin/other ]
+check "make uninstall leaves only others' files, and no empty folders" \
+    [ "$(cd "$work/gone" && find . | sort | xargs)" = ". ./usr ./usr/bin ./usr/bin/other" ]
+mkdir -p "$work/gone/usr/local/lib/pkgconfig" "$work/gone/usr/share/empty"
+run "${MAKE:-make}" --no-print-directory uninstall DESTDIR="$work/gone" PREFIX=/usr/local
+check "nor do others' empty folders go, nor what is above the prefix" \
+    [ "$(cd "$work/gone" && find . | sort | xargs)" = \
+    ". ./usr ./usr/bin ./usr/bin/other ./usr/share ./usr/share/empty" ]
+
+# a relative prefix, as GNU spells it, and all of it goes
+own="$work/own$PWD/build/own prefix"
+run "${MAKE:-make}" --no-print-directory install DESTDIR="$work/own" prefix="build/own prefix"
+check "make install into a relative prefix=" [ $rc = 0 -a -x "$own/bin/cl-nascent" ]
+check "pkg-config has the whole of it" grep -qxF "prefix=$PWD/build/own\\ prefix" \
+    "$own/lib/pkgconfig/cl-nascent.pc"
+run "${MAKE:-make}" --no-print-directory uninstall DESTDIR="$work/own" prefix="build/own prefix"
+check "make uninstall takes the prefix away, too, and nothing above it" \
+    [ $rc = 0 -a ! -e "$own" -a -d "${own%/*}" ]
 
 # ---- folders that packagers choose ----
 
@@ -179,8 +195,8 @@ for pair in libdir=/usr/lib/x86_64-linux-gnu includedir=/usr/include/cl; do
 done
 touch "$work/chosen/documents/others"
 run "${MAKE:-make}" --no-print-directory uninstall "${chosen[@]}"
-check "make uninstall from these folders" [ "$(cd "$work/chosen" && find . -type f -o -type l)" = \
-    ./documents/others ]
+check "make uninstall from these folders" \
+    [ "$(cd "$work/chosen" && find . | sort | xargs)" = ". ./documents ./documents/others" ]
 
 # ---- the sources as an archive ----
 
@@ -197,6 +213,9 @@ if git rev-parse HEAD >/dev/null 2>&1 && command -v xz >/dev/null; then
 else
     skip "make dist" "no git, or no xz"
 fi
+run "${MAKE:-make}" --no-print-directory help
+check "make help names what it makes" grep -q '^ *make install  *program and library: PREFIX=' \
+    "$work/out"
 run "${MAKE:-make}" -pn uninstall DESTDIR="$work/none"
 check "make check is make test" grep -qx "check: test" "$work/out"
 
@@ -208,6 +227,10 @@ run "${MAKE:-make}" --no-print-directory -Bn CPPFLAGS=-DFROM_CPPFLAGS CFLAGS=-DF
 for word in -DFROM_CPPFLAGS -DFROM_CFLAGS "other-ar rcs" "other-objcopy --localize"; do
     check "make takes $word" grep -q -e "$word" "$work/out"
 done
+run "${MAKE:-make}" --no-print-directory -n LCMS2= MICROHTTPD= MESHOPTIMIZER= B="$work/none" \
+    "$work/none/obj/host/io/colour.o" "$work/none/cl-nascent.pc" "$work/none/cl-nascent"
+check "make leaves out what packagers name" \
+    eval 'grep -q "colour.o" "$work/out" && ! grep -qE "CLN_WITH|lcms|microhttpd" "$work/out"'
 printf '#!/bin/sh\necho "$*" >>"%s/asked"\nexec pkg-config "$@"\n' "$work" >"$work/other-config"
 chmod +x "$work/other-config"
 run "${MAKE:-make}" -n PKG_CONFIG="$work/other-config" B="$work/none" "$work/none/none.o"

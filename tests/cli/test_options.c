@@ -605,6 +605,8 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train s -o r --no-steps", "--no-steps"},
         {"train s -o r --quux", "unknown option --quux"},
         {"info -x", "unknown option -x"},
+        {"export r -o m.glb", "-o|--mesh FILE"},
+        {"export r --output=m.glb", "--output|--mesh FILE"},
         {"info a b --like c", "--like requires one SCENE|2 names"},
         {"info a --downscale 4 b c", "--downscale requires one SCENE|3 names"},
         {"info a b --preset fast", "--preset requires one SCENE"},

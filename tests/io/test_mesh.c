@@ -120,6 +120,14 @@ static void obj_has_digits_and_colours(void **state)
     free(text);
 }
 
+/* Of the first of a list; programs that find none make one up. */
+static const char *name_of(const glb *g, const char *list)
+{
+    const char *name = json_string_value(json_object_get(glb_at(g->document, list, 0), "name"));
+
+    return name ? name : "";
+}
+
 static void glb_is_gltf(void **state)
 {
     const char *file = scratch_path(*state, "x.glb");
@@ -144,6 +152,8 @@ static void glb_is_gltf(void **state)
     assert_int_equal(glb_word(g.numbers + 96) & 0xffff, 65535);
     assert_near((double)(glb_word(g.numbers + 100) & 0xffff), 0.2158605 * 65535, 1);
     assert_int_equal(glb_word(g.numbers + g.count - 4), 2);
+    assert_string_equal(name_of(&g, "meshes"), "surface");
+    assert_string_equal(name_of(&g, "materials"), "colours");
     glb_close(&g);
 }
 

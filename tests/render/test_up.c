@@ -299,6 +299,49 @@ static void test_one_way(void **state)
     }
 }
 
+/* Cameras all around, in a frame that leans by `lean` degrees from an axis of the scene, to either
+ * side: as near as 0.1 degrees the axis itself is up, further away not, nor what is given. */
+static void test_at_axis(void **state)
+{
+    static const double leans[] = {0.002, 0.09, 0.11, 1};
+
+    (void)state;
+    for (int i = 0; i < 4 * 6; i++) {
+        const double lean = leans[i / 6] * DEGREE, none[3] = {0};
+        const int axis = i % 3, sign = i / 3 % 2 ? -1 : 1;
+        double leaning[3] = {0};
+        cln_orbit_frame own, given;
+        shots s;
+
+        begin(&s, 5);
+        for (int k = 0; k < 24; k++) {
+            const double turn = 15 * k * DEGREE, at[3] = {-4 * cos(turn), -4 * sin(turn), 2};
+            double *m = s.views[s.scene.view_count].camera.c2w;
+
+            shoot(&s, at, 15 * k, -26.565051177, 0);
+            for (int c = 0; c < 4; c++) { /* z leans towards x, and becomes the axis */
+                const double x = m[c], y = m[4 + c], z = m[8 + c];
+
+                m[4 * ((axis + 1) % 3) + c] = sign * (cos(lean) * x + sin(lean) * z);
+                m[4 * ((axis + 2) % 3) + c] = y;
+                m[4 * axis + c] = sign * (cos(lean) * z - sin(lean) * x);
+            }
+        }
+        leaning[axis] = sign * cos(lean);
+        leaning[(axis + 1) % 3] = sign * sin(lean);
+        assert_int_equal(cln_orbit_frame_of(&s.scene, none, &own), CLN_OK);
+        assert_int_equal(cln_orbit_frame_of(&s.scene, leaning, &given), CLN_OK);
+        for (int a = 0; a < 3; a++) {
+            const double wanted = i / 6 < 2 ? (a == axis ? sign : 0) : leaning[a];
+
+            if (!(fabs(own.up[a] - wanted) <= (i / 6 < 2 ? 0 : 1e-6)) ||
+                !(fabs(given.up[a] - leaning[a]) < 1e-12))
+                fail_msg("leaning by %g from axis %d: up has %.9g, not %.9g", leans[i / 6], axis,
+                         own.up[a], wanted);
+        }
+    }
+}
+
 /* A given up, and a frame of an older run that is turned to it: upside down, it becomes the one of
  * the cameras themselves. */
 static void test_given(void **state)
@@ -429,11 +472,11 @@ static void test_turned_over(void **state)
 int test_group_up(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_flights), cmocka_unit_test(test_orbits),
-        cmocka_unit_test(test_one_way), cmocka_unit_test(test_strip),
-        cmocka_unit_test(test_given),   cmocka_unit_test(test_turned_over),
-        cmocka_unit_test(test_texts),   cmocka_unit_test(test_phone),
-        cmocka_unit_test(test_shapes)};
+        cmocka_unit_test(test_flights),     cmocka_unit_test(test_orbits),
+        cmocka_unit_test(test_one_way),     cmocka_unit_test(test_strip),
+        cmocka_unit_test(test_at_axis),     cmocka_unit_test(test_given),
+        cmocka_unit_test(test_turned_over), cmocka_unit_test(test_texts),
+        cmocka_unit_test(test_phone),       cmocka_unit_test(test_shapes)};
 
     return cmocka_run_group_tests_name("up", tests, NULL, NULL);
 }
