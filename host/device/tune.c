@@ -324,14 +324,28 @@ static bool matches(const char *pattern, const char *text)
     return part(&text, 0, trimmed, sizeof trimmed) && fnmatch(pattern, trimmed, 0) == 0;
 }
 
-const cln_tune_row *cln_tune_rows_find(const cln_tune_rows *rows, const char *device,
-                                       const char *driver, const char *network)
+static const cln_tune_row *last_row(const cln_tune_rows *rows, const char *device,
+                                    const char *driver, const char *network)
 {
     for (int i = rows ? rows->count - 1 : -1; i >= 0; i--)
         if (matches(rows->row[i].device, device) && matches(rows->row[i].driver, driver) &&
             matches(rows->row[i].network, network))
             return &rows->row[i];
     return NULL;
+}
+
+const cln_tune_row *cln_tune_rows_find(const cln_tune_rows *rows, const char *device,
+                                       const char *driver, const char *network)
+{
+    const cln_tune_row *row = last_row(rows, device, driver, network), *without = NULL;
+    const size_t decoder = strcspn(network, "-"); /* of voxels: their name without one */
+    char bare[32];
+
+    if (network[0] != 'X' || !network[decoder] || decoder >= sizeof bare)
+        return row;
+    snprintf(bare, sizeof bare, "%.*s", (int)decoder, network);
+    without = last_row(rows, device, driver, bare);
+    return !row || (without > row && matches(row->network, bare)) ? without : row;
 }
 
 void cln_tune_row_apply(const cln_tune_row *row, cln_tune *tune)

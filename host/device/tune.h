@@ -71,7 +71,8 @@ cln_status cln_tune_rows_read(const char *path, cln_tune_rows **rows);
 cln_status cln_tune_rows_shipped(cln_tune_rows **rows); /* data/tune, from the program itself */
 void cln_tune_rows_free(cln_tune_rows *rows);           /* accepts NULL */
 
-/* The last row that matches, NULL without one. */
+/* The last row that matches, NULL without one. For voxels with a decoder, rows for those without
+ * count as rows for all networks do. */
 const cln_tune_row *cln_tune_rows_find(const cln_tune_rows *rows, const char *device,
                                        const char *driver, const char *network);
 /* Applies the row's list, which reading has checked. */

@@ -106,6 +106,26 @@ static void test_rows(void **state)
     cln_tune_rows_free(rows);
 }
 
+/* Voxels with a decoder take a row for those without, if none names them. */
+static void test_decoder_rows(void **state)
+{
+    cln_tune_rows *rows = NULL;
+
+    (void)state;
+    assert_ok(cln_tune_rows_add("a", "* | * | X8x16 | VW=4\n", &rows));
+    assert_int_equal(vw_of(rows, "a", "1", "X8x16-D32"), 4);
+    assert_int_equal(vw_of(rows, "a", "1", "X8x32-D32"), 0);
+    assert_ok(cln_tune_rows_add("b", "* | * | * | VW=1\n", &rows)); /* the last counts */
+    assert_int_equal(vw_of(rows, "a", "1", "X8x16-D32"), 1);
+    assert_ok(cln_tune_rows_add("c", "* | * | X8x16 | VW=2\n", &rows));
+    assert_int_equal(vw_of(rows, "a", "1", "X8x16-D32"), 2);
+    assert_ok(cln_tune_rows_add("d", "* | * | X8x16-D32 | VW=8\n", &rows));
+    assert_ok(cln_tune_rows_add("e", "* | * | X8x16 | VW=4\n", &rows));
+    assert_int_equal(vw_of(rows, "a", "1", "X8x16-D32"), 8);
+    assert_int_equal(vw_of(rows, "a", "1", "X8x16"), 4);
+    cln_tune_rows_free(rows);
+}
+
 /* The sentence names file, line and error. */
 static void test_bad_rows(void **state)
 {
@@ -366,6 +386,7 @@ int test_group_tune(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_lists),
         cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_decoder_rows),
         cmocka_unit_test(test_bad_rows),
         cmocka_unit_test(test_rows_of_the_program),
         cmocka_unit_test(test_put),
