@@ -770,6 +770,23 @@ done:
     return st;
 }
 
+/* Settings of a new training that its photos decide. Before their one colour a field of any opacity
+ * looks right, so that none is asked for. */
+static void choose_by_photos(const cln_trainer *t, cln_config *config)
+{
+    const cln_scene *scene = t->scene;
+    const bool given = cln_settings_has(t->desc->settings, "opaque-loss");
+
+    cln_config_by_photos(config, scene->has_alpha);
+    if (!scene->backdrop)
+        return;
+    cln_info("photos: all stand before one colour (%g,%g,%g), which is the background%s",
+             scene->background[0], scene->background[1], scene->background[2],
+             given ? "" : "; without --opaque-loss");
+    if (!given)
+        config->opaque_loss = 0;
+}
+
 /* Everything before the first step. What needs neither photos nor device is checked first. */
 static cln_status prepare(cln_trainer *t)
 {
@@ -785,7 +802,7 @@ static cln_status prepare(cln_trainer *t)
     t->device->callbacks = &callbacks;
     CLN_TRY(check_files(t, &config));
     if (!t->desc->resume)
-        cln_config_by_photos(&config, t->scene->has_alpha);
+        choose_by_photos(t, &config);
     CLN_TRY(load_model(t, &config));
     if (!t->desc->resume)
         CLN_TRY(fit_budget(t, &config));

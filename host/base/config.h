@@ -128,7 +128,7 @@ cln_status cln_config_eval_points(const cln_config *config, int max, double *sec
 typedef enum cln_background_kind {
     CLN_BACKGROUND_GIVEN,
     CLN_BACKGROUND_MEAN, /* the mean colour of the training photos */
-    CLN_BACKGROUND_AUTO  /* the mean where no photo has alpha, else white */
+    CLN_BACKGROUND_AUTO  /* by the photos: scene/background.c */
 } cln_background_kind;
 cln_status cln_config_background(const cln_config *config, cln_background_kind *kind, float rgb[3]);
 

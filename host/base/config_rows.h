@@ -377,7 +377,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     TEXT(background, "background", "white", "auto",                                                \
          "white, black, r,g,b in 0..1, or mean, the training photos' mean colour, behind "         \
-         "everything; auto: mean where no photo has alpha, else white",                            \
+         "everything; auto: white where a photo has alpha; else the one colour along the photos' " \
+         "borders, or mean if they have several",                                                  \
          .flags = CLN_ROW_SCENE)                                                                   \
     INT(holdout, "holdout", 8, 8, 0, 1000000,                                                      \
         "every Nth image is test where no split is named (0 = none)",                              \

@@ -1,14 +1,22 @@
 /* What lies behind everything: a colour that is given, or one that the photos choose. See
  * scene.h. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/config.h"
+#include "base/memory.h"
 #include "ranks/ranks.h"
 #include "scene/build.h"
 
 /* At most about so many pixels are looked at, and so many a side of a photo. */
 enum { PIXELS = 1 << 18, SIDE = 64 };
+/* Photos stand before one colour if so many of the pixels that are looked at along their borders,
+ * so many a photo, have it, but for so much of a channel. Lenses that see further to the sides than
+ * this cosine may have a border that shows nothing. */
+enum { BORDER = 256, BACKDROP_OFF = 3 };
+#define BACKDROP_SHARE 0.95
+#define BACKDROP_AHEAD 0.4
 
 /* Adds the view's colours over alpha, at the middles of side x side parts; [3] is the weight. */
 static void add(const cln_view *view, int side, uint64_t sums[4])
@@ -30,20 +38,104 @@ static void add(const cln_view *view, int side, uint64_t sums[4])
         }
 }
 
-/* Adds all ranks' sums, of their own photos. */
-static void add_ranks(uint64_t sums[4])
+/* Adds all ranks' sums [count], of their own photos. */
+static cln_status add_ranks(uint64_t *sums, int count)
 {
-    uint64_t all[CLN_RANKS_MOST][4];
+    cln_status st = CLN_OK;
+    const size_t row = (size_t)count * sizeof *sums;
     int first[CLN_RANKS_MOST + 1];
+    uint64_t *all = NULL;
 
+    CLN_TRY(cln_alloc(&all, (size_t)(cln_ranks_count() * count), sizeof *all, "background"));
     for (int r = 0; r <= cln_ranks_count(); r++)
         first[r] = r;
-    memcpy(all[cln_ranks_me()], sums, sizeof *all);
-    cln_ranks_gather(all, sizeof *all, first, true);
-    memset(sums, 0, sizeof *all);
-    for (int r = 0; r < cln_ranks_count(); r++)
-        for (int c = 0; c < 4; c++)
-            sums[c] += all[r][c];
+    memcpy(all + cln_ranks_me() * count, sums, row);
+    cln_ranks_gather(all, row, first, true);
+    memset(sums, 0, row);
+    for (int i = 0; i < cln_ranks_count() * count; i++)
+        sums[i % count] += all[i];
+done:
+    free(all);
+    return st;
+}
+
+/* Does no photo look outwards, or far to the sides? */
+static bool looks_ahead(const cln_scene *scene)
+{
+    double o[3], d[3], along = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_camera *c = &scene->views[i].camera;
+
+        if (!cln_camera_ray(c, 0.5, 0.5, o, d))
+            return false;
+        along = 0;
+        for (int a = 0; a < 3; a++)
+            along += d[a] * c->c2w[4 * a + 2];
+        if (along < BACKDROP_AHEAD)
+            return false;
+    }
+    return !scene->outwards;
+}
+
+/* Pixel k of BORDER along a view's border: false if it does not count. */
+static bool border_pixel(const cln_view *view, int k, uint8_t p[4])
+{
+    const int w = view->camera.width, h = view->camera.height, side = k % 4;
+    const double along = (k / 4 + 0.5) / (BORDER / 4);
+    const int x = side == 0 ? 0 : side == 1 ? w - 1 : (int)(along * w);
+    const int y = side == 2 ? 0 : side == 3 ? h - 1 : (int)(along * h);
+
+    if (!cln_view_keeps(view, x, y))
+        return false;
+    cln_view_bytes(view, x, y, p);
+    return true;
+}
+
+/* Finds the one colour that the photos stand before, if there is one: the medians of their borders,
+ * if nearly all of these have it. looked: whether this rank's settings ask. */
+static cln_status find_backdrop(const cln_scene *scene, bool looked, float colour[3], bool *found)
+{
+    cln_status st = CLN_OK;
+    const int views = looked ? cln_scene_split_count(scene, CLN_SPLIT_TRAIN) : 0;
+    uint64_t counts[3 * 256] = {0}, near[2] = {0};
+    uint8_t p[4] = {0};
+    int median[3] = {0};
+
+    *found = false;
+    for (int i = 0; i < views * BORDER; i++) {
+        const cln_view *view = cln_scene_training_view(scene, i / BORDER);
+
+        if (cln_view_is_loaded(view) && border_pixel(view, i % BORDER, p))
+            for (int c = 0; c < 3; c++)
+                counts[256 * c + p[c]]++;
+    }
+    CLN_TRY(add_ranks(counts, 3 * 256));
+    for (int c = 0; c < 3; c++) {
+        uint64_t all = 0, below = 0;
+
+        for (int v = 0; v < 256; v++)
+            all += counts[256 * c + v];
+        while (median[c] < 255 && 2 * (below += counts[256 * c + median[c]]) < all)
+            median[c]++;
+    }
+    for (int i = 0; i < views * BORDER; i++) {
+        const cln_view *view = cln_scene_training_view(scene, i / BORDER);
+        bool is = true;
+
+        if (!cln_view_is_loaded(view) || !border_pixel(view, i % BORDER, p))
+            continue;
+        for (int c = 0; c < 3; c++)
+            is = is && abs(p[c] - median[c]) <= BACKDROP_OFF;
+        near[0] += is;
+        near[1]++;
+    }
+    CLN_TRY(add_ranks(near, 2));
+    *found = near[1] > 0 && (double)near[0] >= BACKDROP_SHARE * (double)near[1];
+    for (int c = 0; c < 3 && *found; c++)
+        colour[c] = (float)(round(1000.0 * median[c] / 255) / 1000);
+done:
+    return st;
 }
 
 cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
@@ -63,11 +155,14 @@ cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
         if (cln_view_is_loaded(view))
             add(view, side, sums);
     }
-    add_ranks(sums); /* whatever their settings are: these are compared later */
+    CLN_TRY(add_ranks(sums, 4)); /* whatever their settings are: these are compared later */
     scene->background_known = sums[3] > 0;
     for (int c = 0; c < 3 && sums[3] > 0; c++) /* digits that run.json gives back exactly */
         scene->background[c] =
             (float)(round(1000.0 * (double)sums[c] / (255.0 * (double)sums[3])) / 1000);
+    CLN_TRY(find_backdrop(scene,
+                          kind == CLN_BACKGROUND_AUTO && !scene->has_alpha && looks_ahead(scene),
+                          scene->background, &scene->backdrop));
 done:
     return st;
 }

@@ -150,7 +150,8 @@ typedef struct cln_scene {
     int64_t sight_count;   /* with config.depth_loss, for training: what points tell of depths */
     cln_sight *sights;     /* by view, then by point */
     float background[3];   /* composited behind alpha and behind the scene */
-    bool background_mean;  /* it is the training photos' mean colour ... */
+    bool backdrop;         /* it is the one colour along the photos' borders */
+    bool background_mean;  /* it is that, or the training photos' mean colour ... */
     bool background_known; /* ... and these are loaded; else it is white here */
     uint64_t digest;       /* of poses, intrinsics, split, names and image bytes on disk */
 } cln_scene;

@@ -129,7 +129,8 @@ static bool can_split(cln_trainer *t, int level)
 static void say_none_came(cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;
-    const bool timed = c->time_limit > 0 && t->model.train_seconds >= fraction * c->time_limit;
+    const bool timed = t->steps == 0 || (c->time_limit > 0 && /* as cln_step_fraction divides */
+                                         t->model.train_seconds / c->time_limit >= fraction);
     const double steps = timed ? floor((double)t->model.step / fraction) : (double)t->steps;
     double enough = 0;
     int level = 0;

@@ -131,6 +131,9 @@ section_exposure() {
     done
     run "$cln" train "$work/light-none" -o "$work/light" --preset voxel --rays 1024 \
         --skip-selftest --progress none --steps 160
+    check "photos before white are told" said "all stand before one colour (1,1,1)"
+    check "and nothing asks for opacity" \
+        [ "$("$query" config.opaque_loss <"$work/light/run.json")" = 0 ]
     check "photos without alpha have a decoder" \
         [ "$("$query" config.decoder_width <"$work/light/run.json")" = 32 ]
     for kind in none exposure; do

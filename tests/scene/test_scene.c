@@ -492,6 +492,52 @@ static void test_background(void **state)
     check_background(folder, "0,0.25,1", false, (const double[]){0, 0.25, 1});
 }
 
+/* Photos that stand before one colour have it behind them; if borders have others, if a mean is
+ * asked for, or if a lens sees far to the sides, it is the mean. */
+static void test_backdrop(void **state)
+{
+    static const struct {
+        const char *background, *angle;
+        int others; /* of 28 pixels at the border of one of two photos */
+        bool is;
+    } cases[] = {{"auto", "0.8", 0, true},  {"auto", "0.8", 1, true},
+                 {"auto", "0.8", 8, false}, {"mean", "0.8", 0, false},
+                 {"auto", "2.6", 0, false}, {"0.2,0.4,0.6", "0.8", 0, false}};
+    const char *folder = *state;
+    uint8_t rgb[8 * 8 * 3];
+
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cln_config config = default_config();
+        cln_scene *scene = NULL;
+        char json[1024];
+
+        for (int k = 0; k < 2; k++) {
+            for (int p = 0; p < 64; p++) {
+                const bool inside = p % 8 % 7 && p / 8 % 7;
+                const bool other = k == 1 && !inside && p < cases[i].others;
+
+                for (int c = 0; c < 3; c++) /* sensors differ a little */
+                    rgb[3 * p + c] =
+                        (uint8_t)(inside || other ? 30 * c + p : 240 - 20 * c + (p * 7 + k) % 3);
+            }
+            assert_int_equal(
+                cln_image_write_png(scratch_path(folder, k ? "1.png" : "0.png"), 8, 8, 3, rgb),
+                CLN_OK);
+        }
+        snprintf(json, sizeof json, "{\"camera_angle_x\":%s,\"aabb_scale\":1,\"frames\":[%s,%s]}",
+                 cases[i].angle, FRAME("0.png", POSE_FRONT), FRAME("1.png", POSE_FRONT));
+        put_text(folder, "transforms.json", json);
+        config.holdout = 0;
+        snprintf(config.background, sizeof config.background, "%s", cases[i].background);
+        scene = load(folder, &config);
+        assert_int_equal(scene->backdrop, cases[i].is);
+        for (int c = 0; c < 3 && cases[i].is; c++)
+            assert_near(scene->background[c], (241 - 20 * c) / 255.0, 5.01e-4);
+        assert_int_equal(scene->background_mean, i < 5);
+        cln_scene_free(scene);
+    }
+}
+
 /* Masks that failed, and labels of 0 and 1 in the place of alpha. */
 static void test_empty_alpha(void **state)
 {
@@ -903,6 +949,7 @@ int test_group_scene(void)
         cmocka_unit_test_setup_teardown(test_downscale, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wanted_splits, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_background, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_backdrop, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_empty_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bounds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_box_of_aabb, scratch_make, scratch_remove),
