@@ -489,6 +489,7 @@ static cln_status check_kernels(cln_trainer *t, const cln_config *config)
     cln_status st = CLN_OK;
     const cln_callbacks callbacks = early_callbacks(t);
     const double began = cln_now();
+    double seconds = 0;
     char took[32];
 
     cln_info("checking the kernels on %s", t->device->info.name);
@@ -497,8 +498,9 @@ static cln_status check_kernels(cln_trainer *t, const cln_config *config)
         cln_note("checking the device before training; --skip-selftest trains on it anyway, but "
                  "results may be wrong");
     CLN_TRY(st);
-    if (cln_now() - began > LONG_CHECK) {
-        cln_format_duration(cln_now() - began, took);
+    seconds = cln_now() - began - t->device->turn.waited;
+    if (seconds > LONG_CHECK) {
+        cln_format_duration(seconds, took);
         cln_info("the kernels are correct (checked in %s); most drivers keep compiled kernels, so "
                  "the next start is faster",
                  took);
@@ -792,8 +794,11 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(check_nothing_left(t, &config, &saved));
     warn(t, &config, &saved);
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
+    t->device->turn.due = true;
     if (!cln_loop_used_up(t) && !t->desc->skip_selftest) /* else there is only an evaluation */
         CLN_TRY(check_kernels(t, &config));
+    if (cln_ranks_count() > 1) /* from here on they wait for each other */
+        cln_cache_end_turn(&t->device->turn);
     CLN_TRY(build(t, &config));
     say_what_runs(t);
     CLN_TRY(check_ranks(t));

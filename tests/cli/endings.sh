@@ -291,7 +291,7 @@ section_disk() {
 
 # The folder where PoCL keeps kernels: of another account, full, filling up, and empty.
 section_cache() {
-    local cold="~building.kernels.for.*once.on.this.machine"
+    local cold="~building.kernels.for.*once.on.this.machine" i
     scene
     "$cln" devices --no-test | grep -q "Portable Computing Language" || {
         skip "PoCL's kernels" "the device is another's"
@@ -303,6 +303,33 @@ section_cache() {
     expect "they are there" 0 "" env POCL_CACHE_DIR="$work/kernels" \
         "$cln" train "$work/scene" -o "$work/warm" "${tiny[@]}" --steps 2
     check "nothing is said" not_said "building kernels"
+    # while another process compiles, with a time limit in case nobody notices the signal
+    mkdir "$work/busy"
+    exec 9>"$work/busy/cl-nascent.lock"
+    flock 9
+    POCL_CACHE_DIR=$work/busy timeout -k 1 60 "$cln" train "$work/scene" -o "$work/waits" \
+        "${tiny[@]}" --steps 2 >"$work/out" 2>"$work/err" 9>&- &
+    for ((i = 0; i < 200; i++)); do
+        said "waiting for it" && break
+        sleep 0.1
+    done
+    check "another process builds kernels: it is waited for" said "another process is building"
+    kill -TERM $!
+    wait $!
+    check "until a signal comes" [ $? = 143 ]
+    check "then nothing was written" [ ! -e "$work/waits" ]
+    exec 9>&-
+    POCL_CACHE_DIR=$work/busy "$cln" train "$work/scene" -o "$work/waits" "${tiny[@]}" --steps 2 \
+        >"$work/out" 2>"$work/err" &
+    for ((i = 0; i < 600; i++)); do
+        compgen -G "$work/busy/[A-P][A-P]" >/dev/null && break
+        sleep 0.1
+    done
+    check "who builds kernels holds the lock" eval '! flock -n "$work/busy/cl-nascent.lock" true'
+    kill -KILL $!
+    wait $! 2>/dev/null
+    check "and no longer than it lives" flock -n "$work/busy/cl-nascent.lock" true
+    expect "an empty POCL_CACHE_DIR is none" 0 "" env POCL_CACHE_DIR= "$cln" devices --no-test
     expect "a place for kernels that XDG_CACHE_HOME names, and is none" 4 \
         "~none/pocl/kcache.\(by.XDG_CACHE_HOME\).cannot.be.written POCL_CACHE_DIR" \
         env -u POCL_CACHE_DIR XDG_CACHE_HOME=/proc/none "$cln" devices --no-test
