@@ -516,6 +516,29 @@ static cln_status stop_early(cln_trainer *t)
     return cln_stopped_by(t->signal, NULL);
 }
 
+/* Takes over the run of a training that ended before its first checkpoint, if there is one: its
+ * files are replaced as this one writes its own. */
+static cln_status take_over(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const char *run = t->desc->run;
+    char *path = NULL;
+    bool exists = false, empty = false;
+
+    CLN_TRY(cln_path_join(&path, run, "run.json"));
+    if (!cln_is_file(path))
+        goto done;
+    CLN_TRY(cln_run_open(run, true));
+    CLN_TRY(cln_run_hold(run, &t->lock));
+    CLN_TRY(cln_checkpoint_exists(run, &exists));
+    if (exists)
+        CLN_TRY(cln_run_check(run, false, &empty));
+    cln_info("%s: its run ended before its first checkpoint, so it begins again", run);
+done:
+    free(path);
+    return st;
+}
+
 /* Is there a run to resume, or room for a new one? Holds the former until the end, before anything
  * is read that another process could still change. */
 static cln_status check_folder(cln_trainer *t)
@@ -523,6 +546,10 @@ static cln_status check_folder(cln_trainer *t)
     cln_status st = CLN_OK;
     bool empty = false;
 
+    if (t->desc->restart && !t->desc->resume && t->writes)
+        CLN_TRY(take_over(t));
+    if (t->lock >= 0)
+        goto done;
     if (t->desc->resume) {
         CLN_TRY(cln_run_open(t->desc->run, true));
         if (t->writes)
@@ -755,7 +782,7 @@ static cln_status begin(cln_trainer *t)
 {
     cln_status st = CLN_OK;
 
-    if (t->writes && !t->desc->resume) {
+    if (t->writes && !t->desc->resume && t->lock < 0) {
         CLN_TRY(cln_run_open(t->desc->run, false));
         CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
     }

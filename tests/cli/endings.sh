@@ -182,6 +182,51 @@ section_again() {
     check "it is no run in one go" printed "No setting of the last start differs."
 }
 
+# A batch job that is begun again, by the same line whatever became of it before.
+section_requeued() {
+    local job="$work/queued" before i
+    local -a line=("$cln" train "$work/scene" -o "$job" "${tiny[@]}" --log-every 4 --json
+        --resume-or-start)
+    scene
+    mkdir "$job"
+    echo mine >"$job/notes"
+    expect "a folder with other files" 7 "~other.files" "${line[@]}" --steps 40
+    check "they are left alone" [ "$(ls "$job")" = notes ]
+    rm "$job/notes"
+    "${line[@]}" --steps 1000000 >/dev/null 2>&1 &
+    for ((i = 0; i < 600; i++)); do
+        [ -s "$job/metrics.jsonl" ] && break
+        sleep 0.1
+    done
+    expect "a run that another process begins" 7 "~process.$!.on.*trains.this.run" \
+        "${line[@]}" --steps 40
+    kill -KILL $!
+    wait $! 2>/dev/null
+    echo mine >"$job/notes"
+    expect "killed before the first checkpoint" 0 "~begins.again" "${line[@]}" --steps 40
+    before=$(json model_digest)
+    expect "beside one in one go" 0 "" "$cln" train "$work/scene" -o "$work/straight" \
+        "${tiny[@]}" --log-every 4 --json --steps 40
+    check "it has the same bits" [ "$(json model_digest)" = "$before" ]
+    check "and the same rows" [ "$(grep -o '"step":[0-9]*' "$job/metrics.jsonl")" = \
+        "$(grep -o '"step":[0-9]*' "$work/straight/metrics.jsonl")" ]
+    check "what else is there stays" [ "$(cat "$job/notes")" = mine ]
+    expect "with a checkpoint it goes on" 0 "~resumed.at.step.40" "${line[@]}" --steps 50
+    check "to the new budget" [ "$(json step)" = 50 ]
+    before=$(json model_digest)$(sums "$job")
+    expect "begun again when it is done" 0 "~is.done" "${line[@]}" --steps 50
+    check "it tells its result, and writes nothing" \
+        [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
+    expect "with another preset" 2 "~began.with.preset.fast" "${line[@]}" --preset voxel
+    rm -r "$work/straight"
+    line=("$cln" train "$work/scene" -o "$work/straight" "${tiny[@]}" --resume-or-start --steps 400
+        --target-psnr 1 --eval-every 4)
+    expect "one that reached its test PSNR" 0 "" "${line[@]}"
+    before=$(sums "$work/straight")
+    expect "begun again" 0 "~is.done" "${line[@]}"
+    check "trains no more" [ "$(sums "$work/straight")" = "$before" ]
+}
+
 # The settings of a run, used again: all of them, and in a conf by the names that run.json has.
 section_reused() {
     local digest
@@ -453,5 +498,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again reused target points disk cache shared memory \
-    demo" "$@"
+run_sections "killed short doubtful exposure again requeued reused target points disk cache shared \
+    memory demo" "$@"

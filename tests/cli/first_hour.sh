@@ -76,6 +76,8 @@ section_words() {
         bash -c 'cd "$1" && exec "$2" train -dash -o r' - "$work" "$cln"
     expect "iterations, as other programs have it" 2 "--iterations --steps" \
         "$cln" train s -o r --iterations 5
+    expect "auto-resume, as other programs have it" 2 "~mean.--resume-or-start[?]" \
+        "$cln" train s -o r --auto-resume
     expect "a near plane" 2 "~mean.--near[?]" "$cln" train s -o r --near-plane 0.1
     expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
     expect "the scene as an option" 2 "~SCENE.needs.none.*train.SCENE" "$cln" train --data s
