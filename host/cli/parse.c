@@ -498,6 +498,8 @@ static cln_status apply_settings(parser *p)
                                  &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
+    if (out->resume && out->resume_or_start)
+        cln_settings_forget_same(out->settings);
     st = cln_settings_check(out->settings);
     if (st != CLN_OK && out->conf_said && !out->resume)
         cln_note("also taking settings %s", out->conf_said);

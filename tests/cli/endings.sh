@@ -213,6 +213,7 @@ section_requeued() {
     check "what else is there stays" [ "$(cat "$job/notes")" = mine ]
     expect "with a checkpoint it goes on" 0 "~resumed.at.step.40" "${line[@]}" --steps 50
     check "to the new budget" [ "$(json step)" = 50 ]
+    check "nothing is said of what is given as before" not_said "has no effect"
     before=$(json model_digest)$(sums "$job")
     expect "begun again when it is done" 0 "~is.done" "${line[@]}" --steps 50
     check "it tells its result, and writes nothing" \

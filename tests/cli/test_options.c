@@ -594,7 +594,8 @@ static void resume_or_start_looks_for_a_checkpoint(void **state)
     char text[512];
     line l;
 
-    snprintf(text, sizeof text, "train s -o %s --resume-or-start --preset paper --lr 0.125", run);
+    snprintf(text, sizeof text,
+             "train s -o %s --resume-or-start --preset paper --lr 0.125 --steps 1000", run);
     for (int i = 0; i < 3; i++) { /* no folder; a run; one killed in its first checkpoint */
         parsed(&l, text);
         assert_null(l.options.resume);
@@ -614,6 +615,8 @@ static void resume_or_start_looks_for_a_checkpoint(void **state)
     assert_string_equal(l.options.operand, "s");
     assert_int_equal(l.options.settings->config.seed, 7);
     assert_true(l.options.settings->config.lr == 0.125);
+    assert_true(cln_settings_has(l.options.settings, "lr"));
+    assert_false(cln_settings_has(l.options.settings, "steps")); /* the run's own */
     done(&l);
     snprintf(text, sizeof text, "train s -o %s --resume-or-start --settings-of gone", run);
     parsed(&l, text); /* it began with them */
