@@ -226,6 +226,7 @@ typedef struct cln_train_desc {
     /* NULL = nobody can watch. CLN_FAILED if the library was built without libmicrohttpd. */
     const cln_live_desc *live;
     cln_callbacks callbacks;
+    bool restart; /* without resume: a run that ended before its first checkpoint is begun again */
 } cln_train_desc;
 
 typedef struct cln_train_result {

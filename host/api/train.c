@@ -489,6 +489,7 @@ static cln_status check_kernels(cln_trainer *t, const cln_config *config)
     cln_status st = CLN_OK;
     const cln_callbacks callbacks = early_callbacks(t);
     const double began = cln_now();
+    double seconds = 0;
     char took[32];
 
     cln_info("checking the kernels on %s", t->device->info.name);
@@ -497,8 +498,9 @@ static cln_status check_kernels(cln_trainer *t, const cln_config *config)
         cln_note("checking the device before training; --skip-selftest trains on it anyway, but "
                  "results may be wrong");
     CLN_TRY(st);
-    if (cln_now() - began > LONG_CHECK) {
-        cln_format_duration(cln_now() - began, took);
+    seconds = cln_now() - began - t->device->turn.waited;
+    if (seconds > LONG_CHECK) {
+        cln_format_duration(seconds, took);
         cln_info("the kernels are correct (checked in %s); most drivers keep compiled kernels, so "
                  "the next start is faster",
                  took);
@@ -514,6 +516,29 @@ static cln_status stop_early(cln_trainer *t)
     return cln_stopped_by(t->signal, NULL);
 }
 
+/* Takes over the run of a training that ended before its first checkpoint, if there is one: its
+ * files are replaced as this one writes its own. */
+static cln_status take_over(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    const char *run = t->desc->run;
+    char *path = NULL;
+    bool exists = false, empty = false;
+
+    CLN_TRY(cln_path_join(&path, run, "run.json"));
+    if (!cln_is_file(path))
+        goto done;
+    CLN_TRY(cln_run_open(run, true));
+    CLN_TRY(cln_run_hold(run, &t->lock));
+    CLN_TRY(cln_checkpoint_exists(run, &exists));
+    if (exists)
+        CLN_TRY(cln_run_check(run, false, &empty));
+    cln_info("%s: its run ended before its first checkpoint, so it begins again", run);
+done:
+    free(path);
+    return st;
+}
+
 /* Is there a run to resume, or room for a new one? Holds the former until the end, before anything
  * is read that another process could still change. */
 static cln_status check_folder(cln_trainer *t)
@@ -521,6 +546,10 @@ static cln_status check_folder(cln_trainer *t)
     cln_status st = CLN_OK;
     bool empty = false;
 
+    if (t->desc->restart && !t->desc->resume && t->writes)
+        CLN_TRY(take_over(t));
+    if (t->lock >= 0)
+        goto done;
     if (t->desc->resume) {
         CLN_TRY(cln_run_open(t->desc->run, true));
         if (t->writes)
@@ -753,7 +782,7 @@ static cln_status begin(cln_trainer *t)
 {
     cln_status st = CLN_OK;
 
-    if (t->writes && !t->desc->resume) {
+    if (t->writes && !t->desc->resume && t->lock < 0) {
         CLN_TRY(cln_run_open(t->desc->run, false));
         CLN_TRY(cln_run_hold(t->desc->run, &t->lock));
     }
@@ -811,8 +840,11 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(check_nothing_left(t, &config, &saved));
     warn(t, &config, &saved);
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
+    t->device->turn.due = true;
     if (!cln_loop_used_up(t) && !t->desc->skip_selftest) /* else there is only an evaluation */
         CLN_TRY(check_kernels(t, &config));
+    if (cln_ranks_count() > 1) /* from here on they wait for each other */
+        cln_cache_end_turn(&t->device->turn);
     CLN_TRY(build(t, &config));
     say_what_runs(t);
     CLN_TRY(check_ranks(t));

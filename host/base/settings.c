@@ -172,6 +172,17 @@ done:
     return st;
 }
 
+void cln_settings_forget_same(cln_settings *settings)
+{
+    char now[CLN_TEXT_BYTES], before[CLN_TEXT_BYTES];
+
+    for (int i = 0; i < cln_config_row_count; i++) {
+        cln_config_text(&settings->config, &cln_config_rows[i], now);
+        cln_config_text(&settings->base, &cln_config_rows[i], before);
+        settings->given[i] &= strcmp(now, before) != 0;
+    }
+}
+
 cln_status cln_settings_get(const cln_settings *settings, const char *name, char *value,
                             size_t bytes)
 {

@@ -21,6 +21,10 @@ bool cln_settings_given(const cln_settings *settings, const cln_config_row *row)
 /* The same of a row by its option's name, which must be one. */
 bool cln_settings_has(const cln_settings *settings, const char *option);
 
+/* Of a run that goes on by the line that it began with: what is given again with the value that the
+ * run has counts as not given, and no warning says that it comes too late. */
+void cln_settings_forget_same(cln_settings *settings);
+
 /* The epochs of a new training over so many training pixels: those that are given; else the
  * preset's, but of voxels as many as CLN_VOXEL_STEPS steps are, or more: each level and the first
  * splits wait for steps, not for epochs. Beside steps or a time, epochs are no budget, and stay the

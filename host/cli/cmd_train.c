@@ -3,12 +3,17 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/config.h"
 #include "base/files.h"
 #include "base/log.h"
+#include "base/settings.h"
 #include "base/text.h"
 #include "cli/browser.h"
 #include "cli/console.h"
 #include "io/json.h"
+#include "io/run_folder.h"
 #include "ranks/ranks.h"
 
 static const char *state_of(cln_status st)
@@ -90,6 +95,48 @@ static void show_address(const char *address, void *user)
         cln_open_browser(address);
 }
 
+/* *is_done: --resume-or-start finds a run that is, and no setting is another. Says so, and prints
+ * its result as it was. */
+static cln_status finish_early(const cln_options *options, bool *is_done)
+{
+    cln_status st = CLN_OK;
+    const cln_settings *settings = options->settings;
+    const char *run = options->resume, *state = NULL, *digest = NULL;
+    json_t *document = NULL;
+    const json_t *r = NULL;
+    cln_train_result result = {.psnr_exposed = NAN};
+
+    *is_done = false;
+    CLN_TRY(cln_run_read(run, &document));
+    state = cln_json_text(document, "state");
+    if (strcmp(state, "done") != 0 ||
+        cln_config_differs(&settings->config, &settings->base, 0) != NULL)
+        goto done;
+    *is_done = true;
+    if (cln_ranks_me() > 0)
+        goto done;
+    cln_info("%s is done, so nothing is trained; with a larger budget it goes on", run);
+    r = json_object_get(document, "result");
+    digest = cln_json_text(r, "model_digest");
+    result.step = json_integer_value(json_object_get(r, "step"));
+    result.seconds = cln_json_number(r, "seconds");
+    result.cpu_seconds = cln_json_number(r, "cpu_seconds");
+    result.wall_seconds = cln_json_number(r, "wall_seconds");
+    result.psnr_train = cln_json_number(r, "psnr_train");
+    result.psnr_test = cln_json_number(r, "psnr_test");
+    result.eval_views = (int)json_integer_value(json_object_get(r, "eval_views"));
+    result.test_views = (int)json_integer_value(
+        json_object_get(json_object_get(json_object_get(document, "dataset"), "splits"), "test"));
+    result.leaves = (int)json_integer_value(json_object_get(r, "leaves"));
+    result.device_peak = cln_json_number(r, "device_peak");
+    result.host_peak = cln_json_number(r, "host_peak");
+    result.digest = strtoull(digest, NULL, 16);
+    CLN_TRY(print_result(options, run, CLN_OK, &result));
+done:
+    json_decref(document);
+    return st;
+}
+
 cln_status cln_cmd_train(const cln_options *options)
 {
     cln_status st = CLN_OK;
@@ -104,9 +151,11 @@ cln_status cln_cmd_train(const cln_options *options)
                                 .ready = show_address,
                                 .user = (void *)options};
     char quoted[CLN_QUOTED_BYTES];
+    bool is_done = false;
     cln_train_desc desc = {.scene = options->operand,
                            .run = run,
                            .resume = options->resume != NULL,
+                           .restart = options->resume_or_start,
                            .skip_selftest = options->skip_selftest,
                            .dump_program = options->dump_program,
                            .live = options->watch ? &live : NULL,
@@ -116,6 +165,10 @@ cln_status cln_cmd_train(const cln_options *options)
 
     if (options->conf_said)
         cln_info("%s%s", options->resume ? "" : "settings ", options->conf_said);
+    if (options->resume_or_start && options->resume)
+        CLN_TRY(finish_early(options, &is_done));
+    if (is_done)
+        goto done;
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     trained = cln_train(&desc, &result);

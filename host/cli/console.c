@@ -16,14 +16,16 @@
 #include "device/cache.h"
 #include "ranks/ranks.h"
 
-/* A terminal that is closed sends SIGHUP, a soft limit of processor time SIGXCPU: both are obeyed
- * as SIGTERM; nohup has SIGHUP ignored. */
-static const int stop_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGXCPU};
+/* A terminal that is closed sends SIGHUP, a soft limit of processor time SIGXCPU, Grid Engine
+ * SIGUSR2 before it kills (-notify): all are obeyed as SIGTERM; nohup has SIGHUP ignored. */
+static const int stop_signals[] = {SIGINT, SIGTERM, SIGHUP, SIGXCPU, SIGUSR2};
 
 /* Written by handlers, read by the poll. */
 static volatile sig_atomic_t stop_signal;
 static volatile sig_atomic_t checkpoint_wanted;
-static bool hangup_ignored; /* when the command began */
+/* When the command began: */
+static bool hangup_ignored;
+static struct sigaction quit; /* ends at once by default, with a core file */
 
 static void on_stop(int number)
 {
@@ -56,6 +58,7 @@ static void handle_all(void (*stop)(int), void (*checkpoint)(int))
     for (size_t i = 0; i < sizeof stop_signals / sizeof stop_signals[0]; i++)
         handle(stop_signals[i], stop);
     handle(SIGUSR1, checkpoint);
+    sigaction(SIGQUIT, &quit, NULL);
 }
 
 /* ---- ends by a driver ---- */
@@ -99,7 +102,7 @@ static int poll_signals(void *user)
     cln_console *console = user;
 
     /* At each poll, because LLVM, which compiles the kernels inside PoCL, replaces our handlers
-     * when it is first used, and its handler for SIGUSR1 does nothing. */
+     * when it is first used, and its handlers for SIGUSR1, SIGXCPU and SIGQUIT do nothing. */
     handle_all(on_stop, on_checkpoint);
     cln_exit_watch(exit_watched);
     if (stop_signal) {
@@ -219,6 +222,7 @@ cln_status cln_console_open(const cln_options *options, cln_console *console)
     stop_signal = 0;
     checkpoint_wanted = 0;
     hangup_ignored = sigaction(SIGHUP, NULL, &before) == 0 && before.sa_handler == SIG_IGN;
+    sigaction(SIGQUIT, NULL, &quit);
     handle_all(on_stop, on_checkpoint);
 done:
     return st;

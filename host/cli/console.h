@@ -9,8 +9,9 @@
 #include "io/progress.h"
 
 /* Callbacks of a long command: a progress line, and signals. SIGINT and SIGTERM are handed on
- * through callbacks.interrupted, SIGHUP as SIGTERM unless it is ignored (nohup), and
- * SIGXCPU; a second one leaves at once; SIGUSR1 asks for a checkpoint. */
+ * through callbacks.interrupted, as SIGTERM also SIGXCPU, SIGUSR2 and, unless it is ignored
+ * (nohup), SIGHUP; a second one leaves at once; SIGUSR1 asks for a checkpoint. SIGQUIT ends at
+ * once. */
 typedef struct cln_console {
     cln_callbacks callbacks; /* for the library; valid until close */
     cln_progress *progress;

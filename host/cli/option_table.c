@@ -151,6 +151,9 @@ const cln_arg cln_args[] = {
     TEXT(CLN_TRAIN, "resume", resume, "RUN",
          "continue a run with its settings; options that are given replace them; --steps, --epochs "
          "and --time-limit take +N for N more"),
+    FLAG(CLN_TRAIN, "resume-or-start", resume_or_start,
+         "for jobs that may be begun again: continue the run in -o RUN, as --resume does; begin if "
+         "there is none, or one without a checkpoint; if it is done, do nothing"),
     TEXT(ON_DEVICE, "device", device.spec, "SPEC",
          "auto, cpu, gpu, a row number of `cl-nascent devices`, or part of a name",
          .letter = 'd', .standard = "auto", .env = "CL_NASCENT_DEVICE"),
@@ -473,6 +476,7 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"num-steps", "steps"},
                 {"n-steps", "steps"},
                 {"max-num-iterations", "steps"},
+                {"auto-resume", "resume-or-start"},
                 {"learning-rate", "lr"},
                 {"lrate", "lr"},
                 {"batch-size", "rays"},

@@ -22,8 +22,9 @@ typedef struct cln_options {
     const char *box_colour;                /* export --octree: "level" or "error" */
     const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;
-    bool conf;       /* cl-nascent.conf beside the scene is read */
-    char *conf_said; /* for the log: its settings, or what --resume leaves out; may be NULL */
+    bool conf;            /* cl-nascent.conf beside the scene is read */
+    char *conf_said;      /* for the log: its settings, or what --resume leaves out; may be NULL */
+    bool resume_or_start; /* if there is a run to go on, `resume` is its folder, `output` NULL */
     bool circle, fast, json, quiet, test, quick, extremes, skip_selftest, save_images, overwrite,
         z_depth, seams;
     int verbose, max_images, antialias, frames;

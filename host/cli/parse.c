@@ -25,6 +25,7 @@
 #include "io/film.h"
 #include "io/json.h"
 #include "io/run_folder.h"
+#include "model/model.h"
 #include "scene/dataset.h"
 
 /* "--points FILE.ply", ..., a line each. */
@@ -499,6 +500,8 @@ static cln_status apply_settings(parser *p)
                                  &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
         CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
+    if (out->resume && out->resume_or_start)
+        cln_settings_forget_same(out->settings);
     st = cln_settings_check(out->settings);
     if (st != CLN_OK && out->conf_said && !out->resume)
         cln_note("also taking settings %s", out->conf_said);
@@ -507,11 +510,43 @@ done:
     return st;
 }
 
-static cln_status check_train(const parser *p)
+/* --resume-or-start: goes on with the run in -o if it has a checkpoint. What a new run begins with
+ * may be given again: of a preset the same, as the run has it; --settings-of was taken over. */
+static cln_status choose_start(parser *p)
+{
+    cln_status st = CLN_OK;
+    cln_options *out = p->out;
+    json_t *document = NULL;
+    char *path = NULL;
+    bool there = false;
+
+    CLN_TRY(cln_path_join(&path, out->output, "run.json"));
+    if (cln_is_file(path))
+        CLN_TRY(cln_checkpoint_exists(out->output, &there));
+    if (!there)
+        goto done;
+    CLN_TRY(cln_run_read(out->output, &document));
+    if (is_given(p, "preset") && strcmp(cln_json_text(document, "preset"), out->preset) != 0)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--preset %s: %s began with preset %s, and a run keeps its settings; "
+                         "leave it out, or choose a new folder",
+                         out->preset, out->output, cln_json_text(document, "preset")));
+    out->resume = out->output;
+    out->output = NULL;
+done:
+    json_decref(document);
+    free(path);
+    return st;
+}
+
+static cln_status check_train(parser *p)
 {
     static const char *const of_view[] = {"view-share", "port", "listen", "open"};
     const cln_options *out = p->out;
 
+    if (out->resume && out->resume_or_start)
+        return cln_fail(CLN_USAGE, "--resume-or-start cannot be combined with --resume; give SCENE "
+                                   "and -o RUN");
     if (out->resume && out->output)
         return cln_fail(CLN_USAGE,
                         "--output '%s' cannot be combined with --resume '%s', which is the folder",
@@ -533,7 +568,7 @@ static cln_status check_train(const parser *p)
     for (size_t i = 0; i < sizeof of_view / sizeof of_view[0]; i++)
         if (!out->watch && is_given(p, of_view[i]))
             return cln_fail(CLN_USAGE, "--%s requires --view", of_view[i]);
-    return CLN_OK;
+    return out->resume_or_start ? choose_start(p) : CLN_OK;
 }
 
 /* Runs side by side: what describes a scene would do nothing there. */

@@ -9,11 +9,14 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/file.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <time.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -46,12 +49,19 @@ static const char *source(void)
     return is_by_xdg() ? " (by XDG_CACHE_HOME)" : "";
 }
 
+/* PoCL keeps nothing for other processes. */
+static bool is_off(void)
+{
+    const char *keeps = getenv("POCL_KERNEL_CACHE");
+
+    return keeps && (*keeps == '0' || strcasecmp(keeps, "false") == 0);
+}
+
 static void find(char out[PATH])
 {
     const char *own = getenv("POCL_CACHE_DIR"), *cache = getenv("XDG_CACHE_HOME");
-    const char *home = getenv("HOME"), *keeps = getenv("POCL_KERNEL_CACHE");
-    const bool uncached = keeps && (*keeps == '0' || strcasecmp(keeps, "false") == 0);
-    const char *name = uncached ? "pocl/uncached" : "pocl/kcache";
+    const char *home = getenv("HOME");
+    const char *name = is_off() ? "pocl/uncached" : "pocl/kcache";
 
     if (own)
         snprintf(out, PATH, "%s", own);
@@ -233,6 +243,72 @@ cln_status cln_cache_ready(const char *platform, bool *ready)
 done:
     return st;
 }
+
+/* ---- turns ---- */
+
+/* Waits while another process has its turn. A stopped one would keep us for ever. */
+static cln_status wait_for_turn(const char *cache, int lock, const cln_callbacks *callbacks,
+                                double *waited)
+{
+    static const double PATIENCE = 600; /* seconds; on a busy machine all takes four minutes */
+    static const struct timespec moment = {.tv_nsec = 50000000};
+    cln_status st = CLN_OK;
+    const double began = cln_now();
+
+    cln_info("another process is building kernels in %s; waiting for it, to have them from there",
+             cache);
+    while (flock(lock, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+        CLN_TRY(cln_stopped_by(cln_poll_signal(callbacks), NULL));
+        *waited = cln_now() - began;
+        if (*waited > PATIENCE) {
+            cln_info("it still is, after %.0f minutes: going on without it", PATIENCE / 60);
+            break;
+        }
+        (void)nanosleep(&moment, NULL);
+    }
+done:
+    return st;
+}
+
+cln_status cln_cache_take_turn(const char *platform, bool compiled, const cln_callbacks *callbacks,
+                               cln_cache_turn *turn)
+{
+    cln_status st = CLN_OK;
+    char cache[PATH], *path = NULL;
+    int lock = -1;
+
+    if (!turn->due || !is_pocl(platform) || is_off())
+        return CLN_OK;
+    find(cache);
+    if (!compiled && !is_cold(cache))
+        return CLN_OK;
+    turn->due = false;
+    CLN_TRY(cln_path_join(&path, cache, "cl-nascent.lock"));
+    if (cln_make_dirs(cache) == CLN_OK)
+        lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    cln_clear_error();
+    if (lock >= 0 && flock(lock, LOCK_EX | LOCK_NB) == 0) {
+        turn->held = true;
+        turn->lock = lock;
+        lock = -1;
+    } else if (lock >= 0 && errno == EWOULDBLOCK) {
+        CLN_TRY(wait_for_turn(cache, lock, callbacks, &turn->waited));
+    }
+done:
+    if (lock >= 0)
+        close(lock);
+    free(path);
+    return st;
+}
+
+void cln_cache_end_turn(cln_cache_turn *turn)
+{
+    if (turn->held)
+        close(turn->lock);
+    *turn = (cln_cache_turn){0};
+}
+
+/* ---- what is wrong with it ---- */
 
 cln_status cln_cache_blame(const char *platform, bool by_folders)
 {

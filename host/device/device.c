@@ -314,6 +314,7 @@ void cln_device_close(cln_device *device)
     }
     if (device->context)
         clReleaseContext(device->context);
+    cln_cache_end_turn(&device->turn);
     cln_blocks_close(device->blocks);
     cln_tune_rows_free(device->rows[0]);
     cln_tune_rows_free(device->rows[1]);

@@ -17,6 +17,7 @@
 #include <stdint.h>
 #include "cl.h"
 #include "cl_nascent.h"
+#include "device/cache.h"
 #include "device/tune.h"
 
 /* Stages whose device time is reported, in the order of the pipeline. */
@@ -71,7 +72,8 @@ typedef struct cln_device {
     /* Asked before each program is built, which may take a minute, whether to stop; the caller's,
      * NULL: never. */
     const cln_callbacks *callbacks;
-    bool cache_ready;       /* the driver's folder of kernels was checked (cache.h) */
+    cln_cache_turn turn; /* at compiling; the caller says when it is due, and ends it (cache.h) */
+    bool cache_ready;    /* the driver's folder of kernels was checked (cache.h) */
     double compile_seconds; /* processors' seconds that builds took which found nothing there */
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
     size_t allocated, peak;                 /* bytes of live buffers, and the most so far */

@@ -213,7 +213,7 @@ static void note_build(cln_device *device, double seconds)
 {
     const double before = device->compile_seconds;
 
-    device->compile_seconds += seconds > FOUND ? seconds : 0;
+    device->compile_seconds += seconds;
     if (before < QUIET && device->compile_seconds >= QUIET)
         cln_info("building kernels for %s, once on this machine: up to a minute or two",
                  device->info.name);
@@ -226,7 +226,7 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     char *kept = NULL, *file = NULL;
     source s = {0};
     cl_int code = CL_SUCCESS;
-    double began = 0;
+    double seconds = 0;
 
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s", name);
@@ -242,11 +242,16 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
         clCreateProgramWithSource(device->context, (cl_uint)s.count, s.text, NULL, &code);
     CLN_CL(code);
     CLN_TRY(cln_cache_ready(device->info.platform, &device->cache_ready));
-    began = cln_processor_seconds();
+    CLN_TRY(cln_cache_take_turn(device->info.platform, false, device->callbacks, &device->turn));
+    seconds = -cln_processor_seconds();
     code = clBuildProgram(out->program, 1, &device->id, "-cl-std=CL1.2 -w", NULL, NULL);
-    note_build(device, cln_processor_seconds() - began);
+    seconds += cln_processor_seconds();
     if (code != CL_SUCCESS)
         CLN_TRY(build_failed(device, out, code));
+    if (seconds > FOUND) {
+        note_build(device, seconds);
+        CLN_TRY(cln_cache_take_turn(device->info.platform, true, device->callbacks, &device->turn));
+    }
 done:
     for (int i = 0; i < s.owned_count; i++)
         free(s.owned[i]);

@@ -698,6 +698,22 @@ done:
     return st;
 }
 
+cln_status cln_checkpoint_exists(const char *run, bool *exists)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL;
+    int64_t *steps = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_path_join(&folder, run, FOLDER));
+    CLN_TRY(list_steps(folder, &steps, &count));
+    *exists = count > 0;
+done:
+    free(folder);
+    free(steps);
+    return st;
+}
+
 int64_t cln_checkpoint_newest(const char *run)
 {
     char *folder = NULL;

@@ -126,6 +126,9 @@ cln_status cln_checkpoint_bytes(const cln_config *config, int leaves, double *by
 cln_status cln_checkpoint_room(const char *run, const cln_config *config, bool shell,
                                double *bytes);
 
+/* *exists: RUN has a checkpoint, whole or not. CLN_CHECKPOINT if none can be listed. */
+cln_status cln_checkpoint_exists(const char *run, bool *exists);
+
 /* The step of RUN's newest checkpoint, whole or not; -1 if there is none, or none can be listed. */
 int64_t cln_checkpoint_newest(const char *run);
 

@@ -546,6 +546,7 @@ cln_status cln_loop_run(cln_trainer *t)
     cln_decide_recount(t);
     (void)cln_loop_used_up(t);
     CLN_TRY(warm_up(t));
+    cln_cache_end_turn(&t->device->turn);
     t->start_seconds = cln_now() - t->began;
     t->from_step = t->model.step;
     CLN_TRY(cln_watch_start(t));

@@ -187,6 +187,52 @@ section_again() {
     check "it is no run in one go" printed "No setting of the last start differs."
 }
 
+# A batch job that is begun again, by the same line whatever became of it before.
+section_requeued() {
+    local job="$work/queued" before i
+    local -a line=("$cln" train "$work/scene" -o "$job" "${tiny[@]}" --log-every 4 --json
+        --resume-or-start)
+    scene
+    mkdir "$job"
+    echo mine >"$job/notes"
+    expect "a folder with other files" 7 "~other.files" "${line[@]}" --steps 40
+    check "they are left alone" [ "$(ls "$job")" = notes ]
+    rm "$job/notes"
+    "${line[@]}" --steps 1000000 >/dev/null 2>&1 &
+    for ((i = 0; i < 600; i++)); do
+        [ -s "$job/metrics.jsonl" ] && break
+        sleep 0.1
+    done
+    expect "a run that another process begins" 7 "~process.$!.on.*trains.this.run" \
+        "${line[@]}" --steps 40
+    kill -KILL $!
+    wait $! 2>/dev/null
+    echo mine >"$job/notes"
+    expect "killed before the first checkpoint" 0 "~begins.again" "${line[@]}" --steps 40
+    before=$(json model_digest)
+    expect "beside one in one go" 0 "" "$cln" train "$work/scene" -o "$work/straight" \
+        "${tiny[@]}" --log-every 4 --json --steps 40
+    check "it has the same bits" [ "$(json model_digest)" = "$before" ]
+    check "and the same rows" [ "$(grep -o '"step":[0-9]*' "$job/metrics.jsonl")" = \
+        "$(grep -o '"step":[0-9]*' "$work/straight/metrics.jsonl")" ]
+    check "what else is there stays" [ "$(cat "$job/notes")" = mine ]
+    expect "with a checkpoint it goes on" 0 "~resumed.at.step.40" "${line[@]}" --steps 50
+    check "to the new budget" [ "$(json step)" = 50 ]
+    check "nothing is said of what is given as before" not_said "has no effect"
+    before=$(json model_digest)$(sums "$job")
+    expect "begun again when it is done" 0 "~is.done" "${line[@]}" --steps 50
+    check "it tells its result, and writes nothing" \
+        [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
+    expect "with another preset" 2 "~began.with.preset.fast" "${line[@]}" --preset voxel
+    rm -r "$work/straight"
+    line=("$cln" train "$work/scene" -o "$work/straight" "${tiny[@]}" --resume-or-start --steps 400
+        --target-psnr 1 --eval-every 4)
+    expect "one that reached its test PSNR" 0 "" "${line[@]}"
+    before=$(sums "$work/straight")
+    expect "begun again" 0 "~is.done" "${line[@]}"
+    check "trains no more" [ "$(sums "$work/straight")" = "$before" ]
+}
+
 # The settings of a run, used again: all of them, and in a conf by the names that run.json has.
 section_reused() {
     local digest
@@ -296,7 +342,7 @@ section_disk() {
 
 # The folder where PoCL keeps kernels: of another account, full, filling up, and empty.
 section_cache() {
-    local cold="~building.kernels.for.*once.on.this.machine"
+    local cold="~building.kernels.for.*once.on.this.machine" i
     scene
     "$cln" devices --no-test | grep -q "Portable Computing Language" || {
         skip "PoCL's kernels" "the device is another's"
@@ -308,6 +354,33 @@ section_cache() {
     expect "they are there" 0 "" env POCL_CACHE_DIR="$work/kernels" \
         "$cln" train "$work/scene" -o "$work/warm" "${tiny[@]}" --steps 2
     check "nothing is said" not_said "building kernels"
+    # while another process compiles, with a time limit in case nobody notices the signal
+    mkdir "$work/busy"
+    exec 9>"$work/busy/cl-nascent.lock"
+    flock 9
+    POCL_CACHE_DIR=$work/busy timeout -k 1 60 "$cln" train "$work/scene" -o "$work/waits" \
+        "${tiny[@]}" --steps 2 >"$work/out" 2>"$work/err" 9>&- &
+    for ((i = 0; i < 200; i++)); do
+        said "waiting for it" && break
+        sleep 0.1
+    done
+    check "another process builds kernels: it is waited for" said "another process is building"
+    kill -TERM $!
+    wait $!
+    check "until a signal comes" [ $? = 143 ]
+    check "then nothing was written" [ ! -e "$work/waits" ]
+    exec 9>&-
+    POCL_CACHE_DIR=$work/busy "$cln" train "$work/scene" -o "$work/waits" "${tiny[@]}" --steps 2 \
+        >"$work/out" 2>"$work/err" &
+    for ((i = 0; i < 600; i++)); do
+        compgen -G "$work/busy/[A-P][A-P]" >/dev/null && break
+        sleep 0.1
+    done
+    check "who builds kernels holds the lock" eval '! flock -n "$work/busy/cl-nascent.lock" true'
+    kill -KILL $!
+    wait $! 2>/dev/null
+    check "and no longer than it lives" flock -n "$work/busy/cl-nascent.lock" true
+    expect "an empty POCL_CACHE_DIR is none" 0 "" env POCL_CACHE_DIR= "$cln" devices --no-test
     expect "a place for kernels that XDG_CACHE_HOME names, and is none" 4 \
         "~none/pocl/kcache.\(by.XDG_CACHE_HOME\).cannot.be.written POCL_CACHE_DIR" \
         env -u POCL_CACHE_DIR XDG_CACHE_HOME=/proc/none "$cln" devices --no-test
@@ -431,5 +504,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again reused target points disk cache shared memory \
-    demo" "$@"
+run_sections "killed short doubtful exposure again requeued reused target points disk cache shared \
+    memory demo" "$@"

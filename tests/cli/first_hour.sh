@@ -77,6 +77,8 @@ section_words() {
         bash -c 'cd "$1" && exec "$2" train -dash -o r' - "$work" "$cln"
     expect "iterations, as other programs have it" 2 "--iterations --steps" \
         "$cln" train s -o r --iterations 5
+    expect "auto-resume, as other programs have it" 2 "~mean.--resume-or-start[?]" \
+        "$cln" train s -o r --auto-resume
     expect "a near plane" 2 "~mean.--near[?]" "$cln" train s -o r --near-plane 0.1
     expect "batch_size" 2 "--rays" "$cln" train s -o r --batch_size 5
     expect "the scene as an option" 2 "~SCENE.needs.none.*train.SCENE" "$cln" train --data s
@@ -404,7 +406,7 @@ first_row() { # first_row RUN
 
 # A first training and what it prints.
 section_training() {
-    local s=$work/my\ scene r="$work/run's 1" step
+    local s=$work/my\ scene r="$work/run's 1" step signal
     "$make_scene" "$s" --size 32 --train 6 --test 3 >/dev/null
     printf '%s\n' 'eval-images 2' 'rays 128' >"$s/cl-nascent.conf"
     expect "train" 0 "" "$cln" train "$s" -o "$r" "${small[@]}" --time-limit 2
@@ -557,16 +559,29 @@ section_training() {
     check "its terminal is closed: training ends" [ $? = 143 ]
     check "it leaves a checkpoint" [ -s "$work/other/checkpoint/latest" ]
     rm -rf "$work/other"
-    "$cln" train "$s" -o "$work/other" "${small[@]}" --steps 1000000 >"$work/out" \
-        2>"$work/err" &
-    step=$!
-    first_row "$work/other"
-    kill -XCPU $step
-    wait $step
-    check "processor time is used up: training ends" [ $? = 143 ]
-    check "and says so" said "out of processor time: stopping"
-    check "with a checkpoint, too" [ -s "$work/other/checkpoint/latest" ]
-    rm -rf "$work/other"
+    for signal in XCPU USR2 QUIT; do
+        # a shell has SIGQUIT ignored behind &
+        (ulimit -c 0 && exec env --default-signal=QUIT "$cln" train "$s" -o "$work/other" \
+            "${small[@]}" --steps 1000000 >"$work/out" 2>"$work/err") &
+        step=$!
+        first_row "$work/other"
+        kill -$signal $step
+        wait $step 2>/dev/null
+        rc=$?
+        case $signal in
+        XCPU)
+            check "processor time is used up: training ends" [ $rc = 143 ]
+            check "and says so" said "out of processor time: stopping"
+            ;;
+        USR2) check "SIGUSR2, a warning of Grid Engine: training ends" [ $rc = 143 ] ;;
+        QUIT)
+            check "SIGQUIT: it ends at once" [ $rc = 131 ]
+            check "without a checkpoint" [ ! -e "$work/other/checkpoint/latest" ]
+            ;;
+        esac
+        [ $signal = QUIT ] || check "with a checkpoint, too" [ -s "$work/other/checkpoint/latest" ]
+        rm -rf "$work/other"
+    done
     nohup "$cln" train "$s" -o "$work/other" "${small[@]}" --time-limit 3 >"$work/out" \
         2>"$work/err" &
     step=$!

@@ -236,11 +236,34 @@ static void signals_reach_the_poll(void **state)
     assert_int_equal(console.callbacks.interrupted(console.callbacks.user), 0);
     raise(SIGUSR1);
     assert_int_equal(console.callbacks.interrupted(console.callbacks.user), SIGUSR1);
-    raise(SIGTERM);
+    signal(SIGUSR2, deaf);
+    assert_int_equal(console.callbacks.interrupted(console.callbacks.user), 0);
+    raise(SIGUSR2);
     assert_int_equal(console.callbacks.interrupted(console.callbacks.user), SIGTERM);
     assert_int_equal(console.callbacks.interrupted(console.callbacks.user), SIGTERM); /* stays */
     cln_console_close(&console);
     cln_log_set_level(CLN_LOG_INFO);
+}
+
+/* As when the command began, whatever a kernel compiler does. */
+static void quit_ends_at_once(void **state)
+{
+    cln_options options = {.progress = "none"};
+    void (*const before[])(int) = {SIG_DFL, SIG_IGN};
+    cln_console console;
+    struct sigaction now;
+
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        signal(SIGQUIT, before[i]);
+        assert_int_equal(cln_console_open(&options, &console), CLN_OK);
+        signal(SIGQUIT, deaf);
+        assert_int_equal(console.callbacks.interrupted(console.callbacks.user), 0);
+        assert_int_equal(sigaction(SIGQUIT, NULL, &now), 0);
+        assert_true(now.sa_handler == before[i]);
+        cln_console_close(&console);
+    }
+    signal(SIGQUIT, SIG_DFL);
 }
 
 static void second_stop_leaves_at_once(void **state)
@@ -292,6 +315,7 @@ int test_group_help(void)
         cmocka_unit_test(manual_names_every_option),
         cmocka_unit_test(train_line_reads_as_the_manual_says),
         cmocka_unit_test(signals_reach_the_poll),
+        cmocka_unit_test(quit_ends_at_once),
         cmocka_unit_test(second_stop_leaves_at_once),
     };
 

@@ -587,6 +587,53 @@ static void resume_refuses_what_contradicts_it(void **state)
     done(&l);
 }
 
+/* The same line begins a run and goes on with it, by whether it has a checkpoint. */
+static void resume_or_start_looks_for_a_checkpoint(void **state)
+{
+    const char *run = scratch_path(*state, "run"), *checkpoints = scratch_path(run, "checkpoint");
+    char text[512];
+    line l;
+
+    snprintf(text, sizeof text,
+             "train s -o %s --resume-or-start --preset paper --lr 0.125 --steps 1000", run);
+    for (int i = 0; i < 3; i++) { /* no folder; a run; one killed in its first checkpoint */
+        parsed(&l, text);
+        assert_null(l.options.resume);
+        assert_string_equal(l.options.output, run);
+        assert_int_not_equal(l.options.settings->config.seed, 7);
+        done(&l);
+        make_run(run, 1000, 600);
+        if (i == 1) {
+            assert_int_equal(cln_make_dirs(checkpoints), CLN_OK);
+            scratch_put(scratch_path(checkpoints, "00000100.safetensors.tmp.5"), "", 0);
+        }
+    }
+    scratch_put(scratch_path(checkpoints, "00000100.json"), "", 0); /* whole or not */
+    parsed(&l, text);
+    assert_string_equal(l.options.resume, run);
+    assert_null(l.options.output);
+    assert_string_equal(l.options.operand, "s");
+    assert_int_equal(l.options.settings->config.seed, 7);
+    assert_true(l.options.settings->config.lr == 0.125);
+    assert_true(cln_settings_has(l.options.settings, "lr"));
+    assert_false(cln_settings_has(l.options.settings, "steps")); /* the run's own */
+    done(&l);
+    snprintf(text, sizeof text, "train s -o %s --resume-or-start --settings-of gone", run);
+    parsed(&l, text); /* it began with them */
+    done(&l);
+    snprintf(text, sizeof text, "train s -o %s --resume-or-start --preset fast", run);
+    assert_refused(text, "--preset fast|began with preset paper");
+    snprintf(text, sizeof text, "train -o %s --resume-or-start", run);
+    assert_refused(text, "SCENE");
+    assert_refused("train s --resume-or-start", "-o RUN");
+    assert_refused("train --resume r --resume-or-start", "--resume-or-start|--resume|-o RUN");
+    assert_int_equal(unlink(scratch_path(run, "run.json")), 0);
+    snprintf(text, sizeof text, "train s -o %s --resume-or-start", run);
+    parsed(&l, text); /* no run of ours, so it is a new one's that is refused */
+    assert_null(l.options.resume);
+    done(&l);
+}
+
 /* ---- refused lines ---- */
 
 static void wrong_lines_are_refused_with_a_reason(void **state)
@@ -730,6 +777,8 @@ int test_group_options(void)
         cmocka_unit_test_setup_teardown(resume_starts_from_the_runs_settings, scratch_make,
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(resume_refuses_what_contradicts_it, scratch_make,
+                                        scratch_remove),
+        cmocka_unit_test_setup_teardown(resume_or_start_looks_for_a_checkpoint, scratch_make,
                                         scratch_remove),
         cmocka_unit_test(wrong_lines_are_refused_with_a_reason),
         cmocka_unit_test(help_is_asked_for_in_three_ways),

@@ -18,6 +18,7 @@ int test_group_carve(void);
 int test_group_checkpoint(void);
 int test_group_children(void);
 int test_group_blocks(void);
+int test_group_cache(void);
 int test_group_colmap(void);
 int test_group_colour(void);
 int test_group_command(void);

@@ -787,9 +787,14 @@ static void test_no_such_device(void **state)
 static void test_folders_of_others(void **state)
 {
     const cln_config config = fixture_config();
+    const cln_train_desc again = {.scene = fixture_path("scene"),
+                                  .run = fixture_path("whole"),
+                                  .device = fixture_device(),
+                                  .restart = true};
     cln_train_result result;
 
     NEED_DEVICE();
+    assert_fails(cln_train(&again, &result), CLN_OUTPUT, "--resume"); /* it has checkpoints */
     assert_fails(fixture_train("scene", false, &config, NULL, &result), CLN_OUTPUT, "run.json");
     assert_fails(fixture_train("whole", false, &config, NULL, &result), CLN_OUTPUT, "--resume");
     assert_int_equal(fixture_digest("whole"), fixture_whole.digest);
