@@ -375,6 +375,80 @@ static void check_samples(cln_checks *c, made *m)
                   "%.1f %% of the bound, %d intervals", 100 * worst / 1e-5, intervals);
 }
 
+/* A cell's density as put_densities() uploads it, bfloat16. */
+static uint16_t density_bits(uint32_t cell)
+{
+    const float value = (float)pow(10, cln_check_uniform(14, cell, -2, 1));
+    uint32_t bits;
+
+    memcpy(&bits, &value, sizeof bits);
+    return (uint16_t)(bits >> 16);
+}
+
+/* Compares where samples lie, and their deltas, with the reference, on the device's own rays; only
+ * by gather, whose points need no other stage. Rays that float32 may decide differently are left
+ * out. */
+static cln_status check_places(cln_checks *c, const float (*ray_o)[4], const float (*ray_d)[4],
+                               const cln_sampling *sampling, const made *m)
+{
+    cln_status st = CLN_OK;
+    const cln_pipeline *p = c->p;
+    const int n1 = p->config.n1, rows = (int)cln_pipeline_rows(p);
+    const size_t cells = (size_t)(p->leaves * n1 * n1 * n1), all = m->sample_starts[m->rays];
+    float *boxes = NULL, *cache = NULL, *got = NULL;
+    double *want = NULL;
+    ref_samples *ray = NULL;
+    ref_way way = cln_check_way(&c->model->tree, &p->config, sampling);
+    ref_gather_cache densities = {.n1 = n1};
+    size_t used = 0;
+    int close = 0, other = 0;
+
+    if (p->config.stage1 != CLN_STAGE1_GATHER)
+        return CLN_OK;
+    CLN_TRY(cln_octree_boxes(&c->model->tree, &boxes));
+    CLN_TRY(cln_alloc(&cache, cells, sizeof *cache, "self-test"));
+    CLN_TRY(cln_alloc(&got, 2 * all, sizeof *got, "self-test"));
+    CLN_TRY(cln_alloc(&want, 2 * all, sizeof *want, "self-test"));
+    CLN_TRY(cln_alloc(&ray, 1, sizeof *ray, "self-test"));
+    for (size_t i = 0; i < cells; i++)
+        cache[i] = ref_from_bf16(density_bits((uint32_t)i));
+    densities.boxes = boxes;
+    densities.cache = cache;
+    way.points = ref_gather_points;
+    way.user = &densities;
+    way.lines = rows > 1;
+    for (int r = 0; r < m->rays; r++) {
+        const cln_sample *s = m->samples + m->sample_starts[r];
+        const uint32_t count = m->sample_starts[r + 1] - m->sample_starts[r];
+
+        ref_ray_samples(&way, r, ray_o[r * rows], ray_d[r * rows], ray);
+        if (ray->close || (int)count != ray->n) {
+            close += ray->close;
+            other += !ray->close;
+            continue;
+        }
+        for (uint32_t i = 0; i < count; i++, used++) {
+            other += s[i].slot != ray->slot[i];
+            got[used] = s[i].t;
+            want[used] = ray->t[i];
+            got[all + used] = s[i].delta;
+            want[all + used] = ray->delta[i];
+        }
+    }
+    cln_check_say(c, "samples: counts and leaves", other == 0 && close < m->rays / 2,
+                  "%d rays or samples differ, %d of %d left out", other, close, m->rays);
+    /* t to a few ulp of its size; a delta is a difference of such t */
+    cln_check_compare(c, "samples: t", got, want, used, 1e-11, 1e-4);
+    cln_check_compare(c, "samples: deltas", got + all, want + all, used, 1e-6, 1e-2);
+done:
+    free(boxes);
+    free(cache);
+    free(got);
+    free(want);
+    free(ray);
+    return st;
+}
+
 static cln_status read_batch(cln_checks *c, uint32_t samples, made *m)
 {
     cln_status st = CLN_OK;
@@ -513,13 +587,8 @@ static cln_status put_densities(cln_checks *c)
     uint16_t *density = NULL;
 
     CLN_TRY(cln_alloc(&density, cells, sizeof *density, "self-test"));
-    for (uint32_t i = 0; i < cells; i++) {
-        const float value = (float)pow(10, cln_check_uniform(14, i, -2, 1));
-        uint32_t bits;
-
-        memcpy(&bits, &value, sizeof bits);
-        density[i] = (uint16_t)(bits >> 16);
-    }
+    for (uint32_t i = 0; i < cells; i++)
+        density[i] = density_bits(i);
     CLN_TRY(cln_check_put(p->device, &p->density, density, cells * sizeof *density));
 done:
     free(density);
@@ -584,6 +653,7 @@ cln_status cln_check_rays(cln_checks *c)
         goto done;
     }
     check_samples(c, m);
+    CLN_TRY(check_places(c, (const float(*)[4])ray_o, (const float(*)[4])ray_d, &sampling, m));
     CLN_TRY(put_out_batch(c, cameras, pixels, m));
     CLN_TRY(check_chords(c, (const float(*)[4])ray_o, (const float(*)[4])ray_d, m));
 done:
