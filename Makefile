@@ -415,7 +415,7 @@ bench-programs:
 	    build/bench-kernels build/bench-table build/bench-views build/bench-growth \
 	    build/bench-floaters
 
-TEXTS := README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md LICENSE
+TEXTS := README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md CITATION.cff LICENSE
 
 # Quoted, as the folders may have spaces.
 install: all
