@@ -147,6 +147,8 @@ static const char *form_of_row(const cln_config_row *row)
 {
     if (row->type == CLN_ROW_ENUM)
         return row->words;
+    if (row->flags & CLN_ROW_FILE)
+        return "FILE";
     return row->type == CLN_ROW_TEXT ? "TEXT" : "N";
 }
 
@@ -498,7 +500,7 @@ static cln_status apply_settings(parser *p)
         CLN_TRY(cln_conf_compare(out->resume, out->operand, overridden, out->settings,
                                  &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
-        CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
+        CLN_TRY(cln_conf_set(out->settings, p->settings[i].row, p->settings[i].text, NULL));
     st = cln_settings_check(out->settings);
     if (st != CLN_OK && out->conf_said && !out->resume)
         cln_note("also taking settings %s", out->conf_said);

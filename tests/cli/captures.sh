@@ -108,6 +108,41 @@ section_splits() {
     check "only that" eval "! said 8views"
 }
 
+# A paper's list of test photos, which a run keeps.
+section_listed() {
+    local s=$work/listed list="$work/listed/a list.txt" run="$work/listed run"
+    "$make_scene" "$s" --format colmap --size 24 --train 8 --test 2 >/dev/null || bad "make-scene"
+    printf '%s\n' '# of a paper' frame_00003 '' frame_00007.png >"$list"
+    expect "info with a list of test views" 0 "" "$cln" info "$s" --test-views "$list" --json
+    check "they are test" [ "$(json splits.train) $(json splits.test)" = "8 2" ]
+    check "all by their names" eval '"$query" split_rule <"$work/out" |
+        grep -q "^2 images that .*/a list.txt names are test (--test-views)$"'
+    echo 'test-views = "a list.txt"' >"$s/cl-nascent.conf"
+    expect "train with the list in the conf" 0 "~views:.8.train,.2.test" \
+        "$cln" train "$s" -o "$run" "${small[@]}" --steps 4
+    expect "eval" 0 "" "$cln" eval "$run" --json
+    check "measures these" [ "$(json images.0.name) $(json images.1.name)" = \
+        "frame_00003.png frame_00007.png" ]
+    expect "cameras for others" 0 "~depth-loss.*--test-views" "$cln" export "$run" \
+        --cameras "$work/listed.json"
+    rm "$list" "$s/cl-nascent.conf"
+    expect "the run goes on without the list" 0 "~views:.8.train,.2.test" \
+        "$cln" train --resume "$run" --progress none --steps 6
+    check "on the same scene" eval '! said warning:'
+    expect "and is measured on the same views" 0 "" "$cln" eval "$run" --json
+    check "those of the list" [ "$(json images.1.name)" = frame_00007.png ]
+    expect "and rendered" 0 "" "$cln" render "$run" --split test -o "$work/listed test"
+    check "those two" grep -q ": 2 rendered" "$work/out"
+    expect "a new run needs the list" 3 "~a.list.txt:.No.such.file ~--test-views" "$cln" \
+        train "$s" -o "$work/listed other" --settings-of "$run"
+    echo frame_0003 >"$list"
+    expect "another list is refused for a run" 8 "--test-views" "$cln" train --resume "$run" \
+        --steps 8 --test-views "$work/none.txt"
+    expect "a name of no photo" 3 "~'frame_0003'..line.1 ~frame_00001.png" "$cln" train "$s" \
+        -o "$work/listed other" --test-views "$list"
+    check "nothing is written" [ ! -e "$work/listed other" ]
+}
+
 # Views of a file of one's own, measured: without training views, and whatever their split.
 section_measured() {
     local s=$work/photos list=$work/photos/mine.json
@@ -779,6 +814,6 @@ section_phone() {
     check "is the same, bit by bit" diff -r "$work/phone spiral" "$work/phone spiral alone"
 }
 
-every="missing splits measured wide moved second orbit frames evals disk depth sparse forward"
-every+=" beyond masks objects phone"
+every="missing splits listed measured wide moved second orbit frames evals disk depth sparse"
+every+=" forward beyond masks objects phone"
 run_sections "$every" "$@"
