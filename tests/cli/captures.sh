@@ -777,6 +777,46 @@ section_objects() {
         "$work/objects bare" --masks alpha
 }
 
+# path_of FRAME FILE: a camera_path.json of the scene's first camera, in the scene's own frame or in
+# that of nerfstudio, by the two transforms below: x, y, z -> (2 - x, y + 2, 3 - z) / 2
+path_of() {
+    for i in 0 1 2; do
+        for j in 0 1 2 3; do
+            "$query" "frames.0.transform_matrix.$i.$j" <"$work/theirs/transforms.json"
+        done
+    done | awk -v frame="$1" -v sign="-1 1 -1" -v shift_by="2 2 3" '
+        BEGIN { split(sign, s, " "); split(shift_by, t, " ")
+            printf "{\"render_width\": 24, \"render_height\": 24, "
+            printf "\"camera_path\": [{\"fov\": 50, \"camera_to_world\": [" }
+        { i = int((NR - 1) / 4) + 1
+            v = frame == "scene" ? $1 : NR % 4 ? s[i] * $1 : (s[i] * $1 + t[i]) / 2
+            printf "%.17g, ", v }
+        END { print "0, 0, 0, 1]}]}" }' >"$2"
+}
+
+# A path that nerfstudio wrote, for a scene that ns-process-data had turned before.
+section_nerfstudio() {
+    local s=$work/theirs run="$work/theirs run" mine="$work/own path" their="$work/their path"
+    "$make_scene" "$s" --format nerfstudio --size 24 --train 8 --test 2 >/dev/null ||
+        bad "make-scene"
+    sed -i '0,/{/s//{"applied_transform": [[0,1,0,1],[1,0,0,0],[0,0,-1,0]],/' "$s/transforms.json"
+    mkdir "$mine" "$their"
+    path_of scene "$mine/camera_path.json"
+    path_of nerfstudio "$their/camera_path.json"
+    echo '{"transform": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]], "scale": 0.5}' \
+        >"$their/dataparser_transforms.json"
+    expect "train" 0 "" "$cln" train "$s" -o "$run" "${small[@]}"
+    expect "a path in the scene's frame" 0 "~poses:.*own.frame.*dataparser_transforms" \
+        "$cln" render "$run" --poses "$mine/camera_path.json" -o "$work/own"
+    expect "a path in nerfstudio's, with its file" 0 "~poses:.*nerfstudio.s.frame..scale.0.5" \
+        "$cln" render "$run" --poses "$their/camera_path.json" -o "$work/their"
+    check "is the same picture" cmp "$work/own/path_0000.png" "$work/their/path_0000.png"
+    rm "$their/dataparser_transforms.json"
+    expect "without that file" 0 "" "$cln" render "$run" --poses "$their/camera_path.json" \
+        -o "$work/wrong"
+    check "it is another one" eval '! cmp -s "$work/own/path_0000.png" "$work/wrong/path_0000.png"'
+}
+
 # size_of PNG: its width and height
 size_of() {
     od -An -j16 -N8 -tu1 "$1" | awk '{ print 256 * $3 + $4, 256 * $7 + $8 }'
@@ -815,5 +855,5 @@ section_phone() {
 }
 
 every="missing splits listed measured wide moved second orbit frames evals disk depth sparse"
-every+=" forward beyond masks objects phone"
+every+=" forward beyond masks objects nerfstudio phone"
 run_sections "$every" "$@"
