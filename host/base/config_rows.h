@@ -41,6 +41,7 @@ enum {
     CLN_ROW_AUTO = 256,   /* INT: "auto" is its least value */
     CLN_ROW_TIME = 512,   /* a step's time depends on it: `info --like` names it if it differs */
     CLN_ROW_NONE = 1024,  /* TEXT: "none" is the empty text */
+    CLN_ROW_FILE = 2048,  /* TEXT: a file's path; cl-nascent.conf names it from its own folder */
     CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE | CLN_ROW_TIME
 };
 
@@ -387,6 +388,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
         "holdout: the first image that is test, counted from 0; with each number below N, each "   \
         "image is test once",                                                                      \
         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                    \
+    TEXT(test_views, "test-views", "", "",                                                         \
+         "file with the names of the photos that are test, one a line, instead of --holdout; all " \
+         "others train",                                                                           \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER | CLN_ROW_NONE | CLN_ROW_FILE)     \
     ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
          "frames whose image is not there or cannot be read: leave them out while they are fewer " \
          "than a tenth, leave them out however many, or refuse the scene",                         \

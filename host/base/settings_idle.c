@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 54 };
+enum { IDLE_ROWS = 55 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -117,6 +117,9 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
          "no box in the cube is known, as there are no sparse points; give --bbox"},
         {"masks", facts->no_masks, "no photo has a mask; leave it out"},
         {"holdout holdout-from", facts->has_splits, "the dataset names the splits; leave it out"},
+        {"holdout holdout-from", c->test_views[0],
+         "--test-views names the test views; leave one "
+         "out"},
         {"holdout-from", c->holdout == 0, "nothing is held out with --holdout 0; give that, too"},
         {"target-psnr eval-at eval-every eval-images", facts->no_tests,
          "the scene has no test view; name some in its files, or measure others afterwards: "

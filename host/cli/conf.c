@@ -12,6 +12,7 @@
 #include "base/text.h"
 #include "cli/option_table.h"
 #include "render/recorded.h"
+#include "scene/scene.h"
 
 #define NAME "cl-nascent.conf"
 
@@ -29,6 +30,30 @@ static cln_status path_beside(const char *scene, char **out)
     CLN_TRY(cln_path_join(out, folder, NAME));
 done:
     free(folder);
+    return st;
+}
+
+cln_status cln_conf_set(cln_settings *settings, const cln_config_row *row, const char *value,
+                        const char *folder)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, *whole = NULL;
+
+    if (!(row->flags & CLN_ROW_FILE) || !*value || strcmp(value, "none") == 0)
+        return cln_settings_set(settings, row->option, value);
+    CLN_TRY(folder ? cln_path_join(&path, folder, value) : cln_strdup(&path, value));
+    if (cln_is_file(path)) {
+        CLN_TRY(cln_path_absolute(&whole, path));
+        if (strlen(whole) < CLN_TEXT_BYTES && cln_utf8_valid(whole)) {
+            free(path);
+            path = whole;
+            whole = NULL;
+        }
+    }
+    CLN_TRY(cln_settings_set(settings, row->option, path));
+done:
+    free(path);
+    free(whole);
     return st;
 }
 
@@ -87,6 +112,7 @@ typedef struct reading {
     const bool *overridden; /* by row of the settings */
     bool keep_preset;
     const char *path;
+    const char *folder; /* its own */
     cln_settings *settings;
     char **said;
 } reading;
@@ -142,7 +168,8 @@ static cln_status take_line(const reading *r, char *line, bool presets)
                         name);
     if (row && r->overridden[row - cln_config_rows])
         return CLN_OK;
-    if (cln_settings_set(r->settings, row ? row->option : name, value) != CLN_OK)
+    if ((row ? cln_conf_set(r->settings, row, value, r->folder)
+             : cln_settings_set(r->settings, name, value)) != CLN_OK)
         return CLN_INPUT;
     return say(r->said, r->path, row->option, value);
 }
@@ -177,7 +204,7 @@ cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_pr
                          cln_settings *settings, char **said)
 {
     cln_status st = CLN_OK;
-    char *path = NULL, *text = NULL;
+    char *path = NULL, *text = NULL, *folder = NULL;
     size_t bytes = 0;
     struct stat info;
     reading r = {.overridden = overridden, .keep_preset = keep_preset, .settings = settings};
@@ -192,13 +219,16 @@ cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_pr
             "%s: is not a file, so there are no settings in it; rename it, or give --no-conf",
             path));
     CLN_TRY(cln_read_file(path, MOST_BYTES, &text, &bytes));
+    CLN_TRY(cln_scene_folder(scene, &folder));
     r.path = path;
+    r.folder = folder;
     r.said = said;
     CLN_TRY(take_lines(&r, text, true));
     CLN_TRY(take_lines(&r, text, false));
 done:
     free(path);
     free(text);
+    free(folder);
     return st;
 }
 

@@ -15,6 +15,12 @@
 cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_preset,
                          cln_settings *settings, char **said);
 
+/* cln_settings_set; the path of a file (CLN_ROW_FILE) becomes one from the root, so that it is
+ * found from any folder later, where such a file is there and the path fits. folder: that a
+ * relative path begins in, NULL = the present one. */
+cln_status cln_conf_set(cln_settings *settings, const cln_config_row *row, const char *value,
+                        const char *folder);
+
 /* A resumed run keeps its settings. Says in *said which ones the file beside the scene (NULL: the
  * run's own) has otherwise; NULL if none, if there is no such file, or if it cannot be read. The
  * caller frees it. */

@@ -135,6 +135,7 @@ static void put_row(FILE *to, const cln_config_row *row, const cln_config preset
     else
         snprintf(left, sizeof left, "  --%s %s", row->option,
                  row->type == CLN_ROW_ENUM   ? row->words
+                 : row->flags & CLN_ROW_FILE ? "FILE"
                  : row->type == CLN_ROW_TEXT ? "TEXT"
                                              : "N");
     if (row->type == CLN_ROW_INT) {

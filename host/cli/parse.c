@@ -148,6 +148,8 @@ static const char *form_of_row(const cln_config_row *row)
 {
     if (row->type == CLN_ROW_ENUM)
         return row->words;
+    if (row->flags & CLN_ROW_FILE)
+        return "FILE";
     return row->type == CLN_ROW_TEXT ? "TEXT" : "N";
 }
 
@@ -499,7 +501,7 @@ static cln_status apply_settings(parser *p)
         CLN_TRY(cln_conf_compare(out->resume, out->operand, overridden, out->settings,
                                  &out->conf_said));
     for (int i = 0; i < p->setting_count; i++)
-        CLN_TRY(cln_settings_set(out->settings, p->settings[i].row->option, p->settings[i].text));
+        CLN_TRY(cln_conf_set(out->settings, p->settings[i].row, p->settings[i].text, NULL));
     if (out->resume && out->resume_or_start)
         cln_settings_forget_same(out->settings);
     st = cln_settings_check(out->settings);

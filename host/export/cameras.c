@@ -400,6 +400,11 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
     const bool boxed = scene->has_box && !space->shell;
     char box[6][CLN_NUMBER_BYTES]; /* far from the origin, as many digits as it takes */
     bool masks = false, held_out = false;
+    /* what takes most of a scene's quality away, where only a split was wanted */
+    const char *points = scene->has_sights
+                             ? ". Without these points --depth-loss has nothing to work on: only "
+                               "to choose test photos, train on the scene itself with --test-views"
+                             : "";
 
     for (int i = 0; i < scene->view_count && !json; i++) {
         masks = masks || scene->views[i].alpha_path || scene->views[i].mask_path;
@@ -411,7 +416,8 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
         cln_warn("cameras: COLMAP's files have no masks of photos; FILE.json has them");
     if (space->forward) {
         cln_info("cameras: what the scene tells of depths (near and far, sparse points) is left "
-                 "out");
+                 "out%s",
+                 points);
         return;
     }
     for (int i = 0; i < 3; i++) {
@@ -420,8 +426,9 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
                          box[i + 3]);
     }
     cln_info("cameras: the scene's cube and sparse points are left out; to train with these in "
-             "that cube: --bbox=%s,%s,%s,%s,%s,%s%s",
-             box[0], box[1], box[2], box[3], box[4], box[5], space->shell ? " --space shell" : "");
+             "that cube: --bbox=%s,%s,%s,%s,%s,%s%s%s",
+             box[0], box[1], box[2], box[3], box[4], box[5], space->shell ? " --space shell" : "",
+             points);
 }
 
 cln_status cln_export_cameras(cln_export_job *job)

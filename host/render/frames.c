@@ -8,6 +8,7 @@
 #include "base/memory.h"
 #include "render/named.h"
 #include "render/open_run.h"
+#include "render/recorded.h"
 
 static const double BELOW = -30; /* degrees: few cameras look up so steeply */
 
@@ -66,15 +67,48 @@ done:
     return st;
 }
 
-/* The poses of a file, or max_images of them, evenly chosen. */
-static cln_status of_file(const cln_render_desc *desc, const cln_orbit_frame *seen, cln_frames *out)
+/* Where the scene's transforms JSON is, the folder or the file: NULL of scenes of other formats,
+ * and where the run's scene is not there. scene: the one that was read, NULL if none was. */
+static cln_status find_transforms(const cln_render_desc *desc, const cln_scene *scene,
+                                  const json_t *run, char **path)
 {
     cln_status st = CLN_OK;
+    const char *dialect =
+        json_string_value(json_object_get(json_object_get(run, "dataset"), "dialect"));
+
+    *path = NULL;
+    if (desc->scene && scene)
+        dialect = scene->dialect;
+    if (!dialect || (strcmp(dialect, "nerfstudio") != 0 && strcmp(dialect, "instant-ngp") != 0))
+        return CLN_OK;
+    if (desc->scene)
+        return cln_strdup(path, desc->scene);
+    st = cln_recorded_scene(desc->run, path);
+    if (st != CLN_INPUT)
+        return st;
+    cln_clear_error();
+    cln_warn("--poses: the scene is not there, so whether its transforms.json has an "
+             "applied_transform, which nerfstudio's frame does not count, is not known");
+    return CLN_OK;
+}
+
+/* The poses of a file, or max_images of them, evenly chosen. */
+static cln_status of_file(const cln_render_desc *desc, const cln_scene *scene, const json_t *run,
+                          const cln_orbit_frame *seen, cln_frames *out)
+{
+    cln_status st = CLN_OK;
+    char *transforms = NULL, *dataparser = NULL;
     int kept = 0;
 
     CLN_TRY(cln_frames_read(desc->poses, seen->width, seen->height, out));
+    if (out->foreign)
+        CLN_TRY(cln_frames_dataparser(desc->poses, &dataparser));
+    if (dataparser) {
+        CLN_TRY(find_transforms(desc, scene, run, &transforms));
+        CLN_TRY(cln_frames_from_nerfstudio(dataparser, desc->poses, transforms, out));
+    }
     if (desc->max_images <= 0 || desc->max_images >= out->count)
-        return CLN_OK;
+        goto done;
     for (int i = 0; i < out->count; i++) {
         cln_frame *f = &out->frame[i];
 
@@ -90,6 +124,8 @@ static cln_status of_file(const cln_render_desc *desc, const cln_orbit_frame *se
     }
     out->count = kept;
 done:
+    free(transforms);
+    free(dataparser);
     return st;
 }
 
@@ -179,7 +215,7 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
     else
         CLN_TRY(read_frame(desc, json_object_get(run, "orbit"), &seen));
     if (desc->poses)
-        CLN_TRY(of_file(desc, &seen, out));
+        CLN_TRY(of_file(desc, scene, run, &seen, out));
     else if (desc->split)
         CLN_TRY(of_split(desc, scene, out));
     else if (desc->spiral_frames > 0)

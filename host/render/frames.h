@@ -18,6 +18,7 @@ typedef struct cln_frames {
     int count;
     cln_frame *frame;  /* [count] */
     const char *poses; /* where they come from: "test", "orbit", "spiral", "file", "path" */
+    bool foreign;      /* a camera_path.json that may be in nerfstudio's frame */
     double fps;        /* as their file says; 0 = it does not */
     cln_crop crop;     /* likewise, with the colour around it */
     float crop_background[3];
@@ -43,6 +44,18 @@ cln_status cln_frames_room(int count, cln_frames *out);
 /* Reads nerfstudio's camera_path.json, or the frames of a transforms JSON file with its lenses.
  * width, height: for poses of which neither the file nor a photo gives the size. CLN_INPUT. */
 cln_status cln_frames_read(const char *path, int width, int height, cln_frames *out);
+
+/* ---- pose_frame.c ---- */
+
+/* nerfstudio's dataparser_transforms.json beside a path; if there is none, NULL, and a line of the
+ * log says what it would do. The caller frees *path. */
+cln_status cln_frames_dataparser(const char *poses, char **path);
+
+/* Brings the poses of a path, and its crop, by that file from nerfstudio's frame to the scene's,
+ * and says so. scene: the scene's folder or file if that is transforms JSON, which may say what was
+ * done to its poses before; else NULL. CLN_INPUT. */
+cln_status cln_frames_from_nerfstudio(const char *path, const char *poses, const char *scene,
+                                      cln_frames *out);
 
 /* ---- path.c ---- */
 

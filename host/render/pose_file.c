@@ -1,7 +1,8 @@
 /* Files of poses for `render --poses`. See frames.h. camera_path.json, as nerfstudio and its viewer
  * write it: one size, camera-to-world matrices of 16 numbers row by row with OpenGL's axes,
  * vertical fields of view in degrees. Transforms JSON: read as a scene's. Both in the scene's own
- * frame and units. Stereo panoramas and times are not read. */
+ * frame and units, but for nerfstudio's own paths (pose_frame.c). Stereo panoramas and times are
+ * not read. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -155,14 +156,18 @@ static cln_status read_path(const char *path, const json_t *root, const json_t *
 {
     cln_status st = CLN_OK;
     film f = {.path = path};
+    json_t *own = json_string("scene");
 
     CLN_TRY(read_film(root, width, height, &f, &out->fps));
     CLN_TRY(read_crop(path, root, out));
+    /* as our viewer marks its own */
+    out->foreign = !json_equal(json_object_get(root, "poses_in"), own);
     for (int i = 0; i < out->count; i++) {
         CLN_TRY(read_station(&f, json_array_get(stations, (size_t)i), i, &out->frame[i].camera));
         CLN_TRY(cln_asprintf(&out->frame[i].name, "path_%04d", i));
     }
 done:
+    json_decref(own);
     return st;
 }
 

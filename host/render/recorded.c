@@ -229,6 +229,20 @@ static bool divides_each(const json_t *dataset)
     return least && !json_equal(least, json_object_get(dataset, "downscale"));
 }
 
+/* The views that the run keeps, if a list said which are test: it need not be there any more, and
+ * may have other names by now. Without them the list itself counts. */
+static cln_status read_kept(const char *run, const cln_config *config, cln_scene **kept)
+{
+    cln_status st = CLN_OK;
+
+    if (!config->test_views[0] || !cln_has_file(run, CLN_CAMERAS_FILE))
+        return CLN_OK;
+    st = cln_cameras_read(run, kept);
+    if (st != CLN_OK)
+        cln_note("looking for the test views of %s", run);
+    return st;
+}
+
 static cln_status load(const char *run, const cln_scene_desc *given, bool resumes,
                        cln_scene **scene, bool *same)
 {
@@ -239,6 +253,7 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     cln_scene_desc desc = *given;
     const char *place = NULL;
     char *path = NULL;
+    cln_scene *kept = NULL;
 
     *scene = NULL;
     CLN_TRY(cln_run_read(run, &document));
@@ -264,6 +279,8 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
         CLN_TRY(find_scene(run, dataset, resumes, &path, &place));
         desc.path = path;
     }
+    CLN_TRY(read_kept(run, &config, &kept));
+    desc.kept = kept;
     st = cln_scene_load(&desc, scene);
     if (st != CLN_OK && st != CLN_SIGINT && st != CLN_SIGTERM && !given->path)
         cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
@@ -275,6 +292,7 @@ done:
         cln_scene_free(*scene);
         *scene = NULL;
     }
+    cln_scene_free(kept);
     json_decref(document);
     free(path);
     return st;

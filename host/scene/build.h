@@ -10,11 +10,17 @@
 /* camera.c: divides the image size and everything in pixels by x (width) and y (height). */
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y);
 
-/* split.c: every holdout-th view by name, from number holdout_from on, becomes test, unless the
- * dataset named the splits; fills split_rule; then orders the views, and checks for duplicates and
- * for a training view, or as cln_scene_desc.measured has it. */
-cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_config *config,
-                                 bool measured);
+/* split.c: every holdout-th view by name, from number holdout_from on, becomes test, or those that
+ * test_views lists or a run kept, unless the dataset named the splits; fills split_rule; then
+ * orders the views, and checks for duplicates and for a training view, or as
+ * cln_scene_desc.measured has it. */
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_scene_desc *desc);
+
+/* test_list.c: the photos whose names are in a file, one a line, become test views. CLN_INPUT if a
+ * name is of no photo, or of several, or if there is none. */
+cln_status cln_scene_list_tests(cln_scene *scene, const char *file);
+/* Those that are test views of `kept`, by their names; names that are not there do not matter. */
+cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept);
 
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
  * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with

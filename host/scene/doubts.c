@@ -185,7 +185,7 @@ static void tell_few(const cln_scene *scene, json_t *findings)
                         "distance, so views from elsewhere will be wrong. Take more photos%s",
                         train, cln_plural(train, "", "s"),
                         !scene->has_splits && scene->view_count > train
-                            ? ", or hold fewer out (--holdout)"
+                            ? ", or hold fewer out (--holdout, --test-views)"
                             : "");
 }
 

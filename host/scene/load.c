@@ -302,11 +302,12 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
                  cln_dataset_within(scene->folder, result->moved_from));
     scene->dialect = result->dialect;
     scene->stored_poses = result->stored_poses;
+    scene->has_sights = result->observation_count > 0;
     scene->ignored = json_incref(result->ignored);
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,
                          others ? "; also there, not read: --format " : "", others ? others : ""));
     cln_utf8_repair(scene->because); /* it names folders; JSON needs UTF-8 */
-    CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc->config, desc->measured));
+    CLN_TRY(cln_scene_split_views(scene, result->named_splits, desc));
     for (int s = 0; s < CLN_SPLITS && scene->lent; s++)
         lent.pixels[CLN_SPLIT_TRAIN] |= desc->pixels[s];
     desc = scene->lent ? &lent : desc;

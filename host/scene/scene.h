@@ -147,6 +147,7 @@ typedef struct cln_scene {
     double spread;         /* of the training cameras about their middle, half sides */
     double apart_share;    /* of pairs of them, those that look apart; NaN: too few to tell */
     double before_share;   /* of sparse points in their pictures, those before them; likewise */
+    bool has_sights;       /* its files name points and images that show them */
     int64_t sight_count;   /* with config.depth_loss, for training: what points tell of depths */
     cln_sight *sights;     /* by view, then by point */
     float background[3];   /* composited behind alpha and behind the scene */
@@ -158,18 +159,20 @@ typedef struct cln_scene {
 
 typedef struct cln_scene_desc {
     const char *path;         /* scene folder, or its transforms JSON file */
-    const cln_config *config; /* downscale, bbox, background, holdout, missing,
+    const cln_config *config; /* downscale, bbox, background, holdout, test_views, missing,
                                  masks */
-    bool pixels[CLN_SPLITS];  /* load the images of these splits, of several ranks each its own;
+    const cln_scene *kept;   /* of a run with config.test_views: the views that it keeps, whose test
+                                 views count instead of that file's; NULL: read the file */
+    bool pixels[CLN_SPLITS]; /* load the images of these splits, of several ranks each its own;
                                  cameras, sizes and masks always */
-    bool unseen;              /* no error if no camera sees the cube */
-    bool measured;            /* its views are only measured: nor if there is no training view, but
+    bool unseen;             /* no error if no camera sees the cube */
+    bool measured;           /* its views are only measured: nor if there is no training view, but
                                  all count as such until cln_scene_return_splits */
-    bool without_masks;       /* those that there are do not count, which is said */
-    bool keep_alpha;          /* photos that are opaque everywhere keep their alpha, too */
-    uint64_t opaque_digest;   /* of the scene when its photos were found to be opaque: they are not
+    bool without_masks;      /* those that there are do not count, which is said */
+    bool keep_alpha;         /* photos that are opaque everywhere keep their alpha, too */
+    uint64_t opaque_digest;  /* of the scene when its photos were found to be opaque: they are not
                                  looked at again if they still are the same; 0: not known */
-    double elsewhere;         /* bytes of host memory that images must leave */
+    double elsewhere;        /* bytes of host memory that images must leave */
     const cln_callbacks *callbacks; /* told of the images that are read; NULL: none */
 } cln_scene_desc;
 

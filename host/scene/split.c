@@ -1,8 +1,8 @@
 /* Which view is train, val or test, and the order of views. Where a dataset names no test views,
  * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do, or
  * from another one (--holdout-from), for folds; for that, names are ordered byte by byte, as Python
- * sorts them, so that results compare. The views themselves stand in an order for people: by split,
- * then by name in natural order. */
+ * sorts them, so that results compare. Or a list names them (test_list.c). The views themselves
+ * stand in an order for people: by split, then by name in natural order. */
 #include "scene/build.h"
 
 #include <math.h>
@@ -51,29 +51,63 @@ done:
     return st;
 }
 
-cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_config *config,
-                                 bool measured)
+/* The test views of config.test_views, or of the run that had them from there. */
+static cln_status take_list(cln_scene *scene, const cln_scene_desc *desc)
+{
+    cln_status st = CLN_OK;
+    const char *file = desc->config->test_views;
+    int count = 0;
+
+    CLN_TRY(hold_out(scene, 0, 0));
+    CLN_TRY(desc->kept ? cln_scene_keep_tests(scene, desc->kept)
+                       : cln_scene_list_tests(scene, file));
+    count = cln_scene_split_count(scene, CLN_SPLIT_TEST);
+    CLN_TRY(cln_asprintf(&scene->split_rule, "%d image%s that %s names %s test (--test-views)",
+                         count, cln_plural(count, "", "s"), file, cln_plural(count, "is", "are")));
+done:
+    return st;
+}
+
+/* Every Nth view, or none, by config. */
+static cln_status take_every(cln_scene *scene, const cln_config *config)
 {
     cln_status st = CLN_OK;
     const int holdout = config->holdout, first = config->holdout_from;
 
+    CLN_TRY(hold_out(scene, holdout, first));
+    if (holdout > 0 && first > 0)
+        CLN_TRY(cln_asprintf(&scene->split_rule,
+                             "1 in %d images by name, from number %d on (the first is 0), is test "
+                             "(--holdout, --holdout-from)",
+                             holdout, first));
+    else if (holdout > 0)
+        CLN_TRY(cln_asprintf(&scene->split_rule,
+                             "1 in %d images by name, from the first, is test (--holdout)",
+                             holdout));
+    else
+        CLN_TRY(cln_strdup(&scene->split_rule, "all images are train (--holdout 0)"));
+done:
+    return st;
+}
+
+cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_scene_desc *desc)
+{
+    cln_status st = CLN_OK;
+    const bool listed = desc->config->test_views[0] && !named_splits;
+
     scene->has_splits = named_splits;
-    if (named_splits) {
+    if (named_splits && desc->config->test_views[0] && !desc->kept)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: the dataset says itself which views train and which are test, so "
+                         "--test-views %s would have no effect; leave it out, or take the splits "
+                         "out of the dataset's files",
+                         scene->folder, desc->config->test_views));
+    if (named_splits)
         CLN_TRY(cln_strdup(&scene->split_rule, "as the dataset names them"));
-    } else {
-        CLN_TRY(hold_out(scene, holdout, first));
-        if (holdout > 0 && first > 0)
-            CLN_TRY(cln_asprintf(&scene->split_rule,
-                                 "1 in %d images by name, from number %d on (the first is 0), is "
-                                 "test (--holdout, --holdout-from)",
-                                 holdout, first));
-        else if (holdout > 0)
-            CLN_TRY(cln_asprintf(&scene->split_rule,
-                                 "1 in %d images by name, from the first, is test (--holdout)",
-                                 holdout));
-        else
-            CLN_TRY(cln_strdup(&scene->split_rule, "all images are train (--holdout 0)"));
-    }
+    else if (listed)
+        CLN_TRY(take_list(scene, desc));
+    else
+        CLN_TRY(take_every(scene, desc->config));
     qsort(scene->views, (size_t)scene->view_count, sizeof *scene->views, by_split_and_name);
     for (int i = 1; i < scene->view_count; i++) {
         const cln_view *a = &scene->views[i - 1], *b = &scene->views[i];
@@ -84,7 +118,7 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_
                              "the two frames",
                              scene->folder, a->name, cln_split_names[a->split]));
     }
-    scene->lent = measured && cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0;
+    scene->lent = desc->measured && cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0;
     for (int i = 0; i < scene->view_count && scene->lent; i++) { /* keeps their order */
         scene->views[i].named = scene->views[i].split;
         scene->views[i].split = CLN_SPLIT_TRAIN;
@@ -93,6 +127,7 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_
         CLN_TRY(cln_fail(CLN_INPUT, "%s: no training view among %d (%s)%s", scene->folder,
                          scene->view_count, scene->split_rule,
                          named_splits ? "; make some training views"
+                         : listed     ? "; name fewer, as all others train"
                                       : "; with --holdout 0 all of them are training views"));
 done:
     return st;

@@ -195,7 +195,7 @@ function savePath() {
     fps: perSecond(), seconds: seconds(), is_cycle: $('cycle').checked, smoothness_value: 0,
     keyframes: keyframes.map((c) => ({matrix: toNerfstudio(c), fov: vertical(c), aspect})),
     camera_path: path.map((c) => ({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect})),
-    crop: cropOfPath(),
+    crop: cropOfPath(), poses_in: 'scene', // not in nerfstudio's frame
   }, 'camera_path.json');
 }
 

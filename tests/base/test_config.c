@@ -430,7 +430,7 @@ static void test_words_and_flags(void **state)
 
 static void test_units(void **state)
 {
-    static const char *const texts[] = {"level-at", "eval-at", "tree-from", "bbox"};
+    static const char *const texts[] = {"level-at", "eval-at", "tree-from", "bbox", "test-views"};
     static const struct {
         const char *text;
         double value;

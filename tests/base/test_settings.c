@@ -410,6 +410,7 @@ static void test_idle(void **state)
         {"occlusion-from=0.5 t-min=0", "--occlusion-from", "--min-transmittance",
          "occlusion-from=0.5"},
         {"holdout-from=1 holdout=0", "--holdout-from", "--holdout 0", "holdout-from=1"},
+        {"holdout=4 test-views=x", "--holdout", "--test-views names", "test-views=x"},
         {"cull-max=1 cull=mean", "--cull-max", "--cull guarded", "cull-max=1"},
         {"merge-factor=1 adaptive=no", "--merge-factor", "--adaptive", "merge-factor=1"},
         {"merge-factor=1 encoding=voxel adaptive=yes", "--merge-factor", "do not merge",

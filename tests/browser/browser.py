@@ -411,6 +411,7 @@ def make_path(page):
         download = real;''')
     frames = saved['camera_path']
     page.check('a path has all frames', len(frames) == 12, len(frames))
+    page.check("it is in the scene's frame, by its word", saved['poses_in'] == 'scene')
     first, pose = frames[0]['camera_to_world'], page.js('return toPose(keyframes[0])')
     turned = [s * v for v, s in zip(pose, (1, -1, -1, 1) * 3)]
     page.check("its axes are OpenGL's, by rows", moved(first, turned + [0, 0, 0, 1]) < 1e-12, first)

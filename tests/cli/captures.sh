@@ -108,6 +108,41 @@ section_splits() {
     check "only that" eval "! said 8views"
 }
 
+# A paper's list of test photos, which a run keeps.
+section_listed() {
+    local s=$work/listed list="$work/listed/a list.txt" run="$work/listed run"
+    "$make_scene" "$s" --format colmap --size 24 --train 8 --test 2 >/dev/null || bad "make-scene"
+    printf '%s\n' '# of a paper' frame_00003 '' frame_00007.png >"$list"
+    expect "info with a list of test views" 0 "" "$cln" info "$s" --test-views "$list" --json
+    check "they are test" [ "$(json splits.train) $(json splits.test)" = "8 2" ]
+    check "all by their names" eval '"$query" split_rule <"$work/out" |
+        grep -q "^2 images that .*/a list.txt names are test (--test-views)$"'
+    echo 'test-views = "a list.txt"' >"$s/cl-nascent.conf"
+    expect "train with the list in the conf" 0 "~views:.8.train,.2.test" \
+        "$cln" train "$s" -o "$run" "${small[@]}" --steps 4
+    expect "eval" 0 "" "$cln" eval "$run" --json
+    check "measures these" [ "$(json images.0.name) $(json images.1.name)" = \
+        "frame_00003.png frame_00007.png" ]
+    expect "cameras for others" 0 "~depth-loss.*--test-views" "$cln" export "$run" \
+        --cameras "$work/listed.json"
+    rm "$list" "$s/cl-nascent.conf"
+    expect "the run goes on without the list" 0 "~views:.8.train,.2.test" \
+        "$cln" train --resume "$run" --progress none --steps 6
+    check "on the same scene" eval '! said warning:'
+    expect "and is measured on the same views" 0 "" "$cln" eval "$run" --json
+    check "those of the list" [ "$(json images.1.name)" = frame_00007.png ]
+    expect "and rendered" 0 "" "$cln" render "$run" --split test -o "$work/listed test"
+    check "those two" grep -q ": 2 rendered" "$work/out"
+    expect "a new run needs the list" 3 "~a.list.txt:.No.such.file ~--test-views" "$cln" \
+        train "$s" -o "$work/listed other" --settings-of "$run"
+    echo frame_0003 >"$list"
+    expect "another list is refused for a run" 8 "--test-views" "$cln" train --resume "$run" \
+        --steps 8 --test-views "$work/none.txt"
+    expect "a name of no photo" 3 "~'frame_0003'..line.1 ~frame_00001.png" "$cln" train "$s" \
+        -o "$work/listed other" --test-views "$list"
+    check "nothing is written" [ ! -e "$work/listed other" ]
+}
+
 # Views of a file of one's own, measured: without training views, and whatever their split.
 section_measured() {
     local s=$work/photos list=$work/photos/mine.json
@@ -742,6 +777,46 @@ section_objects() {
         "$work/objects bare" --masks alpha
 }
 
+# path_of FRAME FILE: a camera_path.json of the scene's first camera, in the scene's own frame or in
+# that of nerfstudio, by the two transforms below: x, y, z -> (2 - x, y + 2, 3 - z) / 2
+path_of() {
+    for i in 0 1 2; do
+        for j in 0 1 2 3; do
+            "$query" "frames.0.transform_matrix.$i.$j" <"$work/theirs/transforms.json"
+        done
+    done | awk -v frame="$1" -v sign="-1 1 -1" -v shift_by="2 2 3" '
+        BEGIN { split(sign, s, " "); split(shift_by, t, " ")
+            printf "{\"render_width\": 24, \"render_height\": 24, "
+            printf "\"camera_path\": [{\"fov\": 50, \"camera_to_world\": [" }
+        { i = int((NR - 1) / 4) + 1
+            v = frame == "scene" ? $1 : NR % 4 ? s[i] * $1 : (s[i] * $1 + t[i]) / 2
+            printf "%.17g, ", v }
+        END { print "0, 0, 0, 1]}]}" }' >"$2"
+}
+
+# A path that nerfstudio wrote, for a scene that ns-process-data had turned before.
+section_nerfstudio() {
+    local s=$work/theirs run="$work/theirs run" mine="$work/own path" their="$work/their path"
+    "$make_scene" "$s" --format nerfstudio --size 24 --train 8 --test 2 >/dev/null ||
+        bad "make-scene"
+    sed -i '0,/{/s//{"applied_transform": [[0,1,0,1],[1,0,0,0],[0,0,-1,0]],/' "$s/transforms.json"
+    mkdir "$mine" "$their"
+    path_of scene "$mine/camera_path.json"
+    path_of nerfstudio "$their/camera_path.json"
+    echo '{"transform": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]], "scale": 0.5}' \
+        >"$their/dataparser_transforms.json"
+    expect "train" 0 "" "$cln" train "$s" -o "$run" "${small[@]}"
+    expect "a path in the scene's frame" 0 "~poses:.*own.frame.*dataparser_transforms" \
+        "$cln" render "$run" --poses "$mine/camera_path.json" -o "$work/own"
+    expect "a path in nerfstudio's, with its file" 0 "~poses:.*nerfstudio.s.frame..scale.0.5" \
+        "$cln" render "$run" --poses "$their/camera_path.json" -o "$work/their"
+    check "is the same picture" cmp "$work/own/path_0000.png" "$work/their/path_0000.png"
+    rm "$their/dataparser_transforms.json"
+    expect "without that file" 0 "" "$cln" render "$run" --poses "$their/camera_path.json" \
+        -o "$work/wrong"
+    check "it is another one" eval '! cmp -s "$work/own/path_0000.png" "$work/wrong/path_0000.png"'
+}
+
 # size_of PNG: its width and height
 size_of() {
     od -An -j16 -N8 -tu1 "$1" | awk '{ print 256 * $3 + $4, 256 * $7 + $8 }'
@@ -779,6 +854,6 @@ section_phone() {
     check "is the same, bit by bit" diff -r "$work/phone spiral" "$work/phone spiral alone"
 }
 
-every="missing splits measured wide moved second orbit frames evals disk depth sparse forward"
-every+=" beyond masks objects phone"
+every="missing splits listed measured wide moved second orbit frames evals disk depth sparse"
+every+=" forward beyond masks objects nerfstudio phone"
 run_sections "$every" "$@"

@@ -583,6 +583,91 @@ static void test_spiral_from_above(void **state)
     cln_frames_free(&f);
 }
 
+/* Paths of nerfstudio, in its frame, are brought to the scene's by the file beside them; what
+ * ns-process-data had done to the scene's poses comes on top. */
+static void test_nerfstudios_frame(void **state)
+{
+    static const struct {
+        const char *file, *scene;
+        double place[3], x[3]; /* of the camera, and of its x axis */
+    } rows[] = {
+        /* p' = 0.5 (R p + t), R a quarter turn about z, t = 1, 2, 3; p' = 2, 3, 4 */
+        {"{\"transform\": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]], \"scale\": 0.5}",
+         NULL,
+         {4, -3, 5},
+         {0, -1, 0}},
+        {"{\"transform\": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]], \"scale\": 0.5}",
+         "{}",
+         {4, -3, 5},
+         {0, -1, 0}},
+        /* then (x, y, z) -> (y, x, -z) + (1, 0, 0) */
+        {"{\"transform\": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]], \"scale\": 0.5}",
+         "{\"applied_transform\": [[0,1,0,1],[1,0,0,0],[0,0,-1,0]]}",
+         {-2, 4, -5},
+         {-1, 0, 0}},
+        {"{\"transform\": [[1,0,0,0],[0,1,0,0],[0,0,1,0]], \"scale\": 2}",
+         "{\"applied_scale\": 4}",
+         {4, 6, 8},
+         {1, 0, 0}},
+    };
+    static const char *const wrong[][2] = {
+        {"{\"transform\": [[0,-1,0,1],[1,0,0,2]], \"scale\": 0.5}", "transform must"},
+        {"{\"transform\": [[0,-1,0,1],[1,0,0,2],[0,0,2,3]], \"scale\": 0.5}", "transform must"},
+        {"{\"transform\": [[1,0,0,1],[0,1,0,2],[0,0,-1,3]], \"scale\": 0.5}", "transform must"},
+        {"{\"transform\": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]], \"scale\": 0}", "scale must"},
+        {"{\"transform\": [[0,-1,0,1],[1,0,0,2],[0,0,1,3]]}", "scale must"}};
+    const char *beside = scratch_path(*state, "dataparser_transforms.json");
+    const char *scene = scratch_path(*state, "transforms.json");
+    const char *poses = put(state, CROPPED("{\"crop_center\": [2,3,4], \"crop_scale\": [1,2,3]}"));
+    char *path = NULL;
+    cln_frames f = {0};
+
+    assert_int_equal(cln_frames_dataparser(poses, &path), CLN_OK);
+    assert_null(path);
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        const cln_camera *c = NULL;
+
+        scratch_put(beside, rows[i].file, strlen(rows[i].file));
+        if (rows[i].scene)
+            scratch_put(scene, rows[i].scene, strlen(rows[i].scene));
+        assert_int_equal(cln_frames_dataparser(poses, &path), CLN_OK);
+        assert_string_equal(path, beside);
+        assert_int_equal(cln_frames_read(poses, 0, 0, &f), CLN_OK);
+        assert_true(f.foreign);
+        assert_int_equal(cln_frames_from_nerfstudio(path, poses, rows[i].scene ? *state : NULL, &f),
+                         CLN_OK);
+        c = &f.frame[0].camera;
+        for (int k = 0; k < 3; k++) {
+            /* the box is of the same frame: its middle, and its shortest axis */
+            const double middle = 0.5 * (f.crop.box[k] + f.crop.box[k + 3]);
+            const double side = f.crop.box[k + 3] - f.crop.box[k];
+
+            assert_true(fabs(c->c2w[4 * k + 3] - rows[i].place[k]) < 1e-12);
+            assert_true(fabs(c->c2w[4 * k] - rows[i].x[k]) < 1e-12);
+            assert_true(fabs(middle - rows[i].place[k]) < 1e-12);
+            assert_true(fabs(side - 2 * (k + 1)) < 1e-12);
+            assert_true(fabs(f.crop.turn[k] - rows[i].x[k]) < 1e-12);
+        }
+        cln_frames_free(&f);
+        free(path);
+    }
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        scratch_put(beside, wrong[i][0], strlen(wrong[i][0]));
+        assert_int_equal(cln_frames_read(poses, 0, 0, &f), CLN_OK);
+        assert_int_equal(cln_frames_from_nerfstudio(beside, poses, NULL, &f), CLN_INPUT);
+        assert_non_null(strstr(cln_error_text(), wrong[i][1]));
+        cln_clear_error();
+        cln_frames_free(&f);
+    }
+    /* our viewer's own paths are the scene's */
+    poses =
+        put(state,
+            FILM("\"poses_in\": \"scene\", \"camera_path\": [" POSE(PLAIN, ", \"fov\": 90") "]"));
+    assert_int_equal(cln_frames_read(poses, 0, 0, &f), CLN_OK);
+    assert_false(f.foreign);
+    cln_frames_free(&f);
+}
+
 int test_group_frames(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
@@ -592,6 +677,7 @@ int test_group_frames(void)
                                        ON_DISK(test_nulls_of_transforms),
                                        ON_DISK(test_names_from_root),
                                        ON_DISK(test_path_with_crop),
+                                       ON_DISK(test_nerfstudios_frame),
                                        cmocka_unit_test(test_through),
                                        cmocka_unit_test(test_turns),
                                        cmocka_unit_test(test_around),

@@ -119,6 +119,7 @@ int test_group_clip(void);
 int test_group_parts(void);
 int test_group_reduce(void);
 int test_group_surface(void);
+int test_group_test_views(void);
 int test_group_trace(void);
 int test_group_training(void);
 int test_group_tree_from(void);

@@ -1,0 +1,268 @@
+/* The test views that a list names (--test-views), or those that a run had by such a list. What a
+ * photo may be called stands in one sorted table, as lists and scenes may have 100,000 names:
+ *
+ *   level 0  its name in the scene; level 1: its path from the scene's folder, or the whole
+ *   level 2  that name without the ending; level 3: that path without it
+ *   level 4  the file's name alone; level 5: that without the ending
+ *
+ * Of a name that several views have, those count that have it at the lowest level. */
+#include "scene/build.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "base/number.h"
+#include "base/text.h"
+
+enum { MOST_BYTES = 1 << 26, NAMED = 3, ALIASES = 8, WORDS = 1024 };
+
+typedef struct alias {
+    const char *text;
+    size_t length;
+    int level, view;
+} alias;
+
+typedef struct table {
+    size_t count;
+    alias *row; /* [count] by text, then by level, then by view */
+} table;
+
+/* ---- the table ---- */
+
+static int compare_text(const alias *a, const alias *b)
+{
+    const int order = memcmp(a->text, b->text, a->length < b->length ? a->length : b->length);
+
+    return order ? order : (a->length > b->length) - (a->length < b->length);
+}
+
+static int by_text(const void *a, const void *b)
+{
+    const alias *x = a, *y = b;
+    const int order = compare_text(x, y);
+
+    if (order)
+        return order;
+    return x->level != y->level ? x->level - y->level : x->view - y->view;
+}
+
+static const char *without_dot(const char *path)
+{
+    while (path[0] == '.' && path[1] == '/')
+        path += 2 + strspn(path + 2, "/");
+    return path;
+}
+
+/* The path from the folder, if it is one into it, without "./". */
+static const char *path_in(const char *folder, const char *path)
+{
+    const size_t length = strlen(folder);
+
+    return without_dot(strncmp(path, folder, length) == 0 && path[length] == '/' ? path + length + 1
+                                                                                 : path);
+}
+
+static const char *base_of(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+
+    return slash ? slash + 1 : path;
+}
+
+/* Adds a path at `level`, and without its ending at `without`. */
+static void add(table *t, const char *path, int level, int without, int view)
+{
+    const char *base = base_of(path), *dot = strrchr(base, '.');
+
+    t->row[t->count++] = (alias){path, strlen(path), level, view};
+    if (dot && dot != base)
+        t->row[t->count++] = (alias){path, (size_t)(dot - path), without, view};
+}
+
+static cln_status make_table(const cln_scene *scene, table *t)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_alloc(&t->row, ALIASES * (size_t)scene->view_count, sizeof *t->row, "views"));
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const char *path = view->path ? view->path : view->name;
+
+        add(t, without_dot(view->name), 0, 2, i);
+        add(t, path_in(scene->folder, path), 1, 3, i);
+        add(t, base_of(view->name), 4, 5, i);
+        add(t, base_of(path), 4, 5, i);
+    }
+    qsort(t->row, t->count, sizeof *t->row, by_text);
+done:
+    return st;
+}
+
+/* How many views have this name, at the lowest level that has it; the first NAMED of them. */
+static int find(const table *t, const char *name, int *level, int views[NAMED])
+{
+    const alias wanted = {.text = name, .length = strlen(name)};
+    size_t low = 0, high = t->count;
+    int count = 0, last = -1;
+
+    while (low < high) { /* the first row that is not before it */
+        const size_t middle = low + (high - low) / 2;
+
+        if (compare_text(&t->row[middle], &wanted) < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    *level = low < t->count ? t->row[low].level : 0;
+    for (; low < t->count && compare_text(&t->row[low], &wanted) == 0; low++) {
+        if (t->row[low].level != *level || t->row[low].view == last)
+            continue;
+        last = t->row[low].view;
+        if (count < NAMED)
+            views[count] = last;
+        count++;
+    }
+    return count;
+}
+
+/* ---- the list ---- */
+
+/* What a list has that is of no photo, or of several: how many names, and the first in words. */
+typedef struct trouble {
+    int count;
+    char words[WORDS];
+} trouble;
+
+/* Adds "'NAME' (line N)" to the first of them. */
+static void add_trouble(trouble *t, char *name, int line)
+{
+    const size_t used = strlen(t->words);
+
+    cln_utf8_repair(name);
+    if (t->count++ < NAMED)
+        cln_format(t->words + used, WORDS - used, "%s'%.*s' (line %d)", used ? ", " : "",
+                   (int)cln_utf8_whole(name, 200), name, line);
+}
+
+/* The names of these views, or of the scene's first: "'a', 'b', 'c', ...". */
+static void list_views(const cln_scene *scene, const int *views, int count, char out[WORDS])
+{
+    out[0] = 0;
+    for (int i = 0; i < count && i < NAMED; i++) {
+        const char *name = scene->views[views ? views[i] : i].name;
+        const size_t used = strlen(out);
+
+        cln_format(out + used, WORDS - used, "%s'%.*s'", used ? ", " : "",
+                   (int)cln_utf8_whole(name, 200), name);
+    }
+    if (count > NAMED)
+        strcat(out, ", ...");
+}
+
+/* The line without comment, ending of Windows and blanks around. */
+static char *trim(char *line)
+{
+    char *end = NULL;
+
+    line += strspn(line, " \t\r");
+    for (end = line; *end && !(*end == '#' && (end == line || strchr(" \t", end[-1]))); end++)
+        ;
+    while (end > line && strchr(" \t\r", end[-1]))
+        end--;
+    *end = 0;
+    return line;
+}
+
+/* Makes the views of all lines test views; *names: how many names there are. */
+static cln_status take_lines(cln_scene *scene, const table *t, const char *file, char *text,
+                             int *names)
+{
+    trouble none = {0}, several = {0};
+    int line = 0, views[NAMED], of_first[NAMED], first = 0, level = 0;
+    char words[WORDS];
+
+    *names = 0;
+    /* skips the byte order mark of Windows editors */
+    for (char *at = text + (strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0), *next = NULL; at;
+         at = next) {
+        char *name = NULL;
+        int found = 0;
+
+        next = strchr(at, '\n');
+        if (next)
+            *next++ = 0;
+        line++;
+        name = trim(at);
+        if (!*name)
+            continue;
+        ++*names;
+        found = find(t, path_in(scene->folder, name), &level, views);
+        if (found == 1)
+            scene->views[views[0]].split = CLN_SPLIT_TEST;
+        if (found > 1 && several.count == 0) {
+            first = found;
+            memcpy(of_first, views, sizeof views);
+        }
+        if (found != 1)
+            add_trouble(found ? &several : &none, name, line);
+    }
+    if (none.count) {
+        list_views(scene, NULL, scene->view_count, words);
+        return cln_fail(CLN_INPUT,
+                        "%s: %d of its %d names %s of no photo of %s: %s%s; its photos are called "
+                        "%s: write the names so, or leave these out",
+                        file, none.count, *names, cln_plural(none.count, "is", "are"),
+                        scene->folder, none.words, none.count > NAMED ? ", ..." : "", words);
+    }
+    if (several.count) {
+        list_views(scene, of_first, first, words);
+        return cln_fail(CLN_INPUT,
+                        "%s: %d of its %d names %s of several photos of %s: %s%s; the first may be "
+                        "%s: write the name with the folder",
+                        file, several.count, *names, cln_plural(several.count, "is", "are"),
+                        scene->folder, several.words, several.count > NAMED ? ", ..." : "", words);
+    }
+    return CLN_OK;
+}
+
+cln_status cln_scene_list_tests(cln_scene *scene, const char *file)
+{
+    cln_status st = CLN_OK;
+    table t = {0};
+    char *text = NULL;
+    size_t bytes = 0;
+    int names = 0;
+
+    st = cln_read_file(file, MOST_BYTES, &text, &bytes);
+    if (st != CLN_OK)
+        cln_note("reading the names of test photos (--test-views)");
+    CLN_TRY(st);
+    CLN_TRY(make_table(scene, &t));
+    CLN_TRY(take_lines(scene, &t, file, text, &names));
+    if (names == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: it names no test photo; write one name a line, or leave --test-views "
+                         "out (with --holdout 0 all photos train)",
+                         file));
+done:
+    free(t.row);
+    free(text);
+    return st;
+}
+
+cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept)
+{
+    cln_status st = CLN_OK;
+    table t = {0};
+    int views[NAMED], level = 0;
+
+    CLN_TRY(make_table(scene, &t));
+    for (int i = 0; i < kept->view_count; i++)
+        if (kept->views[i].split == CLN_SPLIT_TEST &&
+            find(&t, without_dot(kept->views[i].name), &level, views) == 1 && level == 0)
+            scene->views[views[0]].split = CLN_SPLIT_TEST;
+done:
+    free(t.row);
+    return st;
+}

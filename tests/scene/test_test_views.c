@@ -1,0 +1,228 @@
+/* --test-views: a list of names decides which photos are test, in every format; what a name may be,
+ * and what is said of lists that are not right. A run keeps what a list said. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+#include "format_fixture.h"
+#include "tests.h"
+
+/* The settings with this list, which is written beside the scene. */
+static cln_config with_list(const char *folder, const char *text)
+{
+    cln_config config = default_config();
+    const char *path = scratch_path(folder, "list.txt");
+
+    put_text(folder, "list.txt", text);
+    snprintf(config.test_views, sizeof config.test_views, "%s", path);
+    return config;
+}
+
+/* The names of the test views, each with a blank behind it. */
+static const char *tests_of(const cln_scene *scene)
+{
+    static char names[1024];
+
+    names[0] = 0;
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].split == CLN_SPLIT_TEST)
+            snprintf(names + strlen(names), sizeof names - strlen(names), "%s ",
+                     scene->views[i].name);
+    return names;
+}
+
+#define BEGIN "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":["
+
+/* Photos of two folders, two of them of one name. */
+static void put_scene(const char *folder)
+{
+    put_folder(folder, "left");
+    put_folder(folder, "right");
+    put_image(folder, "left/a.png", 4, 4, 3, 1);
+    put_image(folder, "left/b 1.png", 4, 4, 3, 2);
+    put_image(folder, "right/a.png", 4, 4, 3, 3);
+    put_image(folder, "right/c.0.png", 4, 4, 3, 4);
+    put_image(folder, "a.png", 4, 4, 3, 5);
+    put_text(
+        folder, "transforms.json",
+        BEGIN FRAME("left/a.png", POSE_FRONT) "," FRAME("left/b 1.png", POSE_FRONT) "," FRAME(
+            "./right/a.png", POSE_FRONT) "," FRAME("right/c.0",
+                                                   POSE_FRONT) "," FRAME("a.png", POSE_FRONT) "]}");
+}
+
+static void test_names(void **state)
+{
+    static const struct {
+        const char *list, *tests;
+    } rows[] = {
+        {"left/a.png\n", "left/a.png "},
+        {"left/a", "left/a.png "},
+        {"./left/a.png", "left/a.png "},
+        {"b 1.png", "left/b 1.png "}, /* the file alone */
+        {"  b 1\t\r\n", "left/b 1.png "},
+        {"right/c.0", "right/c.0 "}, /* the dataset names it without ending */
+        {"c.0.png", "right/c.0 "},
+        {"c.0", "right/c.0 "},
+        {"a.png", "a.png "}, /* a whole name goes before the files of others */
+        {"a", "a.png "},
+        {"\xEF\xBB\xBF# of a paper\n\nleft/a.png # one\r\nright/a.png\nleft/a\n",
+         "left/a.png right/a.png "},
+    };
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+    cln_config config;
+
+    put_scene(folder);
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        config = with_list(folder, rows[i].list);
+        scene = load(folder, &config);
+        if (strcmp(tests_of(scene), rows[i].tests) != 0)
+            fail_msg("'%s': test views are %s", rows[i].list, tests_of(scene));
+        assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_VAL), 0);
+        assert_non_null(strstr(scene->split_rule, i < 10 ? "1 image that " : "2 images that "));
+        assert_non_null(strstr(scene->split_rule, "list.txt names"));
+        assert_false(scene->has_splits);
+        cln_scene_free(scene);
+    }
+    config = with_list(folder, "");
+    snprintf(config.test_views, sizeof config.test_views, "%s", folder); /* as a shell has it */
+    assert_refused(folder, &config, (const char *const[3]){"is a folder", NULL}, "a folder");
+    config = with_list(folder, scratch_path(folder, "right/a.png"));
+    scene = load(folder, &config);
+    assert_string_equal(tests_of(scene), "right/a.png ");
+    cln_scene_free(scene);
+}
+
+static void test_wrong_lists(void **state)
+{
+    static const struct {
+        const char *list, *words[3];
+    } rows[] = {
+        {"left/a.png\nleft/d.png\n\nx\n",
+         {"2 of its 3 names are of no photo", "'left/d.png' (line 2), 'x' (line 4);",
+          "'left/a.png', 'left/b 1.png', 'right/a.png', ..."}},
+        {"b\nd\ne\n f\n", {"4 of its 4", "'b' (line 1), 'd' (line 2), 'e' (line 3), ...;"}},
+        {"left/A.png", {"1 of its 1 names is of no photo", "'left/A.png' (line 1)"}},
+        {"# none\n\n", {"it names no test photo", "--holdout 0"}},
+        {"", {"it names no test photo"}},
+        {"a.png\nleft/a\nright/a\nb 1\nc.0",
+         {"no training view among 5", "--test-views", "name fewer"}},
+    };
+    const char *folder = *state;
+    cln_config config;
+
+    put_scene(folder);
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        config = with_list(folder, rows[i].list);
+        assert_refused(folder, &config, rows[i].words, rows[i].list);
+    }
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "left/a.png", POSE_FRONT) "," FRAME("left/b 1.png",
+                                                     POSE_FRONT) "," FRAME("right/a.png",
+                                                                           POSE_FRONT) "]}");
+    config = with_list(folder, "b 1\na.png");
+    assert_refused(folder, &config,
+                   (const char *const[3]){"1 of its 2 names is of several", "'a.png' (line 2)",
+                                          "'left/a.png', 'right/a.png'"},
+                   "a name of two");
+    put_text(
+        folder, "transforms.json",
+        "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"test_filenames\":[\"left/a.png\"],"
+        "\"frames\":[" FRAME("left/a.png", POSE_FRONT) "," FRAME("left/b 1.png", POSE_FRONT) "]}");
+    config = with_list(folder, "b 1");
+    assert_refused(folder, &config,
+                   (const char *const[3]){"which views train and which are test", "leave it out"},
+                   "a dataset with splits");
+}
+
+/* What a run keeps goes before the list, which need not be there; of another scene, what is there
+ * of it counts. */
+static void test_kept(void **state)
+{
+    static cln_view views[] = {{.name = "left/a.png", .split = CLN_SPLIT_TRAIN},
+                               {.name = "right/a.png", .split = CLN_SPLIT_TEST},
+                               {.name = "b 1", .split = CLN_SPLIT_TEST}, /* no whole name */
+                               {.name = "gone.png", .split = CLN_SPLIT_TEST}};
+    const cln_scene kept = {.views = views, .view_count = 4};
+    const char *folder = *state;
+    cln_config config = default_config();
+    const cln_scene_desc desc = {.path = folder, .config = &config, .kept = &kept};
+    cln_scene *scene = NULL;
+
+    put_scene(folder);
+    snprintf(config.test_views, sizeof config.test_views, "/nowhere/list.txt");
+    assert_refused(folder, &config, (const char *const[3]){"/nowhere/list.txt", NULL}, "no list");
+    if (cln_scene_load(&desc, &scene) != CLN_OK)
+        fail_msg("%s", cln_error_text());
+    assert_string_equal(tests_of(scene), "right/a.png ");
+    assert_non_null(strstr(scene->split_rule, "/nowhere/list.txt"));
+    cln_scene_free(scene);
+    /* a dataset that has splits by now keeps these */
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"test_filenames\":[\"left/a.png\"],"
+             "\"train_filenames\":[\"right/a.png\"],\"frames\":[" FRAME(
+                 "left/a.png", POSE_FRONT) "," FRAME("right/a.png", POSE_FRONT) "]}");
+    assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+    assert_string_equal(tests_of(scene), "left/a.png ");
+    cln_scene_free(scene);
+}
+
+static void test_every_format(void **state)
+{
+    static const char *const formats[] = {"COLMAP", "LLFF",    "NeuS",
+                                          "NSVF",   "OpenSfM", "nerfstudio"};
+    const cln_point points[1] = {{.xyz = {1, 2, 3}}};
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    for (int i = 0; i < 6; i++) {
+        const char *folder = scratch_path(*state, formats[i]);
+        char whole[1024] = "";
+        cln_scene *scene = NULL;
+        cln_config config;
+
+        if (i != 3)
+            format_images(scratch_path(folder, i == 2 ? "image" : "images"), 1);
+        if (i == 0)
+            format_colmap(scratch_path(folder, "sparse/0"), true, cameras, NULL, points, 1);
+        if (i == 1)
+            format_llff(folder, cameras, 1, false);
+        if (i == 2)
+            format_neus(folder, cameras, false);
+        if (i == 3)
+            format_nsvf(folder, cameras, "", 0);
+        if (i == 4)
+            format_opensfm(folder, cameras, "perspective", points, 1);
+        if (i == 5)
+            format_transforms(folder, "nerfstudio", cameras);
+        config = with_list(folder, "view_01\nview_04.png\n");
+        scene = load(folder, &config);
+        assert_string_equal(scene->dialect, formats[i]);
+        assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), 2);
+        assert_non_null(strstr(scene->views[4].path, "view_01.png"));
+        assert_non_null(strstr(scene->views[5].path, "view_04.png"));
+        snprintf(whole, sizeof whole, "%s\n", scene->views[1].name);
+        cln_scene_free(scene);
+        config = with_list(folder, whole); /* as the scene's photos are named */
+        scene = load(folder, &config);
+        assert_int_equal(strncmp(tests_of(scene), whole, strlen(whole) - 1), 0);
+        assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), 1);
+        cln_scene_free(scene);
+    }
+}
+
+int test_group_test_views(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_wrong_lists, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_kept, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_every_format, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("test_views", tests, NULL, NULL);
+}
