@@ -313,12 +313,9 @@ json_t *cln_needs_describe(const cln_scene *scene, const cln_settings *settings,
     double steps = 0;
     cln_device *device = NULL;
     json_t *about = json_pack("{s:s}", "preset", settings->preset);
-    bool there = false;
-
-    cln_config_by_photos(c, scene->has_alpha);
-    there = cln_device_open(wanted, &device) == CLN_OK &&
-            fit_batch(about, device, scene, settings, c) == CLN_OK &&
-            add_memory(about, device, scene, c) == CLN_OK;
+    const bool there = cln_device_open(wanted, &device) == CLN_OK &&
+                       fit_batch(about, device, scene, settings, c) == CLN_OK &&
+                       add_memory(about, device, scene, c) == CLN_OK;
 
     if (!there) {
         json_object_set_new(about, "device", json_null());

@@ -806,7 +806,6 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
     const cln_scene *scene = t->scene;
     const bool given = cln_settings_has(t->desc->settings, "opaque-loss");
 
-    cln_config_by_photos(config, scene->has_alpha);
     if (!scene->backdrop)
         return;
     cln_info("photos: all stand before one colour (%g,%g,%g), which is the background%s",

@@ -159,7 +159,6 @@ static const setting voxel[] = {
     {"density-lr", "4"},
     {"harmonics-lr", "0.2"},
     {"harmonics-rise", "0.1"},
-    {"decoder-width", "auto"},
     {"decoder-after", "0.5"},
     {"smooth-density", "4e-9"},
     {"smooth-colour", "4e-9"},
@@ -625,13 +624,6 @@ const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *
             return row;
     }
     return NULL;
-}
-
-void cln_config_by_photos(cln_config *config, bool alpha)
-{
-    if (config->decoder_width < 0)
-        config->decoder_width =
-            config->encoding == CLN_ENCODING_VOXEL && config->view_dependence && !alpha ? 32 : 0;
 }
 
 int cln_config_antialias(const cln_config *config, bool alpha)

@@ -71,10 +71,6 @@ const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *
 /* Checks the rules that bind several values, and TEXT rows. CLN_USAGE. */
 cln_status cln_config_check(const cln_config *config);
 
-/* Replaces what a new training chooses by its photos, with or without alpha: decoder_width. Until
- * then -1 counts as 0. */
-void cln_config_by_photos(cln_config *config, bool alpha);
-
 /* n x n rays that pixels at edges get once averages begin, for photos with or without alpha. */
 int cln_config_antialias(const cln_config *config, bool alpha);
 

@@ -96,10 +96,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(harmonics, "harmonics", 1, 1, 0, 2,                                                        \
         "voxel: degree of the spherical harmonics by which colours depend on the direction",       \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
-    INT(decoder_width, "decoder-width", 0, 0, -1, 64,                                              \
+    INT(decoder_width, "decoder-width", 0, 0, 0, 64,                                               \
         "voxel: width of a network, shared by all leaves, that adds to colours: 0 (none), 16, "    \
-        "32, 48 or 64 (-1 or auto: 32 for photos without alpha, else none)",                       \
-        .flags = CLN_ROW_NETWORK | CLN_ROW_LATER | CLN_ROW_AUTO)                                   \
+        "32, 48 or 64",                                                                            \
+        .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     BOOL(view_dependence, "view-dependence", true, true,                                           \
          "colour depends on the direction; without it view layer or harmonics are left out",       \
          .flags = CLN_ROW_NETWORK)                                                                 \

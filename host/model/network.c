@@ -59,8 +59,7 @@ static cln_status check_shape(const cln_config *c)
                         "grid-cells %d: leaves have at most %d voxels along an axis; for "
                         "finer voxels, give smaller leaves (--level-at, --max-level)",
                         c->grid_cells, CLN_VOXEL_CELLS);
-    if (c->encoding == CLN_ENCODING_VOXEL && c->decoder_width > 0 &&
-        c->decoder_width % ALIGN_FLOATS != 0)
+    if (c->encoding == CLN_ENCODING_VOXEL && c->decoder_width % ALIGN_FLOATS != 0)
         return cln_fail(CLN_USAGE, "decoder-width %d: it is 0 (no decoder), 16, 32, 48 or 64",
                         c->decoder_width);
     if (c->encoding == CLN_ENCODING_VOXEL)

@@ -301,29 +301,6 @@ static void test_round_trip_extremes(void **state)
     }
 }
 
-/* What the photos decide: voxels of photos without alpha have a decoder. */
-static void test_by_photos(void **state)
-{
-    cln_config c = preset("voxel");
-
-    (void)state;
-    assert_int_equal(c.decoder_width, -1);
-    cln_config_by_photos(&c, true);
-    assert_int_equal(c.decoder_width, 0);
-    c = preset("voxel");
-    cln_config_by_photos(&c, false);
-    assert_int_equal(c.decoder_width, 32);
-    cln_config_by_photos(&c, true); /* it is not asked twice */
-    assert_int_equal(c.decoder_width, 32);
-    c = preset("voxel");
-    c.view_dependence = false;
-    cln_config_by_photos(&c, false);
-    assert_int_equal(c.decoder_width, 0);
-    c = preset("fast");
-    cln_config_by_photos(&c, false);
-    assert_int_equal(c.decoder_width, 0);
-}
-
 /* Values just below and above every range are refused; the sentence names option, text, range. */
 static void test_ranges(void **state)
 {
@@ -954,7 +931,6 @@ int test_group_config(void)
         cmocka_unit_test(test_round_trip),
         cmocka_unit_test(test_round_trip_extremes),
         cmocka_unit_test(test_ranges),
-        cmocka_unit_test(test_by_photos),
         cmocka_unit_test(test_bad_texts),
         cmocka_unit_test(test_words_and_flags),
         cmocka_unit_test(test_units),

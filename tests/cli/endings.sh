@@ -134,8 +134,6 @@ section_exposure() {
     check "photos before white are told" said "all stand before one colour (1,1,1)"
     check "and nothing asks for opacity" \
         [ "$("$query" config.opaque_loss <"$work/light/run.json")" = 0 ]
-    check "photos without alpha have a decoder" \
-        [ "$("$query" config.decoder_width <"$work/light/run.json")" = 32 ]
     for kind in none exposure; do
         expect "eval of photos, $kind" 0 "" "$cln" eval "$work/light" --split train \
             --scene "$work/light-$kind" -o "$work/light-eval-$kind" --no-save-images

@@ -124,8 +124,6 @@ section_voxels() {
         --level-at 3:0.1,4:0.3,5:0.6,6:0.8 --antialias 1
     expect "resume" 0 "" "$cln" train --resume "$work/voxels" --skip-selftest --progress none \
         --steps +40
-    check "photos with alpha have no decoder" \
-        [ "$("$query" config.decoder_width <"$work/voxels/run.json")" = 0 ]
     expect "eval --seams" 0 "" "$cln" eval "$work/voxels" --seams --json --no-save-images
     check "voxels show the object" number_above "$(json mean.psnr)" 22
     check "voxels have pairs across faces" number_above "$(json seams.across.pairs)" 20
