@@ -523,6 +523,7 @@ static cln_status take_over(cln_trainer *t)
     cln_status st = CLN_OK;
     const char *run = t->desc->run;
     char *path = NULL;
+    json_t *document = NULL;
     bool exists = false, empty = false;
 
     CLN_TRY(cln_path_join(&path, run, "run.json"));
@@ -533,8 +534,15 @@ static cln_status take_over(cln_trainer *t)
     CLN_TRY(cln_checkpoint_exists(run, &exists));
     if (exists)
         CLN_TRY(cln_run_check(run, false, &empty));
+    CLN_TRY(cln_run_read(run, &document));
+    if (strcmp(cln_json_text(document, "state"), "done") == 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: its run is done, but its checkpoint is gone; put it back, or choose "
+                         "a new folder",
+                         run));
     cln_info("%s: its run ended before its first checkpoint, so it begins again", run);
 done:
+    json_decref(document);
     free(path);
     return st;
 }
@@ -808,7 +816,7 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
 
     if (!scene->backdrop)
         return;
-    cln_info("photos: all stand before one colour (%g,%g,%g), which is the background%s",
+    cln_info("photos: they stand before one colour (%g,%g,%g), which is the background%s",
              scene->background[0], scene->background[1], scene->background[2],
              given ? "" : "; without --opaque-loss");
     if (!given)

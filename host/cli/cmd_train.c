@@ -95,8 +95,19 @@ static void show_address(const char *address, void *user)
         cln_open_browser(address);
 }
 
-/* *is_done: --resume-or-start finds a run that is, and no setting is another. Says so, and prints
- * its result as it was. */
+/* Is that the scene of the run, by its path? */
+static bool is_scene_of(const json_t *run, const char *scene)
+{
+    char *path = scene ? realpath(scene, NULL) : NULL;
+    const bool same =
+        path && strcmp(path, cln_json_text(json_object_get(run, "dataset"), "path")) == 0;
+
+    free(path);
+    return same;
+}
+
+/* *is_done: --resume-or-start finds a run of this scene that is, and no setting is another. Says
+ * so, and prints its result as it was. */
 static cln_status finish_early(const cln_options *options, bool *is_done)
 {
     cln_status st = CLN_OK;
@@ -109,7 +120,7 @@ static cln_status finish_early(const cln_options *options, bool *is_done)
     *is_done = false;
     CLN_TRY(cln_run_read(run, &document));
     state = cln_json_text(document, "state");
-    if (strcmp(state, "done") != 0 ||
+    if (strcmp(state, "done") != 0 || !is_scene_of(document, options->operand) ||
         cln_config_differs(&settings->config, &settings->base, 0) != NULL)
         goto done;
     *is_done = true;

@@ -67,13 +67,16 @@ static bool looks_ahead(const cln_scene *scene)
     for (int i = 0; i < scene->view_count; i++) {
         const cln_camera *c = &scene->views[i].camera;
 
-        if (!cln_camera_ray(c, 0.5, 0.5, o, d))
-            return false;
-        along = 0;
-        for (int a = 0; a < 3; a++)
-            along += d[a] * c->c2w[4 * a + 2];
-        if (along < BACKDROP_AHEAD)
-            return false;
+        for (int k = 0; k < 4; k++) { /* corners */
+            if (!cln_camera_ray(c, k & 1 ? c->width - 0.5 : 0.5, k & 2 ? c->height - 0.5 : 0.5, o,
+                                d))
+                return false;
+            along = 0;
+            for (int a = 0; a < 3; a++)
+                along += d[a] * c->c2w[4 * a + 2];
+            if (along < BACKDROP_AHEAD)
+                return false;
+        }
     }
     return !scene->outwards;
 }

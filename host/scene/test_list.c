@@ -238,6 +238,9 @@ cln_status cln_scene_list_tests(cln_scene *scene, const char *file)
     if (st != CLN_OK)
         cln_note("reading the names of test photos (--test-views)");
     CLN_TRY(st);
+    if (strlen(text) != bytes)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: holds a zero byte; --test-views takes text, a name a line",
+                         file));
     CLN_TRY(make_table(scene, &t));
     CLN_TRY(take_lines(scene, &t, file, text, &names));
     if (names == 0)

@@ -131,7 +131,7 @@ section_exposure() {
     done
     run "$cln" train "$work/light-none" -o "$work/light" --preset voxel --rays 1024 \
         --skip-selftest --progress none --steps 160
-    check "photos before white are told" said "all stand before one colour (1,1,1)"
+    check "photos before white are told" said "stand before one colour (1,1,1)"
     check "and nothing asks for opacity" \
         [ "$("$query" config.opaque_loss <"$work/light/run.json")" = 0 ]
     for kind in none exposure; do
@@ -222,6 +222,12 @@ section_requeued() {
     check "it tells its result, and writes nothing" \
         [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
     expect "with another preset" 2 "~began.with.preset.fast" "${line[@]}" --preset voxel
+    line[2]=$work/none
+    expect "of a scene that is not there" 3 "~none" "${line[@]}" --steps 50
+    line[2]=$work/scene
+    mv "$job/checkpoint" "$work/away"
+    expect "done, without its checkpoint" 7 "~its.checkpoint.is.gone" "${line[@]}" --steps 50
+    check "nothing is written over" [ "$("$query" state <"$job/run.json")" = "done" ]
     rm -r "$work/straight"
     line=("$cln" train "$work/scene" -o "$work/straight" "${tiny[@]}" --resume-or-start --steps 400
         --target-psnr 1 --eval-every 4)
