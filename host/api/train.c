@@ -807,15 +807,21 @@ done:
     return st;
 }
 
-/* Settings of a new training that its photos decide. Before their one colour a field of any opacity
- * looks right, so that none is asked for. */
+/* Settings of a new training that its photos decide, if neither the caller nor another run does.
+ * Before their one colour a field of any opacity looks right, so that none is asked for. */
 static void choose_by_photos(const cln_trainer *t, cln_config *config)
 {
     const cln_scene *scene = t->scene;
-    const bool given = cln_settings_has(t->desc->settings, "opaque-loss");
+    const cln_settings *settings = t->desc->settings;
+    cln_config usual = *config;
+    bool given = cln_settings_has(settings, "opaque-loss");
 
     if (!scene->backdrop)
         return;
+    if (settings->preset[0] && cln_config_preset(settings->preset, &usual) == CLN_OK)
+        given = given || config->opaque_loss != usual.opaque_loss;
+    else
+        given = true; /* all are another run's */
     cln_info("photos: they stand before one colour (%g,%g,%g), which is the background%s",
              scene->background[0], scene->background[1], scene->background[2],
              given ? "" : "; without --opaque-loss");

@@ -1,3 +1,4 @@
+/* See commit.h. Compiled anew when the Makefile finds another commit. */
 #include "base/commit.h"
 
 #ifndef CLN_COMMIT /* by the Makefile */

@@ -117,8 +117,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"masks", facts->no_masks, "no photo has a mask; leave it out"},
         {"holdout holdout-from", facts->has_splits, "the dataset names the splits; leave it out"},
         {"holdout holdout-from", c->test_views[0],
-         "--test-views names the test views; leave one "
-         "out"},
+         "--test-views names the test views; leave one out"},
         {"holdout-from", c->holdout == 0, "nothing is held out with --holdout 0; give that, too"},
         {"target-psnr eval-at eval-every eval-images", facts->no_tests,
          "the scene has no test view; name some in its files, or measure others afterwards: "

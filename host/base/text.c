@@ -121,6 +121,19 @@ const char *cln_shell_quote(const char *text, char *out, size_t bytes)
     return out;
 }
 
+char *cln_trim(char *line)
+{
+    char *end = NULL;
+
+    line += strspn(line, " \t\r");
+    for (end = line; *end && !(*end == '#' && (end == line || strchr(" \t", end[-1]))); end++)
+        ;
+    while (end > line && strchr(" \t\r", end[-1]))
+        end--;
+    *end = 0;
+    return line;
+}
+
 bool cln_ends_with(const char *text, const char *end)
 {
     const size_t length = strlen(text), n = strlen(end);

@@ -57,20 +57,6 @@ done:
     return st;
 }
 
-/* Removes a comment, and blanks around the text. */
-static char *trim(char *text)
-{
-    char *end = NULL;
-
-    text += strspn(text, " \t\r");
-    for (end = text; *end && !(*end == '#' && (end == text || strchr(" \t", end[-1]))); end++)
-        ;
-    while (end > text && strchr(" \t\r", end[-1]))
-        end--;
-    *end = 0;
-    return text;
-}
-
 /* "rays 2048", "rays = 2048", "rays: 2048", "--rays=2048", "skip", "no-skip", and
  * "level-at = \"\"". */
 static const char *split(char *line, char **value)
@@ -188,7 +174,7 @@ static cln_status take_lines(const reading *r, const char *from, bool presets)
         if (next)
             *next++ = 0;
         number++;
-        line = trim(line);
+        line = cln_trim(line);
         if (!*line || take_line(r, line, presets) == CLN_OK)
             continue;
         snprintf(message, sizeof message, "%s", cln_error_text());

@@ -160,20 +160,6 @@ static void list_views(const cln_scene *scene, const int *views, int count, char
         strcat(out, ", ...");
 }
 
-/* The line without comment, ending of Windows and blanks around. */
-static char *trim(char *line)
-{
-    char *end = NULL;
-
-    line += strspn(line, " \t\r");
-    for (end = line; *end && !(*end == '#' && (end == line || strchr(" \t", end[-1]))); end++)
-        ;
-    while (end > line && strchr(" \t\r", end[-1]))
-        end--;
-    *end = 0;
-    return line;
-}
-
 /* Makes the views of all lines test views; *names: how many names there are. */
 static cln_status take_lines(cln_scene *scene, const table *t, const char *file, char *text,
                              int *names)
@@ -193,7 +179,7 @@ static cln_status take_lines(cln_scene *scene, const table *t, const char *file,
         if (next)
             *next++ = 0;
         line++;
-        name = trim(at);
+        name = cln_trim(at);
         if (!*name)
             continue;
         ++*names;

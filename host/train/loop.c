@@ -451,8 +451,8 @@ static cln_status wait_for_step(cln_trainer *t)
     return st;
 }
 
-/* Runs a step and undoes it: drivers compile a kernel at its first launch, and those seconds are
- * not training time. */
+/* Runs a step as the last one will be, with all that begins later, and undoes it: drivers compile a
+ * kernel at its first launch, and those seconds are not training time. */
 static cln_status warm_up(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -461,7 +461,7 @@ static cln_status warm_up(cln_trainer *t)
 
     t->undone = true;
     CLN_TRY(cln_stage_refresh(&t->pipeline, 0, 1, true, 0, 0));
-    CLN_TRY(cln_step(t, 0));
+    CLN_TRY(cln_step(t, 1));
     CLN_TRY(cln_step_catch_up(t));
     if (t->model.config.adaptive || t->model.config.refine_poses)
         CLN_TRY(cln_probe_psnr(t, &psnr));

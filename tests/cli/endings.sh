@@ -134,6 +134,12 @@ section_exposure() {
     check "photos before white are told" said "stand before one colour (1,1,1)"
     check "and nothing asks for opacity" \
         [ "$("$query" config.opaque_loss <"$work/light/run.json")" = 0 ]
+    run "$cln" train "$work/light-none" -o "$work/asked" --preset voxel --rays 1024 \
+        --skip-selftest --progress none --steps 2 --opaque-loss 0.0625
+    run "$cln" train "$work/light-none" -o "$work/asked again" --settings-of "$work/asked" \
+        --skip-selftest --progress none
+    check "but one that is asked for, also by another run's settings" \
+        [ "$("$query" config.opaque_loss <"$work/asked again/run.json")" = 0.0625 ]
     for kind in none exposure; do
         expect "eval of photos, $kind" 0 "" "$cln" eval "$work/light" --split train \
             --scene "$work/light-$kind" -o "$work/light-eval-$kind" --no-save-images
