@@ -68,10 +68,35 @@ static void tell_choice(const cln_eval_desc *desc, const cln_scene *scene, const
     snprintf(out, CLN_DIGEST_TEXT, "-%08" PRIx32, (uint32_t)d);
 }
 
+/* Takes another background for photos with alpha. `over`: how the files' names tell of it, "" if it
+ * is the run's own. */
+static cln_status take_background(const cln_eval_desc *desc, cln_scene *scene, char over[16])
+{
+    int digits[3];
+
+    over[0] = 0;
+    if (!desc->background)
+        return CLN_OK;
+    if (!scene->has_alpha)
+        return cln_fail(CLN_USAGE,
+                        "--background: the photos of %s have no alpha, so they show their own; "
+                        "leave it out",
+                        scene->folder);
+    if (memcmp(scene->background, desc->background, sizeof scene->background) == 0)
+        return CLN_OK;
+    memcpy(scene->background, desc->background, sizeof scene->background);
+    for (int c = 0; c < 3; c++)
+        digits[c] = (int)lrint(255 * (double)desc->background[c]);
+    snprintf(over, 16, "-over%02x%02x%02x", (unsigned)digits[0], (unsigned)digits[1],
+             (unsigned)digits[2]);
+    return CLN_OK;
+}
+
 /* Finds the place of the evaluation's files, and whether they can be written, before anything is
  * rendered. */
 static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *opened,
-                             const char *split, const int *views, int count, char **place)
+                             const char *split, const int *views, int count, const char *over,
+                             char **place)
 {
     cln_status st = CLN_OK;
     const cln_split s = opened->scene->views[views[0]].split;
@@ -90,7 +115,8 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
     tell_choice(desc, opened->scene, views, count, all, choice);
     if (cln_open_run_antialias(opened, desc->antialias) != cln_model_antialias(&opened->model))
         snprintf(finer, sizeof finer, "-antialias%d", desc->antialias);
-    CLN_TRY(cln_asprintf(place, "%s%s%s%s", plain, choice, finer, desc->fast ? "-fast" : ""));
+    CLN_TRY(
+        cln_asprintf(place, "%s%s%s%s%s", plain, choice, finer, desc->fast ? "-fast" : "", over));
     if (desc->out)
         CLN_TRY(check_place(*place, cln_model_digest(&opened->model), opened->scene->digest));
     if (desc->save_images) {
@@ -147,7 +173,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     bool pixels[CLN_SPLITS] = {false}, measured = false;
     const char *name = cln_split_names[CLN_SPLIT_TEST];
     int *views = NULL, count = 0;
-    char *place = NULL;
+    char *place = NULL, over[16];
 
     CLN_TRY(cln_given("cln_eval", "result", result));
     memset(result, 0, sizeof *result);
@@ -157,6 +183,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_given_number("cln_eval", "max_images", desc->max_images, 0, INT_MAX));
     CLN_TRY(cln_given_number("cln_eval", "antialias", desc->antialias, 0, 8));
     CLN_TRY(cln_views_check(desc->views, desc->max_images));
+    for (int c = 0; c < 3 && desc->background; c++)
+        CLN_TRY(cln_given_number("cln_eval", "background", (double)desc->background[c], 0, 1));
     for (int s = 0; s < CLN_SPLITS; s++)
         pixels[s] = strcmp(name, cln_split_names[s]) == 0 || strcmp(name, "all") == 0;
     if (desc->out && writes)
@@ -164,11 +192,12 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_device_check(&desc->device));
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &opened));
     antialias = cln_open_run_antialias(&opened, desc->antialias);
+    CLN_TRY(take_background(desc, opened.scene, over));
     CLN_TRY(cln_open_run_split(opened.scene, name, true, &split));
     CLN_TRY(cln_views_choose(opened.scene, split, desc->views, desc->max_images, &views, &count));
     CLN_TRY(cln_quality_check(opened.scene, views, count));
     if (writes)
-        CLN_TRY(find_place(desc, &opened, name, views, count, &place));
+        CLN_TRY(find_place(desc, &opened, name, views, count, over, &place));
     CLN_TRY(check_ranks(desc, &opened, views, count));
     if (desc->seams && cln_scene_split_count(opened.scene, CLN_SPLIT_TRAIN) == 0)
         CLN_TRY(cln_fail(CLN_INPUT,

@@ -1,13 +1,14 @@
 /* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or as the JSON document
  * that is in RUN/eval/STEP-SPLIT.json. */
 #include "cli/commands.h"
-#include "base/files.h"
-#include "base/text.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
+#include "base/files.h"
+#include "base/text.h"
 #include "cli/console.h"
 #include "ranks/ranks.h"
 
@@ -124,6 +125,7 @@ cln_status cln_cmd_eval(const cln_options *options)
     cln_eval_result result = {0};
     char *json = NULL;
     bool exposure = false;
+    float background[3] = {0};
     cln_eval_desc desc = {.run = options->operand,
                           .scene = options->scene,
                           .split = options->split,
@@ -136,6 +138,9 @@ cln_status cln_cmd_eval(const cln_options *options)
                           .out = options->output,
                           .device = options->device};
 
+    if (options->background)
+        CLN_TRY(cln_background_read(options->background, "", background));
+    desc.background = options->background ? background : NULL;
     CLN_TRY(cln_console_open(options, &console));
     desc.callbacks = console.callbacks;
     exposure = has_exposure(options->operand); /* before there is an error to be told */

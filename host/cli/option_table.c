@@ -245,6 +245,8 @@ const cln_arg cln_args[] = {
     TEXT(CLN_RENDER, "background", background, "R,G,B|white|black",
          "colour behind everything, numbers 0 to 1; also that around the crop box in a file of "
          "poses", .shown = "the run's"),
+    TEXT(CLN_EVAL, "background", background, "R,G,B|white|black",
+         "colour behind photos with alpha and their renders, numbers 0 to 1", .shown = "the run's"),
     FLAG(CLN_RENDER, "overwrite", overwrite,
          "replace files that exist; otherwise frames of the same model, cameras and settings are "
          "skipped, other ones and films refused"),

@@ -180,7 +180,7 @@ static void put_headline(FILE *to, const cln_report_data *data)
     double step = fmax(last_finite(r->count, r->step), cln_json_number(result, "step"));
     double leaves = last_finite(r->count, r->leaves), params = last_finite(r->count, r->params);
     double test = last_finite(r->count, r->psnr_test);
-    char caption[128], text[32];
+    char caption[160], text[32];
 
     fputs("<div class=cards>\n", to);
     if (e) {

@@ -322,12 +322,13 @@ static bool is_chosen(const char *stem)
 static void say_how(const char *stem, char *out, size_t bytes)
 {
     const char *finer = strstr(stem, "-antialias"), *fast = strstr(stem, "-fast");
+    const char *over = strstr(stem, "-over");
 
     if (finer)
         finer += strlen("-antialias");
-    snprintf(out, bytes, "%s%s%s%.1s%s", is_chosen(stem) ? " of chosen views" : "",
+    snprintf(out, bytes, "%s%s%s%.1s%s%s", is_chosen(stem) ? " of chosen views" : "",
              finer || fast ? " with" : "", finer ? " --antialias " : "", finer ? finer : "",
-             fast ? " --fast" : "");
+             fast ? " --fast" : "", over ? " over another background" : "");
 }
 
 static int split_rank(const char *split)

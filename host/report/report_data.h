@@ -64,7 +64,7 @@ typedef struct cln_report_eval {
     const char *split;                /* in document */
     double step, seconds, psnr, ssim; /* seconds of training; means */
     int images;
-    char how[64]; /* " with --fast"; "" for pictures as they are */
+    char how[96]; /* " with --fast"; "" for pictures as they are */
 } cln_report_eval;
 
 typedef struct cln_report_data {

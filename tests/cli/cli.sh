@@ -340,6 +340,16 @@ section_results() {
     check "eval --fast has its own file" [ -s "$work/whole/eval/00000300-test-fast.json" ]
     check "--fast: another picture, a little worse" eval '[ "$(json mean.psnr)" != "$psnr" ] &&
         number_above "$(json mean.psnr)" "$(awk -v p="$psnr" "BEGIN { print p - 0.5 }")"'
+    expect "eval --background" 0 "" "$cln" eval "$work/whole" --background 0,0,0.4 --json
+    check "eval --background has its own file" \
+        [ -s "$work/whole/eval/00000300-test-over000066.json" ]
+    check "the background is in it" [ "$(json background.0) $(json background.2)" = "0 0.4" ]
+    check "over another background renders and photos change alike" eval \
+        'number_above "$(json mean.psnr)" "$(awk -v p="$psnr" "BEGIN { print p - 3 }")"'
+    check "the photos lie over it" eval '! cmp -s "$work/whole/eval/00000300-test/r_000.truth.png" \
+        "$work/whole/eval/00000300-test-over000066/r_000.truth.png"'
+    expect "eval --background of the run's own" 0 "" "$cln" eval "$work/whole" --background white
+    check "has no file of its own" [ ! -e "$work/whole/eval/00000300-test-overffffff.json" ]
     expect "eval --min-psnr" 9 "psnr" "$cln" eval "$work/whole" --min-psnr 90
     expect "eval of a missing split" 3 "val" "$cln" eval "$work/whole" --split val
     mv "$work/blender" "$work/moved"
