@@ -8,7 +8,8 @@
 #   rooms       host/ folders include only themselves and lower folders (ORDER)
 #   circles     no file of host/ includes itself through others (a.c and a.h count as one)
 #   CL/cl.h     only through include/cl.h, and that only from device/ and pipeline/
-#   options     every option of host/base/config_rows.h is in the man page
+#   options     every option of host/base/config_rows.h is in the man page, and the words to choose
+#               from, there and in host/cli/option_table.c, where it describes the option
 #   method      every section of docs/method.md that a comment or document cites is a heading there
 #   format      clang-format has nothing to change
 #   length      no file over 1000 lines, no line over 100 columns except lines with an address
@@ -156,7 +157,7 @@ opencl_header() {
 
 options() {
     local page
-    page=$(tr -d '\\' <docs/cl-nascent.1)
+    page=$(sed 's/\\f.//g; s/\\//g' docs/cl-nascent.1)
     sed -n 's/^ *\(INT\|REAL\|BOOL\|ENUM\|TEXT\)([a-z0-9_]*, "\([a-z0-9-]*\)".*/\2/p' \
         host/base/config_rows.h |
         while read -r option; do
@@ -164,6 +165,16 @@ options() {
             *"--$option"*) ;;
             *) echo "docs/cl-nascent.1: --$option of host/base/config_rows.h is not in it" ;;
             esac
+        done
+    cat host/base/config_rows.h host/cli/option_table.c | tr '\n\\' '  ' |
+        grep -oE '(ENUM|WORD)\([A-Za-z0-9_ |]*, *"[a-z0-9-]+",[^"]*"[a-z0-9-]+(\|[a-z0-9-]+)+"' |
+        sed 's/^[^"]*"\([^"]*\)".*"\([^"]*\)"$/\1 \2/' |
+        while read -r option words; do
+            text=$(grep -A 12 -e "--$option" <<<"$page")
+            for word in ${words//|/ }; do
+                grep -qw -e "$word" <<<"$text" ||
+                    echo "docs/cl-nascent.1: --$option: the word '$word' is not there"
+            done
         done
 }
 
