@@ -626,9 +626,9 @@ const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *
     return NULL;
 }
 
-int cln_config_antialias(const cln_config *config, bool alpha)
+int cln_config_antialias(const cln_config *config)
 {
     if (config->stage1 == CLN_STAGE1_SPLAT)
         return 1;
-    return config->antialias ? config->antialias : alpha ? 2 : 1;
+    return config->antialias ? config->antialias : 2;
 }

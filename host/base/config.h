@@ -71,8 +71,8 @@ const cln_config_row *cln_config_differs(const cln_config *a, const cln_config *
 /* Checks the rules that bind several values, and TEXT rows. CLN_USAGE. */
 cln_status cln_config_check(const cln_config *config);
 
-/* n x n rays that pixels at edges get once averages begin, for photos with or without alpha. */
-int cln_config_antialias(const cln_config *config, bool alpha);
+/* n x n rays that pixels at edges get once averages begin. */
+int cln_config_antialias(const cln_config *config);
 
 /* The most rays a batch ever has: --rays, or 8 times that with --leaf-samples. */
 int cln_config_most_rays(const cln_config *config);

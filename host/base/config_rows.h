@@ -289,7 +289,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(huber_delta, "huber-delta", 0.1, 0.1, 1e-6, 10, "where huber turns linear")               \
     INT(antialias, "antialias", 1, 1, 0, 4,                                                        \
         "gather: pixels at edges of a photo are the mean of N x N rays, in pictures, too (0 or "   \
-        "auto: 2 for photos with alpha, if that begins in the first half of the budget, else 1)",  \
+        "auto: 2, if that begins in the first half of the budget, else 1)",                        \
         .flags = CLN_ROW_LATER | CLN_ROW_TIME | CLN_ROW_AUTO)                                      \
     REAL(antialias_after, "antialias-after", 2, 2, 0, 1e6,                                         \
          "antialias: begins once so many rays were drawn per pixel of the training photos",        \

@@ -77,7 +77,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"huber-delta", c->loss != CLN_LOSS_HUBER, "the loss is l2; give --loss huber"},
         {"antialias", c->antialias > 1 && facts->ranks > 1,
          "of several processes none sees all photos' edges; train with one"},
-        {"antialias-after", cln_config_antialias(c, facts->has_alpha) <= 1,
+        {"antialias-after", cln_config_antialias(c) <= 1,
          "there is one ray a pixel; give --antialias 2"},
         {"harmonics-rise", c->harmonics_rise > 0 && facts->has_alpha,
          "the images have alpha, which shows where surfaces are; leave it out"},

@@ -352,5 +352,5 @@ uint64_t cln_model_digest(const cln_model *model)
 
 int cln_model_antialias(const cln_model *model)
 {
-    return model->averaged ? cln_config_antialias(&model->config, model->has_alpha) : 1;
+    return model->averaged ? cln_config_antialias(&model->config) : 1;
 }
