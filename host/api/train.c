@@ -455,18 +455,12 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
                                  .elsewhere = CLN_PROGRAM_BYTES,
                                  .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true},
                                  .callbacks = &callbacks};
-    bool same = false;
 
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     CLN_TRY(cln_cache_check(t->device->info.platform));
     if (t->desc->resume) {
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
-        CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene, &same));
-        if (!same && desc.path) /* the run would belong to the other scene */
-            CLN_TRY(cln_fail(CLN_INPUT,
-                             "%s: not the scene that %s began with, so nothing is trained; leave "
-                             "it out, or train a new run on it with -o",
-                             desc.path, t->desc->run));
+        CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene));
         CLN_TRY(cln_recorded_photos(t->desc->run, t->scene));
     } else {
         CLN_TRY(cln_scene_load(&desc, &t->scene));
@@ -533,6 +527,23 @@ static void warn_points(const cln_trainer *t, const cln_config *c)
     }
 }
 
+/* Means at edges are of one process alone (pipeline/programs.c). */
+static void warn_averages(const cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+
+    if (cln_ranks_count() == 1 || cln_config_antialias(c) == 1)
+        return;
+    if (t->model.averaged)
+        cln_warn("%s: pixels at edges are means of several rays there, which several processes do "
+                 "not learn, so it gets worse; resume it with one",
+                 t->desc->run);
+    else if (c->antialias == 0) /* one that is given has no effect, which is said */
+        cln_warn("--antialias auto: of several processes none sees all photos' edges, so pixels at "
+                 "edges have one ray; one process, which has means there, may end higher "
+                 "(docs/scale-out.md)");
+}
+
 /* Warns of what is likely wrong with the scene, and of settings that do nothing. */
 static void warn(const cln_trainer *t, const cln_config *config, const cln_config *saved)
 {
@@ -549,6 +560,7 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
     if (!resume)
         cln_scene_warn_wide(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
+    warn_averages(t);
     warn_points(t, config);
 }
 

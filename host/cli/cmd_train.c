@@ -15,6 +15,7 @@
 #include "io/json.h"
 #include "io/run_folder.h"
 #include "ranks/ranks.h"
+#include "render/recorded.h"
 
 static const char *state_of(cln_status st)
 {
@@ -106,6 +107,18 @@ static bool is_scene_of(const json_t *run, const char *scene)
     return same;
 }
 
+/* Is the scene still what the run was trained on? Its files are read, nothing is decoded. */
+static cln_status check_scene(const cln_options *options)
+{
+    cln_status st = CLN_OK;
+    const cln_scene_desc desc = {.path = options->operand, .config = &options->settings->config};
+    cln_scene *scene = NULL;
+
+    st = cln_recorded_resume(options->resume, &desc, &scene);
+    cln_scene_free(scene);
+    return st;
+}
+
 /* *is_done: --resume-or-start finds a run of this scene that is, and no setting is another. Says
  * so, and prints its result as it was. */
 static cln_status finish_early(const cln_options *options, bool *is_done)
@@ -124,6 +137,7 @@ static cln_status finish_early(const cln_options *options, bool *is_done)
         cln_config_differs(&settings->config, &settings->base, 0) != NULL)
         goto done;
     *is_done = true;
+    CLN_TRY(check_scene(options));
     if (cln_ranks_me() > 0)
         goto done;
     cln_info("%s is done, so nothing is trained; with a larger budget it goes on", run);

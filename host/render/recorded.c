@@ -304,10 +304,22 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_sc
     return load(run, desc, false, scene, same);
 }
 
-cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene,
-                               bool *same)
+cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene)
 {
-    return load(run, desc, true, scene, same);
+    cln_status st = CLN_OK;
+    bool same = false;
+
+    CLN_TRY(load(run, desc, true, scene, &same));
+    if (!same && desc->path) {
+        cln_scene_free(*scene);
+        *scene = NULL;
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: not the scene that %s began with, so nothing is trained; leave it "
+                         "out, or train a new run on it with -o",
+                         desc->path, run));
+    }
+done:
+    return st;
 }
 
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene)

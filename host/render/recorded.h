@@ -28,9 +28,9 @@ cln_status cln_recorded_scene(const char *run, char **path);
 cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_scene **scene,
                              bool *same);
 
-/* The same for a training that resumes the run, whose command takes SCENE in another place. */
-cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene,
-                               bool *same);
+/* The same for a training that resumes the run, whose command takes SCENE in another place. Another
+ * scene at desc->path is CLN_INPUT, as the run would belong to it. */
+cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene);
 
 /* The scene's views as the run keeps them, without photos (scene/cameras_file.h). CLN_INPUT if they
  * are damaged, or not those of the scene in run.json. */

@@ -1,8 +1,6 @@
 /* What the alpha of photos tells besides their background.
- *   where the scene is: a point is empty if a training photo that sees it is transparent there.
- *     Looked at on a grid of points of the cube, so it is coarse; it only tells whether a cube that
- *     was guessed from the cameras is much too large. And whether the cube is beside it: then few
- *     rays through opaque pixels meet the cube.
+ *   where the scene is (silhouette.c): whether a cube that was guessed from the cameras is much too
+ *     large. And whether the cube is beside it or cuts it: then rays through opaque pixels miss it.
  *   whether colours were multiplied by it: then none exceeds it, in any pixel of any photo. */
 #include "scene/build.h"
 
@@ -12,60 +10,42 @@
 #include "base/number.h"
 #include "scene/inspect.h"
 
-enum { GRID = 48, LEAST_VIEWS = 3 }; /* points along an axis; views that must see a point */
+enum { GRID = 48 }; /* rays of a photo along an axis */
 /* Half transparent pixels of a photo; a colour of some opaque one. */
 enum { SOFT = 8, BRIGHT = 64 };
 static const double WIDE = 0.6; /* share of the cube's side, from which it is wide enough */
 static const double MET = 0.5;  /* share of the object's rays, from which the cube is not beside */
+static const double LOST = 0.005;  /* share of them that may miss it: masks have specks */
+static const double MARGIN = 0.01; /* of a box, to either side */
 
-/* Is the point, in scene units, opaque in all photos that see it, which are enough? */
-static bool is_shown(const cln_scene *scene, const double point[3])
+/* The box that photos' silhouettes leave of this one, a little wider; false: there is none. */
+static bool narrow(const cln_scene *scene, const double within[6], double box[6])
 {
-    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    int seen = 0;
-
-    for (int i = 0; i < views; i++) {
-        const cln_view *view = cln_scene_training_view(scene, i);
-        const cln_camera *c = &view->camera;
-        uint8_t rgba[4];
-        double u = 0, v = 0, z = 0;
-
-        if (!cln_camera_project(c, point, &u, &v, &z) || z <= 0 ||
-            !(u >= 0 && u < c->width && v >= 0 && v < c->height))
-            continue;
-        cln_view_bytes(view, (int)u, (int)v, rgba);
-        if (view->channels == 4 && rgba[3] == 0)
-            return false;
-        seen++;
-    }
-    return seen >= LEAST_VIEWS && 4 * seen >= 3 * views;
-}
-
-bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3])
-{
-    const cln_space *space = &scene->space;
-    const double cell = 2 * space->half / GRID;
     bool any = false;
 
-    for (int a = 0; a < 3; a++) {
-        low[a] = INFINITY;
-        high[a] = -INFINITY;
-    }
-    for (int i = 0; i < GRID * GRID * GRID; i++) {
-        const int at[3] = {i % GRID, i / GRID % GRID, i / GRID / GRID};
-        double point[3];
+    if (cln_scene_silhouette(scene, within, box, box + 3, &any) != CLN_OK)
+        cln_clear_error(); /* a sentence less */
+    for (int a = 0; a < 3 && any; a++) {
+        const double more = MARGIN * (box[3 + a] - box[a]);
 
-        for (int a = 0; a < 3; a++)
-            point[a] = space->centre[a] - space->half + (at[a] + 0.5) * cell;
-        if (!is_shown(scene, point))
-            continue;
-        any = true;
-        for (int a = 0; a < 3; a++) { /* what is thinner than a cell may end one farther */
-            low[a] = fmin(low[a], point[a] - 1.5 * cell);
-            high[a] = fmax(high[a], point[a] + 1.5 * cell);
-        }
+        box[a] -= more;
+        box[3 + a] += more;
     }
     return any;
+}
+
+bool cln_scene_shown_box(const cln_scene *scene, double box[6])
+{
+    const cln_space *space = &scene->space;
+    double cube[6];
+
+    if (!scene->has_alpha || space->forward || space->shell)
+        return false;
+    for (int a = 0; a < 3; a++) {
+        cube[a] = space->centre[a] - space->half;
+        cube[3 + a] = space->centre[a] + space->half;
+    }
+    return narrow(scene, cube, box);
 }
 
 void cln_scene_warn_wide(const cln_scene *scene)
@@ -76,8 +56,7 @@ void cln_scene_warn_wide(const cln_scene *scene)
     for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++)
         if (!cln_view_is_loaded(cln_scene_training_view(scene, i)))
             return;
-    if (!scene->cube_guessed || !scene->has_alpha || scene->space.forward || scene->space.shell ||
-        !cln_scene_silhouette(scene, box, box + 3))
+    if (!scene->cube_guessed || !cln_scene_shown_box(scene, box))
         return;
     for (int a = 0; a < 3; a++) {
         side = fmax(side, box[3 + a] - box[a]);
@@ -127,25 +106,36 @@ static void count_met(const cln_scene *scene, const double focus[3], int *opaque
 
 void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
 {
-    double focus[3], radius = 0;
+    double focus[3], around[6], box[6], radius = 0;
     int opaque = 0, met = 0, n = 0;
+    char text[512];
 
     if (!scene->has_alpha || scene->space.forward || scene->space.shell ||
         !cln_scene_focus(scene, focus))
         return;
     count_met(scene, focus, &opaque, &met, &radius);
-    if (opaque == 0 || met >= MET * opaque)
+    if (opaque == 0 || opaque - met <= LOST * opaque)
         return;
-    const double box[6] = {focus[0] - radius, focus[1] - radius, focus[2] - radius,
-                           focus[0] + radius, focus[1] + radius, focus[2] + radius};
-
-    n = cln_reals_digits(6, box, 2 * radius);
-    cln_found_fault(findings, "cube", true, NULL,
-                    "only %.0f%% of the rays through what the photos' alpha shows meet the cube "
-                    "(half side %g; %s): the object lies beside it. A box around the object: "
-                    "--bbox=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
-                    100.0 * met / opaque, scene->space.half, scene->bounds_rule, n, box[0], n,
-                    box[1], n, box[2], n, box[3], n, box[4], n, box[5]);
+    for (int a = 0; a < 3; a++) {
+        around[a] = focus[a] - radius;
+        around[3 + a] = focus[a] + radius;
+    }
+    if (!narrow(scene, around, box))
+        memcpy(box, around, sizeof box);
+    n = cln_reals_digits(6, box, box[3] - box[0]);
+    if (met < MET * opaque)
+        snprintf(text, sizeof text,
+                 "only %.0f%% of the rays through what the photos' alpha shows meet the cube "
+                 "(half side %g; %s): the object lies beside it. A box around the object",
+                 100.0 * met / opaque, scene->space.half, scene->bounds_rule);
+    else
+        snprintf(text, sizeof text,
+                 "%.1f%% of the rays through what the photos' alpha shows miss the cube (half side "
+                 "%g; %s), so what they show is cut off. A box around all of it",
+                 100.0 * (opaque - met) / opaque, scene->space.half, scene->bounds_rule);
+    cln_found_fault(findings, "cube", met < MET * opaque, NULL,
+                    "%s: --bbox=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", text, n, box[0], n, box[1], n,
+                    box[2], n, box[3], n, box[4], n, box[5]);
 }
 
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])

@@ -519,13 +519,14 @@ done:
     return st;
 }
 
-/* Compares a cube, plain or a shell's core, with find_middle()'s box, and advises a better one. */
+/* Compares a cube, plain or a shell's core, with find_middle()'s box, and advises a better one: of
+ * photos with alpha that of their silhouettes, as points are rare on thin parts. */
 static void judge_cube(inspection *in, double inside, double low[3], double high[3])
 {
     const cln_space *space = &in->scene->space;
-    double span = 0;
+    double span = 0, shown[6];
     char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
-    bool tighter = true; /* the box of the points is smaller than the cube, on all axes */
+    bool tighter = true; /* the box is smaller than the cube, on all axes */
 
     for (int axis = 0; axis < 3; axis++) {
         const double margin = 0.1 * (high[axis] - low[axis]); /* a tenth more to either side */
@@ -533,12 +534,20 @@ static void judge_cube(inspection *in, double inside, double low[3], double high
         span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
         low[axis] -= margin;
         high[axis] += margin;
-        tighter = tighter && high[axis] - low[axis] < 2 * space->half;
     }
     measure(in, "points_span", span);
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
+    if (inside >= INSIDE_LEAST && cln_scene_shown_box(in->scene, shown)) {
+        memcpy(low, shown, 3 * sizeof *low);
+        memcpy(high, shown + 3, 3 * sizeof *high);
+        span = 0;
+        for (int axis = 0; axis < 3; axis++)
+            span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
+    }
+    for (int axis = 0; axis < 3; axis++)
+        tighter = tighter && high[axis] - low[axis] < 2 * space->half;
     write_box(low, high, box);
     if (tighter)
         snprintf(advice, sizeof advice, ". A tighter box: %s--bbox=%s",

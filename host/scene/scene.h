@@ -194,9 +194,15 @@ cln_status cln_scene_path_from(const cln_scene *scene, const char *path, char **
 /* Warns of what looks like a mistake in the poses, with its likely cause (doubts.c). */
 void cln_scene_warn_doubts(const cln_scene *scene);
 
-/* alpha.c: the box, in scene units, of what the alpha of the training photos shows in the cube,
- * from a coarse grid of points, with a margin; false if it shows nothing. */
-bool cln_scene_silhouette(const cln_scene *scene, double low[3], double high[3]);
+/* silhouette.c: the box, in scene units, of what the alpha of the training photos shows within
+ * `box` (low x, y, z, high x, y, z): of their visual hull, which holds all that all photos show.
+ * *any: false if it is empty. Photos that are not loaded, or show nothing, do not count.
+ * CLN_MEMORY. */
+cln_status cln_scene_silhouette(const cln_scene *scene, const double box[6], double low[3],
+                                double high[3], bool *any);
+
+/* alpha.c: that of the cube, with a margin; false if there is none, or no cube. */
+bool cln_scene_shown_box(const cln_scene *scene, double box[6]);
 
 /* Warns if a cube that was guessed from the cameras is much wider than that, and names a box. Does
  * nothing where training photos are not loaded. */

@@ -183,7 +183,17 @@ section_wide() {
         exit n != 6 || bad || b[1] > -1 || b[4] < 1 }'
     expect "with it" 0 "" "$cln" train "$work/wide" -o "$work/tight run" "${small[@]}" --steps 2 \
         "$box"
-    check "nothing is said" eval '! said "the cube is a guess"'
+    check "nothing is said" eval '! said "the cube is a guess" && ! said "is cut off"'
+    box=$(awk -v box="${box#*=}" 'BEGIN {
+        split(box, b, ",")
+        printf "--bbox=%g,%g,%g,%g,%g,%g", b[1], b[2], b[3], b[1] + 0.7 * (b[4] - b[1]), b[5], b[6]
+    }')
+    expect "a box that cuts it" 0 "~warning:.*[0-9]%.*miss.the.cube.*is.cut.off" \
+        "$cln" train "$work/wide" -o "$work/cut run" "${small[@]}" --steps 2 "$box"
+    box=$(grep -oE -- '--bbox=[-0-9.,e]+' "$work/err" | head -1)
+    expect "with the box that it names" 0 "" "$cln" train "$work/wide" -o "$work/whole run" \
+        "${small[@]}" --steps 2 "$box"
+    check "nothing is cut" eval '! said "is cut off"'
 
     aside=--bbox=2.5,-1.5,-1.5,5.5,1.5,1.5
     expect "an object beside the cube" 0 "~warning:.*only.[0-9]*%.*the.object.lies.beside.it" \
@@ -196,7 +206,7 @@ section_wide() {
     check "by the box" grep -q -e "the object lies" "$work/out"
     expect "with it" 0 "" "$cln" train "$work/photos" -o "$work/around run" "${small[@]}" \
         --steps 2 "$box"
-    check "nothing is said any more" eval '! said "lies beside"'
+    check "nothing is said any more" eval '! said "lies beside" && ! said "is cut off"'
 }
 
 section_moved() {

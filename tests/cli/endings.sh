@@ -228,6 +228,12 @@ section_requeued() {
     check "it tells its result, and writes nothing" \
         [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
     expect "with another preset" 2 "~began.with.preset.fast" "${line[@]}" --preset voxel
+    cp "$work/scene/train/r_001.png" "$work/photo"
+    cp "$work/scene/train/r_000.png" "$work/scene/train/r_001.png"
+    expect "of photos that changed since" 3 "~not.the.scene" "${line[@]}" --steps 50
+    check "prints no result of others" [ ! -s "$work/out" ]
+    mv "$work/photo" "$work/scene/train/r_001.png"
+    expect "of the photos that they were" 0 "~is.done" "${line[@]}" --steps 50
     line[2]=$work/none
     expect "of a scene that is not there" 3 "~none" "${line[@]}" --steps 50
     line[2]=$work/scene
