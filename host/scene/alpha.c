@@ -106,7 +106,7 @@ static void count_met(const cln_scene *scene, const double focus[3], int *opaque
 
 void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
 {
-    double focus[3], around[6], box[6], radius = 0;
+    double focus[3], around[6], narrowed[6], box[6], radius = 0;
     int opaque = 0, met = 0, n = 0;
     char text[512];
 
@@ -116,12 +116,14 @@ void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
     count_met(scene, focus, &opaque, &met, &radius);
     if (opaque == 0 || opaque - met <= LOST * opaque)
         return;
-    for (int a = 0; a < 3; a++) {
-        around[a] = focus[a] - radius;
-        around[3 + a] = focus[a] + radius;
+    for (int a = 0; a < 3; a++) { /* rays pass a point nearer than it is, if none is square to it */
+        around[a] = focus[a] - 2 * radius;
+        around[3 + a] = focus[a] + 2 * radius;
+        box[a] = focus[a] - radius;
+        box[3 + a] = focus[a] + radius;
     }
-    if (!narrow(scene, around, box))
-        memcpy(box, around, sizeof box);
+    if (narrow(scene, around, narrowed))
+        memcpy(box, narrowed, sizeof box);
     n = cln_reals_digits(6, box, box[3] - box[0]);
     if (met < MET * opaque)
         snprintf(text, sizeof text,

@@ -1,7 +1,7 @@
 /* The box of what the alpha of training photos shows: of their visual hull. A cell of space is
  * empty if a photo that has all of it in the picture is transparent wherever the cell is seen, so
  * nothing thin falls between points that are looked at, or if most photos do not see it. Cells are
- * halved until they are small, and those inside what is known to belong to the box are not looked at
+ * halved until they are small; those inside what is known to belong to the box are not looked at
  * again. */
 #include "scene/build.h"
 
