@@ -315,17 +315,16 @@ typedef struct cln_eval_desc {
     const char *views; /* only views of the split with these photos' names, with commas between: a
                           path in the scene or a file's name, with or without the ending. NULL = as
                           max_images says, which must be 0 with it */
-    const float
-        *background; /* [3] r, g, b in 0..1, sRGB: what photos with alpha and the renders lie
-                                over; NULL = the run's own */
+    const float *background; /* [3] r, g, b in 0..1, sRGB, behind photos with alpha and renders;
+                                NULL = the run's own */
 } cln_eval_desc;
 
 /* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, or STEP-SPLIT-COUNT.json for
  * fewer views than the split has, of `views` with eight digits of a digest of their names behind
- * COUNT. CLN_USAGE for a name in `views` that no view has, or a `background` of photos without
- * alpha. CLN_OUTPUT with a filled *result (count
- * above 0): all was measured, but not all could be written. CLN_INPUT for another scene than the
- * run's without `out`. */
+ * COUNT, and -overRRGGBB for another background. CLN_USAGE for a name in `views` that no view has,
+ * or a `background` of photos without alpha. CLN_OUTPUT with a filled *result (count above 0): all
+ * was measured, but not all could be written. CLN_INPUT for another scene than the run's without
+ * `out`. */
 CLN_API cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result);
 /* The text of that file (docs/formats.md); the caller frees it. */
 CLN_API cln_status cln_eval_json(const cln_eval_result *result, char **json);

@@ -304,8 +304,12 @@ section_voxels() {
         check "all copies of vertices are equal" copies "$on"
         check "pictures of these voxels are about as good" near "$(psnr "$on")" "$(psnr "$one")"
     done
-    expect "two ranks train voxels again" 0 "" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
+    expect "two ranks train voxels again, with one ray a pixel, which is said" 0 \
+        "~antialias.auto:.*have.one.ray" "${mpi[@]}" -n 2 "$ranked" train "$work/scene" \
         -o "$work/vox-again" "${voxels[@]}" --steps 120
+    check "and among what was left out" eval \
+        '"$query" left_out <"$work/vox-again/run.json" >/dev/null &&
+            grep -q "means at pixels at edges" "$work/vox-again/run.json"'
     check "the same ranks and seed give the same voxels" same_model "$work/vox-2" "$work/vox-again"
     check "rows have the bytes of common vertices" \
         number_above "$(number vertex_bytes "$on/metrics.jsonl")" 1000
