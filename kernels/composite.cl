@@ -12,12 +12,7 @@
  * A picture's depth, along the ray, is the median of the weights: half of the opacity lies before
  * it; or, where `depth` is CLN_DEPTH_MEAN, their mean.
  *
- * Losses, regularisers and their parameters: loss.h.
- *
- *   AVERAGED 0 | 1   a pixel may be the mean of several rays (CLN_SPOT) */
-#ifndef AVERAGED
-#define AVERAGED 1
-#endif
+ * Losses, regularisers and their parameters, pixels of several rays: loss.h. */
 
 /* The t before which half of the opacity lies, with samples as long as their deltas: the optical
  * depth there is -log(1 - opacity / 2). */
@@ -98,9 +93,7 @@ __kernel void composite(const __global uint *restrict sample_starts, /* [ray + 1
 }
 
 #if AVERAGED
-/* For pixels that are the mean of several rays: moves each ray's target so that the ray is as far
- * from it as the mean is from the pixel's own, in colour and in opacity. The loss of a ray is then
- * its pixel's, and so is its gradient, but for its share in the mean. */
+/* Moves the targets of pixels with several rays (loss.h). */
 __kernel void composite_pixels(const __global uint *restrict sample_starts, /* [ray + 1] */
                                const __global cln_sample *restrict samples, /* [sample] */
                                const __global float4 *restrict out,         /* [sample] */
@@ -113,9 +106,8 @@ __kernel void composite_pixels(const __global uint *restrict sample_starts, /* [
 
     if (first >= n || CLN_SPOT_INDEX(pixels[first].spot) > 0u)
         return;
-    /* at the end, a pixel has the rays that the batch has room for */
-    const uint count = min(CLN_SPOT_COUNT(pixels[first].spot), n - first);
-    float4 rays[16], mean = (float4)(0.0f); /* w: T_end */
+    const uint count = rays_of_pixel(pixels, first, n);
+    float4 rays[MOST_PIXEL_RAYS];
 
     if (count == 1u)
         return;
@@ -127,15 +119,8 @@ __kernel void composite_pixels(const __global uint *restrict sample_starts, /* [
             pass_sample(&p, out[i], samples[i].delta);
         rays[k] = MAD((float4)(p.through), BACKGROUND(r), p.colour);
         rays[k].w = p.through;
-        mean += rays[k];
     }
-    mean /= convert_float(count);
-    for (uint k = 0; k < count; k++) {
-        float4 away = rays[k] - mean;
-
-        away.w = -away.w; /* targets have 1 - T_end */
-        targets[first + k] += away;
-    }
+    move_targets(targets + first, rays, count);
 }
 #endif
 
@@ -156,12 +141,7 @@ __kernel void composite_train(const __global uint *restrict sample_starts, /* [r
         return;
     const uint begin = sample_starts[r], end = sample_starts[r + 1u];
     const float4 back = BACKGROUND(r);
-#if AVERAGED
-    const uint spot = pixels[r].spot, before = r - CLN_SPOT_INDEX(spot);
-    const float share = 1.0f / convert_float(min(CLN_SPOT_COUNT(spot), n - before));
-#else
-    const float share = 1.0f;
-#endif
+    const float share = SHARE_OF_RAY(r);
     /* moments are about the first sample: differences of those about 0 would cancel far away */
     const float start = begin < end ? samples[begin].t : 0.0f;
     float opacity = 0.0f, moment = 0.0f;

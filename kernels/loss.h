@@ -12,8 +12,10 @@
  *   MEASURES 0 | 1 | 3     numbers per sample for the structure optimisation (12.3): none; its
  *                          share of the ray's error; and T sigma delta, T delta (density weighted
  *                          by transmittance)
+ *   AVERAGED 0 | 1         a pixel may be the mean of several rays (CLN_SPOT)
  */
 #ifndef LOSS
+#define AVERAGED       1
 #define RAY_BACKGROUND 1
 #define LOSS           1
 #define ALPHA          1
@@ -52,6 +54,40 @@
 #define BACKGROUND(r) (backgrounds[r])
 #else
 #define BACKGROUND(r) (backgrounds[0])
+#endif
+
+#if AVERAGED
+#define MOST_PIXEL_RAYS 16
+
+/* Rays of a pixel from its first one on: at the end, those that the batch of n has room for. */
+HELPER uint rays_of_pixel(const __global cln_pixel *pixels, uint first, uint n)
+{
+    return min(CLN_SPOT_COUNT(pixels[first].spot), n - first);
+}
+
+/* What a ray counts in its pixel. */
+#define SHARE_OF_RAY(r) \
+    (1.0f / convert_float(rays_of_pixel(pixels, r - CLN_SPOT_INDEX(pixels[r].spot), n)))
+
+/* For a pixel that is the mean of several rays, r, g, b, T_end: moves each ray's target so that the
+ * ray is as far from it as the mean is from the pixel's own, in colour and in opacity. The loss of
+ * a ray is then its pixel's, and so is its gradient, but for its share in the mean. */
+HELPER void move_targets(__global float4 *targets, const float4 rays[MOST_PIXEL_RAYS], uint count)
+{
+    float4 mean = (float4)(0.0f);
+
+    for (uint k = 0; k < count; k++)
+        mean += rays[k];
+    mean /= convert_float(count);
+    for (uint k = 0; k < count; k++) {
+        float4 away = rays[k] - mean;
+
+        away.w = -away.w; /* targets have 1 - T_end */
+        targets[k] += away;
+    }
+}
+#else
+#define SHARE_OF_RAY(r) 1.0f
 #endif
 
 #if DEPTH_LOSS

@@ -214,6 +214,42 @@ HELPER void sweep_over(sweep *s, const ray_loss *l, const __global float4 *sums,
     s->moment_behind += far;
 }
 
+#if AVERAGED
+/* Moves the targets of pixels with several rays (loss.h), as composite_pixels does. sums: of all
+ * ranks. */
+__kernel void stretch_pixels(const __global uint *restrict stretch_starts,
+                             const __global float4 *restrict sums,
+                             const __global float4 *restrict backgrounds, /* [1] or [ray] */
+                             const __global cln_pixel *restrict pixels,   /* [ray] */
+                             __global float4 *restrict targets,           /* [ray] r, g, b, a */
+                             uint n)
+{
+    const uint first = get_global_id(0);
+
+    if (first >= n || CLN_SPOT_INDEX(pixels[first].spot) > 0u)
+        return;
+    const uint count = rays_of_pixel(pixels, first, n);
+    float4 rays[MOST_PIXEL_RAYS];
+
+    if (count == 1u)
+        return;
+    for (uint i = 0; i < count; i++) {
+        const uint r = first + i;
+        float4 colour = (float4)(0.0f);
+        float tau = 0.0f, through = 1.0f;
+
+        for (uint k = stretch_starts[r]; k < stretch_starts[r + 1u]; k++) {
+            colour = MAD((float4)(through), sums[SUMS * k], colour);
+            tau += sums[SUMS * k].w;
+            through = EXP(-tau);
+        }
+        rays[i] = MAD((float4)(through), BACKGROUND(r), colour);
+        rays[i].w = through;
+    }
+    move_targets(targets + first, rays, count);
+}
+#endif
+
 /* Results of every ray; gradients and measures of this rank's samples. sums: of all ranks;
  * overwritten. */
 __kernel void stretch_train(const __global cln_interval *restrict intervals,
@@ -224,6 +260,7 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
                             const __global float4 *restrict out,
                             const __global float4 *restrict backgrounds, /* [1] or [ray] */
                             const __global float4 *restrict targets,     /* [ray] r, g, b, a */
+                            const __global cln_pixel *restrict pixels,   /* [ray] */
                             __global float4 *restrict sums, __global float4 *restrict dout,
                             __global cln_ray_result *restrict results, uint n, uint me, float scale,
                             float huber, float alpha_weight, float cauchy, float opacity_weight,
@@ -235,7 +272,7 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
         return;
     const uint begin = stretch_starts[r], end = stretch_starts[r + 1u];
     const float4 back = BACKGROUND(r);
-    const float start = begin < end ? intervals[r].t_in : 0.0f;
+    const float start = begin < end ? intervals[r].t_in : 0.0f, share = SHARE_OF_RAY(r);
     const joined a = join_stretches(sums, begin, end);
     const float4 colour = MAD((float4)(a.through), back, a.colour);
     const float2 pull = DEPTH_PASS(r);
@@ -259,17 +296,18 @@ __kernel void stretch_train(const __global cln_interval *restrict intervals,
             const float4 kept = dout[i], o = out[i];
             const float delta = samples[i].delta;
 
-            dout[i] = scale * sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort,
-                                         cauchy, pull.x, fabs(samples[i].t - pull.y));
+            dout[i] = share * scale *
+                      sweep_back(&s, &l, kept, o, samples[i].t - start, delta, distort, cauchy,
+                                 pull.x, fabs(samples[i].t - pull.y));
 #if MEASURES > 0
-            measure_sample(measures, i, l.square, kept, o.w, delta, a.through, a.length);
+            measure_sample(measures, i, share * l.square, kept, o.w, delta, a.through, a.length);
 #endif
         }
     }
     const float depth = MAD(start, a.opacity, a.moment) / fmax(a.opacity, 1e-10f);
     const cln_ray_result result = {colour.x,  colour.y,       colour.z, depth,
                                    a.opacity, l.loss + extra, l.square,
-                                   pull.x > 0.0f ? -1.0f : 1.0f};
+                                   pull.x > 0.0f ? -share : share};
 
     results[r] = result;
 }

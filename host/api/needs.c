@@ -17,7 +17,7 @@
 #include "io/disk.h"
 #include "pipeline/room.h"
 #include "render/ray_batch.h"
-#include "train/coverage.h"
+#include "train/batch.h"
 
 enum { LEAST_STEPS = 3, MOST_STEPS = 64, SMALL = 64 }; /* SMALL: leaves */
 static const double MOST_BYTES = 256e6; /* of weights; a larger tree is measured on fewer leaves */
@@ -247,7 +247,7 @@ static cln_status fit_batch(json_t *about, cln_device *device, const cln_scene *
 {
     cln_status st = CLN_OK;
     const cln_room_desc desc =
-        cln_room_training(device, c, scene, NULL, cln_coverage_bytes(scene), photo_bytes(scene));
+        cln_room_training(device, c, scene, NULL, cln_batch_bytes(scene), photo_bytes(scene));
     char text[CLN_ROOM_TEXT];
     int samples = 0, rays = 0;
 
@@ -269,7 +269,7 @@ static cln_status add_memory(json_t *about, cln_device *device, const cln_scene 
     cln_status st = CLN_OK;
     const double available = cln_available_memory(""), disk_free = cln_disk_room(".");
     const cln_room_desc desc =
-        cln_room_training(device, c, scene, NULL, cln_coverage_bytes(scene), photo_bytes(scene));
+        cln_room_training(device, c, scene, NULL, cln_batch_bytes(scene), photo_bytes(scene));
     char text[CLN_ROOM_TEXT];
     double disk = 0;
     bool now = false;

@@ -390,7 +390,7 @@ static cln_status fit_budget(cln_trainer *t, cln_config *config)
 {
     cln_status st = CLN_OK;
     const cln_room_desc desc =
-        cln_room_training(t->device, config, t->scene, &t->model.tree, cln_coverage_bytes(t->scene),
+        cln_room_training(t->device, config, t->scene, &t->model.tree, cln_batch_bytes(t->scene),
                           cln_scene_pixel_bytes(t->scene));
     cln_settings fitted = *t->desc->settings;
     char text[CLN_ROOM_TEXT];
@@ -426,7 +426,7 @@ static cln_status place_photos(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
     const cln_room_desc desc =
-        cln_room_training(t->device, config, t->scene, &t->model.tree, cln_coverage_bytes(t->scene),
+        cln_room_training(t->device, config, t->scene, &t->model.tree, cln_batch_bytes(t->scene),
                           cln_scene_pixel_bytes(t->scene));
     cln_room room;
     char text[CLN_ROOM_TEXT];
@@ -527,23 +527,6 @@ static void warn_points(const cln_trainer *t, const cln_config *c)
     }
 }
 
-/* Means at edges are of one process alone (pipeline/programs.c). */
-static void warn_averages(const cln_trainer *t)
-{
-    const cln_config *c = &t->model.config;
-
-    if (cln_ranks_count() == 1 || cln_config_antialias(c) == 1)
-        return;
-    if (t->model.averaged)
-        cln_warn("%s: pixels at edges are means of several rays there, which several processes do "
-                 "not learn, so it gets worse; resume it with one",
-                 t->desc->run);
-    else if (c->antialias == 0) /* one that is given has no effect, which is said */
-        cln_warn("--antialias auto: of several processes none sees all photos' edges, so pixels at "
-                 "edges have one ray; one process, which has means there, may end higher "
-                 "(docs/scale-out.md)");
-}
-
 /* Warns of what is likely wrong with the scene, and of settings that do nothing. */
 static void warn(const cln_trainer *t, const cln_config *config, const cln_config *saved)
 {
@@ -560,7 +543,6 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
     if (!resume)
         cln_scene_warn_wide(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
-    warn_averages(t);
     warn_points(t, config);
 }
 

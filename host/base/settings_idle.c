@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 55 };
+enum { IDLE_ROWS = 54 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -75,8 +75,6 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"smooth-colour-delta", c->smooth_colour <= 0,
          "colours are not smoothed; give --smooth-colour 4e-9"},
         {"huber-delta", c->loss != CLN_LOSS_HUBER, "the loss is l2; give --loss huber"},
-        {"antialias", c->antialias > 1 && facts->ranks > 1,
-         "of several processes none sees all photos' edges; train with one"},
         {"antialias-after", cln_config_antialias(c) <= 1,
          "there is one ray a pixel; give --antialias 2"},
         {"harmonics-rise", c->harmonics_rise > 0 && facts->has_alpha,

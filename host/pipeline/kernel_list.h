@@ -100,6 +100,7 @@
     X(stretch_count, stretch_count, stretch, ALWAYS)                \
     X(stretch_list, stretch_list, stretch, ALWAYS)                  \
     X(stretch_composite, stretch_composite, stretch, ALWAYS)        \
+    X(stretch_pixels, stretch_pixels, stretch, AVERAGED)            \
     X(stretch_train, stretch_train, stretch, ALWAYS)                \
     X(halo_mark, halo_mark, halo, ALWAYS)                           \
     X(halo_pack_gradients, halo_pack_gradients, halo, ALWAYS)       \

@@ -69,7 +69,7 @@ typedef struct cln_plan_desc {
     const cln_scene *scene;
     int leaves;
     bool training;         /* else only rendering */
-    double coverage_bytes; /* training: host memory of train/coverage.h */
+    double coverage_bytes; /* training: host memory of train/coverage.h, photo_edges.h */
     int depth;             /* of the tree; 0: as deep as it may become */
     const cln_deal *deal;  /* by ranks; NULL: as leaves may move (cln_share_most) */
     /* Pixels of the largest view that is rendered (n^2 times as many with n x n rays a pixel), and

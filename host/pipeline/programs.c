@@ -499,7 +499,7 @@ static cln_status outline(cln_device *device, const cln_config *config,
     out->space = *facts->space;
     out->deepest = deepest(config, facts);
     out->ray_background = config->random_background;
-    out->averaged = cln_config_antialias(config) > 1 && cln_ranks_count() == 1;
+    out->averaged = cln_config_antialias(config) > 1;
     out->rays_per_pixel = 1;
     out->opacity_loss = facts->alpha ? config->alpha_loss : config->opaque_loss;
     out->depth_loss = facts->no_sights ? 0 : config->depth_loss;

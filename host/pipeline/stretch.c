@@ -125,6 +125,17 @@ done:
     return st;
 }
 
+static cln_status move_targets(cln_pipeline *p, int n)
+{
+    const cl_uint rays = (cl_uint)n;
+    const size_t wg = (size_t)p->tune.wg;
+
+    return CLN_LAUNCH(p->device, p->k.stretch_pixels, CLN_STAGE_COMPOSITE, cln_groups(rays, wg), wg,
+                      CLN_ARG(p->stretch_starts.mem), CLN_ARG(p->stretch_sums.mem),
+                      CLN_ARG(p->backgrounds.mem), CLN_ARG(p->pixels.mem), CLN_ARG(p->targets.mem),
+                      CLN_ARG(rays));
+}
+
 cln_status cln_stretch_train(cln_pipeline *p, int n, int me, uint32_t samples)
 {
     cln_status st = CLN_OK;
@@ -135,9 +146,12 @@ cln_status cln_stretch_train(cln_pipeline *p, int n, int me, uint32_t samples)
 
     CLN_TRY(CLN_RESERVE(p, dout, samples));
     CLN_TRY(CLN_RESERVE(p, measures, samples));
+    if (p->averaged)
+        CLN_TRY(move_targets(p, n));
     add_stretches(p, &a);
     CLN_ADD(&a, p->backgrounds.mem);
     CLN_ADD(&a, p->targets.mem);
+    CLN_ADD(&a, p->pixels.mem);
     CLN_ADD(&a, p->stretch_sums.mem);
     CLN_ADD(&a, p->dout.mem);
     CLN_ADD(&a, p->results.mem);

@@ -37,6 +37,11 @@ done:
     return st;
 }
 
+double cln_batch_bytes(const cln_scene *scene)
+{
+    return cln_coverage_bytes(scene) + cln_photo_edges_bytes(scene);
+}
+
 void cln_batch_free(cln_batch *batch)
 {
     free(batch->pixels);
@@ -47,6 +52,7 @@ void cln_batch_free(cln_batch *batch)
     free(batch->shown);
     free(batch->first);
     cln_coverage_free(&batch->coverage);
+    cln_photo_edges_free(&batch->edges);
     memset(batch, 0, sizeof *batch);
 }
 
@@ -256,28 +262,6 @@ void cln_batch_look(cln_batch *b, const cln_scene *scene, int n)
     cln_rows_share(&b->asked, n, b->stored);
 }
 
-/* The largest difference of neighbouring bytes that is no edge: docs/results.md, "Pixels at edges
- * are means". */
-enum { EDGE_STEP = 30 };
-
-/* Whether the pixel differs from one of its eight neighbours. */
-static bool is_edge(const cln_view *view, int x, int y)
-{
-    const int width = view->camera.width, height = view->camera.height;
-    uint8_t here[4], there[4];
-
-    cln_view_bytes(view, x, y, here);
-    for (int v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
-        for (int u = x > 0 ? x - 1 : 0; u <= x + 1 && u < width; u++) {
-            cln_view_bytes(view, u, v, there);
-            for (int c = view->channels == 4 && !here[3] && !there[3] ? 3 : 0; c < view->channels;
-                 c++)
-                if (abs(here[c] - there[c]) > EDGE_STEP)
-                    return true;
-        }
-    return false;
-}
-
 /* The spot of a pixel's ray `index`, one in each of side x side parts of the pixel. */
 static uint32_t draw_spot(const source *from, uint32_t number, int index, int side)
 {
@@ -302,13 +286,8 @@ static candidate draw_candidate(const source *from, uint32_t number, uint32_t sl
     candidate c = {{0}, false};
 
     c.found = draw(from, number, slot, &c.at);
-    if (from->draw->antialias > 1) { /* is_edge() will look around it */
-        const cln_view *view = cln_scene_training_view(from->scene, c.at.index);
-
-        for (int y = c.at.y - 1; y <= c.at.y + 1; y++)
-            if (y >= 0 && y < view->camera.height)
-                cln_view_fetch(view, c.at.x, y);
-    }
+    if (from->draw->antialias > 1)
+        cln_photo_edges_fetch(&from->batch->edges, from->scene, c.at.index, c.at.x, c.at.y);
     return c;
 }
 
@@ -328,7 +307,8 @@ static int put_pixel(cln_batch *b, const source *from, candidate c, uint32_t num
     } else {
         const int view = cln_scene_split_view(from->scene, CLN_SPLIT_TRAIN, p.index);
 
-        if (d->antialias > 1 && !sight && is_edge(&from->scene->views[view], p.x, p.y))
+        if (d->antialias > 1 && !sight &&
+            cln_photo_edges_has(&b->edges, from->scene, p.index, p.x, p.y))
             rays = d->antialias * d->antialias;
         for (int k = 0; k < rays && ray + k < d->n; k++)
             b->pixels[ray + k] =

@@ -6,6 +6,7 @@
 
 #include "device_abi.h"
 #include "train/coverage.h"
+#include "train/photo_edges.h"
 #include "ranks/rows.h"
 #include "scene/scene.h"
 
@@ -22,7 +23,8 @@ typedef struct cln_batch {
     float (*shown)[4];       /* [ray] sparse point x, y, z in the cube, its weight; or NULL */
     int train_views;
     uint64_t *first;       /* [train_views + 1] pixels before view i */
-    cln_coverage coverage; /* the owner keeps it up to date */
+    cln_coverage coverage; /* the owner keeps it up to date ... */
+    cln_photo_edges edges; /* ... and finds these before a draw with antialias > 1 */
 } cln_batch;
 
 typedef struct cln_draw {
@@ -49,6 +51,9 @@ static inline bool cln_batch_is_sight(int pixel)
 
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out);
 void cln_batch_free(cln_batch *batch);
+
+/* Host bytes that grow with the scene's training views: of coverage and edges. */
+double cln_batch_bytes(const cln_scene *scene);
 
 /* Returns whether a training step skips pixels that see no leaf. */
 bool cln_batch_skips(const cln_batch *batch, const cln_config *config, int64_t step);

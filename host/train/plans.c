@@ -11,7 +11,7 @@ cln_plan_desc cln_plans_desc(const cln_trainer *t, int leaves, int depth, const 
                            .scene = t->scene,
                            .leaves = leaves,
                            .training = true,
-                           .coverage_bytes = cln_coverage_bytes(t->scene),
+                           .coverage_bytes = cln_batch_bytes(t->scene),
                            .depth = depth,
                            .deal = deal};
 }

@@ -67,8 +67,6 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
         ROW(!alpha, "alpha (images have none)"),
         ROW(!p->ray_background, "background per ray (one background for all)"),
         ROW(!c->view_dependence, "dependence of colours on the direction (--no-view-dependence)"),
-        ROW(!p->averaged && cln_config_antialias(c) > 1,
-            "means at pixels at edges (of several processes none sees all photos')"),
         ROW(!network, "networks (leaves are voxels)"),
         ROW(network && p->net.skip_layer < 0, "skip connection"),
         ROW(network && c->rrelu_scope == CLN_RRELU_MEAN, "random slopes (mean slope instead)"),

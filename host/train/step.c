@@ -157,20 +157,26 @@ static void begin_averages(cln_trainer *t)
                  cln_model_antialias(m) * cln_model_antialias(m));
 }
 
-static void draw(cln_trainer *t)
+static cln_status draw(cln_trainer *t)
 {
-    begin_averages(t);
+    cln_status st = CLN_OK;
+    cln_draw d;
 
-    const cln_draw d = {.step = (uint32_t)t->model.step,
-                        .n = t->model.rays,
-                        .antialias = t->pipeline.averaged ? cln_model_antialias(&t->model) : 1,
-                        .ray_background = t->pipeline.ray_background,
-                        .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step),
-                        .depth = depth_share(t),
-                        .space = &t->model.space};
+    begin_averages(t);
+    if (t->pipeline.averaged && t->model.averaged)
+        CLN_TRY(cln_photo_edges_find(t->scene, &t->batch.edges));
+    d = (cln_draw){.step = (uint32_t)t->model.step,
+                   .n = t->model.rays,
+                   .antialias = t->pipeline.averaged ? cln_model_antialias(&t->model) : 1,
+                   .ray_background = t->pipeline.ray_background,
+                   .covered = cln_batch_skips(&t->batch, &t->model.config, t->model.step),
+                   .depth = depth_share(t),
+                   .space = &t->model.space};
 
     cln_batch_begin(&t->batch, t->scene, &t->model.config, &d);
     t->drawn = true;
+done:
+    return st;
 }
 
 /* The host waits once, for the number of samples. It reads a step's results in the next step, and
@@ -198,7 +204,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     int rays = 0;
 
     if (!t->drawn)
-        draw(t);
+        CLN_TRY(draw(t));
     t->drawn = false;
     CLN_TRY(cln_scene_check_pixels(t->scene));
     cln_batch_colour(&t->batch, t->scene);
@@ -238,7 +244,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     t->model.drawn += t->batch.drawn;
     t->model.rays = adapt_rays(t, rays, samples);
     t->model.step++;
-    draw(t);
+    CLN_TRY(draw(t));
 done:
     return st;
 }

@@ -333,6 +333,7 @@ static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4
         uint32_t count = 0;
 
         upload_part(p, b, me, mine);
+        test_fill(p->device, &p->targets, b->targets, RAYS * sizeof *b->targets);
         assert_ok(cln_buffer_write(p->device, &p->stretch_sums, 0, all, bytes));
         assert_ok(cln_stretch_cut(p, RAYS, &count));
         assert_ok(cln_stretch_train(p, RAYS, me, count));
@@ -469,10 +470,12 @@ static void check_definition(const ref_loss *loss, const batch *b, const double 
     assert_true(checked > 2 * RAYS);
 }
 
-/* Who composites: one rank, several, or one whose pixels have several rays. */
-enum way { ALONE, STRETCHES, PIXELS };
+/* Who composites, one rank or several; and whether pixels have several rays. */
+typedef struct way {
+    bool stretches, pixels;
+} way;
 
-static void check_losses(const loss_case *c, const tune_set *set, const batch *b, enum way way)
+static void check_losses(const loss_case *c, const tune_set *set, const batch *b, way by)
 {
     char square_name[96], colour_name[96], density_name[96];
     cln_config config = small_config();
@@ -495,12 +498,12 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
     config.alpha_loss = c->loss.alpha;
     config.depth_loss = c->loss.depth;
     config.random_background = c->per_ray;
-    config.antialias = way == PIXELS ? 2 : 1;
+    config.antialias = by.pixels ? 2 : 1;
     p = test_pipeline(set, &config, false, true);
     upload(p, b, c->per_ray);
-    if (way == PIXELS)
+    if (by.pixels)
         upload_pixels(p);
-    if (way == STRETCHES) {
+    if (by.stretches) {
         results = test_alloc(RAYS, sizeof *results);
         dout = test_alloc(b->samples, sizeof *dout);
         composite_stretches(p, b, dout, results);
@@ -517,7 +520,7 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
         rule.depth *= b->shown[r][3];
         rule.reach = ref_reach(b->ray_o[r], b->ray_d[r], b->shown[r]);
         widen(b, r, c->per_ray, &w);
-        if (way == PIXELS) { /* as far from its target as the mean is from the pixel's */
+        if (by.pixels) { /* as far from its target as the mean is from the pixel's */
             find_means(b, r, c->per_ray, own, mean);
             for (int k = 0; k < 4; k++)
                 w.target[k] += (k < 3 ? 1 : -1) * (own[k] - mean[k]);
@@ -535,14 +538,14 @@ static void check_losses(const loss_case *c, const tune_set *set, const batch *b
         square[r] = results[r].square_error;
         assert_true(results[r].opacity >= 0 && results[r].opacity <= 1.00001f);
     }
-    if (way == PIXELS && c->loss.kind == CLN_LOSS_L2 && !c->per_ray && c->loss.cauchy == 0 &&
+    if (by.pixels && c->loss.kind == CLN_LOSS_L2 && !c->per_ray && c->loss.cauchy == 0 &&
         c->loss.distortion == 0 && c->loss.depth == 0)
         check_definition(&c->loss, b, (const double(*)[4])want);
     for (uint32_t i = 0; i < b->samples; i++) {
         const int ray = (int)b->sample[i].ray;
         int first = 0, count = 1;
 
-        if (way == PIXELS)
+        if (by.pixels)
             find_pixel(ray, &first, &count);
         for (int k = 0; k < 4; k++) /* the loss is a mean over pixels, a pixel's over its rays */
             want[i][k] *= p->rays_per_pixel / count;
@@ -584,7 +587,7 @@ static void test_losses(void **state)
     (void)state;
     make_batch(&b);
     for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
-        check_losses(&loss_cases[c], &tune_sets[c % TUNE_SETS], &b, ALONE);
+        check_losses(&loss_cases[c], &tune_sets[c % TUNE_SETS], &b, (way){false, false});
     free_batch(&b);
     test_report("losses and gradients");
 }
@@ -596,7 +599,7 @@ static void test_stretches(void **state)
     (void)state;
     make_batch(&b);
     for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
-        check_losses(&loss_cases[c], &tune_sets[(c + 1) % TUNE_SETS], &b, STRETCHES);
+        check_losses(&loss_cases[c], &tune_sets[(c + 1) % TUNE_SETS], &b, (way){true, false});
     free_batch(&b);
     test_report("losses and gradients by ranks");
 }
@@ -616,7 +619,9 @@ static void test_pixels(void **state)
         memcpy(b.backgrounds[r], b.backgrounds[first], sizeof *b.backgrounds);
     }
     for (size_t c = 0; c < sizeof loss_cases / sizeof loss_cases[0]; c++)
-        check_losses(&loss_cases[c], &tune_sets[(c + 2) % TUNE_SETS], &b, PIXELS);
+        for (int stretches = 0; stretches < 2; stretches++)
+            check_losses(&loss_cases[c], &tune_sets[(c + 2) % TUNE_SETS], &b,
+                         (way){stretches, true});
     free_batch(&b);
     test_report("losses and gradients of pixels with several rays");
 }
