@@ -526,6 +526,9 @@ typedef struct cln_export_result {
     double size[3]; /* points, mesh: along x, y and z of what is written; of a GLB file with y up */
     double box[6];  /* where they are, as `crop` takes it: in the scene's frame and units */
     bool beyond_left_out; /* points, mesh: of a shell, without what lies beyond its cube */
+    double area;          /* mesh: in square units of what is written */
+    int64_t open_edges;   /* mesh: those without a triangle on either side; 0 = it is closed */
+    double volume;        /* of a closed mesh: what it encloses, in cubic units; else 0 */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or `scale`

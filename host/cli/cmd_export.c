@@ -74,6 +74,12 @@ static cln_status print_document(const cln_options *options, const cln_export_re
                             json_pack("[f,f,f]", r->size[0], r->size[1], r->size[2]));
         json_object_set_new(document, "box", box);
     }
+    if (r->faces > 0) {
+        json_object_set_new(document, "area", json_real(r->area));
+        json_object_set_new(document, "open_edges", json_integer((json_int_t)r->open_edges));
+        json_object_set_new(document, "volume",
+                            r->open_edges == 0 ? json_real(r->volume) : json_null());
+    }
     if (r->refined)
         json_object_set_new(document, "refined_poses", json_true());
     if (r->beyond_left_out)
@@ -154,6 +160,10 @@ static void print_sentence(FILE *to, const char *file, json_int_t bytes, const c
     }
     if (r->vertices > 0)
         print_size(to, r);
+    if (r->faces > 0 && r->open_edges == 0)
+        fprintf(to, ", closed (area %.4g, volume %.4g)", r->area, r->volume);
+    else if (r->faces > 0)
+        fprintf(to, ", open (area %.4g)", r->area);
     if (bytes >= 0) {
         cln_format_bytes((double)bytes, text);
         fprintf(to, ", %s", text);

@@ -57,18 +57,23 @@ static size_t run_of(const side *s, size_t n)
     return run;
 }
 
-cln_status cln_mesh_crowded(const cln_mesh *mesh, size_t *edges, size_t *pairs)
+cln_status cln_mesh_count_edges(const cln_mesh *mesh, cln_mesh_edges *out)
 {
     cln_status st = CLN_OK;
     side *sides = NULL;
     const size_t n = 3 * mesh->faces;
 
-    *edges = *pairs = 0;
+    memset(out, 0, sizeof *out);
     CLN_TRY(sort_sides(mesh, &sides));
     for (size_t i = 0, run = 0; i < n; i += run) {
+        size_t turned = 0;
+
         run = run_of(sides + i, n - i);
-        *edges += run > 2;
-        *pairs += run > 2 ? run / 2 - 1 + run % 2 : 0;
+        for (size_t k = i; k < i + run; k++)
+            turned += sides[k].turned;
+        out->open += 2 * turned != run;
+        out->crowded += run > 2;
+        out->pairs += run > 2 ? run / 2 - 1 + run % 2 : 0;
     }
 done:
     free(sides);
@@ -263,13 +268,15 @@ done:
 cln_status cln_mesh_part_crowded(cln_mesh *mesh, size_t vertex_room, size_t face_room, size_t *left)
 {
     cln_status st = CLN_OK;
+    cln_mesh_edges edges;
 
     for (int round = 0; round < ROUNDS; round++) {
         CLN_TRY(part_some(mesh, vertex_room, face_room, left));
         if (*left == 0)
             return CLN_OK;
     }
-    CLN_TRY(cln_mesh_crowded(mesh, left, &(size_t){0}));
+    CLN_TRY(cln_mesh_count_edges(mesh, &edges));
+    *left = edges.crowded;
 done:
     return st;
 }

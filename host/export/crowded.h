@@ -1,12 +1,18 @@
-/* Edges of a mesh that more than two triangles have: where fewer triangles made parts touch. What
- * prints takes such a mesh for torn. Knows no run and no file. */
+/* Edges of a mesh that other than two triangles have: of an open one, and where fewer triangles made
+ * parts touch. What prints takes such a mesh for torn. Knows no run and no file. */
 #ifndef CLN_CROWDED_H
 #define CLN_CROWDED_H
 
 #include "io/mesh.h"
 
-/* How many there are, and how many pairs of triangles too many they have. CLN_MEMORY. */
-cln_status cln_mesh_crowded(const cln_mesh *mesh, size_t *edges, size_t *pairs);
+typedef struct cln_mesh_edges {
+    size_t open;    /* edges whose triangles are not in pairs that run along it both ways */
+    size_t crowded; /* with more than two */
+    size_t pairs;   /* of triangles too many, of all these */
+} cln_mesh_edges;
+
+/* CLN_MEMORY. */
+cln_status cln_mesh_count_edges(const cln_mesh *mesh, cln_mesh_edges *out);
 
 /* Parts them: at such an edge triangles are paired that have the inside between them, and each pair
  * but one is cut in two at a vertex of its own, beside the edge's middle by a fiftieth of what is

@@ -7,6 +7,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "export/crowded.h"
 #include "export/reduce.h"
 #include "export/surface.h"
 #include "io/disk.h"
@@ -85,26 +86,63 @@ static void span(const cln_mesh *mesh, const double turn[4], double scale, doubl
     }
 }
 
-/* Of a shell: tells that only what is in its cube is written, as a warning if that ends at one of
- * the cube's faces. box: where it is, in scene units. cell: of the finest, likewise. */
-static void tell_shell(cln_export_job *job, const char *what, const double box[6], double cell)
+/* Tells that what lies beyond the cube is not written, as a warning if what is written ends at one of
+ * the cube's faces and it should not: of a shell, and of photos that show by alpha where things end.
+ * box: where it is, in scene units. cell: of the finest, likewise. */
+static void tell_cut(cln_export_job *job, const char *what, const double box[6], double cell)
 {
-    const cln_space core = cln_space_core(&job->opened.model.space);
+    const cln_model *model = &job->opened.model;
+    const cln_space core = cln_space_core(&model->space);
     bool cut = false;
 
-    if (!job->opened.model.space.shell)
+    if (model->space.forward)
         return;
-    job->result->beyond_left_out = true;
+    job->result->beyond_left_out = model->space.shell;
     for (int a = 0; a < 3; a++)
         cut = cut || box[a] < core.centre[a] - core.half + 2 * cell ||
               box[3 + a] > core.centre[a] + core.half - 2 * cell;
-    if (!cut)
-        cln_info("%s: what lies beyond the cube, in its shell, is left out", what);
-    else
+    if (model->space.shell && cut)
         cln_warn("%s: it ends at the faces of the cube (half side %.6g), as what lies beyond the "
                  "cube, in its shell, is left out. A larger one has more of it: train with --space "
                  "shell and --bbox; `cl-nascent check SCENE` proposes a box",
                  what, core.half);
+    else if (model->space.shell)
+        cln_info("%s: what lies beyond the cube, in its shell, is left out", what);
+    else if (model->has_alpha && cut)
+        cln_warn("%s: it ends at the faces of the cube (half side %.6g), where training saw "
+                 "nothing beyond. If the object goes on there, train with a larger --bbox; "
+                 "`cl-nascent check SCENE` proposes one",
+                 what, core.half);
+}
+
+/* Area, and what closed triangles enclose, as they are written. */
+static cln_status measure(cln_export_job *job, const cln_mesh *mesh)
+{
+    cln_status st = CLN_OK;
+    cln_mesh_edges edges;
+    double area = 0, volume = 0;
+
+    CLN_TRY(cln_mesh_count_edges(mesh, &edges));
+    for (size_t f = 0; f < mesh->faces; f++) {
+        double p[3][3], normal[3];
+
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++) {
+                p[k][a] = mesh->at[mesh->face[f][k]][a] - mesh->origin[a];
+                p[k][a] -= k > 0 ? p[0][a] : 0;
+            }
+        for (int a = 0; a < 3; a++)
+            normal[a] =
+                p[1][(a + 1) % 3] * p[2][(a + 2) % 3] - p[1][(a + 2) % 3] * p[2][(a + 1) % 3];
+        area += sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]) / 2;
+        volume += (p[0][0] * normal[0] + p[0][1] * normal[1] + p[0][2] * normal[2]) / 6;
+    }
+    job->result->area = mesh->scale * mesh->scale * area;
+    job->result->open_edges = (int64_t)edges.open;
+    if (edges.open == 0)
+        job->result->volume = mesh->scale * mesh->scale * mesh->scale * volume;
+done:
+    return st;
 }
 
 cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh *mesh)
@@ -121,11 +159,13 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
     mesh->fine = cln_space_distance_to_scene(space, cln_surface_cell(&job->opened.model));
     memcpy(mesh->origin, space->centre, sizeof mesh->origin);
     span(mesh, (const double[4]){0, 0, 0, 1}, 1, job->result->box, job->result->box + 3);
-    tell_shell(job, what, job->result->box, mesh->fine);
+    tell_cut(job, what, job->result->box, mesh->fine);
     stand_up(job, glb, mesh);
     span(mesh, mesh->turn, mesh->scale, low, high);
     for (int a = 0; a < 3; a++)
         job->result->size[a] = high[a] - low[a];
+    if (mesh->faces > 0)
+        CLN_TRY(measure(job, mesh));
     CLN_TRY(cln_disk_check_file(file, cln_mesh_bytes(mesh), what));
     if (cln_export_ends(file, ".obj"))
         CLN_TRY(cln_mesh_write_obj(file, mesh));

@@ -138,13 +138,14 @@ static cln_status simplify(const cln_mesh *of, const float (*at)[3], size_t most
 {
     const float any_error = 1e10f; /* the number of triangles decides, not this */
     cln_status st = CLN_OK;
-    size_t edges = 0;
+    cln_mesh_edges edges;
 
     mesh->faces = meshopt_simplify(mesh->face[0], of->face[0], 3 * of->faces, at[0], of->vertices,
                                    sizeof at[0], 3 * most, any_error, 0, error) /
                   3;
     CLN_TRY(drop_pairs(mesh));
-    CLN_TRY(cln_mesh_crowded(mesh, &edges, pairs));
+    CLN_TRY(cln_mesh_count_edges(mesh, &edges));
+    *pairs = edges.pairs;
 done:
     return st;
 }
