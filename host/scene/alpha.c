@@ -140,11 +140,28 @@ void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
                     box[2], n, box[3], n, box[4], n, box[5]);
 }
 
+/* Some photos' names, one after the other, the first five. */
+typedef struct names {
+    char text[512];
+    int count;
+} names;
+
+static void add_name(names *n, const cln_view *view)
+{
+    enum { MOST = 5 };
+
+    if (n->count++ < MOST)
+        snprintf(n->text + strlen(n->text), sizeof n->text - strlen(n->text), "%s'%s'",
+                 n->text[0] ? ", " : "", view->name);
+    else if (n->count == MOST + 2)
+        snprintf(n->text + strlen(n->text), sizeof n->text - strlen(n->text), ", ...");
+}
+
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
 {
-    enum { LABELS = 16, NAMED = 5 };
-    char names[512] = "";
-    int views = 0, empty = 0, largest = 0;
+    enum { LABELS = 16 };
+    names empty = {"", 0};
+    int views = 0, largest = 0;
 
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
@@ -154,23 +171,62 @@ bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
             continue;
         largest = alpha > largest ? alpha : largest;
         views++;
-        if (alpha > 0)
-            continue;
-        if (empty++ < NAMED)
-            snprintf(names + strlen(names), sizeof names - strlen(names), "%s'%s'",
-                     names[0] ? ", " : "", view->name);
+        if (alpha == 0)
+            add_name(&empty, view);
     }
     if (views > 0 && largest < LABELS)
         snprintf(text, CLN_EMPTY_BYTES,
                  "alpha is at most %d of 255 in all of %d photos, so they show nothing. If it "
                  "is labels, not opacity, write 255 where the object is",
                  largest, views);
-    else if (empty > 0)
+    else if (empty.count > 0)
         snprintf(text, CLN_EMPTY_BYTES,
-                 "of %d of %d photos alpha shows nothing: %s%s. If their masks failed, leave "
+                 "of %d of %d photos alpha shows nothing: %s. If their masks failed, leave "
                  "them out, as they teach that nothing is there",
-                 empty, views, names, empty > NAMED ? ", ..." : "");
-    return views > 0 && (largest < LABELS || empty > 0);
+                 empty.count, views, empty.text);
+    return views > 0 && (largest < LABELS || empty.count > 0);
+}
+
+/* Share of the view's pixels that its mask leaves. */
+static double left_by_mask(const cln_view *view)
+{
+    const size_t count = (size_t)view->camera.width * (size_t)view->camera.height;
+    double left = 0;
+
+    for (size_t k = 0; k < (count + 7) / 8; k++)
+        left += __builtin_popcount(view->masked[k]);
+    return left / (double)count;
+}
+
+bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
+{
+    const double few = 0.25; /* of the photos: more are as they should be */
+    names whole = {"", 0};
+    double left = 0; /* by the masks that are not whole */
+    int views = 0, masks = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const double share = view->masked ? left_by_mask(view) : 0;
+
+        if (!view->masked && (view->channels != 4 || view->most_alpha == 0))
+            continue;
+        views++;
+        if (view->masked ? share == 1 : !view->hides) {
+            add_name(&whole, view);
+            continue;
+        }
+        masks += view->masked != NULL;
+        left += share;
+    }
+    if (whole.count == 0 || whole.count > few * views || left > CLN_MASKS_LEAVE * masks)
+        return false;
+    snprintf(text, CLN_EMPTY_BYTES,
+             "of %d of %d photos %s hides nothing: %s. If %s failed, leave them out, as they teach "
+             "that what is around the object is part of it",
+             whole.count, views, masks ? "the mask" : "alpha", whole.text,
+             masks ? "these" : "their masks");
+    return true;
 }
 
 /* Counts a loaded view's half transparent pixels; false at one with a colour above its alpha. */

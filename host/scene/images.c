@@ -513,6 +513,15 @@ static int most_alpha(const uint8_t *pixels, size_t count)
     return 1 + most;
 }
 
+/* cln_view.hides of pixels of four channels. */
+static bool hides(const uint8_t *pixels, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (pixels[4 * i + 3] < 128)
+            return true;
+    return false;
+}
+
 /* Logs how much the masks leave, as a warning if it is all or little: then their colours are mostly
  * swapped, or, if nobody said what they are, they may be of an object. */
 static void say_masks(const cln_scene *scene)
@@ -593,8 +602,10 @@ static cln_status read_view(job *work, int index)
         goto done;
     if (channels != view->channels)
         CLN_TRY(changed(view->path));
-    if (channels == 4)
+    if (channels == 4) {
         view->most_alpha = most_alpha(pixels, (size_t)width * (size_t)height);
+        view->hides = hides(pixels, (size_t)width * (size_t)height);
+    }
     CLN_TRY(cln_image_downscale(view->downscale, &width, &height, channels, &pixels));
     CLN_ASSERT(width == view->camera.width && height == view->camera.height);
     view->place = work->places[index];
@@ -764,7 +775,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     for (int i = 0; i < scene->view_count; i++)
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
     say_masks(scene);
-    if (cln_scene_is_empty(scene, empty))
+    if (cln_scene_is_empty(scene, empty) || cln_scene_is_whole(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);
 done:
     free(work.digests);

@@ -943,6 +943,9 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     cln_scene_tell_missed(scene, in.findings);
     if (cln_scene_is_empty(scene, empty))
         cln_found_fault(in.findings, "alpha", true, NULL, "%s", empty);
+    else if (cln_scene_is_whole(scene, empty))
+        cln_found_fault(in.findings, scene->has_alpha ? "alpha" : "masks", false, NULL, "%s",
+                        empty);
     CLN_TRY(check_agreement(&in));
     check_strays(&in);
     CLN_TRY(check_far(&in));

@@ -93,6 +93,7 @@ typedef struct cln_view {
     bool masks_known;          /* sizes or EXIF data tell these, or those of other masks */
     int channels;              /* 3, or 4 with straight alpha */
     int most_alpha;   /* 1 + its largest alpha (128 and more count alike); 0: was not read */
+    bool hides;       /* its alpha is below 128 somewhere; if it was read */
     bool opaque;      /* its file has alpha, which is left out as it hides nothing */
     int rank;         /* that has its pixels (dealt.h) */
     uint8_t *pixels;  /* [height][width][channels], the scene's; NULL if not in memory */
@@ -212,6 +213,10 @@ void cln_scene_warn_wide(const cln_scene *scene);
  * nowhere above a few of 255, as if labels of 0 and 1 were given as alpha? A sentence about it. */
 enum { CLN_EMPTY_BYTES = 1024 };
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
+
+/* Likewise: does alpha, or a mask, hide nothing in a few of them, where most of a photo is hidden in
+ * the others? */
+bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 
 /* Gives views that count as training views, as the scene names none, their own splits again. */
 void cln_scene_return_splits(cln_scene *scene);

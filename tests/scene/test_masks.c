@@ -78,6 +78,54 @@ static void test_neus_masks(void **state)
     cln_scene_free(scene);
 }
 
+/* Masks that failed the other way, as alpha and as what does not count: all of a photo is left, of
+ * the others little. Where that little is most, or where many are so, it may be meant. */
+static void test_whole_masks(void **state)
+{
+    static const struct {
+        int from, whole; /* column from which others are left; how many are whole */
+        bool said;
+    } cases[] = {{12, 1, true}, {12, 0, false}, {12, 2, false}};
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    const cln_config config = *plain();
+
+    format_cameras(cameras);
+    for (size_t i = 0; i < 2 * sizeof cases / sizeof *cases; i++) {
+        const bool alpha = i % 2;
+        const char *in = scratch_path(folder, alpha ? "alpha" : "left out");
+        char text[CLN_EMPTY_BYTES] = "", json[4096] = "{\"fl_x\":20,\"aabb_scale\":1,\"frames\":[";
+        cln_scene *scene = NULL;
+
+        put_folder(folder, alpha ? "alpha" : "left out");
+        put_folder(in, alpha ? "mask" : "m");
+        format_images(alpha ? scratch_path(in, "image") : in, 1);
+        for (int v = 0; v < FORMAT_VIEWS; v++) {
+            char name[32];
+
+            snprintf(name, sizeof name, alpha ? "mask/%03d.png" : "m/%d.png", v);
+            put_mask(in, name, v < cases[i / 2].whole ? 0 : cases[i / 2].from, 1);
+            snprintf(json + strlen(json), sizeof json - strlen(json),
+                     "%s{\"file_path\":\"view_%02d.png\",\"mask_path\":\"m/%d.png\","
+                     "\"transform_matrix\":" POSE_FRONT "}",
+                     v ? "," : "", v, v);
+        }
+        snprintf(json + strlen(json), sizeof json - strlen(json), "]}");
+        if (alpha)
+            format_neus(in, cameras, false);
+        else
+            put_text(in, "transforms.json", json);
+        scene = load(in, &config);
+        assert_int_equal(scene->has_alpha, alpha);
+        assert_int_equal(cln_scene_is_whole(scene, text), cases[i / 2].said);
+        if (cases[i / 2].said) {
+            assert_non_null(strstr(text, "of 1 of 6 photos "));
+            assert_non_null(strstr(text, alpha ? "alpha hides nothing: " : "the mask hides n"));
+        }
+        cln_scene_free(scene);
+    }
+}
+
 /* ---- masks of transforms JSON ---- */
 
 #define MASKED(file, mask) \
@@ -276,6 +324,7 @@ int test_group_masks(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_whole_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
