@@ -456,8 +456,33 @@ static bool is_given(const parser *p, const char *name)
     return arg && p->given[arg - cln_args];
 }
 
+/* Tells settings that were made for another run's scene and are not its preset's: those that the
+ * command line does not have. */
+static cln_status tell_of_scene(const char *run, const cln_settings *its, const cln_config *usual,
+                                const bool *overridden, char **said)
+{
+    cln_status st = CLN_OK;
+    char list[1024] = "";
+
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+        char here[CLN_TEXT_BYTES], there[CLN_TEXT_BYTES];
+
+        cln_config_text(&its->config, row, here);
+        cln_config_text(usual, row, there);
+        if (row->flags & CLN_ROW_SCENE && !overridden[i] && strcmp(here, there) != 0)
+            snprintf(list + strlen(list), sizeof list - strlen(list), " --%s=%s", row->option,
+                     here);
+    }
+    if (list[0])
+        CLN_TRY(cln_asprintf(said, "of %s for its scene, taken over, too:%s", run, list));
+done:
+    return st;
+}
+
 /* Settings for a new run that are those of another one, as if they were a preset's. */
-static cln_status take_settings_of(const char *run, cln_settings **out)
+static cln_status take_settings_of(const char *run, const bool *overridden, cln_settings **out,
+                                   char **said)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
@@ -472,7 +497,9 @@ static cln_status take_settings_of(const char *run, cln_settings **out)
     if (cln_config_preset((*out)->preset, &known) != CLN_OK) { /* another version's */
         cln_clear_error();
         cln_format((*out)->preset, sizeof(*out)->preset, "%s", CLN_DEFAULT_PRESET);
+        CLN_TRY(cln_config_preset(CLN_DEFAULT_PRESET, &known));
     }
+    CLN_TRY(tell_of_scene(run, *out, &known, overridden, said));
 done:
     json_decref(document);
     return st;
@@ -490,7 +517,7 @@ static cln_status apply_settings(parser *p)
     if (out->resume)
         CLN_TRY(cln_settings_of_run(out->resume, &out->settings));
     else if (out->settings_of)
-        CLN_TRY(take_settings_of(out->settings_of, &out->settings));
+        CLN_TRY(take_settings_of(out->settings_of, overridden, &out->settings, &out->conf_said));
     else
         CLN_TRY(cln_settings_create(out->preset, &out->settings));
     if (out->conf && out->operand_count == 1 && !out->resume && !out->settings_of &&
