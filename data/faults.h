@@ -20,7 +20,8 @@
     X(exposure, "one photo has half of its light")                          \
     X(blur, "one photo is blurred")                                         \
     X(shaken, "poses of training views are off, by 0.3 degrees and 0.5 %")  \
-    X(mask, "masks are inverted (with --masks)")
+    X(mask, "masks are inverted (with --masks)")                            \
+    X(upright, "poses of --held 3 are of turned pixels")
 
 typedef enum {
 #define X(name, what) FAULT_##name,

@@ -391,6 +391,8 @@ static cln_status parse(int argc, char **argv, settings *set)
         return cln_fail(CLN_USAGE, "--masks: add --format nerfstudio");
     if (set->fault == FAULT_mask && !set->masks)
         return cln_fail(CLN_USAGE, "--fault mask: add --masks");
+    if (set->fault == FAULT_upright && !(set->held && strchr(set->held, '3')))
+        return cln_fail(CLN_USAGE, "--fault upright: add --held 3");
     if ((set->format == LLFF || set->format == COLMAP) &&
         (set->fault == FAULT_axes || set->fault == FAULT_inverse))
         return cln_fail(CLN_USAGE, "--fault %s: choose another --format than %s",

@@ -9,6 +9,7 @@
 #include "base/memory.h"
 #include "io/npy.h"
 #include "colmap.h"
+#include "held.h"
 #include "job.h"
 #include "shade.h"
 #include "vec.h"
@@ -23,6 +24,8 @@ static cln_camera written(const job *j, int view)
 {
     cln_camera camera = j->cameras[view];
 
+    if (j->set->fault == FAULT_upright && job_orientation(j->set, view) == 3)
+        held_camera(3, &camera); /* back again */
     fault_camera((fault)j->set->fault, view < j->set->views[0] ? view : -1, &camera);
     for (int a = 0; a < 3; a++)
         camera.c2w[4 * a + 3] = j->set->unit * camera.c2w[4 * a + 3] + j->set->offset[a];

@@ -459,9 +459,14 @@ static cln_status render_folder(cln_render_job *j, cln_render_result *result)
 {
     cln_status st = CLN_OK;
     int told = 0; /* frames of earlier renders, by render.json */
+    cln_render_hold hold = {.lock = -1};
 
     CLN_TRY(check_sizes(j));
     if (j->writes) {
+        CLN_TRY(cln_render_check_folder(j->desc->out, &j->before));
+        CLN_TRY(cln_render_hold_folder(j->desc->out, &hold));
+        json_decref(j->before); /* as another process may have left it just now */
+        j->before = NULL;
         CLN_TRY(cln_render_check_folder(j->desc->out, &j->before));
         told = (int)json_integer_value(json_object_get(j->before, "earlier_frames"));
         CLN_TRY(cln_render_find_there(j));
@@ -483,6 +488,7 @@ static cln_status render_folder(cln_render_job *j, cln_render_result *result)
     else if (j->writes && j->earlier != told)
         CLN_TRY(cln_render_write_about(j, NULL));
 done:
+    cln_render_release_folder(j->desc->out, &hold);
     return st;
 }
 

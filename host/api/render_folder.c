@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "base/files.h"
 #include "base/log.h"
@@ -15,6 +16,7 @@
 #include "base/text.h"
 #include "io/depth_file.h"
 #include "io/disk.h"
+#include "io/hold.h"
 #include "io/image.h"
 #include "io/npy.h"
 #include "io/run_folder.h"
@@ -333,7 +335,7 @@ cln_status cln_render_check_folder(const char *out, json_t **before)
             cln_fail(CLN_OUTPUT, "%s: %s; choose another folder with -o", out, strerror(errno)));
     for (struct dirent *e = readdir(dir); e; e = readdir(dir))
         if (strcmp(e->d_name, ".") != 0 && strcmp(e->d_name, "..") != 0 &&
-            strncmp(e->d_name, "render.json.tmp.", 16) != 0)
+            strcmp(e->d_name, "lock") != 0 && strncmp(e->d_name, "render.json.tmp.", 16) != 0)
             empty = false;
     if (!empty)
         st = cln_fail(CLN_OUTPUT,
@@ -346,6 +348,27 @@ done:
         closedir(dir);
     free(path);
     return st;
+}
+
+cln_status cln_render_hold_folder(const char *out, cln_render_hold *hold)
+{
+    cln_status st = CLN_OK;
+
+    *hold = (cln_render_hold){.lock = -1, .made = !cln_is_dir(out)};
+    if (!hold->made && access(out, W_OK) != 0)
+        return CLN_OK; /* all frames may be there */
+    CLN_TRY(cln_make_dirs(out));
+    CLN_TRY(cln_hold(out, "renders into this folder", ", or choose another folder with -o",
+                     &hold->lock));
+done:
+    return st;
+}
+
+void cln_render_release_folder(const char *out, const cln_render_hold *hold)
+{
+    cln_hold_remove(out, hold->lock);
+    if (hold->made)
+        (void)rmdir(out); /* does nothing if it has files */
 }
 
 cln_status cln_render_drop_stale(const cln_render_job *j)

@@ -40,6 +40,16 @@ typedef struct cln_render_job {
 int cln_render_eyes(const cln_render_job *j);
 int cln_render_width(const cln_render_job *j, const cln_render_frame *f);
 
+/* Holds the folder, which is made, for this process alone (io/hold.h): two renders at once would
+ * mix their frames. CLN_OUTPUT names the process that has it. A folder that cannot be written to is
+ * not held. Release: removes it if it was made and nothing came into it. */
+typedef struct cln_render_hold {
+    int lock; /* -1: not held */
+    bool made;
+} cln_render_hold;
+cln_status cln_render_hold_folder(const char *out, cln_render_hold *hold);
+void cln_render_release_folder(const char *out, const cln_render_hold *hold);
+
 /* CLN_OUTPUT if the folder holds files but no render.json of ours. *before: its render.json, NULL
  * if there is none. */
 cln_status cln_render_check_folder(const char *out, json_t **before);

@@ -8,7 +8,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
@@ -17,6 +16,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/disk.h"
+#include "io/hold.h"
 
 #define SCHEMA "cl-nascent.run/1"
 enum { TEXT_FLAGS = JSON_REAL_PRECISION(17), METRICS_MAX_GIB = 4 };
@@ -118,127 +118,29 @@ done:
     return st;
 }
 
-/* Reads what the holder of a lock wrote into its file: "process 123 on HOST". */
-static void read_holder(int lock, char *out, size_t bytes)
-{
-    const ssize_t n = pread(lock, out, bytes - 1, 0);
-
-    out[n > 0 ? n : 0] = 0;
-    out[strcspn(out, "\n")] = 0;
-    if (!out[0])
-        snprintf(out, bytes, "another process");
-}
-
-/* Makes what this process writes there. */
-static void name_holder(char *out, size_t bytes)
-{
-    char host[128] = "";
-
-    gethostname(host, sizeof host - 1);
-    snprintf(out, bytes, "process %ld on %s", (long)getpid(), host);
-}
-
-/* Opens RUN/lock to try it; negative if there is none. */
-static int open_lock(const char *run)
-{
-    char *path = NULL;
-    int file = -1;
-
-    if (cln_path_join(&path, run, "lock") == CLN_OK)
-        file = open(path, O_RDONLY | O_CLOEXEC);
-    free(path);
-    return file;
-}
-
 const char *cln_run_state(const char *run, const json_t *document)
 {
     const char *state = json_string_value(json_object_get(document, "state"));
-    int file = -1;
 
     if (!state || strcmp(state, "running") != 0)
         return state ? state : "";
-    file = open_lock(run);
-    if (file < 0) /* of an older program, or left out of a copy: nobody knows */
-        return state;
-    if (flock(file, LOCK_SH | LOCK_NB) == 0)
-        state = "broken off";
-    close(file);
-    return state;
+    /* without a lock, of an older program or left out of a copy, nobody knows */
+    return cln_held_by(run) == CLN_HOLDER_NONE ? "broken off" : state;
 }
 
 bool cln_run_is_held(const char *run)
 {
-    char holder[192] = "", ours[192];
-    const int file = open_lock(run);
-    bool held = false;
-
-    if (file < 0)
-        return false;
-    held = flock(file, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
-    if (held) /* a lock of this process refuses this file, too */
-        read_holder(file, holder, sizeof holder);
-    name_holder(ours, sizeof ours);
-    close(file);
-    return held && strcmp(holder, ours) != 0;
-}
-
-/* Takes the lock; 0, or errno. A training has it alone; a command that only looks who has it
- * (cln_run_state) shares it, and is in the way for a moment. */
-static int take_lock(int file)
-{
-    enum { TRIES = 100 };
-    static const struct timespec moment = {.tv_nsec = 5000000};
-
-    for (int i = 1; flock(file, LOCK_EX | LOCK_NB) != 0; i++) {
-        const int refused = errno;
-
-        if (refused != EWOULDBLOCK || i == TRIES || flock(file, LOCK_SH | LOCK_NB) != 0)
-            return refused;
-        (void)flock(file, LOCK_UN);
-        (void)nanosleep(&moment, NULL);
-    }
-    return 0;
+    return cln_held_by(run) == CLN_HOLDER_ANOTHER;
 }
 
 cln_status cln_run_hold(const char *run, int *lock)
 {
-    cln_status st = CLN_OK;
-    char *path = NULL, text[192], holder[192];
-    int file = -1, refused = 0;
-
-    *lock = -1;
-    CLN_TRY(cln_path_join(&path, run, "lock"));
-    file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-    if (file < 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
-    refused = take_lock(file);
-    if (refused == EWOULDBLOCK) {
-        read_holder(file, text, sizeof text);
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s trains this run; wait for its end, or stop it", run,
-                         text));
-    }
-    if (refused)
-        cln_warn("%s: cannot be locked: %s; take care that no other process trains this run", path,
-                 strerror(refused));
-    name_holder(holder, sizeof holder);
-    snprintf(text, sizeof text, "%.180s\n", holder);
-    if (ftruncate(file, 0) != 0 || pwrite(file, text, strlen(text), 0) < 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
-    *lock = file;
-    file = -1;
-done:
-    if (file >= 0)
-        close(file);
-    free(path);
-    return st;
+    return cln_hold(run, "trains this run", "", lock);
 }
 
 void cln_run_release(int lock)
 {
-    if (lock < 0)
-        return;
-    (void)!ftruncate(lock, 0); /* a finished run does not tell which process trained it */
-    close(lock);
+    cln_hold_release(lock);
 }
 
 cln_status cln_run_write_json(const char *run, const char *name, const json_t *document)

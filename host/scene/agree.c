@@ -386,6 +386,33 @@ static bool leave_still_out(work *w)
     return true;
 }
 
+/* Counts in `turned` and `stored`. */
+static void count_turned(work *w)
+{
+    cln_agreement *out = w->out;
+
+    for (int i = 0; i < out->tie_count; i++) {
+        cln_tie t = out->ties[i];
+        const bool a = cln_view_turn_spot(&w->scene->views[t.a], &t.ua, &t.va);
+        const bool b = cln_view_turn_spot(&w->scene->views[t.b], &t.ub, &t.vb);
+
+        if (!a && !b)
+            continue;
+        out->turned += tie_agrees(w, &t, &cln_readings[0], 1, 1);
+        out->stored += tie_agrees(w, &out->ties[i], &cln_readings[0], 1, 1);
+    }
+}
+
+bool cln_agree_turned(const cln_agreement *a)
+{
+    return a->turned >= FEWEST_OF_BAD && a->turned > 2 * a->stored;
+}
+
+bool cln_agree_stored(const cln_agreement *a)
+{
+    return a->stored >= FEWEST_OF_BAD && a->stored > 2 * a->turned;
+}
+
 static void count_agreeing(work *w)
 {
     cln_agreement *out = w->out;
@@ -798,6 +825,7 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     if (leave_still_out(&w) && out->tie_count >= FEWEST_TO_READ)
         try_readings(&w);
     count_agreeing(&w);
+    count_turned(&w);
     CLN_TRY(find_bad(&w));
     CLN_TRY(find_exposures(&w));
     CLN_TRY(find_points(&w));

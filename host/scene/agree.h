@@ -61,6 +61,8 @@ typedef struct cln_agreement {
     double focal_exact;  /* that share over the one of ties that agree with it at all */
     double strict_share; /* as focal_share, with focal lengths as given */
     double kept_share;   /* of what agrees, cut away or not: what masks and alpha keep; or NaN */
+    int turned, stored;  /* of photos that EXIF data turn and that are taken as stored: ties that
+                            agree if these are turned, and as they are */
     int still;           /* ties left out, as what they are of stands still in the pictures */
     double still_share;  /* of all ties */
     int point_count;     /* places where the rays of agreeing ties meet at some angle */
@@ -70,6 +72,10 @@ typedef struct cln_agreement {
 /* callbacks: told of the views that are compared; NULL: none. CLN_MEMORY; CLN_SIGINT, CLN_SIGTERM:
  * it was interrupted. Free *out in any case. */
 cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln_agreement *out);
+
+/* Are the poses of photos that EXIF data turn of turned pixels, although they are taken as stored? */
+bool cln_agree_turned(const cln_agreement *a);
+bool cln_agree_stored(const cln_agreement *a); /* are they of stored ones, by what photos show? */
 void cln_agreement_free(cln_agreement *a);
 
 #endif

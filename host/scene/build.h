@@ -4,6 +4,7 @@
 #ifndef CLN_SCENE_BUILD_H
 #define CLN_SCENE_BUILD_H
 
+#include "scene/agree.h"
 #include "scene/reader.h"
 #include "scene/scene.h"
 
@@ -55,9 +56,10 @@ void cln_scene_find_turns(cln_scene *scene);
 /* turned.c: how alpha and mask files are turned to lie on their photos' pixels, and what is black
  * in masks. CLN_INPUT if one has neither the stored nor the turned picture's size. */
 cln_status cln_scene_turn_masks(cln_scene *scene);
-/* Add those of which nothing tells that they are right, and all others, to the findings. */
+/* Adds those of which nothing tells that they are right to the findings. */
 void cln_scene_doubt_turns(const cln_scene *scene, json_t *findings);
-void cln_scene_tell_turns(const cln_scene *scene, json_t *findings);
+/* And all others, by what marks of photos tell of them. */
+void cln_scene_tell_turns(const cln_scene *scene, const cln_agreement *agreement, json_t *findings);
 
 /* images.c: sizes and channels from the files' headers; cameras are brought to the files' size,
  * checked, then brought to the downscaled size. Fills downscale, has_alpha, lenses. */

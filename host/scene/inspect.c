@@ -938,7 +938,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     CLN_TRY(cln_agree(scene, callbacks, &in.agreement));
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
-    cln_scene_tell_turns(scene, in.findings);
+    cln_scene_tell_turns(scene, &in.agreement, in.findings);
     cln_scene_tell_multiplied(scene, in.findings);
     cln_scene_tell_missed(scene, in.findings);
     if (cln_scene_is_empty(scene, empty))

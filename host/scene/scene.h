@@ -262,6 +262,10 @@ cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint6
  * 6 or 8. Of mirrors half or quarter turns alone: the scene is not mirrored, either. */
 int cln_view_turn(const cln_view *view);
 
+/* Of a view whose pixels are as stored although EXIF data turn them: where (x, y) of these is in the
+ * turned picture. False for other views, and where that has not the camera's shape. */
+bool cln_view_turn_spot(const cln_view *view, float *x, float *y);
+
 /* Its camera as people see the photo: turned about its axis by cln_view_turn, with the size, focal
  * lengths and principal point of that picture. The rays are the view's own, but for the lens, which
  * a turned one goes without. */

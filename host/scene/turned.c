@@ -1,7 +1,8 @@
 /* Photos whose EXIF data tell viewers to turn them. COLMAP, OpenSfM, nerfstudio and instant-ngp
  * read pixels as they are stored, so poses belong to these, and so does this program. Where only
  * the turned picture has the shape of its camera, poses were made from turned pixels, and they are
- * turned here, too. Mirrors and half turns keep the shape: they follow the other photos.
+ * turned here, too. Mirrors, half turns and squares keep the shape: they follow the other photos,
+ * and where none tells, the dataset's format.
  *
  * Masks are drawn on stored or on turned pictures: the one whose size they have, else as other
  * masks of the scene, else stored ones, as which they are turned with their photos.
@@ -71,12 +72,13 @@ static void turn_camera(cln_view *v)
 
 void cln_scene_find_turns(cln_scene *scene)
 {
-    bool turned = false, stored = scene->stored_poses;
+    bool turned = false, stored = false;
 
     for (int i = 0; i < scene->view_count; i++) {
         turned |= told_by_size(&scene->views[i]) > 0;
         stored |= told_by_size(&scene->views[i]) < 0;
     }
+    stored |= scene->stored_poses && !turned; /* photos that others' programs wrote count more */
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *v = &scene->views[i];
         const int told = told_by_size(v), width = v->file_width;
@@ -99,6 +101,19 @@ int cln_view_turn(const cln_view *view)
     static const int turns[9] = {1, 1, 1, 3, 3, 6, 6, 8, 8};
 
     return view->turned ? 1 : turns[view->orientation];
+}
+
+bool cln_view_turn_spot(const cln_view *v, float *x, float *y)
+{
+    const float wide = (float)v->camera.width, high = (float)v->camera.height;
+    const float u = *x, w = *y;
+    const int o = v->orientation;
+
+    if (o < 2 || v->turned || (o >= 5 && v->camera.width != v->camera.height))
+        return false;
+    *x = o == 2 || o == 3 ? wide - u : o == 4 ? u : o == 5 || o == 8 ? w : high - w;
+    *y = o == 2 ? w : o == 3 || o == 4 ? high - w : o == 5 || o == 6 ? u : wide - u;
+    return true;
 }
 
 void cln_view_seen(const cln_view *view, cln_camera *out)
@@ -199,8 +214,8 @@ done:
 }
 
 /* Adds a finding, `before` and `after` the number and first name of those photos with an EXIF
- * orientation that are turned or not, and known to belong so or not. */
-static void tell(const cln_scene *scene, json_t *findings, bool known, bool turned,
+ * orientation that are turned or not, and known to belong so or not. wrong: a likely fault. */
+static void tell(const cln_scene *scene, json_t *findings, bool known, bool turned, bool wrong,
                  const char *before, const char *after)
 {
     json_t *names = json_array();
@@ -212,7 +227,7 @@ static void tell(const cln_scene *scene, json_t *findings, bool known, bool turn
             json_array_append_new(names, json_string(v->name));
     }
     if (json_array_size(names) > 0)
-        cln_found_fault(findings, "orientation", false, json_incref(names),
+        cln_found_fault(findings, "orientation", wrong, json_incref(names),
                         "%s %d photo%s ('%s'%s)%s", before, (int)json_array_size(names),
                         cln_plural((double)json_array_size(names), "", "s"),
                         json_string_value(json_array_get(names, 0)),
@@ -242,18 +257,35 @@ static void tell_masks(const cln_scene *scene, json_t *findings)
 
 void cln_scene_doubt_turns(const cln_scene *scene, json_t *findings)
 {
-    tell(scene, findings, false, false, "EXIF data tell viewers to turn",
+    tell(scene, findings, false, false, false, "EXIF data tell viewers to turn",
          ", and nothing tells whether the poses are of turned pixels: they are taken as stored, as "
          "COLMAP, nerfstudio and instant-ngp do. If the poses are of turned ones, turn the pixels "
          "(mogrify -auto-orient)");
     tell_masks(scene, findings);
 }
 
-void cln_scene_tell_turns(const cln_scene *scene, json_t *findings)
+void cln_scene_tell_turns(const cln_scene *scene, const cln_agreement *agreement, json_t *findings)
 {
-    tell(scene, findings, true, false, "EXIF data tell viewers to turn",
-         ": their pixels are taken as stored, as the poses are of these; what is up goes by these "
-         "data");
-    tell(scene, findings, true, true, "turned as EXIF data say: pixels of",
+    const int turned = agreement->turned, stored = agreement->stored;
+    char after[512];
+
+    if (cln_agree_turned(agreement)) {
+        snprintf(
+            after, sizeof after,
+            ": their pixels are taken as stored, but the poses are of turned ones: %d marks of "
+            "theirs lie where both poses put them if they are turned, and %d as they are "
+            "stored. Turn the pixels (mogrify -auto-orient)",
+            turned, stored);
+        tell(scene, findings, true, false, true, "EXIF data tell viewers to turn", after);
+        tell(scene, findings, false, false, true, "EXIF data tell viewers to turn", after);
+    } else {
+        snprintf(after, sizeof after,
+                 ": their pixels are taken as stored, as %s; what is up goes by these data",
+                 scene->stored_poses && !cln_agree_stored(agreement)
+                     ? "poses of such files are of these"
+                     : "the poses are of these");
+        tell(scene, findings, true, false, false, "EXIF data tell viewers to turn", after);
+    }
+    tell(scene, findings, true, true, false, "turned as EXIF data say: pixels of",
          ", as the poses are of turned ones");
 }

@@ -205,6 +205,9 @@ section_check() {
             awk '$1 < 0.5 { n++ } END { exit !(n == NR && NR == 14) }' "$work/around"
         planted blur blur false $front
         planted focal focal_length true $air
+        planted upright orientation true $air --held 1113
+        planted upright orientation true $air --held 1113 --format colmap
+        planted none orientation false $air --held 1113 --format colmap
         planted mask masks true $all --format nerfstudio --masks
         planted scale scale true $all --format ngp
     }

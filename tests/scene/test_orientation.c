@@ -675,7 +675,15 @@ static void test_colmap(void **state)
     cln_scene_warn_doubts(scene);
     assert_int_equal(warnings, 0);
     assert_int_equal(dark_quarter(scene, 2), 0);
-    assert_int_equal(findings_of(scene, "taken as stored, as the poses are of these"), 1);
+    assert_int_equal(findings_of(scene, "taken as stored, as poses of such files are of these"), 1);
+    cln_scene_free(scene);
+    put_photo(scratch_path(folder, "images"), 0, 12, 16, 6); /* another's: it tells of all */
+    scene = load(folder, plain());
+    cln_scene_warn_doubts(scene);
+    assert_int_equal(warnings, 0);
+    assert_int_equal(dark_quarter(scene, 0), 1);
+    assert_int_equal(dark_quarter(scene, 2), 3);
+    assert_int_equal(findings_of(scene, "turned as EXIF data say"), 1);
     cln_scene_free(scene);
 }
 
