@@ -23,8 +23,8 @@
 #            CC AR OBJCOPY PKG_CONFIG CPPFLAGS CFLAGS LDFLAGS, as usual; HOSTPROG: see below
 #            MPI=1: build/mpi/cl-nascent and library, for training by several processes
 #            (docs/scale-out.md; libopenmpi-dev)
-# Packagers: LCMS2= MICROHTTPD= MESHOPTIMIZER= leave these libraries out, whether they are there or
-# not; each by itself, too. Else they are used if they are found, which `version -v` tells.
+# Packagers: LCMS2= MICROHTTPD= MESHOPTIMIZER= UTF8PROC= leave these libraries out, whether they are
+# there or not; each by itself, too. Else they are used if they are found, which `version -v` tells.
 
 # GNU's spelling (make install prefix=/usr) is taken, too.
 $(foreach name,prefix:PREFIX bindir:BINDIR libdir:LIBDIR includedir:INCLUDEDIR datadir:DATADIR \
@@ -59,7 +59,9 @@ STB := $(or $(patsubst -I%,-isystem %,$(shell $(PKG_CONFIG) --cflags stb 2>/dev/
 MICROHTTPD := $(shell $(PKG_CONFIG) --exists libmicrohttpd && echo libmicrohttpd)
 # for photos with colour profiles; without it their colours count as sRGB's, which is said
 LCMS2 := $(shell $(PKG_CONFIG) --exists lcms2 && echo lcms2)
-PKGS := OpenCL jansson zlib $(MICROHTTPD) $(LCMS2)
+# for names of files in the other Unicode form, as of a Mac; without it they are not found
+UTF8PROC := $(shell $(PKG_CONFIG) --exists libutf8proc && echo libutf8proc)
+PKGS := OpenCL jansson zlib $(MICROHTTPD) $(LCMS2) $(UTF8PROC)
 # for export --mesh --triangles; without it that option says what is missing. It has no pkg-config.
 # A header alone may be another machine's: a cross compiler looks into /usr/include, too.
 MESHOPTIMIZER := $(shell echo 'int main(void) { return 0; }' | $(CC) -include meshoptimizer.h \
@@ -81,6 +83,7 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(if $(MICROHTTPD),-DCLN_WITH_MICROHTTPD) \
              $(if $(MESHOPTIMIZER),-DCLN_WITH_MESHOPTIMIZER) \
              $(if $(LCMS2),-DCLN_WITH_LCMS2) \
+             $(if $(UTF8PROC),-DCLN_WITH_UTF8PROC) \
              -ffile-prefix-map="$(CURDIR)"=. $(shell $(PKG_CONFIG) --cflags $(PKGS)) \
              $(CPPFLAGS) $(CFLAGS)
 LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(MESHOPTIMIZER:%=-l% )-lm -lpthread
@@ -309,7 +312,7 @@ $B/pages_embed.c: $(PAGES) Makefile
 
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
-    host/cli/help.o host/io/colour.o tests/export/test_reduce.o tests/io/test_colour.o): $B/optional
+    host/cli/help.o host/io/colour.o host/base/unicode.o tests/export/test_reduce.o tests/io/test_colour.o): $B/optional
 # The program names its commit: git's, or that of the archive.
 COMMIT = $(or $(shell if [ -e .git ]; then git describe --always --dirty --abbrev=12 2>/dev/null; \
                       else sed '/Format/d' packaging/commit; fi),unknown)
@@ -319,7 +322,7 @@ $B/commit: FORCE
 	@mkdir -p $(@D)
 	@echo '$(COMMIT)' | cmp -s - $@ || echo '$(COMMIT)' > $@
 
-OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER) $(LCMS2)
+OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER) $(LCMS2) $(UTF8PROC)
 $B/optional: FORCE
 	@mkdir -p $(@D)
 	@echo '$(OPTIONAL)' | cmp -s - $@ || echo '$(OPTIONAL)' > $@

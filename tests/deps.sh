@@ -5,9 +5,9 @@
 set -eu
 
 build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev liblcms2-dev
-    libmeshoptimizer-dev libmicrohttpd-dev libstb-dev zlib1g-dev pkg-config|pkgconf"
+    libmeshoptimizer-dev libmicrohttpd-dev libstb-dev libutf8proc-dev zlib1g-dev pkg-config|pkgconf"
 # the program is built without these, too
-optional=" liblcms2-dev libmeshoptimizer-dev libmicrohttpd-dev "
+optional=" liblcms2-dev libmeshoptimizer-dev libmicrohttpd-dev libutf8proc-dev "
 test="curl libcmocka-dev glpk-utils oclgrind openmpi-bin libopenmpi-dev"
 fuzz="clang-14|clang libclang-rt-14-dev"
 lint="clang-14|clang clang-format-14|clang-format"

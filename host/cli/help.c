@@ -298,7 +298,12 @@ const char *cln_built_with(void)
 #else
 #define WITH_COLOURS "without Little CMS (colour profiles of photos count as sRGB)"
 #endif
-    return "built " WITH_VIEW ", " WITH_TRIANGLES ", " WITH_COLOURS;
+#ifdef CLN_WITH_UTF8PROC
+#define WITH_NAMES "with utf8proc (names of files in either Unicode form)"
+#else
+#define WITH_NAMES "without utf8proc (names of files in one Unicode form alone)"
+#endif
+    return "built " WITH_VIEW ", " WITH_TRIANGLES ", " WITH_COLOURS ", " WITH_NAMES;
 }
 
 void cln_version_print(FILE *to, bool verbose)

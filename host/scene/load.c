@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/unicode.h"
 #include "io/image.h"
 #include "io/names.h"
 #include "ranks/ranks.h"
@@ -266,6 +267,17 @@ done:
     return st;
 }
 
+/* Do the names of two files differ in their Unicode form alone, which nobody sees? */
+static bool is_other_form(const char *a, const char *b)
+{
+    char *x = cln_unicode_form(a, true), *y = cln_unicode_form(b, true);
+    const bool other = strcmp(a, b) != 0 && strcmp(x ? x : a, y ? y : b) == 0;
+
+    free(x);
+    free(y);
+    return other;
+}
+
 static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -294,12 +306,15 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     result->views = NULL;
     result->view_count = 0;
     if (result->moved_count)
-        cln_info("%s: %d of its images %s not where it says and %s taken by %s, as %s for %s",
+        cln_info("%s: %d of its images %s not where it says and %s taken by %s, as %s for %s%s",
                  scene->folder, result->moved_count, cln_plural(result->moved_count, "is", "are"),
                  cln_plural(result->moved_count, "is", "are"),
                  cln_plural(result->moved_count, "its name", "their names"),
                  cln_dataset_within(scene->folder, result->moved_to),
-                 cln_dataset_within(scene->folder, result->moved_from));
+                 cln_dataset_within(scene->folder, result->moved_from),
+                 is_other_form(result->moved_from, result->moved_to)
+                     ? ", which look alike (another Unicode form)"
+                     : "");
     scene->dialect = result->dialect;
     scene->stored_poses = result->stored_poses;
     scene->has_sights = result->observation_count > 0;

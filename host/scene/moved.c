@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/unicode.h"
 
 bool cln_path_leads_out(const char *path)
 {
@@ -202,7 +203,8 @@ static size_t common_end(const char *name, const char *file, bool *same)
     return end;
 }
 
-cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, char **out)
+/* As cln_moved_find, in this form of the name. */
+static cln_status find_form(cln_moved *moved, const char *name, bool leads_out, char **out)
 {
     cln_status st = CLN_OK;
     const char *base = base_of(name), *best = NULL, *like = NULL;
@@ -240,6 +242,23 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
     if (best && !tie)
         CLN_TRY(cln_path_join(out, moved->folder, best));
 done:
+    return st;
+}
+
+cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, char **out)
+{
+    cln_status st = CLN_OK;
+    char *form = NULL;
+
+    CLN_TRY(find_form(moved, name, leads_out, out));
+    for (int composed = 0; composed < 2 && !*out; composed++) {
+        free(form);
+        form = cln_unicode_form(name, composed);
+        if (form)
+            CLN_TRY(find_form(moved, form, leads_out, out));
+    }
+done:
+    free(form);
     return st;
 }
 
@@ -410,6 +429,29 @@ done:
     return st;
 }
 
+/* The path of this file in the folder, in whichever form of its name it is there; or NULL. */
+static cln_status take_file(const char *folder, const char *name, char **out)
+{
+    cln_status st = CLN_OK;
+    char *form = NULL;
+
+    CLN_TRY(cln_path_join(out, folder, name));
+    for (int composed = 0; composed < 2 && !cln_is_file(*out); composed++) {
+        free(form);
+        form = cln_unicode_form(name, composed);
+        free(*out);
+        *out = NULL;
+        CLN_TRY(cln_path_join(out, folder, form ? form : name));
+    }
+    if (cln_is_file(*out))
+        goto done;
+    free(*out);
+    *out = NULL;
+done:
+    free(form);
+    return st;
+}
+
 cln_status cln_moved_file(const char *folder, const char *path, char **out)
 {
     cln_status st = CLN_OK;
@@ -422,13 +464,8 @@ cln_status cln_moved_file(const char *folder, const char *path, char **out)
         return CLN_OK;
     }
     CLN_TRY(st);
-    for (const char *end = name; end; end = strchr(end, '/') ? strchr(end, '/') + 1 : NULL) {
-        CLN_TRY(cln_path_join(out, folder, end));
-        if (cln_is_file(*out))
-            break;
-        free(*out);
-        *out = NULL;
-    }
+    for (const char *end = name; end && !*out; end = strchr(end, '/') ? strchr(end, '/') + 1 : NULL)
+        CLN_TRY(take_file(folder, end, out));
 done:
     free(name);
     return st;

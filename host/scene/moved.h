@@ -1,6 +1,7 @@
 /* Image files that are not where a dataset names them, as it was made on another machine, or on a
  * system that takes IMG_1.JPG for img_1.jpg. Private to this room; used by every reader whose
- * dataset names its images. What is found by their names:
+ * dataset names its images. What is found by their names, also in
+ * the other Unicode form (base/unicode.h):
  *   - a file below the folder with the same path but for upper and lower case;
  *   - the file that the longest end of the path leads to from the folder, with a folder at least:
  *     images/a.png for /home/x/data/images/a.png;

@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include "base/log.h"
+#include "base/unicode.h"
 #include "format_fixture.h"
 #include "tests.h"
 
@@ -302,6 +303,49 @@ static void test_names(void **state)
         load_moved(folder, config, FORMAT_VIEWS, "as images/VIEW_00.PNG for images/view_00.png"));
 }
 
+/* Names in the other Unicode form, composed or decomposed, of photos and of their masks. */
+static void test_unicode(void **state)
+{
+    static const char *const names[2] = {"S\xc3\xbc"
+                                         "d.png",
+                                         "Su\xcc\x88"
+                                         "d.png"};
+    const cln_config config = all_train();
+    char *form = cln_unicode_form(names[0], false);
+
+    if (!form) {
+        print_message("moved: built without utf8proc\n");
+        skip();
+    }
+    assert_string_equal(form, names[1]);
+    free(form);
+    form = cln_unicode_form(names[1], true);
+    assert_string_equal(form, names[0]);
+    free(form);
+    assert_null(cln_unicode_form(names[0], true));
+    assert_null(cln_unicode_form("\xff", false));
+    for (int i = 0; i < 2; i++) {
+        const char *folder = scratch_path(*state, i ? "composed" : "decomposed");
+        char name[64], json[1024];
+        cln_scene *scene = NULL;
+
+        put_folder(folder, "images");
+        put_folder(folder, "m");
+        snprintf(name, sizeof name, "images/%s", names[!i]);
+        put_image(folder, name, 16, 12, 3, 0);
+        snprintf(name, sizeof name, "m/%s", names[!i]);
+        put_image(folder, name, 16, 12, 3, 1);
+        snprintf(json, sizeof json,
+                 "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[{\"file_path\":"
+                 "\"images/%s\",\"mask_path\":\"m/%s\",\"transform_matrix\":" POSE_FRONT "}]}",
+                 names[i], names[i]);
+        put_text(folder, "transforms.json", json);
+        scene = load_moved(folder, &config, 1, "another Unicode form");
+        assert_string_equal(scene->views[0].mask_path, scratch_path(folder, name));
+        cln_scene_free(scene);
+    }
+}
+
 /* COLMAP's names lack the folder of images that a photo lies in: it is taken where it is the only
  * one of its name, but for masks and smaller copies. */
 static void test_bare_names(void **state)
@@ -388,6 +432,7 @@ int test_group_moved(void)
         cmocka_unit_test_setup_teardown(test_missing_rule, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks_and_points, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_unicode, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bare_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_undistorted, scratch_make, scratch_remove),
     };
