@@ -312,7 +312,8 @@ $B/pages_embed.c: $(PAGES) Makefile
 
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
-    host/cli/help.o host/io/colour.o host/base/unicode.o tests/export/test_reduce.o tests/io/test_colour.o): $B/optional
+    host/cli/help.o host/io/colour.o host/base/unicode.o \
+    tests/export/test_reduce.o tests/io/test_colour.o): $B/optional
 # The program names its commit: git's, or that of the archive.
 COMMIT = $(or $(shell if [ -e .git ]; then git describe --always --dirty --abbrev=12 2>/dev/null; \
                       else sed '/Format/d' packaging/commit; fi),unknown)

@@ -1,13 +1,13 @@
-/* A folder held by one process alone, by a lock (flock) on its file `lock`, which names the process:
- * whoever dies in any way holds nothing. Knows no run. */
+/* A folder held by one process alone, by a lock (flock) on its file `lock`, which names the
+ * process: whoever dies in any way holds nothing. Knows no run. */
 #ifndef CLN_HOLD_H
 #define CLN_HOLD_H
 
 #include "base/status.h"
 
 /* Holds the folder until it is released or the process ends. does: what this process does there,
- * "trains this run"; instead: what another one may do, "". CLN_OUTPUT names the process that holds it
- * already. Warns on a file system without locks. *lock: -1 after a failure. */
+ * "trains this run"; instead: what another one may do, or "". CLN_OUTPUT names the process that
+ * holds it already. Warns on a file system without locks. *lock: -1 after a failure. */
 cln_status cln_hold(const char *folder, const char *does, const char *instead, int *lock);
 
 /* Release: the file stays, empty. Remove: it goes, too. Both accept a negative lock. */

@@ -73,7 +73,7 @@ typedef struct cln_agreement {
  * it was interrupted. Free *out in any case. */
 cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln_agreement *out);
 
-/* Are the poses of photos that EXIF data turn of turned pixels, although they are taken as stored? */
+/* Are the poses of photos that EXIF data turn of turned pixels, taken as stored here? */
 bool cln_agree_turned(const cln_agreement *a);
 bool cln_agree_stored(const cln_agreement *a); /* are they of stored ones, by what photos show? */
 void cln_agreement_free(cln_agreement *a);

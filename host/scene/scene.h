@@ -214,8 +214,8 @@ void cln_scene_warn_wide(const cln_scene *scene);
 enum { CLN_EMPTY_BYTES = 1024 };
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 
-/* Likewise: does alpha, or a mask, hide nothing in a few of them, where most of a photo is hidden in
- * the others? */
+/* Likewise: does alpha, or a mask, hide nothing in a few of them, where most of a photo is hidden
+ * in the others? */
 bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 
 /* Gives views that count as training views, as the scene names none, their own splits again. */
@@ -262,8 +262,8 @@ cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint6
  * 6 or 8. Of mirrors half or quarter turns alone: the scene is not mirrored, either. */
 int cln_view_turn(const cln_view *view);
 
-/* Of a view whose pixels are as stored although EXIF data turn them: where (x, y) of these is in the
- * turned picture. False for other views, and where that has not the camera's shape. */
+/* Of a view whose pixels are as stored although EXIF data turn them: where (x, y) of these is in
+ * the turned picture. False for other views, and where that has not the camera's shape. */
 bool cln_view_turn_spot(const cln_view *view, float *x, float *y);
 
 /* Its camera as people see the photo: turned about its axis by cln_view_turn, with the size, focal

@@ -269,7 +269,8 @@ section_reused() {
     check "differ in the seed" grep -qE '^  seed +7 +2$' "$work/out"
     run "$cln" train "$work/scene" -o "$work/halved" "${tiny[@]}" --steps 1 --downscale 2 --json
     expect "settings that are of the other scene are told" 0 "~taken.over,.too:.--downscale=2$" \
-        "$cln" train "$work/scene" -o "$work/halved again" --settings-of "$work/halved" "${plain[@]}"
+        "$cln" train "$work/scene" -o "$work/halved again" --settings-of "$work/halved" \
+        "${plain[@]}"
     expect "a preset, too" 2 "--settings-of --preset" "$cln" train "$work/scene" -o "$work/none" \
         --settings-of "$work/first" --preset voxel
     expect "of what is no run" 3 "~settings-of" "$cln" train "$work/scene" -o "$work/none" \
