@@ -1,5 +1,5 @@
-/* Edges of a mesh that other than two triangles have: of an open one, and where fewer triangles made
- * parts touch. What prints takes such a mesh for torn. Knows no run and no file. */
+/* Edges of a mesh that other than two triangles have: of an open one, and where fewer triangles
+ * made parts touch. What prints takes such a mesh for torn. Knows no run and no file. */
 #ifndef CLN_CROWDED_H
 #define CLN_CROWDED_H
 

@@ -884,6 +884,19 @@ section_results() {
     run "$cln" render "$r" --orbit 2 --width 16 -o "$work/two paths" --progress none
     check "alone in it, render.json is as if nothing had been" cmp "$work/one path/render.json" \
         "$work/two paths/render.json"
+    # two renders at once would mix their frames
+    env --default-signal=INT "$cln" render "$r" --orbit 5000 --width 64 -o "$work/held" -q \
+        >/dev/null 2>&1 &
+    c=$!
+    for _ in $(seq 100); do
+        [ ! -e "$work/held/render.json" ] || break
+        sleep 0.1
+    done
+    expect "a folder that another process renders into" 7 \
+        "~held:.process.$c.on.*renders.into ~-o" "$cln" render "$r" --orbit 1 -o "$work/held"
+    kill -INT $c
+    wait $c
+    check "is free when that ends" [ ! -e "$work/held/lock" ]
     "$make_scene" "$work/cut" --size 16 --train 2 --test 1 >/dev/null
     echo broken >"$work/cut/test/r_000.png"
     expect "poses whose photo is broken" 3 "r_000.png" "$cln" render "$r" \
