@@ -215,23 +215,47 @@ static json_t *describe(const cln_render_job *j)
     return about;
 }
 
-/* Whether the folder's newest render was of the same poses as this one, so that its depth pictures
- * are on the scale that render.json tells. */
-static bool is_of_before(const cln_render_job *j)
+/* Whether the folder's newest render was of the same poses as this one, perhaps of another --frames
+ * range of them. */
+static bool is_of_path(const cln_render_job *j, bool range)
 {
-    static const char *const others[] = {"tool", "frames", "earlier_frames", "depth_picture"};
+    static const char *const others[] = {"tool", "frames", "earlier_frames", "depth_picture",
+                                         "range"};
+    const size_t count = sizeof others / sizeof *others - !range;
     json_t *now = describe(j), *before = json_copy(j->before);
     bool same = false;
 
-    for (size_t i = 0; i < sizeof others / sizeof *others && now && before; i++) {
+    for (size_t i = 0; i < count && now && before; i++) {
         json_object_del(now, others[i]);
         json_object_del(before, others[i]);
     }
-    same = now && before && json_equal(now, before) &&
-           json_integer_value(json_object_get(j->before, "earlier_frames")) == j->earlier;
+    same = now && before && json_equal(now, before);
     json_decref(now);
     json_decref(before);
     return same;
+}
+
+/* Whether it was of these very frames, so that its depth pictures are on the scale that render.json
+ * tells. */
+static bool is_of_before(const cln_render_job *j)
+{
+    return is_of_path(j, false) &&
+           json_integer_value(json_object_get(j->before, "earlier_frames")) == j->earlier;
+}
+
+/* The scale of the depth pictures of other frames of this path, which stay: a film must not
+ * flicker. False if there is none. */
+static bool take_scale(const cln_render_job *j, cln_depth_scale *scale)
+{
+    const json_t *picture = json_object_get(j->before, "depth_picture");
+    const double near = json_number_value(json_object_get(picture, "near"));
+    const double far = json_number_value(json_object_get(picture, "far"));
+
+    if (j->earlier == 0 || !(near > 0 && far > near) || !is_of_path(j, true))
+        return false;
+    scale->low = (float)(1 / far);
+    scale->high = (float)(1 / near);
+    return true;
 }
 
 cln_status cln_render_find_there(cln_render_job *j)
@@ -279,14 +303,17 @@ static const char *word_of(const cln_render_job *j, const cln_render_frame *f, c
 
 cln_status cln_render_refuse_others(const cln_render_job *j)
 {
+    enum { NAMED = 3 };
     cln_status st = CLN_OK;
     const char *word = NULL;
     char *path = NULL;
-    int others = 0;
+    char names[256] = "";
+    int others = 0, alike = 0;
 
     for (int i = 0; i < j->count && !j->desc->overwrite; i++) {
         const cln_render_frame *f = &j->frames[i];
 
+        alike += f->there;
         if (f->alike)
             continue;
         free(path);
@@ -296,13 +323,23 @@ cln_status cln_render_refuse_others(const cln_render_job *j)
             continue;
         if (!word)
             word = word_of(j, f, path);
+        if (others < NAMED)
+            snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s",
+                     others ? ", " : "", f->name);
         others++;
     }
-    if (others > 0)
+    if (others > 0 && alike == 0)
         st = cln_fail(CLN_OUTPUT,
                       "%s: has %d of these frames already, but %s; --overwrite replaces %s, -o "
                       "names another folder",
                       j->desc->out, others, word, cln_plural(others, "it", "them"));
+    else if (others > 0)
+        st = cln_fail(CLN_OUTPUT,
+                      "%s: has %d of these %d frames already (%s%s), but %s; remove %s to have %s "
+                      "rendered alone, --overwrite renders all again, -o names another folder",
+                      j->desc->out, others, j->count, names, others > NAMED ? ", ..." : "", word,
+                      cln_plural(others, "its .png", "their .png"),
+                      cln_plural(others, "it", "these"));
 done:
     free(path);
     return st;
@@ -549,9 +586,10 @@ cln_status cln_render_draw_depths(const cln_render_job *j)
     float *depth = NULL;
     uint8_t *opacity = NULL;
     char *path = NULL;
+    const bool taken = take_scale(j, &scale);
 
     for (int pass = 0; pass < 2; pass++) {
-        for (int i = 0; i < j->count; i++) {
+        for (int i = 0; i < j->count && !(taken && pass == 0); i++) {
             const cln_render_frame *f = &j->frames[i];
             const size_t n = (size_t)cln_render_width(j, f) * (size_t)f->camera.height;
 
@@ -573,7 +611,8 @@ cln_status cln_render_draw_depths(const cln_render_job *j)
             path = NULL;
         }
         if (pass == 0) { /* while a picture is missing, the next rendering draws them again */
-            cln_depth_scale_make(&scale);
+            if (!taken)
+                cln_depth_scale_make(&scale);
             CLN_TRY(cln_render_write_about(j, &scale));
         }
     }

@@ -884,6 +884,20 @@ section_results() {
     run "$cln" render "$r" --orbit 2 --width 16 -o "$work/two paths" --progress none
     check "alone in it, render.json is as if nothing had been" cmp "$work/one path/render.json" \
         "$work/two paths/render.json"
+    run "$cln" render "$r" --orbit 4 --width 16 -o "$work/four" --progress none
+    cp -r "$work/four" "$work/four more"
+    expect "one of its frames again" 0 "" "$cln" render "$r" --orbit 4 --width 16 --frames 2 \
+        --overwrite -o "$work/four more"
+    check "its picture of depth is on the scale of the others" cmp \
+        "$work/four/orbit_0002.depth.png" "$work/four more/orbit_0002.depth.png"
+    run "$cln" render "$r" --orbit 4 --width 16 -o "$work/four" --frames 2-3 --overwrite \
+        --background black
+    expect "some frames that would be others: they are named" 7 \
+        "~2.of.these.4.frames.*.orbit_0002,.orbit_0003. ~remove.their..png" "$cln" render "$r" \
+        --orbit 4 --width 16 -o "$work/four"
+    rm "$work/four/orbit_0002.png" "$work/four/orbit_0003.png"
+    run "$cln" render "$r" --orbit 4 --width 16 -o "$work/four"
+    check "without them, they alone are rendered" grep -q "2 rendered .*, 2 left" "$work/out"
     # two renders at once would mix their frames
     env --default-signal=INT "$cln" render "$r" --orbit 5000 --width 64 -o "$work/held" -q \
         >/dev/null 2>&1 &
