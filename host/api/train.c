@@ -513,6 +513,20 @@ static cln_status check_nothing_left(cln_trainer *t, const cln_config *config,
     return CLN_OK;
 }
 
+/* A run that a smaller budget trains no further keeps the one that it used up. */
+static void keep_budget(cln_trainer *t, cln_config *config, const cln_config *saved)
+{
+    if (!cln_loop_used_up(t) || saved->steps <= 0 || t->model.step < saved->steps)
+        return;
+    config->steps = saved->steps;
+    config->epochs = saved->epochs;
+    config->time_limit = saved->time_limit;
+    t->steps = config->steps;
+    t->model.config.steps = config->steps;
+    t->model.config.epochs = config->epochs;
+    t->model.config.time_limit = config->time_limit;
+}
+
 /* Warns of points of --eval-at that no step comes to. A number alone is a step. */
 static void warn_points(const cln_trainer *t, const cln_config *c)
 {
@@ -639,6 +653,7 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(place_photos(t, &config));
     t->steps = config.steps;
     CLN_TRY(check_nothing_left(t, &config, &saved));
+    keep_budget(t, &config, &saved);
     warn(t, &config, &saved);
     CLN_TRY(stop_early(t)); /* reading the photos may have taken long */
     t->device->turn.due = true;

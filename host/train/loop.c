@@ -52,9 +52,11 @@ static void say_used_up(const cln_trainer *t)
         snprintf(more, sizeof more, "--steps +%d", c->steps);
     else
         snprintf(more, sizeof more, "--epochs +%d", c->epochs);
-    cln_info("nothing is left to train: the budget of %s is used up; to go on: `cl-nascent train "
-             "--resume %s %s`",
-             budget, cln_shell_quote(t->desc->run, run, sizeof run), more);
+    /* less than it had is a mistake: who wants so many more has to say + */
+    cln_log(t->steps > 0 && t->steps < t->model.step ? CLN_LOG_WARN : CLN_LOG_INFO,
+            "nothing is left to train: the budget of %s is used up; to go on: `cl-nascent train "
+            "--resume %s %s`",
+            budget, cln_shell_quote(t->desc->run, run, sizeof run), more);
 }
 
 bool cln_loop_used_up(cln_trainer *t)

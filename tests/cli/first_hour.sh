@@ -486,6 +486,10 @@ section_training() {
     expect "a budget below what was trained" 0 "~used.up" "$cln" train --resume "$r" \
         "${plain[@]}" --steps 3 --json
     step=$(json step)
+    run "$cln" train "$s" --no-conf "${plain[@]}" --steps 4 -o "$work/four steps" -q
+    expect "a budget below its steps: a warning" 0 "~warning.*used.up" "$cln" train \
+        --resume "$work/four steps" --steps 2 -q
+    check "and the run keeps its own" [ "$("$query" config.steps <"$work/four steps/run.json")" = 4 ]
     expect "resumed from another folder" 0 "" \
         bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${plain[@]}" --steps +1 -q
     step=$((step + 1))
