@@ -125,8 +125,11 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
                             "the evaluation's pictures");
         if (st == CLN_OUTPUT && (why = strdup(cln_error_text()))) {
             cln_clear_error();
-            (void)cln_fail(st, "%s: with -o, or print the figures alone with --no-save-images",
-                           why);
+            (void)cln_fail(
+                st,
+                "%s: with -o, or see the figures alone with --no-save-images, which then "
+                "ends with exit code 7, as the run cannot keep them",
+                why);
         }
         CLN_TRY(st);
     }
