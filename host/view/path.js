@@ -227,8 +227,8 @@ async function openPath(file) {
     const read = JSON.parse(await file.text());
     const few = (list) => list.length <= 50 ? list : Array.from({length: 50}, (_, i) =>
       list[Math.round(i * (list.length - 1) / 49)]);
-    const from = (read.keyframes || []).length > 1 ? read.keyframes :
-      few(read.camera_path || read.frames || []);
+    const views = (read.keyframes || []).length > 1 ? null : read.camera_path || read.frames || [];
+    const from = views ? few(views) : read.keyframes;
     const found = from.map((k) => {
       const c = fromNerfstudio(k.matrix || k.camera_to_world || k.transform_matrix);
       const high = Number(k.fov) || fovOf(read, k);
@@ -241,12 +241,15 @@ async function openPath(file) {
     if (found.length < 2) throw new Error('it has fewer than two views');
     const box = readCrop(read.crop);
     keyframes = found;
-    if (read.seconds > 0) $('seconds').value = read.seconds;
     if (read.fps > 0) $('fps').value = read.fps;
+    if (read.seconds > 0) $('seconds').value = read.seconds;
+    else if (views) $('seconds').value = views.length / perSecond(); /* as many as it has */
     $('cycle').checked = Boolean(read.is_cycle);
     openCrop(box);
     listKeys();
     fly(keyframes[0]);
+    if (views && views.length > from.length)
+      say(`${file.name} has ${views.length} views: the path goes through ${from.length} of them.`);
   } catch (error) {
     say(`${file.name} is not a camera path: ${error.message}`);
   }

@@ -559,6 +559,7 @@ def open_paths(page):
           await open({camera_path: poses.map((c) => ({camera_to_world: toNerfstudio(c),
             fov: 50}))});
           all.push(keyframes.length, keyframes[0].p[0], keyframes[keyframes.length - 1].p[0]);
+          const frames = framesOfPath().length, said = $('message').textContent;
           $('seconds').value = 3600;
           $('fps').value = 120;
           all.push(framesOfPath(), $('message').textContent);
@@ -566,6 +567,7 @@ def open_paths(page):
           $('fps').value = 24;
           await makeFilm();
           all.push($('message').textContent);
+          all.push(frames, said);
           keyframes = before;
           $('seconds').value = long;
           $('background').value = looked;
@@ -579,6 +581,8 @@ def open_paths(page):
     page.check('a file with a broken box changes nothing', got[2] == 4 * [True], got[2])
     page.check('of 120 poses 50 are taken, from the first to the last', got[3:6] == [50, 0, 119],
                got[3:6])
+    page.check('and the path has as many frames as the file, which is told',
+               got[9] == 120 and '120 views' in got[10] and '50 of them' in got[10], got[9:])
     page.check('more frames than can be rendered are refused, with the number',
                got[6] is None and '432,000' in got[7] and '100,000' in got[7], got[7])
     page.check('a film of too many is refused, with the number',

@@ -489,7 +489,8 @@ section_training() {
     run "$cln" train "$s" --no-conf "${plain[@]}" --steps 4 -o "$work/four steps" -q
     expect "a budget below its steps: a warning" 0 "~warning.*used.up" "$cln" train \
         --resume "$work/four steps" --steps 2 -q
-    check "and the run keeps its own" [ "$("$query" config.steps <"$work/four steps/run.json")" = 4 ]
+    check "and the run keeps its own" \
+        [ "$("$query" config.steps <"$work/four steps/run.json")" = 4 ]
     expect "resumed from another folder" 0 "" \
         bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${plain[@]}" --steps +1 -q
     step=$((step + 1))
