@@ -529,6 +529,8 @@ typedef struct cln_export_result {
     double area;          /* mesh: in square units of what is written */
     int64_t open_edges;   /* mesh: those without a triangle on either side; 0 = it is closed */
     double volume;        /* of a closed mesh: what it encloses, in cubic units; else 0 */
+    double unseen;        /* mesh, with `closed`: share of its area that no training view sees */
+    double taken_off[3];  /* STL: of coordinates that 32-bit numbers cannot hold; else 0 */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or `scale`

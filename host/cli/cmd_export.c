@@ -79,6 +79,12 @@ static cln_status print_document(const cln_options *options, const cln_export_re
         json_object_set_new(document, "open_edges", json_integer((json_int_t)r->open_edges));
         json_object_set_new(document, "volume",
                             r->open_edges == 0 ? json_real(r->volume) : json_null());
+        if (options->closed)
+            json_object_set_new(document, "unseen_share", json_real(r->unseen));
+        if (r->taken_off[0] != 0 || r->taken_off[1] != 0 || r->taken_off[2] != 0)
+            json_object_set_new(
+                document, "taken_off",
+                json_pack("[f,f,f]", r->taken_off[0], r->taken_off[1], r->taken_off[2]));
     }
     if (r->refined)
         json_object_set_new(document, "refined_poses", json_true());

@@ -6,6 +6,7 @@
 #include <string.h>
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "export/crowded.h"
 #include "export/reduce.h"
@@ -39,15 +40,23 @@ void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts)
     job->result->faces_left_out = (int64_t)parts->left_out;
 }
 
-/* STL has floats alone. */
-static cln_status write_stl(const char *file, const cln_mesh *mesh)
+/* STL has floats alone. Coordinates that are too large for them, as of a survey, begin elsewhere. */
+static cln_status write_stl(cln_export_job *job, const char *file, cln_mesh *mesh)
 {
     const double rounding = cln_mesh_rounding(mesh);
+    double *off = job->result->taken_off;
 
-    if (rounding > mesh->fine / 1000)
-        cln_warn("%s: STL has 32-bit numbers, which move these coordinates by up to %.2g units, "
-                 "where a finest cell has %.2g; .ply keeps them",
-                 file, rounding, mesh->fine);
+    if (rounding > mesh->fine / 1000) {
+        for (int a = 0; a < 3; a++)
+            off[a] = floor(mesh->origin[a]);
+        for (size_t i = 0; i < mesh->vertices; i++)
+            for (int a = 0; a < 3; a++)
+                mesh->at[i][a] -= off[a];
+        cln_warn("%s: %.17g,%.17g,%.17g were taken off all coordinates, as STL has 32-bit numbers, "
+                 "which would move them by up to %.2g units, where a finest cell has %.2g; .ply "
+                 "keeps them",
+                 file, off[0], off[1], off[2], rounding, mesh->fine);
+    }
     return cln_mesh_write_stl(file, mesh);
 }
 
@@ -115,6 +124,24 @@ static void tell_cut(cln_export_job *job, const char *what, const double box[6],
                  what, core.half);
 }
 
+/* Area of a triangle. normal: of this length, outwards. */
+static double area_of(const cln_mesh *mesh, size_t f, double normal[3])
+{
+    const uint32_t *v = mesh->face[f];
+    double side[2][3], square = 0;
+
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < 3; a++)
+            side[k][a] = mesh->at[v[k + 1]][a] - mesh->at[v[0]][a];
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+
+        normal[a] = (side[0][b] * side[1][c] - side[0][c] * side[1][b]) / 2;
+        square += normal[a] * normal[a];
+    }
+    return sqrt(square);
+}
+
 /* Area, and what closed triangles enclose, as they are written. */
 static cln_status measure(cln_export_job *job, const cln_mesh *mesh)
 {
@@ -124,18 +151,12 @@ static cln_status measure(cln_export_job *job, const cln_mesh *mesh)
 
     CLN_TRY(cln_mesh_count_edges(mesh, &edges));
     for (size_t f = 0; f < mesh->faces; f++) {
-        double p[3][3], normal[3];
+        double normal[3];
+        const double *first = mesh->at[mesh->face[f][0]];
 
-        for (int k = 0; k < 3; k++)
-            for (int a = 0; a < 3; a++) {
-                p[k][a] = mesh->at[mesh->face[f][k]][a] - mesh->origin[a];
-                p[k][a] -= k > 0 ? p[0][a] : 0;
-            }
+        area += area_of(mesh, f, normal);
         for (int a = 0; a < 3; a++)
-            normal[a] =
-                p[1][(a + 1) % 3] * p[2][(a + 2) % 3] - p[1][(a + 2) % 3] * p[2][(a + 1) % 3];
-        area += sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]) / 2;
-        volume += (p[0][0] * normal[0] + p[0][1] * normal[1] + p[0][2] * normal[2]) / 6;
+            volume += (first[a] - mesh->origin[a]) * normal[a] / 3;
     }
     job->result->area = mesh->scale * mesh->scale * area;
     job->result->open_edges = (int64_t)edges.open;
@@ -172,7 +193,7 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
     else if (glb)
         CLN_TRY(cln_mesh_write_glb(file, mesh));
     else if (cln_export_ends(file, ".stl"))
-        CLN_TRY(write_stl(file, mesh));
+        CLN_TRY(write_stl(job, file, mesh));
     else
         CLN_TRY(cln_mesh_write_ply(file, mesh));
     job->result->vertices = (int64_t)mesh->vertices;
@@ -203,6 +224,39 @@ static cln_status tell_loose(const cln_surface *surface)
              cln_plural((double)parts.parts - 1, "it", "them"));
 done:
     return st;
+}
+
+/* Tells how much of a closed surface no training view sees, which is made up: below what stands on
+ * the ground, say. */
+static void tell_unseen(cln_export_job *job, const cln_surface *surface, const cln_mesh *mesh)
+{
+    double all = 0, unseen = 0,
+           box[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
+    int n = 0;
+
+    for (size_t f = 0; f < mesh->faces; f++) {
+        const uint32_t *v = mesh->face[f];
+        const double area = area_of(mesh, f, (double[3]){0});
+        bool seen = false;
+
+        all += area;
+        for (int k = 0; k < 3; k++)
+            for (int a = 0; a < 3; a++)
+                seen = seen || surface->towards[v[k]][a] != 0;
+        unseen += seen ? 0 : area;
+        for (int k = 0; k < 3 && !seen; k++)
+            for (int a = 0; a < 3; a++) {
+                box[a] = fmin(box[a], mesh->at[v[k]][a]);
+                box[3 + a] = fmax(box[3 + a], mesh->at[v[k]][a]);
+            }
+    }
+    if (!(unseen > 0))
+        return;
+    job->result->unseen = unseen / all;
+    n = cln_reals_digits(6, box, fmax(fmax(box[3] - box[0], box[4] - box[1]), box[5] - box[2]));
+    cln_info("%.2g %% of the surface is what no training view sees, within "
+             "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g: size and volume have it, too; --crop cuts it off",
+             100 * unseen / all, n, box[0], n, box[1], n, box[2], n, box[3], n, box[4], n, box[5]);
 }
 
 cln_status cln_export_mesh(cln_export_job *job)
@@ -236,6 +290,8 @@ cln_status cln_export_mesh(cln_export_job *job)
     mesh.face = surface.face;
     mesh.faces = surface.faces;
     memcpy(mesh.origin, job->opened.model.space.centre, sizeof mesh.origin);
+    if (desc->closed)
+        tell_unseen(job, &surface, &mesh);
     if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
         job->result->faces_before = (int64_t)mesh.faces;
         CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error,

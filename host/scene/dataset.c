@@ -52,7 +52,9 @@ cln_status cln_dataset_name(const char *where, const char *file_path, char **out
     if (!cln_utf8_valid(name)) {
         cln_utf8_repair(name);
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: the image name '%s' is not UTF-8, as JSON must be; rename the image",
+                         "%s: the image name '%s' is not UTF-8, as this file must be: save it in "
+                         "UTF-8 (an older editor's files: iconv -f CP1252 -t UTF-8), or rename the "
+                         "image",
                          where, name));
     }
     *out = name;

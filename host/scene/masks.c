@@ -68,6 +68,7 @@ static cln_status find_in_folder(cln_moved *masks, cln_view *view, int *other_si
     cln_status st = CLN_OK;
     char *name = NULL, *path = NULL;
     const int before = *other_size;
+    const bool out = view->leads_out || cln_path_leads_out(view->name); /* of another machine */
 
     for (size_t i = 0; i < sizeof forms / sizeof *forms && *other_size == before; i++) {
         free(name);
@@ -76,7 +77,7 @@ static cln_status find_in_folder(cln_moved *masks, cln_view *view, int *other_si
         CLN_TRY(cln_asprintf(&name, "%.*s%s",
                              forms[i].stem ? stem_of(view->name) : (int)strlen(view->name),
                              view->name, forms[i].behind));
-        CLN_TRY(cln_moved_find(masks, name, false, &path));
+        CLN_TRY(cln_moved_find(masks, name, out, &path));
         if (!path || strcmp(path, view->path) == 0 || !take(path, view, other_size))
             continue;
         path = NULL;

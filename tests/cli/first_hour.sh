@@ -834,8 +834,13 @@ section_results() {
     expect "cameras of a scene with a shell, as a survey has it" 0 "~--bbox=.*--space.shell" \
         "$cln" export "$work/terrain run" --cameras "$work/terrain/cameras.json"
     set -- "$(sed -n 's/.*\(--bbox=[-+.e0-9,]*\).*/\1/p' "$work/err")"
-    expect "a survey for a slicer: what floats lose" 0 "~STL.*move.*\.ply" \
-        "$cln" export "$work/terrain run" --mesh "$work/terrain/slicer.stl"
+    expect "a survey for a slicer: floats begin elsewhere" 0 "~taken.off.*STL.*\.ply" \
+        "$cln" export "$work/terrain run" --mesh "$work/terrain/slicer.stl" --closed --json
+    check "at whole numbers" eval '[[ $(json taken_off.0) =~ ^[45][0-9]{5}\.0$ ]]'
+    check "its corners are near 0" eval 'od -An -tf4 -j96 -N12 "$work/terrain/slicer.stl" |
+        awk "{ exit !(\$1 * \$1 < 1e6 && \$2 * \$2 < 1e6 && \$3 * \$3 < 1e6) }"'
+    check "what no view sees is told" number_above "$(json unseen_share)" 0.001
+    check "and what the mesh encloses" number_above "$(json volume)" 0
     expect "its size, and where it is" 0 "" "$cln" export "$work/terrain run" \
         --mesh "$work/terrain/web.glb" --scale 0.001 --json
     check "as crop boxes are given" [ "$(json box.0 | cut -c 1-2)" = 49 ]

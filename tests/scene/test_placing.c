@@ -99,6 +99,31 @@ static void test_mask_names(void **state)
     }
 }
 
+/* Photos named by paths of another machine: masks by what the photos are called. */
+static void test_other_machine(void **state)
+{
+    const char *folder = *state, *images = scratch_path(folder, "sparse/0/images.txt");
+    char *text = NULL, *at = NULL, all[8192] = "";
+    size_t bytes = 0;
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    format_images(scratch_path(folder, "images"), 1);
+    format_colmap(scratch_path(folder, "sparse/0"), false, cameras, NULL, NULL, 0);
+    text = scratch_get(images, &bytes);
+    for (char *from = text; (at = strstr(from, "view_")); from = at + 1)
+        snprintf(all + strlen(all), sizeof all - strlen(all), "%.*sD:\\P\\v", (int)(at - from),
+                 from);
+    for (char *last = strrchr(text, 'v'); last; last = NULL)
+        snprintf(all + strlen(all), sizeof all - strlen(all), "%s", last + 1);
+    scratch_put(images, all, strlen(all));
+    free(text);
+    put_folder(folder, "masks");
+    put_image(folder, "masks/view_00.png.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 200);
+    put_image(folder, "masks/view_01.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 200);
+    expect_masks(folder, "masks/view_00.png.png", "masks/view_01.png", "of 6 photos have a mask");
+}
+
 /* What lies beside a scene whose photos are in its own folder is another one's. */
 static void test_masks_beside_a_scene(void **state)
 {
@@ -213,6 +238,7 @@ int test_group_placing(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_mask_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_other_machine, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks_beside_a_scene, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_shared_mask, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_llff_masks, scratch_make, scratch_remove),
