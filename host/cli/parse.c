@@ -125,15 +125,22 @@ done:
     return st;
 }
 
+/* Is the argument an option of one letter, "-q"? */
+static bool is_letter(const parser *p, const char *argument)
+{
+    return argument[0] == '-' && argument[1] && !argument[2] &&
+           cln_arg_find_letter(p->out->command, argument[1]);
+}
+
 /* The value of an option: after '=', or the next argument. Negative numbers are values; an argument
- * that starts with "--" is the next option. */
+ * that starts with "--", or is an option of one letter, is the next option. */
 static cln_status take_value(parser *p, const char *name, const char *form, const char *attached,
                              const char **text)
 {
     *text = attached;
     if (attached)
         return CLN_OK;
-    if (p->at >= p->argc || strncmp(p->argv[p->at], "--", 2) == 0)
+    if (p->at >= p->argc || strncmp(p->argv[p->at], "--", 2) == 0 || is_letter(p, p->argv[p->at]))
         return cln_fail(CLN_USAGE, "--%s needs a value: --%s %s", name, name, form);
     *text = p->argv[p->at++];
     return CLN_OK;

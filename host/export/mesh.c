@@ -40,7 +40,7 @@ void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts)
     job->result->faces_left_out = (int64_t)parts->left_out;
 }
 
-/* STL has floats alone. Coordinates that are too large for them, as of a survey, begin elsewhere. */
+/* STL has floats alone. Coordinates that are too large for them, a survey's, begin elsewhere. */
 static cln_status write_stl(cln_export_job *job, const char *file, cln_mesh *mesh)
 {
     const double rounding = cln_mesh_rounding(mesh);

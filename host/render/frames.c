@@ -158,6 +158,11 @@ static cln_status of_orbit(const cln_render_desc *desc, const cln_orbit_frame *s
     if (seen->guessed)
         cln_up_warn("the orbit", seen->up);
     CLN_TRY(cln_orbit_make(seen, desc, &orbit));
+    if (!orbit.circle)
+        cln_info(
+            "orbit: to and fro in an arc of %.0f degrees, where the training cameras stand, so "
+            "most frames come twice; --circle goes around",
+            2 * orbit.swing / 0.017453292519943295);
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {
         cln_orbit_camera(&orbit, i, count, &out->frame[i].camera);

@@ -7,7 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/film.h"
 #include "io/names.h"
 #include "render/frames.h"
@@ -192,13 +194,14 @@ static size_t common_folder(char *const *names, int count)
 
 /* Names frames by their files, if these are named from the root, as programs for films do, without
  * the folder that has all; further frames of a file also get their numbers. */
-static cln_status name_frames(char *const *names, bool from_root, cln_frames *out)
+static cln_status name_frames(const char *path, char *const *names, bool from_root, cln_frames *out)
 {
     cln_status st = CLN_OK;
     const size_t within = from_root ? common_folder(names, out->count) : 0;
     json_t *known = json_object();
-    const char **shorter = NULL;
+    const char **shorter = NULL, *twice = NULL;
     char **files = NULL;
+    int count = 0;
 
     CLN_TRY(cln_alloc(&files, (size_t)out->count, sizeof *files, "poses"));
     CLN_TRY(cln_alloc(&shorter, (size_t)out->count, sizeof *shorter, "poses"));
@@ -208,12 +211,18 @@ static cln_status name_frames(char *const *names, bool from_root, cln_frames *ou
     for (int i = 0; i < out->count; i++) {
         if (json_object_get(known, files[i])) {
             CLN_TRY(cln_asprintf(&out->frame[i].name, "%s-%04d", files[i], i));
+            twice = count++ ? twice : out->frame[i].name;
         } else {
             out->frame[i].name = files[i];
             files[i] = NULL;
             json_object_set_new(known, out->frame[i].name, json_true());
         }
     }
+    if (count > 0)
+        cln_warn("%s: %d of its frames %s the name of another one, so %s called like '%s', with %s "
+                 "place in the file",
+                 path, count, cln_plural(count, "has", "have"),
+                 cln_plural(count, "it is", "they are"), twice, cln_plural(count, "its", "their"));
 done:
     for (int i = 0; files && i < out->count; i++)
         free(files[i]);
@@ -243,7 +252,7 @@ static cln_status read_frames(const char *path, const json_t *root, int width, i
         camera->height = height;
         CLN_TRY(cln_transforms_camera(folder, path, root, i, &names[i], camera));
     }
-    CLN_TRY(name_frames(names, from_root, out));
+    CLN_TRY(name_frames(path, names, from_root, out));
 done:
     for (int i = 0; names && i < out->count; i++)
         free(names[i]);

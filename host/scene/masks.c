@@ -110,13 +110,20 @@ done:
     return st;
 }
 
+/* May a folder of this name have masks, although none are looked for there? */
+static bool is_nearly_called(const char *name)
+{
+    return (strncasecmp(name, "mask", 4) == 0 && strncasecmp(name, "masked", 6) != 0) ||
+           strncasecmp(name, "masque", 6) == 0;
+}
+
 /* The only folder of `base` that is called so; `masks` as it stands goes first. NULL if there is
  * none, or no telling which. */
 static cln_status find_called(const char *base, char **out)
 {
     cln_status st = CLN_OK;
     cln_names names = {0};
-    const char *found = NULL;
+    const char *found = NULL, *nearly = NULL;
     int count = 0;
 
     if (cln_has_dir(base, "masks"))
@@ -131,7 +138,11 @@ static cln_status find_called(const char *base, char **out)
         if (!strcasecmp(names.name[i], "masks") || !strcasecmp(names.name[i], "mask")) {
             found = names.name[i];
             count++;
+        } else if (is_nearly_called(names.name[i])) {
+            nearly = names.name[i];
         }
+    if (count == 0 && nearly)
+        cln_warn("%s/%s: is not read; if it has masks, call it masks", base, nearly);
     if (count == 1)
         CLN_TRY(cln_path_join(out, base, found));
     else if (count > 1)

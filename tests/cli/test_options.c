@@ -663,6 +663,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train s -o r --steps --skip", "--steps needs a value"},
         {"train s -o r --json=1", "--json takes no value"},
         {"train s -o", "--output needs a value"},
+        {"train s -o -q", "--output needs a value"},
         {"train s -o r --steps 5x", "--steps|'5x'|whole number"},
         {"train s -o r --steps 1.5", "--steps|'1.5'"},
         {"train s -o r --steps -1", "--steps|'-1'|0 to"},
