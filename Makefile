@@ -86,7 +86,8 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(if $(UTF8PROC),-DCLN_WITH_UTF8PROC) \
              -ffile-prefix-map="$(CURDIR)"=. $(shell $(PKG_CONFIG) --cflags $(PKGS)) \
              $(CPPFLAGS) $(CFLAGS)
-LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(MESHOPTIMIZER:%=-l% )-lm -lpthread
+LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(if $(UTF8PROC),-lutf8proc )\
+               $(MESHOPTIMIZER:%=-l% )-lm -lpthread
 LDLIBS_ALL = $(shell $(PKG_CONFIG) --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
              -lm -lpthread $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
 
@@ -203,7 +204,7 @@ $P/cl-nascent.pc: include/cl_nascent.h Makefile FORCE
 	   echo 'Name: cl-nascent'; \
 	   echo 'Description: Posed photos in, views from anywhere out, on any OpenCL device'; \
 	   echo 'Version: $(VERSION)'; \
-	   echo 'Requires.private: $(filter-out libmicrohttpd,$(PKGS)) $(MPI_PKG)'; \
+	   echo 'Requires.private: $(filter-out libmicrohttpd libutf8proc,$(PKGS)) $(MPI_PKG)'; \
 	   echo 'Libs: -L$${libdir} -lcl-nascent'; \
 	   echo 'Libs.private: $(LIBS_PRIVATE)'; \
 	   echo 'Cflags: -I$${includedir}'; } > $@.new
