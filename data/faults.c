@@ -1,4 +1,4 @@
-/* See faults.h. make_scene.c applies `axes`, `inverse` and `upright` when it writes the matrix. */
+/* See faults.h. write.c applies `axes`, `inverse` and `upright`, when it writes the matrix. */
 #include "faults.h"
 
 #include <math.h>

@@ -308,12 +308,12 @@ cln_status cln_render_refuse_others(const cln_render_job *j)
     const char *word = NULL;
     char *path = NULL;
     char names[256] = "";
-    int others = 0, alike = 0;
+    int others = 0, right = 0;
 
     for (int i = 0; i < j->count && !j->desc->overwrite; i++) {
         const cln_render_frame *f = &j->frames[i];
 
-        alike += f->there;
+        right += f->there;
         if (f->alike)
             continue;
         free(path);
@@ -328,7 +328,7 @@ cln_status cln_render_refuse_others(const cln_render_job *j)
                      others ? ", " : "", f->name);
         others++;
     }
-    if (others > 0 && alike == 0)
+    if (others > 0 && right == 0)
         st = cln_fail(CLN_OUTPUT,
                       "%s: has %d of these frames already, but %s; --overwrite replaces %s, -o "
                       "names another folder",

@@ -516,7 +516,10 @@ static cln_status check_nothing_left(cln_trainer *t, const cln_config *config,
 /* A run that a smaller budget trains no further keeps the one that it used up. */
 static void keep_budget(cln_trainer *t, cln_config *config, const cln_config *saved)
 {
-    if (!cln_loop_used_up(t) || saved->steps <= 0 || t->model.step < saved->steps)
+    const bool done = (saved->steps > 0 && t->model.step >= saved->steps) ||
+                      (saved->time_limit > 0 && t->model.train_seconds >= saved->time_limit);
+
+    if (!cln_loop_used_up(t) || !done)
         return;
     config->steps = saved->steps;
     config->epochs = saved->epochs;

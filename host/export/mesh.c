@@ -124,24 +124,6 @@ static void tell_cut(cln_export_job *job, const char *what, const double box[6],
                  what, core.half);
 }
 
-/* Area of a triangle. normal: of this length, outwards. */
-static double area_of(const cln_mesh *mesh, size_t f, double normal[3])
-{
-    const uint32_t *v = mesh->face[f];
-    double side[2][3], square = 0;
-
-    for (int k = 0; k < 2; k++)
-        for (int a = 0; a < 3; a++)
-            side[k][a] = mesh->at[v[k + 1]][a] - mesh->at[v[0]][a];
-    for (int a = 0; a < 3; a++) {
-        const int b = (a + 1) % 3, c = (a + 2) % 3;
-
-        normal[a] = (side[0][b] * side[1][c] - side[0][c] * side[1][b]) / 2;
-        square += normal[a] * normal[a];
-    }
-    return sqrt(square);
-}
-
 /* Area, and what closed triangles enclose, as they are written. */
 static cln_status measure(cln_export_job *job, const cln_mesh *mesh)
 {
@@ -154,7 +136,7 @@ static cln_status measure(cln_export_job *job, const cln_mesh *mesh)
         double normal[3];
         const double *first = mesh->at[mesh->face[f][0]];
 
-        area += area_of(mesh, f, normal);
+        area += cln_mesh_area(mesh, f, normal);
         for (int a = 0; a < 3; a++)
             volume += (first[a] - mesh->origin[a]) * normal[a] / 3;
     }
@@ -236,7 +218,7 @@ static void tell_unseen(cln_export_job *job, const cln_surface *surface, const c
 
     for (size_t f = 0; f < mesh->faces; f++) {
         const uint32_t *v = mesh->face[f];
-        const double area = area_of(mesh, f, (double[3]){0});
+        const double area = cln_mesh_area(mesh, f, (double[3]){0});
         bool seen = false;
 
         all += area;

@@ -12,6 +12,23 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "mesh.c is for little-
 
 enum { LINE = 256 };
 
+double cln_mesh_area(const cln_mesh *mesh, size_t f, double normal[3])
+{
+    const uint32_t *v = mesh->face[f];
+    double side[2][3], square = 0;
+
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < 3; a++)
+            side[k][a] = mesh->at[v[k + 1]][a] - mesh->at[v[0]][a];
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+
+        normal[a] = (side[0][b] * side[1][c] - side[0][c] * side[1][b]) / 2;
+        square += normal[a] * normal[a];
+    }
+    return sqrt(square);
+}
+
 double cln_mesh_rounding(const cln_mesh *mesh)
 {
     double largest = 0;

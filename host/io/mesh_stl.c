@@ -27,21 +27,12 @@ static void put_three(uint8_t **to, const double v[3])
 }
 
 /* Unit, outwards; 0 of a triangle without area. */
-static void find_normal(const cln_mesh *mesh, const uint32_t face[3], double normal[3])
+static void find_normal(const cln_mesh *mesh, size_t f, double normal[3])
 {
-    double side[2][3], length = 0;
+    const double area = cln_mesh_area(mesh, f, normal);
 
-    for (int k = 0; k < 2; k++)
-        for (int a = 0; a < 3; a++)
-            side[k][a] = mesh->at[face[k + 1]][a] - mesh->at[face[0]][a];
-    for (int a = 0; a < 3; a++) {
-        const int b = (a + 1) % 3, c = (a + 2) % 3;
-
-        normal[a] = side[0][b] * side[1][c] - side[0][c] * side[1][b];
-        length += normal[a] * normal[a];
-    }
-    for (int a = 0; a < 3 && length > 0; a++)
-        normal[a] /= sqrt(length);
+    for (int a = 0; a < 3 && area > 0; a++)
+        normal[a] /= area;
 }
 
 cln_status cln_mesh_write_stl(const char *path, const cln_mesh *mesh)
@@ -64,7 +55,7 @@ cln_status cln_mesh_write_stl(const char *path, const cln_mesh *mesh)
         uint8_t row[ROW] = {0};
 
         to = row;
-        find_normal(mesh, mesh->face[f], normal);
+        find_normal(mesh, f, normal);
         put_three(&to, normal);
         for (int k = 0; k < 3; k++)
             put_three(&to, mesh->at[mesh->face[f][k]]);

@@ -1,6 +1,7 @@
 /* Makes frames in the way that is asked for. See frames.h. */
 #include "render/frames.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -158,11 +159,11 @@ static cln_status of_orbit(const cln_render_desc *desc, const cln_orbit_frame *s
     if (seen->guessed)
         cln_up_warn("the orbit", seen->up);
     CLN_TRY(cln_orbit_make(seen, desc, &orbit));
-    if (!orbit.circle)
+    if (!orbit.circle && count > 2)
         cln_info(
             "orbit: to and fro in an arc of %.0f degrees, where the training cameras stand, so "
             "most frames come twice; --circle goes around",
-            2 * orbit.swing / 0.017453292519943295);
+            2 * orbit.swing * 180 / M_PI);
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {
         cln_orbit_camera(&orbit, i, count, &out->frame[i].camera);
