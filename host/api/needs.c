@@ -283,6 +283,7 @@ static cln_status add_memory(json_t *about, cln_device *device, const cln_scene 
     json_object_set_new(about, "device_memory_limit", json_real(room.device.limit));
     json_object_set_new(about, "host_memory", json_real(room.host.total));
     json_object_set_new(about, "host_memory_limit", json_real(room.host.limit));
+    json_object_set_new(about, "host_memory_needed", json_real(room.needed));
     if (isfinite(available))
         json_object_set_new(about, "host_memory_free", json_real(available));
     json_object_set_new(about, "photo_memory", json_real(desc.photos));

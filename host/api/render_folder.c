@@ -355,7 +355,10 @@ cln_status cln_render_check_folder(const char *out, json_t **before)
 
     CLN_TRY(cln_path_join(&path, out, "render.json"));
     if (cln_is_file(path)) {
-        CLN_TRY(cln_json_read(path, false, before));
+        st = cln_json_read(path, false, before);
+        if (st != CLN_OK)
+            cln_note("reading what an earlier render left; choose another folder with -o");
+        CLN_TRY(st);
         schema = json_string_value(json_object_get(*before, "schema"));
         if (!schema || strcmp(schema, SCHEMA) != 0)
             st = cln_fail(CLN_OUTPUT, "%s: its schema is %s, not %s; choose another folder with -o",

@@ -229,15 +229,20 @@ static bool divides_each(const json_t *dataset)
     return least && !json_equal(least, json_object_get(dataset, "downscale"));
 }
 
-/* The views that the run keeps, if a list said which are test: it need not be there any more, and
- * may have other names by now. Without them the list itself counts. */
+/* The views that the run keeps, which say what was test and what was trained on: photos may have
+ * come or gone since, and a list of test views need not be there any more, or may have other names
+ * by now. Where they cannot be read, only such a list is missed. */
 static cln_status read_kept(const char *run, const cln_config *config, cln_scene **kept)
 {
     cln_status st = CLN_OK;
 
-    if (!config->test_views[0] || !cln_has_file(run, CLN_CAMERAS_FILE))
+    if (!cln_has_file(run, CLN_CAMERAS_FILE))
         return CLN_OK;
     st = cln_cameras_read(run, kept);
+    if (st == CLN_INPUT && !config->test_views[0]) {
+        cln_clear_error();
+        return CLN_OK;
+    }
     if (st != CLN_OK)
         cln_note("looking for the test views of %s", run);
     return st;

@@ -5,6 +5,7 @@
 #include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
@@ -29,10 +30,29 @@ static const struct {
     {"checkpoint/latest", "a run without its run.json", "copy the run again, all of it"},
 };
 
+#define METASHAPE                                                                              \
+    "export from Metashape what is read: File > Export > Export Cameras, type Colmap (2.2 or " \
+    "later)"
+#define REALITY "export its registration from there in COLMAP's format, which is read"
+
+/* Files of other programs, by the endings of names and by what they hold near the beginning (NULL:
+ * not looked at). */
+static const struct {
+    const char *endings, *holds, *what, *advice;
+} programs[] = {
+    {" psx psz ", NULL, "a project of Metashape", METASHAPE},
+    {" xml ", "<chunk", "cameras of Metashape", METASHAPE},
+    {" rcproj rsproj ", NULL, "a project of RealityCapture", REALITY},
+    {" csv ", "#name,x,y,alt", "cameras of RealityCapture", REALITY},
+    {" json ", "\"sfm_data_version\"", "a scene of OpenMVG",
+     "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read"},
+};
+
 #define GIVE_SCENE                                                                            \
     "give the folder of a scene: photos with their poses, as a transforms.json or COLMAP's, " \
     "LLFF's, NeuS's, NSVF's or OpenSfM's files"
 
+enum { ENDING_BYTES = 16, HEAD_BYTES = 4096 };
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };
 
 /* Kinds of files, with the advice for a folder that has some; the advice of an earlier kind goes
@@ -59,28 +79,64 @@ static const struct {
 
 typedef struct survey {
     int count[KINDS];
+    int program;        /* index of the first of programs[] that is there, or -1 */
+    char *of_it;        /* name of its file */
     char *first[KINDS]; /* name of the first of each, in natural order */
     int scenes;         /* folders that are a scene */
     char *scene;        /* the first of them */
 } survey;
 
-static int kind_of(const char *name)
+/* " ending " of a name, in small letters, as lists of endings have it; false if it has none. */
+static bool ending_of(const char *name, char word[ENDING_BYTES])
 {
     const char *dot = strrchr(name, '.');
-    char word[16] = " ";
     size_t length = dot ? strlen(dot + 1) : 0;
 
-    if (!length || length > sizeof word - 3)
-        return FILE_OF_ANY;
-    if (strstr(name, ".tar."))
-        return ARCHIVE;
+    if (!length || length > ENDING_BYTES - 3)
+        return false;
+    word[0] = ' ';
     for (size_t i = 0; i < length; i++)
         word[1 + i] = (char)tolower((unsigned char)dot[1 + i]);
     strcpy(word + 1 + length, " ");
+    return true;
+}
+
+static int kind_of(const char *name)
+{
+    char word[ENDING_BYTES];
+
+    if (!ending_of(name, word))
+        return FILE_OF_ANY;
+    if (strstr(name, ".tar."))
+        return ARCHIVE;
     for (int kind = 0; kind < KINDS; kind++)
         if (strstr(kinds[kind].extensions, word))
             return kind;
     return FILE_OF_ANY;
+}
+
+/* Which of programs[] the file at `path` is of, or -1; one that cannot be read is of none. */
+static int program_of(const char *path)
+{
+    char word[ENDING_BYTES], head[HEAD_BYTES + 1] = "";
+    FILE *file = NULL;
+
+    if (!ending_of(path, word))
+        return -1;
+    for (int i = 0; i < (int)(sizeof programs / sizeof *programs); i++) {
+        if (!strstr(programs[i].endings, word))
+            continue;
+        if (!programs[i].holds)
+            return i;
+        file = fopen(path, "rb");
+        if (!file)
+            return -1;
+        head[fread(head, 1, HEAD_BYTES, file)] = 0;
+        fclose(file);
+        if (strstr(head, programs[i].holds))
+            return i;
+    }
+    return -1;
 }
 
 static cln_status keep_first(char **first, const char *name)
@@ -115,7 +171,13 @@ static cln_status look(const char *folder, const char *within, bool (*is_scene)(
         CLN_TRY(cln_path_join(&path, folder, entry->d_name));
         CLN_TRY(cln_path_join(&name, within ? within : "", entry->d_name));
         if (!cln_is_dir(path)) {
+            const int program = found->of_it ? -1 : program_of(path);
+
             kind = kind_of(name);
+            if (program >= 0) {
+                found->program = program;
+                CLN_TRY(cln_strdup(&found->of_it, name));
+            }
         } else if (!within && is_scene(path)) {
             found->scenes++;
             CLN_TRY(keep_first(&found->scene, name));
@@ -146,7 +208,7 @@ done:
     return st;
 }
 
-/* Names the first marker and the images; without a marker all kinds, and folders if there is
+/* Names the first marker, or else a file of another program, and the images; without a marker all kinds, and folders if there is
  * nothing else. *advice: that of the first one named. */
 static cln_status describe_folder(const char *path, const survey *found, char **what,
                                   const char **advice)
@@ -163,6 +225,12 @@ static cln_status describe_folder(const char *path, const survey *found, char **
             continue;
         *advice = markers[i].advice;
         CLN_TRY(cln_asprintf(&part, "%s (%s)", markers[i].what, markers[i].name));
+        CLN_TRY(append(what, "it holds ", part));
+        marked = true;
+    }
+    if (found->of_it && !*what) {
+        *advice = programs[found->program].advice;
+        CLN_TRY(cln_asprintf(&part, "%s ('%s')", programs[found->program].what, found->of_it));
         CLN_TRY(append(what, "it holds ", part));
         marked = true;
     }
@@ -225,12 +293,17 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
         CLN_TRY(cln_asprintf(advice, "the folder around it, '%s', is a %s: give that one", around,
                              run ? "run" : "scene"));
     if (!cln_is_dir(path)) {
-        const int kind = kind_of(path);
+        const int kind = kind_of(path), program = program_of(path);
 
-        CLN_TRY(cln_asprintf(what, "it is %s%s", kinds[kind].one,
-                             kind == FILE_OF_ANY ? " of another kind" : ""));
+        CLN_TRY(cln_asprintf(what, "it is %s%s",
+                             program >= 0 ? programs[program].what : kinds[kind].one,
+                             program < 0 && kind == FILE_OF_ANY ? " of another kind" : ""));
+        if (program >= 0)
+            known = programs[program].advice;
+        else
+            known = kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice;
         if (!*advice)
-            CLN_TRY(cln_strdup(advice, kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice));
+            CLN_TRY(cln_strdup(advice, known));
         goto done;
     }
     CLN_TRY(look(path, NULL, is_scene, &found));
@@ -249,6 +322,7 @@ done:
     for (int kind = 0; kind < KINDS; kind++)
         free(found.first[kind]);
     free(found.scene);
+    free(found.of_it);
     free(around);
     return st;
 }

@@ -162,8 +162,9 @@ typedef struct cln_scene_desc {
     const char *path;         /* scene folder, or its transforms JSON file */
     const cln_config *config; /* downscale, bbox, background, holdout, test_views, missing,
                                  masks */
-    const cln_scene *kept;   /* of a run with config.test_views: the views that it keeps, whose test
-                                 views count instead of that file's; NULL: read the file */
+    const cln_scene *kept;   /* the views that a run keeps: its test views count instead of those of
+                                 config.test_views and, by an unchanged rule, of config.holdout;
+                                 test views that it was trained on are told. NULL: no run's */
     bool pixels[CLN_SPLITS]; /* load the images of these splits, of several ranks each its own;
                                  cameras, sizes and masks always */
     bool unseen;             /* no error if no camera sees the cube */

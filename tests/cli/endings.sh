@@ -498,7 +498,8 @@ section_memory() {
         'grep -qE "tree_note +there is room for a tree of about" "$work/out" &&
         grep -qE "photos_note +.*stay in memory" "$work/out"'
     echo max-leaves 262144 >"$s/cl-nascent.conf"
-    if [ "$(awk '/^MemAvailable/ { print int($2 / 1048576) }' /proc/meminfo)" -ge 50 ]; then
+    expect "what a tree needs, and what is free" 0 "" "$cln" info "$s" --json
+    if number_above "$(json training.host_memory_free)" "$(json training.host_memory_needed)"; then
         skip "plans beyond what is free" "memory has room for the largest"
         return
     fi

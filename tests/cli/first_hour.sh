@@ -335,6 +335,17 @@ section_scenes() {
     expect "a file of another kind" 3 "~another.kind folder" "$cln" info "$work/odd/notes.txt"
     expect "a Polycam capture" 3 "Polycam ns-process-data" "$cln" info "$work/odd/polycam"
     expect "a Record3D capture" 3 "Record3D ns-process-data" "$cln" info "$work/odd/record3d"
+    mkdir -p "$work/odd/metashape" "$work/odd/reality"
+    printf '<?xml version="1.0"?>\n<document version="2.0.0">\n  <chunk label="1">\n' \
+        > "$work/odd/metashape/Cameras.XML"
+    cp "$s/train/r_000.png" "$work/odd/metashape/a.png"
+    printf '#name,x,y,alt,heading,pitch,roll\na.png,0,0,0,0,0,0\n' > "$work/odd/reality/r.csv"
+    expect "cameras of Metashape" 3 "~cameras.of.Metashape Cameras.XML a.png Colmap" \
+        "$cln" info "$work/odd/metashape"
+    expect "their file" 3 "~is.cameras.of.Metashape Colmap" \
+        "$cln" info "$work/odd/metashape/Cameras.XML"
+    expect "cameras of RealityCapture" 3 "~cameras.of.RealityCapture r.csv COLMAP" \
+        "$cln" info "$work/odd/reality"
     expect "the file of a Record3D capture" 3 "unpack" "$cln" info "$work/odd/capture.r3d"
 
     cp -r "$s" "$work/nan"
@@ -908,6 +919,9 @@ section_results() {
     rm "$work/four/orbit_0002.png" "$work/four/orbit_0003.png"
     run "$cln" render "$r" --orbit 4 --width 16 -o "$work/four"
     check "without them, they alone are rendered" grep -q "2 rendered .*, 2 left" "$work/out"
+    echo '{' >"$work/four/render.json"
+    expect "what an earlier render left is damaged: a way out" 3 \
+        "~four/render.json ~another.folder.with.-o" "$cln" render "$r" --orbit 1 -o "$work/four"
     # two renders at once would mix their frames
     env --default-signal=INT "$cln" render "$r" --orbit 5000 --width 64 -o "$work/held" -q \
         >/dev/null 2>&1 &

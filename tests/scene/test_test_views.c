@@ -147,7 +147,7 @@ static void test_kept(void **state)
                                {.name = "right/a.png", .split = CLN_SPLIT_TEST},
                                {.name = "b 1", .split = CLN_SPLIT_TEST}, /* no whole name */
                                {.name = "gone.png", .split = CLN_SPLIT_TEST}};
-    const cln_scene kept = {.views = views, .view_count = 4};
+    const cln_scene kept = {.views = views, .view_count = 4, .split_rule = "a list's"};
     const char *folder = *state;
     cln_config config = default_config();
     const cln_scene_desc desc = {.path = folder, .config = &config, .kept = &kept};
@@ -169,6 +169,61 @@ static void test_kept(void **state)
     assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
     assert_string_equal(tests_of(scene), "left/a.png ");
     cln_scene_free(scene);
+}
+
+enum { WARNING_BYTES = 1024 };
+
+static void keep_warning(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN && strstr(line, "was trained on"))
+        snprintf(user, WARNING_BYTES, "%s", line);
+}
+
+/* Every Nth photo is another one once photos came or went: those of a run stay what they were. */
+static void test_counted(void **state)
+{
+#define HALF "1 in 2 images by name, from the first, is test (--holdout)"
+    static cln_view views[] = {{.name = "left/a.png", .split = CLN_SPLIT_TEST},
+                               {.name = "left/b 1.png", .split = CLN_SPLIT_TRAIN},
+                               {.name = "right/a.png", .split = CLN_SPLIT_TEST},
+                               {.name = "gone.png", .split = CLN_SPLIT_TRAIN}};
+    static char plain[] = HALF, again[] = HALF ", of the photos that the run began with",
+                other[] = "1 in 3 images";
+    static cln_view strange = {.name = "elsewhere.png", .split = CLN_SPLIT_TEST};
+    const char *folder = *state;
+    cln_config config = default_config();
+    cln_scene kept = {.views = views, .view_count = 4};
+    const cln_scene_desc desc = {.path = folder, .config = &config, .kept = &kept};
+    const struct {
+        char *rule;
+        const char *tests, *told, *warned;
+    } rows[] = {{plain, "left/a.png right/a.png ", again, NULL},
+                {again, "left/a.png right/a.png ", again, NULL},
+                {other, "a.png left/b 1.png right/c.0 ", HALF,
+                 "trained on 1 of its 3 test photos ('left/b 1.png')"}};
+    cln_scene *scene = NULL;
+    char warning[WARNING_BYTES];
+
+    put_scene(folder);
+    config.holdout = 2;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        kept.split_rule = rows[i].rule;
+        warning[0] = 0;
+        cln_log_set_sink(keep_warning, warning);
+        assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+        cln_log_set_sink(NULL, NULL);
+        assert_string_equal(tests_of(scene), rows[i].tests);
+        assert_string_equal(scene->split_rule, rows[i].told);
+        assert_int_equal(warning[0] != 0, rows[i].warned != NULL);
+        assert_true(!rows[i].warned || strstr(warning, rows[i].warned));
+        cln_scene_free(scene);
+    }
+    kept = (cln_scene){.views = &strange, .view_count = 1, .split_rule = plain}; /* another scene */
+    assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+    assert_string_equal(tests_of(scene), "a.png left/b 1.png right/c.0 ");
+    assert_string_equal(scene->split_rule, HALF);
+    cln_scene_free(scene);
+#undef HALF
 }
 
 static void test_every_format(void **state)
@@ -221,6 +276,7 @@ int test_group_test_views(void)
         cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wrong_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_kept, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_counted, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_every_format, scratch_make, scratch_remove),
     };
 
