@@ -333,9 +333,9 @@ CLN_API void cln_eval_free(cln_eval_result *result); /* accepts NULL */
 typedef struct cln_render_desc {
     const char *run, *out;
     const char *scene; /* NULL = the run's own, or else the cameras that RUN keeps */
-    /* The poses: a file's (nerfstudio's camera_path.json, or transforms JSON), else the
-     * poses of a split, else a spiral of so many frames within the training cameras' poses, else
-     * an orbit. */
+    /* The poses, of which one must be given: a file's (nerfstudio's camera_path.json, or transforms
+     * JSON), else the poses of a split, else a spiral of so many frames within the training
+     * cameras' poses, else an orbit. */
     const char *poses, *split;
     int spiral_frames, orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis; NaN: the

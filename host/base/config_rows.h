@@ -42,6 +42,7 @@ enum {
     CLN_ROW_TIME = 512,   /* a step's time depends on it: `info --like` names it if it differs */
     CLN_ROW_NONE = 1024,  /* TEXT: "none" is the empty text */
     CLN_ROW_FILE = 2048,  /* TEXT: a file's path; cl-nascent.conf names it from its own folder */
+    CLN_ROW_REGULARISER = 4096, /* REAL: a weight of the loss; at 0 it is left out, which is told */
     CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE | CLN_ROW_TIME
 };
 
@@ -314,25 +315,29 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(density_noise, "density-noise", 0, 0, 0, 100,                                             \
          "std of noise added before the density activation")                                       \
     REAL(sparsity, "sparsity", 0, 0, 0, 1e3, "weight of 1-exp(-0.05 sigma) at random points",      \
-         .flags = CLN_ROW_TIME)                                                                    \
-    REAL(cauchy, "cauchy", 0, 0, 0, 1e3, "weight of log(1+2 sigma^2) along rays")                  \
-    REAL(opacity_entropy, "opacity-entropy", 0, 0, 0, 1e3, "weight of log(1+A(1-A)/0.11) per ray") \
-    REAL(distortion_loss, "distortion-loss", 0, 0, 0, 1e3, "weight of the distortion loss")        \
+         .flags = CLN_ROW_TIME | CLN_ROW_REGULARISER)                                              \
+    REAL(cauchy, "cauchy", 0, 0, 0, 1e3, "weight of log(1+2 sigma^2) along rays",                  \
+         .flags = CLN_ROW_REGULARISER)                                                             \
+    REAL(opacity_entropy, "opacity-entropy", 0, 0, 0, 1e3, "weight of log(1+A(1-A)/0.11) per ray", \
+         .flags = CLN_ROW_REGULARISER)                                                             \
+    REAL(distortion_loss, "distortion-loss", 0, 0, 0, 1e3, "weight of the distortion loss",        \
+         .flags = CLN_ROW_REGULARISER)                                                             \
     REAL(edge, "edge", 0, 0, 0, 1e3, "weight of the difference of two leaves at a shared face",    \
-         .flags = CLN_ROW_TIME)                                                                    \
+         .flags = CLN_ROW_TIME | CLN_ROW_REGULARISER)                                              \
     REAL(smooth_density, "smooth-density", 0, 0, 0, 1,                                             \
          "voxel: weight of half the squared differences of neighbours' densities",                 \
-         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME | CLN_ROW_REGULARISER)                              \
     REAL(smooth_colour, "smooth-colour", 0, 0, 0, 1,                                               \
          "voxel: weight of half the squared differences of neighbours' colours",                   \
-         .flags = CLN_ROW_LATER | CLN_ROW_TIME)                                                    \
+         .flags = CLN_ROW_LATER | CLN_ROW_TIME | CLN_ROW_REGULARISER)                              \
     REAL(smooth_density_delta, "smooth-density-delta", 0, 0, 0, 1e6,                               \
          "voxel: where the squares of --smooth-density turn linear (0: never)",                    \
          .flags = CLN_ROW_LATER)                                                                   \
     REAL(smooth_colour_delta, "smooth-colour-delta", 0, 0, 0, 1e6,                                 \
          "voxel: where the squares of --smooth-colour turn linear (0: never)",                     \
          .flags = CLN_ROW_LATER)                                                                   \
-    REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "networks: weight of the norm of the view layer")       \
+    REAL(view_l2, "view-l2", 0, 0, 0, 1e3, "networks: weight of the norm of the view layer",       \
+         .flags = CLN_ROW_REGULARISER)                                                             \
     INT(precrop_steps, "precrop-steps", 0, 0, 0, 1000000,                                          \
         "first steps that draw rays from the middle half of the images only")
 

@@ -56,6 +56,9 @@ static cln_status find_row(const char *name, const cln_config_row **row)
     *row = cln_config_find(name);
     if (*row)
         return CLN_OK;
+    if (strcmp(name, "preset") == 0)
+        return cln_fail(CLN_USAGE, "'preset': no setting, but what settings begin with; give its "
+                                   "name to cln_settings_create");
     if (!cln_config_nearest(name))
         return cln_fail(CLN_USAGE, "'%.60s': no such setting; `cl-nascent train --help` lists them",
                         name);

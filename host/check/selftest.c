@@ -267,6 +267,12 @@ static cln_status verdict(const cln_device *device, const cln_checks *c)
 {
     if (c->failed == 0)
         return CLN_OK;
+    if (device->kernel_dir)
+        return cln_fail(
+            CLN_CHECK,
+            "%s does not compute correctly with the kernels of %s: %s%s; mend these, or "
+            "leave --kernel-dir out, for those of the program",
+            device->info.name, device->kernel_dir, c->first, c->failed > 1 ? ", and more" : "");
     return cln_fail(CLN_CHECK,
                     "%s does not compute correctly: %s%s; another driver or device (--device) "
                     "may do better",

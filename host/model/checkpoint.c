@@ -640,7 +640,7 @@ cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
                      steps[i + 1]);
     }
     /* Missing files and bad JSON are damaged checkpoints here. */
-    st = cln_fail(CLN_CHECKPOINT, "%s: none of its %d checkpoints is intact; the oldest: %s", run,
+    st = cln_fail(CLN_CHECKPOINT, "%s: none of its %d checkpoints can be read; the oldest: %s", run,
                   count, defect);
 done:
     free(defect);

@@ -486,8 +486,20 @@ void cln_ranks_swap(const void *sent, const int *sent_first, const bool *to, voi
 
 #else
 
+/* Started by mpirun as one of several, each believes that it is alone: a likely slip. */
 cln_status cln_ranks_open(void)
 {
+    static const char *const sizes[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"}; /* Open MPI; MPICH */
+
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        const char *size = getenv(sizes[i]);
+        const long count = size ? strtol(size, NULL, 10) : 0;
+
+        if (count > 1)
+            cln_warn("this program is built without MPI, so each of the %ld processes works alone; "
+                     "`make MPI=1` builds build/mpi/cl-nascent, whose processes train together",
+                     count);
+    }
     return CLN_OK;
 }
 

@@ -51,6 +51,11 @@ cln_status cln_frames_read(const char *path, int width, int height, cln_frames *
  * log says what it would do. The caller frees *path. */
 cln_status cln_frames_dataparser(const char *poses, char **path);
 
+/* What ns-process-data did to the poses of such a scene, which is its folder or file: p' = scale
+ * (R p + t), R | t in applied, [3][4]. None if it says nothing, or is no transforms JSON.
+ * CLN_INPUT. */
+cln_status cln_frames_applied(const char *scene, double applied[12], double *scale);
+
 /* Brings the poses of a path, and its crop, by that file from nerfstudio's frame to the scene's,
  * and says so. scene: the scene's folder or file if that is transforms JSON, which may say what was
  * done to its poses before; else NULL. CLN_INPUT. */

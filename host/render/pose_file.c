@@ -277,6 +277,12 @@ cln_status cln_frames_read(const char *path, int width, int height, cln_frames *
                          "%s: it has neither camera_path, as nerfstudio writes it, nor frames, as "
                          "transforms JSON has",
                          path));
+    if (stations && count == 0 && json_array_size(json_object_get(root, "keyframes")) > 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: it has %zu keyframes, but its camera_path is empty: open it in "
+                         "`cl-nascent view`, which makes a path of them, or save it in nerfstudio "
+                         "again",
+                         path, json_array_size(json_object_get(root, "keyframes"))));
     if (count < 1 || count > MOST)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it has %zu poses; give 1 to %d", path, count, (int)MOST));
     CLN_TRY(cln_frames_room((int)count, out));

@@ -139,6 +139,18 @@ done:
     return st;
 }
 
+cln_status cln_frames_applied(const char *scene, double applied[12], double *scale)
+{
+    cln_status st = CLN_OK;
+    affine own;
+
+    CLN_TRY(read_applied(scene, &own, scale));
+    for (int k = 0; k < 12; k++)
+        applied[k] = k % 4 < 3 ? own.linear[3 * (k / 4) + k % 4] : own.shift[k / 4];
+done:
+    return st;
+}
+
 /* Takes a crop's box along: its middle, its sides and its axes. */
 static void move_crop(const affine *back, double scale, cln_crop *crop)
 {

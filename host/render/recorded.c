@@ -195,6 +195,34 @@ static void keep_background(const json_t *document, const cln_config *config, cl
     scene->background_known = json_array_size(colour) == 3;
 }
 
+/* Another scene than the run's: what was learnt does not fit poses that were found anew, in another
+ * frame. kept may be NULL. */
+static cln_status compare_poses(const char *run, const cln_scene *scene, const cln_scene *kept,
+                                bool resumes)
+{
+    cln_status st = CLN_OK;
+    cln_since since = {0};
+    char far[CLN_TEXT_BYTES];
+
+    if (kept)
+        CLN_TRY(cln_scene_moved_since(scene, kept, &since));
+    if (!since.elsewhere)
+        return CLN_OK;
+    snprintf(far, sizeof far,
+             "%d of %d photos of %s have other poses than when it began (in the median %.0f "
+             "degrees and %.2g times the cameras' distance from their middle off)",
+             since.moved, since.known, run, since.degrees, since.shift);
+    if (resumes)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: %s, as if they had been found anew, so what it learnt is elsewhere: "
+                         "nothing is trained; restore the poses, or train a new run (-o NEW "
+                         "--settings-of %s)",
+                         scene->folder, far, run));
+    cln_warn("%s: %s, so what it learnt is elsewhere", scene->folder, far);
+done:
+    return st;
+}
+
 static cln_status compare(const char *run, const json_t *dataset, const cln_scene *scene,
                           const char *place, bool *same)
 {
@@ -292,6 +320,8 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     CLN_TRY(st);
     keep_background(document, &config, *scene);
     CLN_TRY(compare(run, dataset, *scene, place, same));
+    if (!*same)
+        CLN_TRY(compare_poses(run, *scene, kept, resumes));
 done:
     if (st != CLN_OK) {
         cln_scene_free(*scene);

@@ -299,14 +299,16 @@ static void add_facts(int count, const side *sides, json_t *facts)
 
 /* ---- which one is better ---- */
 
-/* Whether figures of quality compare; if not, a note says why. */
-static bool check_comparable(int count, const side *sides, json_t *notes)
+typedef enum comparable { NONE, OF_TESTS, ALL } comparable;
+
+/* Which figures of quality compare; a note says why not all do. */
+static comparable check_comparable(int count, const side *sides, json_t *notes)
 {
     static const struct {
         const char *keys[2], *differ, *untold;
     } reasons[] = {
         {{"digest"},
-         "Scenes or their splits differ (scene, views, digest)",
+         "Scenes or their test photos differ (scene, views, digest)",
          "Not every run tells which scene it is of (digest)"},
         {{"downscale", "downscale_least"},
          "Photos differ in size (downscale)",
@@ -315,11 +317,13 @@ static bool check_comparable(int count, const side *sides, json_t *notes)
          "Backgrounds differ, also behind test photos with alpha",
          "Not every run tells its background, which is also behind test photos with alpha"},
     };
+    const bool only_tests = compare_scenes(count, sides, "digest") != SAME &&
+                            compare_scenes(count, sides, "test_digest") == SAME;
     bool alpha = false;
 
     for (int i = 0; i < count; i++)
         alpha |= json_is_true(json_object_get(sides[i].dataset, "alpha"));
-    for (size_t r = 0; r < 2 + (size_t)alpha; r++) {
+    for (size_t r = only_tests; r < 2 + (size_t)alpha; r++) {
         likeness found = SAME;
 
         for (int k = 0; k < 2 && reasons[r].keys[k]; k++) {
@@ -331,10 +335,12 @@ static bool check_comparable(int count, const side *sides, json_t *notes)
         if (found != SAME) {
             add_note(notes, "%s, so figures of quality do not compare",
                      found == UNTOLD ? reasons[r].untold : reasons[r].differ);
-            return false;
+            return NONE;
         }
     }
-    return true;
+    if (only_tests)
+        add_note(notes, "Test photos are the same and compare; training photos differ");
+    return only_tests ? OF_TESTS : ALL;
 }
 
 /* The places of the greatest numbers, to so many decimals; none if all are equal, or one alone. */
@@ -362,7 +368,7 @@ static json_t *best_of(const json_t *values, int decimals)
 }
 
 /* Adds the rows that any run has a number for, and the best of those of quality. */
-static void add_results(int count, const side *sides, bool comparable, json_t *document)
+static void add_results(int count, const side *sides, comparable compare, json_t *document)
 {
     json_t *results = json_object_get(document, "results"),
            *best = json_object_get(document, "best");
@@ -381,7 +387,7 @@ static void add_results(int count, const side *sides, bool comparable, json_t *d
         tested++;
     }
     same_views &= told || tested < 2;
-    if (comparable && !same_views)
+    if (compare != NONE && !same_views)
         add_note(json_object_get(document, "notes"),
                  "Test figures %s over different numbers of views, so they do not compare; "
                  "`cl-nascent eval RUN` measures all views",
@@ -400,7 +406,7 @@ static void add_results(int count, const side *sides, bool comparable, json_t *d
             json_object_set(results, rows[r].key, values);
         if (any && rows[r].quality)
             json_object_set_new(best, rows[r].key,
-                                comparable && (same_views || !rows[r].test)
+                                (rows[r].test ? compare != NONE && same_views : compare == ALL)
                                     ? best_of(values, rows[r].quality)
                                     : json_array());
         json_decref(values);
@@ -468,7 +474,8 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
                   "results", "best", "comparable", false, "notes");
     json_t *settings = json_object_get(document, "settings"), *presets = NULL;
     json_t *facts = json_object_get(document, "facts"), *notes = json_object_get(document, "notes");
-    bool same_names = false, comparable = false;
+    bool same_names = false;
+    comparable compare = NONE;
 
     *out = NULL;
     if (!document)
@@ -493,11 +500,11 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
         json_object_del(facts, "preset");
     }
     add_settings(count, sides, settings);
-    comparable = check_comparable(count, sides, notes);
-    json_object_set_new(document, "comparable", json_boolean(comparable));
+    compare = check_comparable(count, sides, notes);
+    json_object_set_new(document, "comparable", json_boolean(compare != NONE));
     if (json_object_get(facts, "device"))
         add_note(notes, "Devices or drivers differ, so times do not compare");
-    add_results(count, sides, comparable, document);
+    add_results(count, sides, compare, document);
     for (int i = 0; i < count; i++) {
         note_run(sides, i, notes);
         add_history(&sides[i], json_object_get(document, "resumed"), notes);

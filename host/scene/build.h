@@ -23,6 +23,13 @@ cln_status cln_scene_list_tests(cln_scene *scene, const char *file);
 /* Those that are test views of `kept`, by their names; names that are not there do not matter. */
 cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept);
 
+/* since.c: after the split by a count, if `kept` was split by the same one: once photos came or
+ * went, every Nth is another one, so those that the run had stay what they were, and new ones
+ * train, which split_rule tells. A scene that has none of them counts anew. */
+cln_status cln_scene_keep_counted(cln_scene *scene, const cln_scene *kept);
+/* Warns of test views that were training views of `kept`: they do not tell how good it is. */
+cln_status cln_scene_tell_trained(const cln_scene *scene, const cln_scene *kept);
+
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
  * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with
  * a warning. CLN_INPUT if `rule` (config.missing) allows none to be left out, or not so many, or if

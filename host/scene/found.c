@@ -208,8 +208,8 @@ done:
     return st;
 }
 
-/* Names the first marker, or else a file of another program, and the images; without a marker all kinds, and folders if there is
- * nothing else. *advice: that of the first one named. */
+/* Names the first marker, or else a file of another program, and the images; without one all kinds,
+ * and folders if there is nothing else. *advice: that of the first one named. */
 static cln_status describe_folder(const char *path, const survey *found, char **what,
                                   const char **advice)
 {

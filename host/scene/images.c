@@ -772,8 +772,13 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     scene->hides = hides > 0;
     if (cln_ranks_count() > 1)
         CLN_TRY(cln_ranks_agree(digest_of_kept(scene), "set of masks, or turns of photos,"));
-    for (int i = 0; i < scene->view_count; i++)
+    for (int i = 0; i < scene->view_count; i++) {
+        uint64_t *test = &scene->test_digest;
+
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
+        if (scene->views[i].split == CLN_SPLIT_TEST)
+            *test = cln_digest(*test, &work.digests[i], sizeof work.digests[i]);
+    }
     say_masks(scene);
     if (cln_scene_is_empty(scene, empty) || cln_scene_is_whole(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);

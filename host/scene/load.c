@@ -70,28 +70,35 @@ static void free_views(cln_view *views, int count)
     free(views);
 }
 
-/* Cameras as the dataset gives them, before --downscale, with names and splits; the bytes of the
- * images follow when they are read. */
+/* A view's camera as the dataset gives it, before --downscale, with its name and split. */
+static uint64_t add_camera(uint64_t digest, const cln_view *view)
+{
+    const cln_camera *c = &view->camera;
+    const cln_lens_model *lens = &cln_lens_models[c->lens];
+    double lengths[4 + CLN_LENS_PARAMS] = {c->fx, c->fy, c->cx, c->cy};
+    const int32_t numbers[3] = {(int32_t)view->split, c->width, c->height};
+
+    digest = cln_digest(digest, view->name, strlen(view->name));
+    digest = cln_digest(digest, numbers, sizeof numbers);
+    digest = cln_digest(digest, c->c2w, sizeof c->c2w);
+    memcpy(lengths + 4, c->distortion, sizeof c->distortion);
+    digest = cln_digest(digest, lengths, (4 + (size_t)lens->count) * sizeof *lengths);
+    if (c->lens != CLN_LENS_OPENCV) /* its digests are older than the names of models */
+        digest = cln_digest(digest, lens->name, strlen(lens->name));
+    return digest;
+}
+
+/* The bytes of the images follow when they are read. */
 static void digest_cameras(cln_scene *scene)
 {
-    uint64_t digest = CLN_DIGEST_START;
-
+    scene->digest = scene->test_digest = CLN_DIGEST_START;
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
-        const cln_camera *c = &view->camera;
-        const cln_lens_model *lens = &cln_lens_models[c->lens];
-        double lengths[4 + CLN_LENS_PARAMS] = {c->fx, c->fy, c->cx, c->cy};
-        const int32_t numbers[3] = {(int32_t)view->split, c->width, c->height};
 
-        digest = cln_digest(digest, view->name, strlen(view->name));
-        digest = cln_digest(digest, numbers, sizeof numbers);
-        digest = cln_digest(digest, c->c2w, sizeof c->c2w);
-        memcpy(lengths + 4, c->distortion, sizeof c->distortion);
-        digest = cln_digest(digest, lengths, (4 + (size_t)lens->count) * sizeof *lengths);
-        if (c->lens != CLN_LENS_OPENCV) /* its digests are older than the names of models */
-            digest = cln_digest(digest, lens->name, strlen(lens->name));
+        scene->digest = add_camera(scene->digest, view);
+        if (view->split == CLN_SPLIT_TEST)
+            scene->test_digest = add_camera(scene->test_digest, view);
     }
-    scene->digest = digest;
 }
 
 /* The first of `count` frames from `from` on, for a sentence: "'a', 'b', 'c', ...". */

@@ -172,27 +172,29 @@ static cln_status warn_unposed(const char *folder, const cln_reader_result *resu
                                const cln_names *there)
 {
     cln_status st = CLN_OK;
-    const int count = result->view_count, more = there->count - count;
+    const int count = result->view_count;
     char **known = NULL, *path = NULL, names[1024] = "";
     size_t used = 0;
-    int named = 0;
+    int more = 0;
 
     CLN_TRY(cln_alloc(&known, (size_t)count, sizeof *known, "views"));
     for (int i = 0; i < count; i++)
         known[i] = result->views[i].path;
     qsort(known, (size_t)count, sizeof *known, by_text);
-    for (int i = 0; i < there->count && named <= NAMED && used < sizeof names; i++) {
+    for (int i = 0; i < there->count; i++) {
         free(path);
         path = NULL;
         CLN_TRY(cln_path_join(&path, folder, there->name[i]));
         if (bsearch(&path, known, (size_t)count, sizeof *known, by_text))
             continue;
-        used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", named ? ", " : "",
-                                 named < NAMED ? there->name[i] : "...");
-        named++;
+        if (more <= NAMED && used < sizeof names)
+            used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", more ? ", " : "",
+                                     more < NAMED ? there->name[i] : "...");
+        more++;
     }
-    cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, more, there->count,
-             cln_plural(more, "has", "have"), cln_plural(more, "is", "are"), names);
+    if (more > 0)
+        cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, more, there->count,
+                 cln_plural(more, "has", "have"), cln_plural(more, "is", "are"), names);
 done:
     free(known);
     free(path);
@@ -291,5 +293,53 @@ done:
     cln_moved_free(&around);
     free(unread);
     free(apart);
+    return st;
+}
+
+/* Is it by its name another picture of a view than the photo, as Blender and instant-ngp have them
+ * beside photos? */
+static bool is_beside(const char *name)
+{
+    static const char *const words[] = {"depth", "normal", "mask", "alpha", "albedo"};
+    bool is = false;
+
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        is = is || strcasestr(name, words[i]);
+    return is;
+}
+
+cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const char *first = result->view_count ? result->views[0].path : NULL;
+    const char *slash = first ? strrchr(first, '/') : NULL;
+    const size_t length = slash ? (size_t)(slash - first) : 0;
+    cln_names there = {0};
+    char *folder = NULL;
+    int kept = 0;
+
+    for (int i = 0; i < result->view_count && slash; i++) {
+        const char *path = result->views[i].path, *end = path ? strrchr(path, '/') : NULL;
+
+        if (!end || (size_t)(end - path) != length || strncmp(path, first, length) != 0)
+            slash = NULL;
+    }
+    if (!slash)
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&folder, "%.*s", (int)length, first));
+    if (strcmp(folder, scene) == 0 || !cln_is_dir(folder))
+        goto done;
+    CLN_TRY(cln_dataset_images(folder, &there));
+    for (int i = 0; i < there.count; i++) {
+        if (strchr(there.name[i], '/') || is_beside(there.name[i]))
+            free(there.name[i]);
+        else
+            there.name[kept++] = there.name[i];
+    }
+    there.count = kept;
+    CLN_TRY(warn_unposed(folder, result, &there));
+done:
+    cln_dataset_free_names(&there);
+    free(folder);
     return st;
 }

@@ -13,6 +13,10 @@
 cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
                                    int base_count, cln_reader_result *result, char **folder);
 
+/* Warns of images beside those of the views, if these are all in one folder that is not the
+ * scene's: photos that were added, but have no pose yet. */
+cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *result);
+
 /* masks.c: gives views the masks that lie beside their photos, in a folder masks or by the name;
  * warns of those that cannot be used. cln_dataset_find_images does it. */
 cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_reader_result *result);

@@ -3,8 +3,8 @@
  * downscales and loads them, and finds the cube and the digest, the same for every format.
  *
  * To add a format: write reader_x.c with one `const cln_reader cln_reader_x`, declare it below, add
- * it to readers.c, and its name to the setting `format` (base/config_rows.h). dataset.h has what
- * readers share.
+ * it to readers.c, and its name to the setting `format` and its constant CLN_FORMAT_... beside it
+ * (base/config_rows.h). dataset.h has what readers share.
  *
  * What a dataset says of one image is in cln_view (scene.h): name, file, split, and a camera with
  * its own pose, intrinsics and lens. What it says of the whole is in cln_reader_result; zero means

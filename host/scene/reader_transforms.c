@@ -21,6 +21,7 @@
 #include "scene/build.h"
 #include "scene/dataset.h"
 #include "scene/moved.h"
+#include "scene/placing.h"
 #include "scene/transforms.h"
 
 /* Appends the frames of one document to the result, as `split`; finish_frames follows. */
@@ -510,6 +511,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     } else if (cln_is_dir(path) && cln_has_file(folder, "transforms.json")) {
         CLN_TRY(cln_path_join(&file, folder, "transforms.json"));
         CLN_TRY(read_single(folder, file, result));
+        CLN_TRY(cln_dataset_tell_unposed(folder, result));
     } else {
         CLN_TRY(read_blender(folder, path, result));
     }

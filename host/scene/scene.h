@@ -156,6 +156,7 @@ typedef struct cln_scene {
     bool background_mean;  /* it is that, or the training photos' mean colour ... */
     bool background_known; /* ... and these are loaded; else it is white here */
     uint64_t digest;       /* of poses, intrinsics, split, names and image bytes on disk */
+    uint64_t test_digest;  /* the same of the test views alone */
 } cln_scene;
 
 typedef struct cln_scene_desc {
@@ -185,6 +186,16 @@ typedef struct cln_scene_desc {
  * sizes, no training view, and no camera that sees the cube. *out is NULL on failure. */
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
 void cln_scene_free(cln_scene *scene); /* accepts NULL */
+
+/* Poses since a run began: of its views that the scene still has by name, how many moved by more
+ * than a twentieth of the cameras' median distance from their middle, or turned by more than 3
+ * degrees; the medians of both, that distance being 1, and whether these are beyond it. */
+typedef struct cln_since {
+    int known, moved;
+    double shift, degrees;
+    bool elsewhere;
+} cln_since;
+cln_status cln_scene_moved_since(const cln_scene *scene, const cln_scene *kept, cln_since *out);
 
 /* The folder of a scene given as folder or file; the caller frees *out. */
 cln_status cln_scene_folder(const char *path, char **out);

@@ -8,7 +8,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 
@@ -69,85 +68,6 @@ done:
     return st;
 }
 
-/* The views of a run by their names. */
-static cln_status sort_names(const cln_scene *kept, const cln_view ***sorted)
-{
-    cln_status st = CLN_OK;
-
-    CLN_TRY(cln_alloc(sorted, (size_t)kept->view_count, sizeof **sorted, "views"));
-    for (int i = 0; i < kept->view_count; i++)
-        (*sorted)[i] = &kept->views[i];
-    qsort(*sorted, (size_t)kept->view_count, sizeof **sorted, by_bytes);
-done:
-    return st;
-}
-
-static const cln_view *find_view(const cln_view *const *sorted, int count, const cln_view *view)
-{
-    const cln_view *const *found = bsearch(&view, sorted, (size_t)count, sizeof *sorted, by_bytes);
-
-    return found ? *found : NULL;
-}
-
-/* Once photos came or went, every Nth is another one: those that the run had stay what they were,
- * new ones train. A scene that has none of them is another scene, and counts anew. */
-static cln_status keep_counted(cln_scene *scene, const cln_scene *kept)
-{
-    cln_status st = CLN_OK;
-    const cln_view **sorted = NULL;
-    char *rule = NULL;
-    int known = 0, moved = 0;
-
-    CLN_TRY(sort_names(kept, &sorted));
-    for (int i = 0; i < scene->view_count; i++)
-        known += find_view(sorted, kept->view_count, &scene->views[i]) != NULL;
-    for (int i = 0; i < scene->view_count && known > 0; i++) {
-        const cln_view *was = find_view(sorted, kept->view_count, &scene->views[i]);
-        const cln_split split = was ? was->split : CLN_SPLIT_TRAIN;
-
-        moved += scene->views[i].split != split;
-        scene->views[i].split = split;
-    }
-    if (moved == 0)
-        goto done;
-    CLN_TRY(cln_asprintf(&rule, "%s, of the photos that the run began with", scene->split_rule));
-    free(scene->split_rule);
-    scene->split_rule = rule;
-done:
-    free(sorted);
-    return st;
-}
-
-/* Test views that were training views of the run cannot tell how good it is. */
-static cln_status tell_trained(const cln_scene *scene, const cln_scene *kept)
-{
-    cln_status st = CLN_OK;
-    const cln_view **sorted = NULL;
-    const char *first = NULL;
-    int tests = 0, trained = 0;
-
-    CLN_TRY(sort_names(kept, &sorted));
-    for (int i = 0; i < scene->view_count; i++) {
-        const cln_view *view = &scene->views[i];
-        const cln_view *was =
-            view->split == CLN_SPLIT_TEST ? find_view(sorted, kept->view_count, view) : NULL;
-
-        tests += view->split == CLN_SPLIT_TEST;
-        if (!was || was->split != CLN_SPLIT_TRAIN)
-            continue;
-        first = first ? first : view->name;
-        trained++;
-    }
-    if (trained > 0)
-        cln_warn("%s: the run was trained on %d of its %d test photos ('%s'%s): what is measured "
-                 "on them is too good; with the run's own split (%s) it is not",
-                 scene->folder, trained, tests, first, trained > 1 ? ", ..." : "",
-                 kept->split_rule);
-done:
-    free(sorted);
-    return st;
-}
-
 /* Every Nth view, or none, by config; of a run, as it was by the same rule. */
 static cln_status take_every(cln_scene *scene, const cln_scene_desc *desc)
 {
@@ -167,9 +87,8 @@ static cln_status take_every(cln_scene *scene, const cln_scene_desc *desc)
                              holdout));
     else
         CLN_TRY(cln_strdup(&scene->split_rule, "all images are train (--holdout 0)"));
-    if (desc->kept &&
-        strncmp(desc->kept->split_rule, scene->split_rule, strlen(scene->split_rule)) == 0)
-        CLN_TRY(keep_counted(scene, desc->kept));
+    if (desc->kept)
+        CLN_TRY(cln_scene_keep_counted(scene, desc->kept));
 done:
     return st;
 }
@@ -193,7 +112,7 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_
     else
         CLN_TRY(take_every(scene, desc));
     if (desc->kept)
-        CLN_TRY(tell_trained(scene, desc->kept));
+        CLN_TRY(cln_scene_tell_trained(scene, desc->kept));
     qsort(scene->views, (size_t)scene->view_count, sizeof *scene->views, by_split_and_name);
     for (int i = 1; i < scene->view_count; i++) {
         const cln_view *a = &scene->views[i - 1], *b = &scene->views[i];

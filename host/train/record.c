@@ -37,17 +37,36 @@ static double empty_share(const cln_octree *tree)
     return empty;
 }
 
+/* "regularisers: sparsity, edge" of those that would have an effect and are 0; false if none is. */
+static bool name_regularisers(const cln_config *c, char *text, size_t size)
+{
+    const cln_settings_facts facts = {0};
+    int used = 0;
+
+    text[0] = 0;
+    for (int i = 0; i < cln_config_row_count; i++) {
+        const cln_config_row *row = &cln_config_rows[i];
+
+        if ((row->flags & CLN_ROW_REGULARISER) &&
+            *(const double *)((const char *)c + row->offset) == 0 &&
+            !cln_settings_why_idle(c, &facts, row) && used < (int)size)
+            used += snprintf(text + used, size - (size_t)used, "%s%s",
+                             used ? ", " : "regularisers: ", row->option);
+    }
+    return used > 0;
+}
+
 cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
 {
     const cln_config *c = &t->model.config;
     const cln_pipeline *p = &t->pipeline;
     const bool network = cln_leaf_kind_of(c->encoding)->network;
     const bool alpha = t->scene->has_alpha, gather = c->stage1 == CLN_STAGE1_GATHER;
-    const bool regularised = c->sparsity > 0 || c->edge > 0 || c->cauchy > 0 ||
-                             c->opacity_entropy > 0 || c->distortion_loss > 0 || c->view_l2 > 0;
     const bool by_weight = c->allocate == CLN_ALLOCATE_WEIGHT && c->empty_weight > 0;
     const double uncovered = 1 - t->batch.coverage.share, empty = empty_share(&t->model.tree);
     const cln_fold fold = cln_scene_fold(t->scene);
+    char regularisers[200];
+    const bool unregularised = name_regularisers(c, regularisers, sizeof regularisers);
     const bool skips = uncovered > 0 && cln_batch_skips(&t->batch, c, INT64_MAX);
     const struct {
         bool left_out;
@@ -73,7 +92,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
         ROW(gather, "projection and sort of stage-1 samples (read along the rays instead)"),
         ROW(c->density_noise <= 0, "density noise"),
         ROW(cln_first_moment_bytes(c) == 0, "Adam's first moments (--beta1 0)"),
-        ROW(!regularised, "regularisers"),
+        ROW(unregularised, regularisers),
         ROW(c->min_transmittance > 0,
             "leaves of a ray where less transmittance than %g is left (from %g%% of the budget)",
             .first = c->min_transmittance, .second = 100 * c->occlusion_from),

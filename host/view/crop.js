@@ -17,12 +17,21 @@ const cropReach = () => (isTurned() ? Math.sqrt(3) : 1) * (facts.box[3] - facts.
 const isSide = (i) => crop[i] !== facts.box[i] &&
   Math.abs(crop[i] - cropMiddle()[i % 3]) < cropReach();
 
-/* The box's axes in the scene. */
-function cropAxes() {
+/* The axes that degrees about x, then y, then z make of x, y and z; and the other way. */
+function axesOfTurn(degrees) {
   const about = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
-  return about.map((axis) => cropTurn.reduce((v, degrees, a) =>
-    turn(v, about[a], degrees * Math.PI / 180), axis));
+  return about.map((axis) => degrees.reduce((v, angle, a) =>
+    turn(v, about[a], angle * Math.PI / 180), axis));
 }
+
+function turnOfAxes([x, y, z]) {
+  const flat = Math.hypot(x[0], x[1]) < 1e-9; /* y by a quarter turn: x and z are one axis */
+  return [flat ? 0 : Math.atan2(y[2], z[2]), Math.atan2(-x[2], Math.hypot(x[0], x[1])),
+    flat ? Math.atan2(-y[0], y[1]) : Math.atan2(x[1], x[0])].map((v) => v * 180 / Math.PI);
+}
+
+/* The box's axes in the scene. */
+const cropAxes = () => axesOfTurn(cropTurn);
 
 /* A place given along the box's axes, in the scene; and the other way. */
 function fromCrop(place) {

@@ -3,7 +3,9 @@
 
 #include <stdio.h>
 
+#include "base/files.h"
 #include "io/palette.h"
+#include "render/frames.h"
 
 enum { ERROR_COLOURS = 5 };
 
@@ -73,6 +75,25 @@ static json_t *errors_json(void)
     return list;
 }
 
+/* For paths in nerfstudio's frame. known: the scene is there. */
+static cln_status applied_json(const cln_scene *scene, json_t **out)
+{
+    cln_status st = CLN_OK;
+    double applied[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, scale = 1;
+    const bool known =
+        scene && scene->path && (cln_is_dir(scene->path) || cln_is_file(scene->path));
+    json_t *rows = NULL;
+
+    if (known)
+        CLN_TRY(cln_frames_applied(scene->path, applied, &scale));
+    rows = json_array();
+    for (int i = 0; i < 3; i++)
+        json_array_append_new(rows, numbers(applied + (size_t)4 * (size_t)i, 4));
+    *out = json_pack("{s:o, s:f, s:b}", "transform", rows, "scale", scale, "known", known);
+done:
+    return st;
+}
+
 cln_status cln_facts_text(const cln_facts *facts, char **out)
 {
     cln_status st = CLN_OK;
@@ -80,22 +101,25 @@ cln_status cln_facts_text(const cln_facts *facts, char **out)
     const cln_orbit_frame *frame = facts->frame;
     const cln_camera *start = facts->start;
     const double background[3] = {model->background[0], model->background[1], model->background[2]};
-    json_t *cameras = json_array(), *document = NULL;
+    json_t *cameras = NULL, *document = NULL, *applied = NULL;
 
     *out = NULL;
+    CLN_TRY(applied_json(facts->scene, &applied));
+    cameras = json_array();
     for (int i = 0; facts->scene && i < facts->scene->view_count; i++)
         json_array_append_new(cameras, camera_json(&facts->scene->views[i]));
     document = json_pack(
         "{s:s, s:I, s:i, s:b, s:o, s:o, s:o, s:f, s:o, s:f, s:o, s:b, s:o, s:o, s:o, s:i, s:i, "
         "s:f, "
-        "s:o}",
+        "s:o, s:o}",
         "run", facts->run, "step", (json_int_t)model->step, "leaves", model->tree.leaf_count,
         "training", facts->training, "background", numbers(background, 3), "target",
         numbers(frame->target, 3), "up", numbers(frame->up, 3), "distance", frame->distance,
         "centre", numbers(model->space.centre, 3), "half", model->space.half, "box",
         box_json(&model->space, frame), "endless", model->space.forward || model->space.shell,
         "levels", levels_json(), "errors", errors_json(), "start", numbers(start->c2w, 12), "width",
-        start->width, "height", start->height, "focal", start->fy, "cameras", cameras);
+        start->width, "height", start->height, "focal", start->fy, "cameras", cameras, "applied",
+        applied);
     *out = document ? json_dumps(document, JSON_COMPACT | JSON_REAL_PRECISION(17)) : NULL;
     if (!*out)
         CLN_TRY(cln_fail(CLN_MEMORY, "the facts of %s: cannot be put into JSON", facts->run));

@@ -16,10 +16,12 @@ typedef struct cln_facts {
 
 /* {run, step, leaves, training, background, target, up, distance, centre, half, box, endless,
  * levels, errors, start, width, height, focal, cameras: [{name, split, pose, focal, width,
- * height}]}: scene units, poses row-major 3x4, OpenCV's axes; box: [x0, y0, z0, x1, y1, z1] within
- * which a page offers to crop, endless: there is more beyond it; levels, errors: the colours
- * "#rrggbb" of leaves, by level, and of errors from small to large; focal: of the camera's vertical
- * axis in pixels; cameras in the order of the scene's views. The caller frees *out. */
+ * height}], applied: {transform, scale, known}}: scene units, poses row-major 3x4, OpenCV's axes;
+ * box: [x0, y0, z0, x1, y1, z1] within which a page offers to crop, endless: there is more beyond
+ * it; levels, errors: the colours "#rrggbb" of leaves, by level, and of errors from small to large;
+ * focal: of the camera's vertical axis in pixels; cameras in the order of the scene's views;
+ * applied: of cln_frames_applied, and whether the scene is there. The caller frees *out. CLN_INPUT
+ * if its transforms JSON is damaged. */
 cln_status cln_facts_text(const cln_facts *facts, char **out);
 
 /* A camera to begin with: where an orbit begins, or the middle of its arc. */

@@ -918,7 +918,7 @@ on('stop', 'click', stopTraining);
 on('save-path', 'click', savePath);
 on('save-transforms', 'click', saveTransforms);
 on('open-path', 'change', () => {
-  if ($('open-path').files[0]) openPath($('open-path').files[0]);
+  openFiles([...$('open-path').files]);
   $('open-path').value = '';
 });
 new ResizeObserver(() => { if (camera) touch(true); }).observe($('stage'));

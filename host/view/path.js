@@ -221,10 +221,54 @@ function fovOf(read, k) {
     Math.atan(Math.tan(across / 2) * (h > 0 && w > 0 ? h / w : 1)) : 50);
 }
 
+const DATAPARSER = 'dataparser_transforms.json';
+
+/* Numbers as rows of a rotation and a shift; null if they are none. */
+function rowsOf(rows) {
+  const right = Array.isArray(rows) && rows.length >= 3 && rows.slice(0, 3).every((row) =>
+    Array.isArray(row) && row.length >= 4 && row.slice(0, 4).every(Number.isFinite));
+  return right ? rows.slice(0, 3) : null;
+}
+
+/* What brings poses from nerfstudio's frame to the scene's, by its file: render/pose_frame.c's
+ * twin. Directions by turned, places by placed; lengths grow by `scale`. */
+function frameOf(read) {
+  const theirs = rowsOf(read.transform), own = facts.applied.transform;
+  if (!theirs || !(read.scale > 0))
+    throw new Error(`${DATAPARSER} has no transform of 3 rows of 4 numbers, or no scale above 0`);
+  const scale = facts.applied.scale / read.scale;
+  const turned = (v) => {
+    const back = [0, 1, 2].map((a) => dot(theirs.map((row) => row[a]), v));
+    return own.map((row) => dot(row, back));
+  };
+  const placed = (p) => turned(p.map((v, a) => v * scale - theirs[a][3]))
+    .map((v, a) => v + own[a][3]);
+  return {scale, turned, placed};
+}
+
+/* The box of a path in that frame: its middle, its sides and its turn. */
+function moveCrop(box, frame) {
+  const middle = frame.placed([0, 1, 2].map((a) => (box.sides[a] + box.sides[3 + a]) / 2));
+  const half = [0, 1, 2].map((a) => frame.scale * (box.sides[3 + a] - box.sides[a]) / 2);
+  return {background: box.background, degrees: turnOfAxes(axesOfTurn(box.degrees)
+    .map(frame.turned)), sides: [-1, 1].flatMap((s) => middle.map((v, a) => v + s * half[a]))};
+}
+
+/* A path, with nerfstudio's file of its frame beside it or not. */
+function openFiles(files) {
+  const frames = files.filter((f) => f.name === DATAPARSER);
+  const paths = files.filter((f) => f.name !== DATAPARSER);
+  if (paths.length === 1) openPath(paths[0], frames[0]);
+  else if (files.length)
+    say(`Open one camera path, with its ${DATAPARSER} if nerfstudio wrote it.`);
+}
+
 /* Opens a file as a whole: one that cannot be read changes nothing. */
-async function openPath(file) {
+async function openPath(file, frameFile = null) {
   try {
     const read = JSON.parse(await file.text());
+    const foreign = !read.frames && read.poses_in !== 'scene';
+    const toScene = foreign && frameFile ? frameOf(JSON.parse(await frameFile.text())) : null;
     const few = (list) => list.length <= 50 ? list : Array.from({length: 50}, (_, i) =>
       list[Math.round(i * (list.length - 1) / 49)]);
     const views = (read.keyframes || []).length > 1 ? null : read.camera_path || read.frames || [];
@@ -234,12 +278,13 @@ async function openPath(file) {
       const high = Number(k.fov) || fovOf(read, k);
       const shorter = Math.min(1, Number(k.aspect) || Number(k.w ?? read.w) / (k.h ?? read.h) || 1);
       c.fov = 360 / Math.PI * Math.atan(Math.tan(high * Math.PI / 360) * shorter);
+      if (toScene) Object.assign(c, {p: toScene.placed(c.p), r: c.r.map(toScene.turned)});
       c.distance = facts.distance;
       straighten(c);
       return c;
     });
     if (found.length < 2) throw new Error('it has fewer than two views');
-    const box = readCrop(read.crop);
+    const own = readCrop(read.crop), box = own && toScene ? moveCrop(own, toScene) : own;
     keyframes = found;
     if (read.fps > 0) $('fps').value = read.fps;
     if (read.seconds > 0) $('seconds').value = read.seconds;
@@ -248,8 +293,17 @@ async function openPath(file) {
     openCrop(box);
     listKeys();
     fly(keyframes[0]);
+    const told = [];
     if (views && views.length > from.length)
-      say(`${file.name} has ${views.length} views: the path goes through ${from.length} of them.`);
+      told.push(`${file.name} has ${views.length} views: the path goes through ${from.length} ` +
+        'of them.');
+    if (foreign && !toScene)
+      told.push(`${file.name} counts as in the scene's own frame: if nerfstudio wrote it, open ` +
+        `its ${DATAPARSER} together with it.`);
+    if (toScene && !facts.applied.known)
+      told.push('The scene is not there, so whether its transforms.json has an ' +
+        "applied_transform, which nerfstudio's frame does not count, is not known.");
+    if (told.length) say(told.join(' '));
   } catch (error) {
     say(`${file.name} is not a camera path: ${error.message}`);
   }

@@ -694,6 +694,21 @@ static void test_differs(void **state)
     assert_false(row_of("rays")->flags & CLN_ROW_FIXED);
 }
 
+/* Runs of before a row lack its key: unless it is CLN_ROW_LATER, they cannot be read any more. */
+static void test_rows_of_first_runs(void **state)
+{
+    enum { ROWS_OF_FIRST_RUNS = 94 };
+    int rows = 0;
+
+    (void)state;
+    for (int i = 0; i < cln_config_row_count; i++)
+        rows += !(cln_config_rows[i].flags & CLN_ROW_LATER);
+    if (rows != ROWS_OF_FIRST_RUNS)
+        fail_msg(
+            "%d rows are not CLN_ROW_LATER, %d are in the first runs: give a new row that flag",
+            rows, ROWS_OF_FIRST_RUNS);
+}
+
 /* `info --like` names the rows that a step's time depends on, and none that it does not. */
 static void test_time(void **state)
 {
@@ -941,6 +956,7 @@ int test_group_config(void)
         cmocka_unit_test(test_json_of_before),
         cmocka_unit_test(test_alias),
         cmocka_unit_test(test_differs),
+        cmocka_unit_test(test_rows_of_first_runs),
         cmocka_unit_test(test_time),
         cmocka_unit_test(test_epochs),
         cmocka_unit_test(test_leaf_kinds),

@@ -591,6 +591,71 @@ def open_paths(page):
     page.settle()
 
 
+def open_foreign(page):
+    """A path in nerfstudio's frame comes to the scene's by the file of that frame, box and all."""
+    got = page.later("""
+        const file = (name, read) => ({name, text: async () => JSON.stringify(read)});
+        const before = keyframes, looked = $('background').value, long = $('seconds').value;
+        const own = facts.applied, wanted = before.map(toPose), all = [];
+        /* p' = s (R p + t), of poses that ns-process-data had made of p: q = k (A p + a) */
+        const spin = (v, back) => back ? turn(turn(v, [0, 0, 1], -0.5), [1, 0, 0], -2) :
+          turn(turn(v, [1, 0, 0], 2), [0, 0, 1], 0.5);
+        const columns = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((v) => spin(v));
+        const t = [0.3, -2, 5], s = 0.25, k = 1.5, a = [1, 2, -3];
+        const A = (v, back) => turn(v, [0, 1, 0], back ? -1 : 1);
+        const data = {transform: [0, 1, 2].map((i) => [...columns.map((c) => c[i]), t[i]]),
+          scale: s};
+        facts.applied = {known: true, scale: k, transform: [0, 1, 2].map((i) =>
+          [...[[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((v) => A(v)[i]), a[i]])};
+        const place = (p) => spin(A(add(p, a, -1), true)).map((v, i) => (v + t[i]) * s / k);
+        const theirs = before.map((c) => ({...copy(c), p: place(c.p),
+          r: c.r.map((v) => spin(A(v, true)))}));
+        const degrees = [20, -35, 70], sides = [-0.4, -0.3, -0.2, 0.1, 0.5, 0.6];
+        const axes = axesOfTurn(degrees).map((v) => spin(A(v, true)));
+        const middle = place([0, 1, 2].map((i) => (sides[i] + sides[i + 3]) / 2));
+        const path = {keyframes: theirs.map((c) => ({matrix: toNerfstudio(c), fov: 50})),
+          crop: {crop_center: middle, crop_scale: [0, 1, 2].map((i) => (sides[i + 3] - sides[i]) *
+            s / k), crop_rot: turnOfAxes(axes).map((v) => v * Math.PI / 180)}};
+        const most = (x, y) => Math.max(...x.map((v, i) => Math.abs(v - y[i])));
+        const off = () => Math.max(...keyframes.map((c, i) => most(toPose(c), wanted[i])));
+        const straight = straighten;
+        straighten = () => {};
+        (async () => {
+          say('');
+          await openPath(file('camera_path.json', path));
+          all.push(off(), $('message').textContent);
+          say('');
+          openFiles([file('dataparser_transforms.json', data), file('camera_path.json', path)]);
+          await new Promise((go) => setTimeout(go, 200));
+          all.push(off(), $('message').textContent, most(cropTurn, degrees), most(cropSides(),
+            [...sides, ...degrees]));
+          await openPath(file('camera_path.json', {...path, poses_in: 'scene'}));
+          all.push($('message').textContent);
+          await openPath(file('camera_path.json', path), file('x', {transform: [[1]], scale: 1}));
+          all.push($('message').textContent);
+          openFiles([file('a', path), file('b', path)]);
+          all.push($('message').textContent);
+          straighten = straight;
+          facts.applied = own;
+          keyframes = before;
+          $('seconds').value = long;
+          $('background').value = looked;
+          resetCrop();
+          listKeys();
+          keys.h();
+          done(all);
+        })().catch((error) => done([String(error), '', 0, '', 0, 0, '', '', '']));""")
+    page.check("nerfstudio's path alone is elsewhere, which is told",
+               got[0] > 0.1 and 'dataparser_transforms.json' in got[1], got[:2])
+    page.check('with its frame it is where it was', got[2] < 1e-9 and got[3] == '', got[2:4])
+    page.check('and so is its box', got[4] < 1e-6 and got[5] < 1e-6, got[4:6])
+    page.check("nothing is told of a path in the scene's frame", got[6] == '', got[6])
+    page.check('a broken frame changes nothing', 'no transform of 3 rows' in got[7], got[7])
+    page.check('two paths are refused', 'Open one camera path' in got[8], got[8])
+    time.sleep(0.6)
+    page.settle()
+
+
 HIDE = 'Object.defineProperty(document, "hidden", {value: true, configurable: true});'
 SHOW = 'delete document.hidden; document.dispatchEvent(new Event("visibilitychange"));'
 
@@ -854,6 +919,7 @@ def main():
             fly_on(page)
             tap(page)
             open_paths(page)
+            open_foreign(page)
             be_quiet(page)
             crop(page)
             listen(page)

@@ -143,6 +143,35 @@ section_listed() {
     check "nothing is written" [ ! -e "$work/listed other" ]
 }
 
+# Photos that come after a run began, and poses that were found anew.
+section_anew() {
+    local s=$work/anew run="$work/anew run" model
+    "$make_scene" "$s" --format ngp --size 24 --train 17 --test 0 >/dev/null || bad "make-scene"
+    cp "$s/transforms.json" "$work/all.json"
+    awk '$0 == "  {" { n++ } n != 1' "$work/all.json" >"$s/transforms.json"
+    expect "a photo that has no pose yet is named" 0 "~1.of.17.images.has.no.pose frame_00001" \
+        "$cln" train "$s" -o "$run" "${small[@]}" --steps 4
+    check "the others train and test" said "views: 14 train, 2 test"
+    cp "$work/all.json" "$s/transforms.json"
+    expect "once it has one, the run goes on with it" 0 "~not.the.one ~views:.15.train,.2.test" \
+        "$cln" train --resume "$run" --progress none --steps 6
+    expect "and is measured" 0 "" "$cln" eval "$run" --json
+    check "on the photos that it was not trained on" [ \
+        "$(json images.0.name) $(json images.1.name)" = \
+        "images/frame_00002.png images/frame_00010.png" ]
+    check "which the run tells" grep -q "photos that the run began with" "$run/run.json"
+    check "nothing else is said of them" eval '! said "was trained on"'
+    "$make_scene" "$work/again" --format ngp --size 24 --train 17 --test 0 --seed 2 >/dev/null
+    cp "$work/again/transforms.json" "$s"
+    model=$("$cln" info "$run" --json | "$query" model_digest)
+    expect "poses that were found anew: refused" 3 "~17.of.17.photos ~other.poses settings-of" \
+        "$cln" train --resume "$run" --progress none --steps 8
+    check "and the run is as it was" [ \
+        "$("$cln" info "$run" --json | "$query" model_digest)" = "$model" ]
+    expect "measured, it is told" 0 "~what.it.learnt.is.elsewhere" "$cln" eval "$run" \
+        -o "$work/elsewhere"
+}
+
 # Views of a file of one's own, measured: without training views, and whatever their split.
 section_measured() {
     local s=$work/photos list=$work/photos/mine.json
@@ -861,6 +890,6 @@ section_phone() {
     check "is the same, bit by bit" diff -r "$work/phone spiral" "$work/phone spiral alone"
 }
 
-every="missing splits listed measured wide moved second orbit frames evals disk depth sparse"
+every="missing splits listed anew measured wide moved second orbit frames evals disk depth sparse"
 every+=" forward beyond masks objects nerfstudio phone"
 run_sections "$every" "$@"

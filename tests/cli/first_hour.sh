@@ -28,6 +28,8 @@ section_words() {
     check "version -v names optional libraries" \
         grep -qE '^built with(out)? libmicrohttpd .*meshoptimizer' \
         "$work/out"
+    expect "one of two processes, without MPI" 3 "~built.without.MPI ~make.MPI=1" \
+        env OMPI_COMM_WORLD_SIZE=2 "$cln" info "$work/none"
     expect "version with an extra word" 2 "foo" "$cln" version foo
     expect "an abbreviation" 2 "--time-limit" "$cln" train s -o r --time 5
     expect "an abbreviation of several" 2 "~mean.--max-alloc,.--max-images[?]" \
@@ -700,7 +702,7 @@ check_runs() { # check_runs RUN
         -e 's/\("name": "[^"]*\)"/\1, of another make with a name that is long"/' \
         "$twin/run.json"
     cp -r "$twin" "$other"
-    sed -i 's/"digest": "[0-9a-f]*"/"digest": "0123456789abcdef"/' "$other/run.json"
+    sed -i -E 's/"(test_)?digest": "[0-9a-f]*"/"\1digest": "0123456789abcdef"/' "$other/run.json"
     expect "two runs" 0 "" "$cln" info "$r" "$twin"
     check "the names of the folders are above the columns" \
         grep -qE "^ +run's 1 +twin$" "$work/out"

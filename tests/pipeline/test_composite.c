@@ -210,14 +210,22 @@ typedef struct loss_case {
 } loss_case;
 
 static const loss_case loss_cases[] = {
-    {"l2", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0}, false},
-    {"huber", {CLN_LOSS_HUBER, 0.15, 0, 0, 0, 0, 0, 0}, true},
-    {"cauchy", {CLN_LOSS_L2, 0.1, 0.01, 0, 0, 0, 0, 0}, false},
-    {"opacity entropy", {CLN_LOSS_L2, 0.1, 0, 0.1, 0, 0, 0, 0}, true},
-    {"distortion", {CLN_LOSS_L2, 0.1, 0, 0, 0.5, 0, 0, 0}, false},
-    {"alpha", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.3, 0, 0}, false},
-    {"depth", {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0.4, 0}, false},
-    {"all", {CLN_LOSS_HUBER, 0.2, 0.001, 0.05, 0.2, 0.1, 0.3, 0}, true},
+    {"l2", {.kind = CLN_LOSS_L2, .huber_delta = 0.1}, false},
+    {"huber", {.kind = CLN_LOSS_HUBER, .huber_delta = 0.15}, true},
+    {"cauchy", {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .cauchy = 0.01}, false},
+    {"opacity entropy", {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .opacity_entropy = 0.1}, true},
+    {"distortion", {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .distortion = 0.5}, false},
+    {"alpha", {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .alpha = 0.3}, false},
+    {"depth", {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .depth = 0.4}, false},
+    {"all",
+     {.kind = CLN_LOSS_HUBER,
+      .huber_delta = 0.2,
+      .cauchy = 0.001,
+      .opacity_entropy = 0.05,
+      .distortion = 0.2,
+      .alpha = 0.1,
+      .depth = 0.3},
+     true},
 };
 
 enum { RANKS = 3 };

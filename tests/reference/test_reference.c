@@ -578,10 +578,21 @@ static double loss_of(const ref_loss *loss, const ray_data *ray, double (*grad)[
 }
 
 static const ref_loss losses[] = {
-    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0},     {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 1e-3, 0, 0, 0, 0, 0},  {CLN_LOSS_L2, 0.1, 0, 0.05, 0, 0, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0.3, 0, 0, 0},   {CLN_LOSS_L2, 0.1, 0, 0, 0, 0.4, 0, 0},
-    {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0.7, 0.4}, {CLN_LOSS_HUBER, 0.2, 1e-3, 0.02, 0.1, 0.2, 0.3, 1},
+    {.kind = CLN_LOSS_L2, .huber_delta = 0.1},
+    {.kind = CLN_LOSS_HUBER, .huber_delta = 0.1},
+    {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .cauchy = 1e-3},
+    {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .opacity_entropy = 0.05},
+    {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .distortion = 0.3},
+    {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .alpha = 0.4},
+    {.kind = CLN_LOSS_L2, .huber_delta = 0.1, .depth = 0.7, .reach = 0.4},
+    {.kind = CLN_LOSS_HUBER,
+     .huber_delta = 0.2,
+     .cauchy = 1e-3,
+     .opacity_entropy = 0.02,
+     .distortion = 0.1,
+     .alpha = 0.2,
+     .depth = 0.3,
+     .reach = 1},
 };
 
 /* Bound: 1e-6 of the gradient's size, plus the rounding of a loss of up to 50 in double at this
@@ -655,7 +666,7 @@ static void test_composite_by_hand(void **state)
     const double out[2][4] = {{0.2, 0.4, 0.6, half / 0.5}, {1, 0.5, 0, half / 0.25}};
     const double target[4] = {0, 0, 0, 0};
     double rgb[4], depth = 0, opacity = 0, w[2] = {0, 0}, plain = 0;
-    ref_loss loss = {CLN_LOSS_L2, 0.1, 0, 0, 0, 0, 0, 0};
+    ref_loss loss = {.kind = CLN_LOSS_L2, .huber_delta = 0.1};
 
     (void)state;
     ref_composite(0, NULL, NULL, NULL, bg, rgb, &depth, &opacity, NULL);
@@ -711,7 +722,7 @@ static void test_composite_by_hand(void **state)
 
 static void test_huber_by_hand(void **state)
 {
-    const ref_loss loss = {CLN_LOSS_HUBER, 0.1, 0, 0, 0, 0, 0, 0};
+    const ref_loss loss = {.kind = CLN_LOSS_HUBER, .huber_delta = 0.1};
     const double bg[3] = {0.5, 0.5, 0.5}, target[4] = {0.45, 0.8, 0.5, 1};
 
     (void)state;

@@ -159,7 +159,7 @@ static void other_scenes_do_not_compare(void **state)
     json_t *run = NULL, *document = beside(a, b);
 
     assert_false(json_is_true(json_object_get(document, "comparable")));
-    assert_note(document, "Scenes or their splits differ", true);
+    assert_note(document, "Scenes or their test photos differ", true);
     assert_row(document, "facts", "digest", "[\"d1\",\"d2\"]");
     assert_row(document, "best", "psnr_train", "[]");
     json_decref(document);
@@ -170,7 +170,7 @@ static void other_scenes_do_not_compare(void **state)
     json_object_set_new(json_object_get(run, "result"), "psnr_train", json_real(31));
     put_json(b, "run.json", json_incref(run));
     document = beside(a, b);
-    assert_note(document, "Scenes or their splits differ", true);
+    assert_note(document, "Scenes or their test photos differ", true);
     assert_row(document, "facts", "views",
                "[\"90 train, 0 val, 10 test\",\"90 train, 0 val, 9 test\"]");
     assert_row(document, "best", "psnr_train", "[]");
@@ -179,7 +179,7 @@ static void other_scenes_do_not_compare(void **state)
     json_object_set_new(json_object_get(run, "dataset"), "path", json_string("/s/cup"));
     put_json(b, "run.json", run);
     document = beside(a, b);
-    assert_note(document, "Scenes or their splits differ", true);
+    assert_note(document, "Scenes or their test photos differ", true);
     assert_row(document, "facts", "scene", "[\"/s/pot\",\"/s/cup\"]");
     json_decref(document);
 }
@@ -194,6 +194,26 @@ static void change_run(const char *run, const char *object, const char *key, jso
     of = object ? json_object_get(document, object) : document;
     assert_int_equal(value ? json_object_set_new(of, key, value) : json_object_del(of, key), 0);
     put_json(run, "run.json", document);
+}
+
+/* Did more training photos help? */
+static void the_same_test_photos_compare(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d2", NULL);
+    json_t *document = NULL;
+
+    change_run(a, "result", "psnr_test", json_real(20));
+    change_run(b, "result", "psnr_train", json_real(31));
+    change_run(a, "dataset", "test_digest", json_string("t"));
+    for (int i = 0; i < 2; i++) {
+        change_run(b, "dataset", "test_digest", json_string(i ? "t" : "u"));
+        document = beside(a, b);
+        assert_int_equal(json_is_true(json_object_get(document, "comparable")), i);
+        assert_note(document, "training photos differ", i);
+        assert_row(document, "best", "psnr_test", i ? "[1]" : "[]");
+        assert_row(document, "best", "psnr_train", "[]");
+        json_decref(document);
+    }
 }
 
 static void untold_scenes_do_not_compare(void **state)
@@ -388,6 +408,7 @@ int test_group_side_by_side(void)
         cmocka_unit_test_setup_teardown(what_differs_is_listed, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(the_best_is_told, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(other_scenes_do_not_compare, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(the_same_test_photos_compare, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(untold_scenes_do_not_compare, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(unfinished_runs_compare_by_the_same_views, scratch_make,
                                         scratch_remove),

@@ -80,7 +80,8 @@ static void test_learns(void **state)
     assert_string_equal(json_string_value(fixture_at(run, "state")), "done");
     assert_int_equal(json_integer_value(fixture_at(run, "result.step")), STEPS);
     left_out = json_dumps(fixture_at(run, "left_out"), 0);
-    assert_non_null(strstr(left_out, "\"regularisers\""));
+    assert_non_null(strstr(left_out, "\"regularisers: sparsity, cauchy, opacity-entropy, "
+                                     "distortion-loss, edge, view-l2\""));
     free(left_out);
     json_decref(run);
     assert_int_equal(fixture_digest("whole"), fixture_whole.digest);
