@@ -11,6 +11,7 @@
 #include "base/memory.h"
 #include "io/json.h"
 #include "io/run_folder.h"
+#include "render/frames.h"
 #include "render/open_run.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
@@ -100,6 +101,23 @@ done:
     return st;
 }
 
+/* The transforms JSON that a path in nerfstudio's frame is brought by. */
+static cln_status find_transforms(const cln_view_desc *desc, const cln_scene *scene, char **path,
+                                  bool *gone)
+{
+    cln_status st = CLN_OK;
+    const char *dialect = scene ? scene->dialect : NULL;
+    json_t *document = NULL;
+
+    CLN_TRY(cln_run_read(desc->run, &document));
+    if (!dialect || !desc->scene)
+        dialect = cln_json_text(json_object_get(document, "dataset"), "dialect");
+    CLN_TRY(cln_frames_transforms(desc->run, desc->scene, dialect, path, gone));
+done:
+    json_decref(document);
+    return st;
+}
+
 /* By ranks: rank 0 serves, and the others render their part of each batch. */
 static cln_status check_ranks(const cln_model *model)
 {
@@ -116,7 +134,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     cln_server *server = NULL;
     cln_orbit_frame frame;
     cln_camera first;
-    char *text = NULL;
+    char *text = NULL, *transforms = NULL;
     newest last = {0};
     cln_facts facts = {.model = &opened.model, .frame = &frame, .start = &first};
 
@@ -140,6 +158,8 @@ cln_status cln_view_run(const cln_view_desc *desc)
         goto done;
     }
     CLN_TRY(cln_painter_open(&painter, &first));
+    CLN_TRY(find_transforms(desc, opened.scene, &transforms, &facts.transforms_gone));
+    facts.transforms = transforms;
     CLN_TRY(cln_facts_text(&facts, &text));
     CLN_TRY(cln_server_open(
         &(cln_server_desc){.listener = &listener, .painter = &painter, .facts = text}, &server));
@@ -156,5 +176,6 @@ done:
     cln_open_run_close(&opened);
     free(last.path);
     free(text);
+    free(transforms);
     return st;
 }

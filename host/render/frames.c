@@ -68,29 +68,41 @@ done:
     return st;
 }
 
-/* Where the scene's transforms JSON is, the folder or the file: NULL of scenes of other formats,
- * and where the run's scene is not there. scene: the one that was read, NULL if none was. */
+cln_status cln_frames_transforms(const char *run, const char *scene, const char *dialect,
+                                 char **path, bool *gone)
+{
+    cln_status st = CLN_OK;
+
+    *path = NULL;
+    *gone = false;
+    if (!dialect || (strcmp(dialect, "nerfstudio") != 0 && strcmp(dialect, "instant-ngp") != 0))
+        return CLN_OK;
+    if (scene)
+        return cln_strdup(path, scene);
+    st = cln_recorded_scene(run, path);
+    if (st != CLN_INPUT)
+        return st;
+    cln_clear_error();
+    *gone = true;
+    return CLN_OK;
+}
+
+/* That of the scene that was read (NULL: none), or of the run. */
 static cln_status find_transforms(const cln_render_desc *desc, const cln_scene *scene,
                                   const json_t *run, char **path)
 {
     cln_status st = CLN_OK;
-    const char *dialect =
+    const char *own =
         json_string_value(json_object_get(json_object_get(run, "dataset"), "dialect"));
+    bool gone = false;
 
-    *path = NULL;
-    if (desc->scene && scene)
-        dialect = scene->dialect;
-    if (!dialect || (strcmp(dialect, "nerfstudio") != 0 && strcmp(dialect, "instant-ngp") != 0))
-        return CLN_OK;
-    if (desc->scene)
-        return cln_strdup(path, desc->scene);
-    st = cln_recorded_scene(desc->run, path);
-    if (st != CLN_INPUT)
-        return st;
-    cln_clear_error();
-    cln_warn("--poses: the scene is not there, so whether its transforms.json has an "
-             "applied_transform, which nerfstudio's frame does not count, is not known");
-    return CLN_OK;
+    CLN_TRY(cln_frames_transforms(desc->run, desc->scene,
+                                  desc->scene && scene ? scene->dialect : own, path, &gone));
+    if (gone)
+        cln_warn("--poses: the scene is not there, so whether its transforms.json has an "
+                 "applied_transform, which nerfstudio's frame does not count, is not known");
+done:
+    return st;
 }
 
 /* The poses of a file, or max_images of them, evenly chosen. */

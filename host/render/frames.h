@@ -39,6 +39,12 @@ void cln_frames_free(cln_frames *frames); /* accepts a zeroed one */
 /* Room for `count` frames, zeroed, in an empty list. */
 cln_status cln_frames_room(int count, cln_frames *out);
 
+/* Where the transforms JSON is, folder or file, that the poses of the run's scene come from: NULL
+ * of scenes of other formats, and if it is not there (*gone). scene: where it was read from; NULL:
+ * where the run finds it. dialect: the scene's. The caller frees *path. */
+cln_status cln_frames_transforms(const char *run, const char *scene, const char *dialect,
+                                 char **path, bool *gone);
+
 /* ---- pose_file.c ---- */
 
 /* Reads nerfstudio's camera_path.json, or the frames of a transforms JSON file with its lenses.

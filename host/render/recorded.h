@@ -29,7 +29,8 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_sc
                              bool *same);
 
 /* The same for a training that resumes the run, whose command takes SCENE in another place. Another
- * scene at desc->path is CLN_INPUT, as the run would belong to it. */
+ * scene at desc->path is CLN_INPUT, as the run would belong to it, and so is one anywhere whose
+ * poses are elsewhere (cln_scene_moved_since). */
 cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene);
 
 /* The scene's views as the run keeps them, without photos (scene/cameras_file.h). CLN_INPUT if they

@@ -23,12 +23,11 @@ cln_status cln_scene_list_tests(cln_scene *scene, const char *file);
 /* Those that are test views of `kept`, by their names; names that are not there do not matter. */
 cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept);
 
-/* since.c: after the split by a count, if `kept` was split by the same one: once photos came or
- * went, every Nth is another one, so those that the run had stay what they were, and new ones
- * train, which split_rule tells. A scene that has none of them counts anew. */
-cln_status cln_scene_keep_counted(cln_scene *scene, const cln_scene *kept);
-/* Warns of test views that were training views of `kept`: they do not tell how good it is. */
-cln_status cln_scene_tell_trained(const cln_scene *scene, const cln_scene *kept);
+/* since.c: after the split, of a scene that is the run's by most names and by their poses. If it
+ * was split by a count, as `kept` was, every Nth is another one once photos came or went: those
+ * that the run had stay what they were, and new ones train, which split_rule tells. Fills in which
+ * views the run was trained on, and warns of such test views. */
+cln_status cln_scene_keep_split(cln_scene *scene, const cln_scene *kept, bool counted);
 
 /* load.c: takes frames whose image file is missing or cannot be read (by its first and last bytes;
  * with CLN_MISSING_SKIP by all of it, undecoded) out of the views and puts them behind these, with

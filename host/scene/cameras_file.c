@@ -110,7 +110,8 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
     } flags[] = {{"leads_out", view->leads_out},
                  {"alpha_mask", view->alpha_mask},
                  {"turned", view->turned},
-                 {"mask_black", view->mask_path && view->mask_black}};
+                 {"mask_black", view->mask_path && view->mask_black},
+                 {"trained", view->trained && view->split != CLN_SPLIT_TRAIN}};
 
     CLN_TRY(add_path(scene, "file", view->path, view->name, row));
     CLN_TRY(add_path(scene, "alpha", view->alpha_path, NULL, row));
@@ -288,6 +289,7 @@ static cln_status read_view(const char *path, const json_t *row, int i, const cl
     view->turned = json_is_true(json_object_get(row, "turned"));
     view->mask_black = json_is_true(json_object_get(row, "mask_black"));
     view->alpha_mask = json_is_true(json_object_get(row, "alpha_mask"));
+    view->trained = json_is_true(json_object_get(row, "trained"));
     if (!*name)
         return fail_row(path, "views", (size_t)i, "name");
     if (!get_numbers(json_object_get(row, "pose"), 12, view->camera.c2w))

@@ -162,7 +162,7 @@ static cln_status describe(const cln_scene *scene, json_t **out)
     *out = json_pack(
         "{s:s, s:s, s:s, s:i, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:o, s:b, s:{s:i, s:f}, "
         "s:i, "
-        "s:i, s:o, s:o, s:s, s:s, s:o, s:s, s:s, s:o, s:o, s:o, s:o, s:o, s:o}",
+        "s:i, s:o, s:o, s:s, s:s, s:o, s:s, s:s*, s:o, s:o, s:o, s:o, s:o, s:o}",
         "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
         scene->view_count, "missing", scene->missing, "unreadable", scene->unreadable,
         "missing_names", describe_missing(scene), "splits", splits, "split_rule", scene->split_rule,
@@ -172,10 +172,11 @@ static cln_status describe(const cln_scene *scene, json_t **out)
         "share", fold.share, "downscale", scene->downscale, "downscale_least",
         scene->downscale_least, "centre", centre, "half", cln_json_real(scene->space.half), "space",
         cln_space_name(&scene->space), "bounds_rule", scene->bounds_rule, "background", background,
-        "digest", digest, "test_digest", test_digest, "camera_distance", cln_json_real(distance),
-        "cube_share", cln_json_real(scene->cube_share), "spread", cln_json_real(scene->spread),
-        "apart_share", cln_json_real(scene->apart_share), "intrinsics", describe_intrinsics(scene),
-        "cameras", describe_views(scene));
+        "digest", digest, "test_digest",
+        cln_scene_split_count(scene, CLN_SPLIT_TEST) ? test_digest : NULL, "camera_distance",
+        cln_json_real(distance), "cube_share", cln_json_real(scene->cube_share), "spread",
+        cln_json_real(scene->spread), "apart_share", cln_json_real(scene->apart_share),
+        "intrinsics", describe_intrinsics(scene), "cameras", describe_views(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;

@@ -79,8 +79,8 @@ static const struct {
 
 typedef struct survey {
     int count[KINDS];
-    int program;        /* index of the first of programs[] that is there, or -1 */
-    char *of_it;        /* name of its file */
+    int program;        /* the first of programs[] that is there, if of_it is */
+    char *of_it;        /* the first of its files, in natural order */
     char *first[KINDS]; /* name of the first of each, in natural order */
     int scenes;         /* folders that are a scene */
     char *scene;        /* the first of them */
@@ -171,12 +171,16 @@ static cln_status look(const char *folder, const char *within, bool (*is_scene)(
         CLN_TRY(cln_path_join(&path, folder, entry->d_name));
         CLN_TRY(cln_path_join(&name, within ? within : "", entry->d_name));
         if (!cln_is_dir(path)) {
-            const int program = found->of_it ? -1 : program_of(path);
+            const int program = program_of(path);
 
             kind = kind_of(name);
-            if (program >= 0) {
+            if (program >= 0 && found->of_it && program < found->program) {
+                free(found->of_it);
+                found->of_it = NULL;
+            }
+            if (program >= 0 && (!found->of_it || program == found->program)) {
                 found->program = program;
-                CLN_TRY(cln_strdup(&found->of_it, name));
+                CLN_TRY(keep_first(&found->of_it, name));
             }
         } else if (!within && is_scene(path)) {
             found->scenes++;

@@ -203,6 +203,20 @@ static size_t common_end(const char *name, const char *file, bool *same)
     return end;
 }
 
+/* Copies of photos in other sizes lie in images_2 and so on: the first of these counts. */
+static int rank_of(const char *file)
+{
+    int rank = 0;
+
+    for (; rank < CLN_IMAGE_FOLDERS; rank++) {
+        const size_t length = strlen(cln_image_folders[rank]);
+
+        if (strncmp(file, cln_image_folders[rank], length) == 0 && file[length] == '/')
+            break;
+    }
+    return rank;
+}
+
 /* As cln_moved_find, in this form of the name. */
 static cln_status find_form(cln_moved *moved, const char *name, bool leads_out, char **out)
 {
@@ -210,7 +224,7 @@ static cln_status find_form(cln_moved *moved, const char *name, bool leads_out, 
     const char *base = base_of(name), *best = NULL, *like = NULL;
     size_t longest = 0;
     bool exact = false, tie = false;
-    int likes = 0;
+    int likes = 0, first = CLN_IMAGE_FOLDERS;
 
     *out = NULL;
     CLN_TRY(list(moved));
@@ -223,9 +237,10 @@ static cln_status find_form(cln_moved *moved, const char *name, bool leads_out, 
             break;
         if (!is_like(file, base))
             continue;
-        if (!lies_beside_photos(file)) {
+        if (!lies_beside_photos(file) && rank_of(file) <= first) {
+            likes = rank_of(file) < first ? 1 : likes + 1;
+            first = rank_of(file);
             like = file;
-            likes++;
         }
         end = common_end(name, file, &same);
         if (!strchr(file, '/') && strchr(name, '/'))

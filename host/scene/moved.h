@@ -8,7 +8,8 @@
  *   - of a path that leads out of the folder, or (bare) has no folders where the dataset does not
  *     say where its images are, the only file below it with that name, but in folders of masks and
  *     the like;
- *   - that file, too, if no image of the dataset is anywhere else, and each has one.
+ *   - that file, too, if no image of the dataset is anywhere else, and each has one; of several in
+ *     images, images_2, images_4 and images_8 the first.
  * Nothing is taken where two files match alike, nor a file that a frame of another name has by an
  * earlier rule or by the same one; nor one of another scene in the folder: COLMAP's undistorted
  * photos, in dense/0/images beside dense/0/sparse, have the names of those that lenses bent. */

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -297,15 +298,21 @@ done:
 }
 
 /* Is it by its name another picture of a view than the photo, as Blender and instant-ngp have them
- * beside photos? */
+ * beside photos: r_0_depth.png? */
 static bool is_beside(const char *name)
 {
-    static const char *const words[] = {"depth", "normal", "mask", "alpha", "albedo"};
-    bool is = false;
+    bool is = cln_is_no_photos(name);
 
-    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
-        is = is || strcasestr(name, words[i]);
+    for (const char *at = name; (at = strpbrk(at, "_-. ")) && !is; at++)
+        is = cln_is_no_photos(at + 1);
     return is;
+}
+
+static bool is_same_folder(const char *a, const char *b)
+{
+    struct stat x, y;
+
+    return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
 cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *result)
@@ -327,16 +334,23 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
     if (!slash)
         return CLN_OK;
     CLN_TRY(cln_asprintf(&folder, "%.*s", (int)length, first));
-    if (strcmp(folder, scene) == 0 || !cln_is_dir(folder))
+    if (is_same_folder(folder, scene))
         goto done;
-    CLN_TRY(cln_dataset_images(folder, &there));
+    st = cln_dataset_images_of(folder, true, &there);
+    if (st == CLN_INPUT) { /* what cannot be listed is not told */
+        cln_clear_error();
+        st = CLN_OK;
+        goto done;
+    }
+    CLN_TRY(st);
     for (int i = 0; i < there.count; i++) {
-        if (strchr(there.name[i], '/') || is_beside(there.name[i]))
+        if (is_beside(there.name[i]))
             free(there.name[i]);
         else
             there.name[kept++] = there.name[i];
     }
     there.count = kept;
+    qsort(there.name, (size_t)kept, sizeof *there.name, by_text);
     CLN_TRY(warn_unposed(folder, result, &there));
 done:
     cln_dataset_free_names(&there);

@@ -40,6 +40,12 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
                      "%s: it is a reconstruction of OpenSfM's; give the folder around it, where "
                      "it is called reconstruction.json",
                      file));
+    if (json_object_get(root, "sfm_data_version"))
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: a scene of OpenMVG; openMVG_main_openMVG2Colmap writes COLMAP's files "
+                     "of it, which are read",
+                     file));
     if (!json_is_object(root))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: not a JSON object with frames; give the file that has them", file));
@@ -455,7 +461,9 @@ done:
     return st;
 }
 
-static cln_status read_single(const char *folder, const char *file, cln_reader_result *result)
+/* whole: the file is the folder's, so photos that it does not name are told. */
+static cln_status read_single(const char *folder, const char *file, bool whole,
+                              cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     json_t *root = NULL;
@@ -463,6 +471,8 @@ static cln_status read_single(const char *folder, const char *file, cln_reader_r
     CLN_TRY(cln_transforms_read(file, &root));
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
     CLN_TRY(finish_frames(folder, (char *const[1]){(char *)file}, &root, 1, result));
+    if (whole)
+        CLN_TRY(cln_dataset_tell_unposed(folder, result));
     CLN_TRY(apply_lists(file, root, result));
     CLN_TRY(read_bounds(file, root, result));
     CLN_TRY(read_points(folder, file, root, result));
@@ -507,11 +517,10 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
 
     CLN_TRY(cln_scene_folder(path, &folder));
     if (!cln_is_dir(path) && !is_split_file(path)) {
-        CLN_TRY(read_single(folder, path, result));
+        CLN_TRY(read_single(folder, path, false, result));
     } else if (cln_is_dir(path) && cln_has_file(folder, "transforms.json")) {
         CLN_TRY(cln_path_join(&file, folder, "transforms.json"));
-        CLN_TRY(read_single(folder, file, result));
-        CLN_TRY(cln_dataset_tell_unposed(folder, result));
+        CLN_TRY(read_single(folder, file, true, result));
     } else {
         CLN_TRY(read_blender(folder, path, result));
     }

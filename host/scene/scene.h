@@ -101,6 +101,7 @@ typedef struct cln_view {
     size_t place;
     const uint8_t *kept; /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
     int64_t left_out;    /* number of pixels beyond the fold of its lens */
+    bool trained;        /* the run that it is read for was trained on it; false where none is */
     uint8_t *masked;     /* what `kept` is, if the view has a mask and pixels; else NULL */
 } cln_view;
 
@@ -164,8 +165,9 @@ typedef struct cln_scene_desc {
     const cln_config *config; /* downscale, bbox, background, holdout, test_views, missing,
                                  masks */
     const cln_scene *kept;   /* the views that a run keeps: its test views count instead of those of
-                                 config.test_views and, by an unchanged rule, of config.holdout;
-                                 test views that it was trained on are told. NULL: no run's */
+                                 config.test_views and, by an unchanged rule and in the same
+                                 scene, of config.holdout; test views that it was trained on are
+                                 told. NULL: no run's */
     bool pixels[CLN_SPLITS]; /* load the images of these splits, of several ranks each its own;
                                  cameras, sizes and masks always */
     bool unseen;             /* no error if no camera sees the cube */

@@ -6,109 +6,97 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
+#include "base/unicode.h"
 
 static const double FAR = 0.05;   /* of the cameras' median distance from their middle */
 static const double TURNED = 3.0; /* degrees */
+static const double GROWN = 0.5;  /* of the fewer views that both have, for a scene that grew */
 
-static int by_bytes(const void *a, const void *b)
+/* ---- the run's views by name ---- */
+
+typedef struct row {
+    char *name; /* composed, as names of files come in two forms */
+    const cln_view *view;
+} row;
+
+static int by_name(const void *a, const void *b)
 {
-    const cln_view *const *x = a, *const *y = b;
+    const row *x = a, *y = b;
 
-    return strcmp((*x)->name, (*y)->name);
+    return strcmp(x->name, y->name);
 }
 
-/* The views of a run by their names. */
-static cln_status sort_names(const cln_scene *kept, const cln_view ***sorted)
+/* Of a name that is in several splits, that of training is the first. */
+static int by_name_and_split(const void *a, const void *b)
+{
+    const row *x = a, *y = b;
+    const int order = by_name(a, b);
+
+    return order ? order : (int)x->view->split - (int)y->view->split;
+}
+
+static cln_status make_row(const cln_view *view, row *out)
+{
+    out->view = view;
+    out->name = cln_unicode_form(view->name, true);
+    return out->name ? CLN_OK : cln_strdup(&out->name, view->name);
+}
+
+static void free_rows(row *rows, int count)
+{
+    for (int i = 0; i < count && rows; i++)
+        free(rows[i].name);
+    free(rows);
+}
+
+/* *was: for each view of the scene that of the run with its name, or NULL. */
+static cln_status find_views(const cln_scene *scene, const cln_scene *kept, const cln_view ***was)
 {
     cln_status st = CLN_OK;
+    const int count = kept->view_count;
+    row *rows = NULL, wanted = {0};
 
-    CLN_TRY(cln_alloc(sorted, (size_t)kept->view_count, sizeof **sorted, "views"));
-    for (int i = 0; i < kept->view_count; i++)
-        (*sorted)[i] = &kept->views[i];
-    qsort(*sorted, (size_t)kept->view_count, sizeof **sorted, by_bytes);
-done:
-    return st;
-}
-
-static const cln_view *find_view(const cln_view *const *sorted, int count, const cln_view *view)
-{
-    const cln_view *const *found = bsearch(&view, sorted, (size_t)count, sizeof *sorted, by_bytes);
-
-    return found ? *found : NULL;
-}
-
-cln_status cln_scene_keep_counted(cln_scene *scene, const cln_scene *kept)
-{
-    cln_status st = CLN_OK;
-    const cln_view **sorted = NULL;
-    char *rule = NULL;
-    int known = 0, moved = 0;
-
-    if (strncmp(kept->split_rule, scene->split_rule, strlen(scene->split_rule)) != 0)
-        return CLN_OK;
-    CLN_TRY(sort_names(kept, &sorted));
-    for (int i = 0; i < scene->view_count; i++)
-        known += find_view(sorted, kept->view_count, &scene->views[i]) != NULL;
-    for (int i = 0; i < scene->view_count && known > 0; i++) {
-        const cln_view *was = find_view(sorted, kept->view_count, &scene->views[i]);
-        const cln_split split = was ? was->split : CLN_SPLIT_TRAIN;
-
-        moved += scene->views[i].split != split;
-        scene->views[i].split = split;
-    }
-    if (moved == 0)
-        goto done;
-    CLN_TRY(cln_asprintf(&rule, "%s, of the photos that the run began with", scene->split_rule));
-    free(scene->split_rule);
-    scene->split_rule = rule;
-done:
-    free(sorted);
-    return st;
-}
-
-cln_status cln_scene_tell_trained(const cln_scene *scene, const cln_scene *kept)
-{
-    cln_status st = CLN_OK;
-    const cln_view **sorted = NULL;
-    const char *first = NULL;
-    int tests = 0, trained = 0;
-
-    CLN_TRY(sort_names(kept, &sorted));
+    CLN_TRY(cln_alloc(&rows, (size_t)count, sizeof *rows, "views"));
+    CLN_TRY(cln_alloc(was, (size_t)scene->view_count, sizeof **was, "views"));
+    for (int i = 0; i < count; i++)
+        CLN_TRY(make_row(&kept->views[i], &rows[i]));
+    qsort(rows, (size_t)count, sizeof *rows, by_name_and_split);
     for (int i = 0; i < scene->view_count; i++) {
-        const cln_view *view = &scene->views[i];
-        const cln_view *was =
-            view->split == CLN_SPLIT_TEST ? find_view(sorted, kept->view_count, view) : NULL;
+        const row *found = NULL;
 
-        tests += view->split == CLN_SPLIT_TEST;
-        if (!was || was->split != CLN_SPLIT_TRAIN)
-            continue;
-        first = first ? first : view->name;
-        trained++;
+        free(wanted.name);
+        wanted.name = NULL;
+        CLN_TRY(make_row(&scene->views[i], &wanted));
+        found = bsearch(&wanted, rows, (size_t)count, sizeof *rows, by_name);
+        while (found && found > rows && by_name(found - 1, found) == 0)
+            found--;
+        (*was)[i] = found ? found->view : NULL;
     }
-    if (trained > 0)
-        cln_warn("%s: the run was trained on %d of its %d test photos ('%s'%s): what is measured "
-                 "on them is too good; with the run's own split (%s) it is not",
-                 scene->folder, trained, tests, first, trained > 1 ? ", ..." : "",
-                 kept->split_rule);
 done:
-    free(sorted);
+    free(wanted.name);
+    free_rows(rows, count);
     return st;
 }
 
-static int by_size(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
+/* ---- poses ---- */
 
-    return (x > y) - (x < y);
+static double distance(const double a[12], const double b[12])
+{
+    return hypot(hypot(a[3] - b[3], a[7] - b[7]), a[11] - b[11]);
 }
 
-static double median(double *values, int count)
+static double degrees_between(const double a[12], const double b[12])
 {
-    qsort(values, (size_t)count, sizeof *values, by_size);
-    return values[count / 2];
+    double trace = 0;
+
+    for (int k = 0; k < 12; k++)
+        trace += k % 4 < 3 ? a[k] * b[k] : 0;
+    return acos(fmin(fmax(0.5 * (trace - 1), -1), 1)) * 180 / 3.141592653589793;
 }
 
 /* The median distance of these cameras from the mean of their places. */
@@ -116,58 +104,124 @@ static cln_status spread_of(const cln_scene *kept, double *spread)
 {
     cln_status st = CLN_OK;
     const int count = kept->view_count;
-    double middle[3] = {0}, *distance = NULL;
+    double middle[12] = {0}, *away = NULL;
 
-    CLN_TRY(cln_alloc(&distance, (size_t)count, sizeof *distance, "views"));
+    CLN_TRY(cln_alloc(&away, (size_t)count, sizeof *away, "views"));
     for (int i = 0; i < 3 * count; i++)
-        middle[i % 3] += kept->views[i / 3].camera.c2w[4 * (i % 3) + 3] / count;
-    for (int i = 0; i < count; i++) {
-        const double *pose = kept->views[i].camera.c2w;
-
-        distance[i] = hypot(hypot(pose[3] - middle[0], pose[7] - middle[1]), pose[11] - middle[2]);
-    }
-    *spread = median(distance, count);
+        middle[4 * (i % 3) + 3] += kept->views[i / 3].camera.c2w[4 * (i % 3) + 3] / count;
+    for (int i = 0; i < count; i++)
+        away[i] = distance(kept->views[i].camera.c2w, middle);
+    cln_reals_sort(away, count);
+    *spread = away[count / 2];
 done:
-    free(distance);
+    free(away);
     return st;
 }
 
 cln_status cln_scene_moved_since(const cln_scene *scene, const cln_scene *kept, cln_since *out)
 {
     cln_status st = CLN_OK;
-    const cln_view **sorted = NULL;
+    const cln_view **was = NULL;
     double *shift = NULL, *turn = NULL, spread = 0;
 
     *out = (cln_since){0};
-    CLN_TRY(sort_names(kept, &sorted));
+    CLN_TRY(find_views(scene, kept, &was));
     CLN_TRY(spread_of(kept, &spread));
     CLN_TRY(cln_alloc(&shift, (size_t)scene->view_count, sizeof *shift, "views"));
     CLN_TRY(cln_alloc(&turn, (size_t)scene->view_count, sizeof *turn, "views"));
     for (int i = 0; i < scene->view_count; i++) {
-        const cln_view *was = find_view(sorted, kept->view_count, &scene->views[i]);
-        const double *from = was ? was->camera.c2w : NULL, *to = scene->views[i].camera.c2w;
-        double cosine = -1;
+        const double *to = scene->views[i].camera.c2w;
+        const int k = out->known;
 
-        if (!was)
+        if (!was[i])
             continue;
-        for (int k = 0; k < 12; k++)
-            cosine += k % 4 < 3 ? from[k] * to[k] : 0;
-        shift[out->known] =
-            hypot(hypot(to[3] - from[3], to[7] - from[7]), to[11] - from[11]) / spread;
-        turn[out->known] = acos(fmin(fmax(0.5 * cosine, -1), 1)) * 180 / 3.141592653589793;
-        if (!(spread > 0))
-            shift[out->known] = 0;
-        out->moved += shift[out->known] > FAR || turn[out->known] > TURNED;
+        shift[k] = spread > 0 ? distance(was[i]->camera.c2w, to) / spread : 0;
+        turn[k] = degrees_between(was[i]->camera.c2w, to);
+        out->moved += shift[k] > FAR || turn[k] > TURNED;
         out->known++;
     }
     if (out->known > 0) {
-        out->shift = median(shift, out->known);
-        out->degrees = median(turn, out->known);
+        cln_reals_sort(shift, out->known);
+        cln_reals_sort(turn, out->known);
+        out->shift = shift[out->known / 2];
+        out->degrees = turn[out->known / 2];
     }
     out->elsewhere = out->shift > FAR || out->degrees > TURNED;
 done:
-    free(sorted);
+    free(was);
     free(shift);
     free(turn);
+    return st;
+}
+
+/* ---- the split ---- */
+
+/* New photos train; those that the run had stay what they were. */
+static cln_status keep_counted(cln_scene *scene, const cln_view *const *was)
+{
+    cln_status st = CLN_OK;
+    char *rule = NULL;
+    bool trains = false, moved = false;
+
+    for (int i = 0; i < scene->view_count; i++)
+        trains = trains || !was[i] || was[i]->split == CLN_SPLIT_TRAIN;
+    for (int i = 0; i < scene->view_count && trains; i++) {
+        cln_view *view = &scene->views[i];
+        const cln_split split = was[i] ? was[i]->split : CLN_SPLIT_TRAIN;
+
+        /* one that is not there is left out later on, and was not in the run for that */
+        moved = moved || (view->split != split && (was[i] || cln_is_file(view->path)));
+        view->split = split;
+    }
+    if (!moved)
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&rule, "%s, of the photos that the run began with", scene->split_rule));
+    free(scene->split_rule);
+    scene->split_rule = rule;
+done:
+    return st;
+}
+
+/* Test views that the run was trained on cannot tell how good it is. */
+static void tell_trained(const cln_scene *scene)
+{
+    const char *first = NULL;
+    int tests = 0, trained = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+
+        tests += view->split == CLN_SPLIT_TEST;
+        if (view->split != CLN_SPLIT_TEST || !view->trained)
+            continue;
+        first = first ? first : view->name;
+        trained++;
+    }
+    if (trained > 0)
+        cln_warn(
+            "%s: the run was trained on %d of its %d test photos ('%s'%s), so what is measured "
+            "on them is too good",
+            scene->folder, trained, tests, first, trained > 1 ? ", ..." : "");
+}
+
+cln_status cln_scene_keep_split(cln_scene *scene, const cln_scene *kept, bool counted)
+{
+    cln_status st = CLN_OK;
+    const int fewer = kept->view_count < scene->view_count ? kept->view_count : scene->view_count;
+    const size_t length = strlen(scene->split_rule);
+    const cln_view **was = NULL;
+    cln_since since;
+
+    CLN_TRY(cln_scene_moved_since(scene, kept, &since));
+    if (since.elsewhere || since.known < GROWN * fewer)
+        return CLN_OK; /* another scene, or other poses, which a run that goes on refuses */
+    CLN_TRY(find_views(scene, kept, &was));
+    if (counted && strncmp(kept->split_rule, scene->split_rule, length) == 0)
+        CLN_TRY(keep_counted(scene, was));
+    for (int i = 0; i < scene->view_count; i++)
+        scene->views[i].trained = was[i] && (was[i]->trained || was[i]->split == CLN_SPLIT_TRAIN);
+    tell_trained(scene);
+done:
+    free(was);
     return st;
 }

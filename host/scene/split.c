@@ -68,11 +68,10 @@ done:
     return st;
 }
 
-/* Every Nth view, or none, by config; of a run, as it was by the same rule. */
-static cln_status take_every(cln_scene *scene, const cln_scene_desc *desc)
+/* Every Nth view, or none, by config. */
+static cln_status take_every(cln_scene *scene, const cln_config *config)
 {
     cln_status st = CLN_OK;
-    const cln_config *config = desc->config;
     const int holdout = config->holdout, first = config->holdout_from;
 
     CLN_TRY(hold_out(scene, holdout, first));
@@ -87,8 +86,6 @@ static cln_status take_every(cln_scene *scene, const cln_scene_desc *desc)
                              holdout));
     else
         CLN_TRY(cln_strdup(&scene->split_rule, "all images are train (--holdout 0)"));
-    if (desc->kept)
-        CLN_TRY(cln_scene_keep_counted(scene, desc->kept));
 done:
     return st;
 }
@@ -110,9 +107,9 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_
     else if (listed)
         CLN_TRY(take_list(scene, desc));
     else
-        CLN_TRY(take_every(scene, desc));
+        CLN_TRY(take_every(scene, desc->config));
     if (desc->kept)
-        CLN_TRY(cln_scene_tell_trained(scene, desc->kept));
+        CLN_TRY(cln_scene_keep_split(scene, desc->kept, !named_splits && !listed));
     qsort(scene->views, (size_t)scene->view_count, sizeof *scene->views, by_split_and_name);
     for (int i = 1; i < scene->view_count; i++) {
         const cln_view *a = &scene->views[i - 1], *b = &scene->views[i];

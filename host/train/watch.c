@@ -12,6 +12,7 @@
 #include "device/queue.h"
 #include "io/json.h"
 #include "ranks/ranks.h"
+#include "render/frames.h"
 #include "render/orbit.h"
 #include "train/allowance.h"
 #include "train/curve.h"
@@ -228,12 +229,13 @@ cln_status cln_watch_start(cln_trainer *t)
     struct cln_watch *w = t->watch;
     cln_orbit_frame frame;
     cln_camera first;
-    const cln_facts facts = {.run = t->desc->run,
-                             .model = &t->model,
-                             .scene = t->scene,
-                             .frame = &frame,
-                             .start = &first,
-                             .training = true};
+    char *transforms = NULL;
+    cln_facts facts = {.run = t->desc->run,
+                       .model = &t->model,
+                       .scene = t->scene,
+                       .frame = &frame,
+                       .start = &first,
+                       .training = true};
 
     if (!w)
         return CLN_OK;
@@ -241,6 +243,9 @@ cln_status cln_watch_start(cln_trainer *t)
         .pipeline = &t->pipeline, .model = &t->model, .scene = t->scene, .training = true};
     CLN_TRY(cln_orbit_frame_of(t->scene, (const double[3]){0}, &frame));
     CLN_TRY(cln_facts_camera(&frame, &first));
+    CLN_TRY(cln_frames_transforms(t->desc->run, t->scene->path, t->scene->dialect, &transforms,
+                                  &facts.transforms_gone));
+    facts.transforms = transforms;
     CLN_TRY(cln_facts_text(&facts, &w->facts));
     cln_queue_book(t->device, CLN_STAGE_VIEWING);
     CLN_TRY(cln_painter_open(&w->painter, &first));
@@ -257,6 +262,7 @@ cln_status cln_watch_start(cln_trainer *t)
         t->desc->live->ready(w->listener.address, t->desc->live->user);
 done:
     cln_queue_book(t->device, CLN_STAGES);
+    free(transforms);
     return st;
 }
 

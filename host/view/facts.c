@@ -2,8 +2,8 @@
 #include "view/facts.h"
 
 #include <stdio.h>
+#include <string.h>
 
-#include "base/files.h"
 #include "io/palette.h"
 #include "render/frames.h"
 
@@ -75,17 +75,26 @@ static json_t *errors_json(void)
     return list;
 }
 
-/* For paths in nerfstudio's frame. known: the scene is there. */
-static cln_status applied_json(const cln_scene *scene, json_t **out)
+/* For paths in nerfstudio's frame. A damaged file does not hinder the rest. */
+static cln_status applied_json(const cln_facts *facts, json_t **out)
 {
     cln_status st = CLN_OK;
-    double applied[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, scale = 1;
-    const bool known =
-        scene && scene->path && (cln_is_dir(scene->path) || cln_is_file(scene->path));
+    static const double none[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    double applied[12], scale = 1;
+    bool known = !facts->transforms_gone;
     json_t *rows = NULL;
 
-    if (known)
-        CLN_TRY(cln_frames_applied(scene->path, applied, &scale));
+    memcpy(applied, none, sizeof applied);
+    if (facts->transforms)
+        st = cln_frames_applied(facts->transforms, applied, &scale);
+    if (st == CLN_INPUT) {
+        cln_clear_error();
+        memcpy(applied, none, sizeof applied);
+        scale = 1;
+        known = false;
+        st = CLN_OK;
+    }
+    CLN_TRY(st);
     rows = json_array();
     for (int i = 0; i < 3; i++)
         json_array_append_new(rows, numbers(applied + (size_t)4 * (size_t)i, 4));
@@ -104,7 +113,7 @@ cln_status cln_facts_text(const cln_facts *facts, char **out)
     json_t *cameras = NULL, *document = NULL, *applied = NULL;
 
     *out = NULL;
-    CLN_TRY(applied_json(facts->scene, &applied));
+    CLN_TRY(applied_json(facts, &applied));
     cameras = json_array();
     for (int i = 0; facts->scene && i < facts->scene->view_count; i++)
         json_array_append_new(cameras, camera_json(&facts->scene->views[i]));

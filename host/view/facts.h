@@ -12,6 +12,8 @@ typedef struct cln_facts {
     const cln_orbit_frame *frame;
     const cln_camera *start; /* the first camera */
     bool training;           /* it is under way */
+    const char *transforms;  /* of cln_frames_transforms; NULL: none */
+    bool transforms_gone;
 } cln_facts;
 
 /* {run, step, leaves, training, background, target, up, distance, centre, half, box, endless,
@@ -20,8 +22,8 @@ typedef struct cln_facts {
  * box: [x0, y0, z0, x1, y1, z1] within which a page offers to crop, endless: there is more beyond
  * it; levels, errors: the colours "#rrggbb" of leaves, by level, and of errors from small to large;
  * focal: of the camera's vertical axis in pixels; cameras in the order of the scene's views;
- * applied: of cln_frames_applied, and whether the scene is there. The caller frees *out. CLN_INPUT
- * if its transforms JSON is damaged. */
+ * applied: of cln_frames_applied; known: false if the scene's transforms JSON is not there, or is
+ * damaged. The caller frees *out. */
 cln_status cln_facts_text(const cln_facts *facts, char **out);
 
 /* A camera to begin with: where an orbit begins, or the middle of its arc. */

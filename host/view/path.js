@@ -223,11 +223,14 @@ function fovOf(read, k) {
 
 const DATAPARSER = 'dataparser_transforms.json';
 
-/* Numbers as rows of a rotation and a shift; null if they are none. */
-function rowsOf(rows) {
-  const right = Array.isArray(rows) && rows.length >= 3 && rows.slice(0, 3).every((row) =>
-    Array.isArray(row) && row.length >= 4 && row.slice(0, 4).every(Number.isFinite));
-  return right ? rows.slice(0, 3) : null;
+/* Numbers as rows of a rotation, to 1e-3, and a shift; null if they are none. */
+function rowsOf(given) {
+  const rows = Array.isArray(given) ? given.slice(0, 3) : [];
+  const right = rows.length === 3 && rows.every((row) =>
+    Array.isArray(row) && row.length >= 4 && row.slice(0, 4).every(Number.isFinite)) &&
+    rows.every((a, i) => rows.every((b, k) => Math.abs(dot(a, b) - (i === k)) < 1e-3)) &&
+    dot(cross(rows[0], rows[1]), rows[2]) > 0;
+  return right ? rows : null;
 }
 
 /* What brings poses from nerfstudio's frame to the scene's, by its file: render/pose_frame.c's
@@ -235,7 +238,8 @@ function rowsOf(rows) {
 function frameOf(read) {
   const theirs = rowsOf(read.transform), own = facts.applied.transform;
   if (!theirs || !(read.scale > 0))
-    throw new Error(`${DATAPARSER} has no transform of 3 rows of 4 numbers, or no scale above 0`);
+    throw new Error(`${DATAPARSER} has no transform, a rotation and a shift in 3 rows of 4 ` +
+      'numbers, or no scale above 0');
   const scale = facts.applied.scale / read.scale;
   const turned = (v) => {
     const back = [0, 1, 2].map((a) => dot(theirs.map((row) => row[a]), v));

@@ -163,6 +163,9 @@ section_anew() {
     check "nothing else is said of them" eval '! said "was trained on"'
     "$make_scene" "$work/again" --format ngp --size 24 --train 17 --test 0 --seed 2 >/dev/null
     cp "$work/again/transforms.json" "$s"
+    run "$cln" train "$work/again" -o "$work/no tests" "${small[@]}" --holdout 0 --steps 2
+    check "without test photos nothing tells them" \
+        eval '! grep -q test_digest "$work/no tests/run.json"'
     model=$("$cln" info "$run" --json | "$query" model_digest)
     expect "poses that were found anew: refused" 3 "~17.of.17.photos ~other.poses settings-of" \
         "$cln" train --resume "$run" --progress none --steps 8

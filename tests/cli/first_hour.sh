@@ -504,6 +504,11 @@ section_training() {
         --resume "$work/four steps" --steps 2 -q
     check "and the run keeps its own" \
         [ "$("$query" config.steps <"$work/four steps/run.json")" = 4 ]
+    run "$cln" train "$s" --no-conf "${plain[@]}" --time-limit 1 -o "$work/a second" -q
+    expect "less time than it had: a warning" 0 "~warning.*used.up" "$cln" train \
+        --resume "$work/a second" --time-limit 0.1 -q
+    check "and the run keeps its second" \
+        number_above "$("$query" config.time_limit <"$work/a second/run.json")" 0.99
     expect "resumed from another folder" 0 "" \
         bash -c 'cd / && exec "$@"' - "$cln" train --resume "$r" "${plain[@]}" --steps +1 -q
     step=$((step + 1))

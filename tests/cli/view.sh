@@ -347,6 +347,26 @@ section_film() {
     with=()
 }
 
+# What brings a path in nerfstudio's frame to the scene's; a damaged scene does not hinder viewing.
+section_applied() {
+    local s="$work/nerfstudio" run="$work/of nerfstudio"
+    "$make_scene" "$s" --format nerfstudio --size 16 --train 4 --test 1 >/dev/null
+    sed -i '1s/{/{"applied_transform": [[0,1,0,3],[1,0,0,0],[0,0,-1,0]], "applied_scale": 2,/' \
+        "$s/transforms.json"
+    expect "train" 0 "" "$cln" train "$s" -o "$run" "${tiny[@]}" --steps 2
+    serve
+    gets "facts of its viewer" 200 /facts
+    check "what was done to the scene's poses" [ \
+        "$(json applied.transform.0.1) $(json applied.transform.0.3) $(json applied.scale)" = \
+        "1 3 2" -a "$(json applied.known)" = true ]
+    stop TERM
+    echo '{' >"$s/transforms.json"
+    serve
+    gets "facts without the scene" 200 /facts
+    check "it is not known" [ "$(json applied.known) $(json applied.scale)" = "false 1" ]
+    stop TERM
+}
+
 section_token() {
     local port cookie holder
     viewer
@@ -658,4 +678,4 @@ if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     count
     exit
 fi
-run_sections "page pictures refused clients film token end newer silence training phone" "$@"
+run_sections "page pictures refused clients film applied token end newer silence training phone" "$@"

@@ -2,6 +2,7 @@
  * case. What is found is told once; what two files could be, or another frame has, is not taken. */
 #include <stdarg.h>
 #include <stddef.h>
+#include <math.h>
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
@@ -382,6 +383,33 @@ static void test_bare_names(void **state)
     cln_clear_error();
 }
 
+/* Where only smaller copies are left, as of a capture that should take less room, the first of
+ * their folders counts. */
+static void test_smaller_copies(void **state)
+{
+    static const char *const folders[] = {"images_4", "images_2"};
+    const cln_config config = all_train();
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    for (int i = 0; i < 2; i++) {
+        char a[32], b[32];
+
+        put_folder(folder, folders[i]);
+        snprintf(a, sizeof a, "%s/a.png", folders[i]);
+        snprintf(b, sizeof b, "%s/b.png", folders[i]);
+        put_image(folder, a, 8 << i, 6 << i, 3, 0);
+        put_image(folder, b, 8 << i, 6 << i, 3, 1);
+    }
+    put_text(folder, "transforms.json",
+             "{\"w\":32,\"h\":24,\"fl_x\":40,\"aabb_scale\":1,\"frames\":[" FRAME(
+                 "images/a.png", POSE_FRONT) "," FRAME("images/b.png", POSE_FRONT) "]}");
+    scene = load_moved(folder, &config, 2, "images_2/a.png");
+    assert_int_equal(scene->views[0].camera.width, 16);
+    assert_true(fabs(scene->views[0].camera.fx - 20) < 1e-9);
+    cln_scene_free(scene);
+}
+
 /* COLMAP's undistorted photos have the names of the others: they are not taken for these, all or
  * one, as another model is beside them; the model's own folder is no other scene. */
 static void test_undistorted(void **state)
@@ -434,6 +462,7 @@ int test_group_moved(void)
         cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unicode, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_bare_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_smaller_copies, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_undistorted, scratch_make, scratch_remove),
     };
 

@@ -1,5 +1,6 @@
 /* --test-views: a list of names decides which photos are test, in every format; what a name may be,
  * and what is said of lists that are not right. A run keeps what a list said. */
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -179,51 +180,104 @@ static void keep_warning(cln_log_level level, const char *line, void *user)
         snprintf(user, WARNING_BYTES, "%s", line);
 }
 
-/* Every Nth photo is another one once photos came or went: those of a run stay what they were. */
+#define HALF "1 in 2 images by name, from the first, is test (--holdout)"
+
+/* Every Nth photo is another one once photos came or went: those of a run stay what they were. By
+ * another rule, what it was trained on is told, and not forgotten. */
 static void test_counted(void **state)
 {
-#define HALF "1 in 2 images by name, from the first, is test (--holdout)"
     static cln_view views[] = {{.name = "left/a.png", .split = CLN_SPLIT_TEST},
                                {.name = "left/b 1.png", .split = CLN_SPLIT_TRAIN},
                                {.name = "right/a.png", .split = CLN_SPLIT_TEST},
                                {.name = "gone.png", .split = CLN_SPLIT_TRAIN}};
     static char plain[] = HALF, again[] = HALF ", of the photos that the run began with",
                 other[] = "1 in 3 images";
-    static cln_view strange = {.name = "elsewhere.png", .split = CLN_SPLIT_TEST};
     const char *folder = *state;
     cln_config config = default_config();
     cln_scene kept = {.views = views, .view_count = 4};
     const cln_scene_desc desc = {.path = folder, .config = &config, .kept = &kept};
     const struct {
         char *rule;
+        bool trained; /* all of the run's, long ago */
+        bool turned;  /* its cameras, by a quarter */
         const char *tests, *told, *warned;
-    } rows[] = {{plain, "left/a.png right/a.png ", again, NULL},
-                {again, "left/a.png right/a.png ", again, NULL},
-                {other, "a.png left/b 1.png right/c.0 ", HALF,
-                 "trained on 1 of its 3 test photos ('left/b 1.png')"}};
+    } rows[] = {
+        {plain, false, false, "left/a.png right/a.png ", again, ""},
+        {again, false, false, "left/a.png right/a.png ", again, ""},
+        {other, false, false, "a.png left/b 1.png right/c.0 ", HALF,
+         "trained on 1 of its 3 test photos ('left/b 1.png')"},
+        {plain, true, false, "left/a.png right/a.png ", again, "trained on 2 of its 2"},
+        {plain, false, true, "a.png left/b 1.png right/c.0 ", HALF, ""}}; /* another scene */
     cln_scene *scene = NULL;
     char warning[WARNING_BYTES];
 
     put_scene(folder);
     config.holdout = 2;
+    scene = load(folder, &config);
+    assert_string_equal(tests_of(scene), "a.png left/b 1.png right/c.0 ");
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        cln_scene *now = NULL;
+
         kept.split_rule = rows[i].rule;
+        for (int v = 0; v < 4; v++) {
+            views[v].trained = rows[i].trained;
+            views[v].camera = scene->views[0].camera;
+            for (int k = 0; k < 3 && rows[i].turned; k++) {
+                views[v].camera.c2w[k] = -scene->views[0].camera.c2w[4 + k];
+                views[v].camera.c2w[4 + k] = scene->views[0].camera.c2w[k];
+            }
+        }
         warning[0] = 0;
         cln_log_set_sink(keep_warning, warning);
-        assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+        assert_int_equal(cln_scene_load(&desc, &now), CLN_OK);
         cln_log_set_sink(NULL, NULL);
-        assert_string_equal(tests_of(scene), rows[i].tests);
-        assert_string_equal(scene->split_rule, rows[i].told);
-        assert_int_equal(warning[0] != 0, rows[i].warned != NULL);
-        assert_true(!rows[i].warned || strstr(warning, rows[i].warned));
-        cln_scene_free(scene);
+        assert_string_equal(tests_of(now), rows[i].tests);
+        assert_string_equal(now->split_rule, rows[i].told);
+        assert_int_equal(warning[0] != 0, rows[i].warned[0] != 0);
+        assert_non_null(strstr(warning, rows[i].warned));
+        cln_scene_free(now);
     }
-    kept = (cln_scene){.views = &strange, .view_count = 1, .split_rule = plain}; /* another scene */
-    assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
-    assert_string_equal(tests_of(scene), "a.png left/b 1.png right/c.0 ");
-    assert_string_equal(scene->split_rule, HALF);
     cln_scene_free(scene);
-#undef HALF
+}
+
+/* Poses of a run's photos since it began: medians of the shift, by how far cameras are from their
+ * middle, and of the turn. */
+static void test_moved(void **state)
+{
+    static char names[5][8] = {"a", "b", "c", "d", "new"};
+    static const struct {
+        double shift, degrees;
+        bool elsewhere;
+    } rows[] = {{0, 0, false}, {0.04, 0, false}, {0.06, 0, true}, {0, 2.9, false}, {0, 3.1, true}};
+    cln_view were[4] = {{.name = NULL}}, are[5] = {{.name = NULL}};
+    const cln_scene kept = {.views = were, .view_count = 4},
+                    scene = {.views = are, .view_count = 5};
+    cln_since since;
+
+    (void)state;
+    for (size_t r = 0; r < sizeof rows / sizeof *rows; r++) {
+        const double angle = rows[r].degrees * 3.141592653589793 / 180;
+
+        for (int i = 0; i < 5; i++) {
+            const double x = i < 2 ? 100 : -100; /* their middle is at 0 */
+            const bool stays = i == 3;           /* one of four does not tell */
+
+            are[i] = (cln_view){.name = names[i], .camera.c2w = {1, 0, 0, x, 0, 1, 0, 7, 0, 0, 1}};
+            if (i < 4)
+                were[i] = are[i];
+            are[i].camera.c2w[11] += stays ? 0 : 100 * rows[r].shift;
+            for (int k = 0; k < 2 && !stays; k++) {
+                are[i].camera.c2w[5 * k] = cos(angle);
+                are[i].camera.c2w[k ? 4 : 1] = (k ? 1 : -1) * sin(angle);
+            }
+        }
+        assert_int_equal(cln_scene_moved_since(&scene, &kept, &since), CLN_OK);
+        assert_int_equal(since.known, 4);
+        assert_int_equal(since.moved, rows[r].elsewhere ? 3 : 0);
+        assert_int_equal(since.elsewhere, rows[r].elsewhere);
+        assert_true(fabs(since.shift - rows[r].shift) < 1e-12);
+        assert_true(fabs(since.degrees - rows[r].degrees) < 1e-6);
+    }
 }
 
 static void test_every_format(void **state)
@@ -277,6 +331,7 @@ int test_group_test_views(void)
         cmocka_unit_test_setup_teardown(test_wrong_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_kept, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_counted, scratch_make, scratch_remove),
+        cmocka_unit_test(test_moved),
         cmocka_unit_test_setup_teardown(test_every_format, scratch_make, scratch_remove),
     };
 
