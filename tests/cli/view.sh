@@ -678,4 +678,5 @@ if "$cln" view . 2>&1 | grep -q libmicrohttpd-dev; then
     count
     exit
 fi
-run_sections "page pictures refused clients film applied token end newer silence training phone" "$@"
+run_sections \
+    "page pictures refused clients film applied token end newer silence training phone" "$@"
