@@ -415,10 +415,6 @@ static cln_status check_given(const cln_render_desc *d)
     CLN_TRY(cln_given("cln_render", "run", d->run));
     CLN_TRY(cln_given("cln_render", "out", d->out));
     CLN_TRY(cln_up_check("cln_render", d->up));
-    if (!d->poses && !d->split && d->spiral_frames == 0 && d->orbit_frames == 0)
-        CLN_TRY(cln_fail(CLN_USAGE,
-                         "cln_render: it is not said which poses; give poses, split, spiral_frames "
-                         "or orbit_frames"));
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         CLN_TRY(cln_given_number("cln_render", rows[i].what, rows[i].value, rows[i].least,
                                  rows[i].most));
@@ -433,6 +429,10 @@ static cln_status check_given(const cln_render_desc *d)
     if (d->fps > 0 && d->fps < CLN_FILM_LEAST_FPS)
         CLN_TRY(
             cln_fail(CLN_USAGE, "fps is %g; give %g or more, or 0", d->fps, CLN_FILM_LEAST_FPS));
+    if (!d->poses && !d->split && d->spiral_frames == 0 && d->orbit_frames == 0)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "cln_render: it is not said which poses; give poses, split, spiral_frames "
+                         "or orbit_frames"));
 done:
     return st;
 }

@@ -89,7 +89,7 @@ static void test_notices(void **state)
     for (size_t i = 0; i < sizeof faults / sizeof *faults; i++)
         kernels = fixture_kernels_changed("wrong", faults[i].file, faults[i].from, faults[i].to);
     assert_fails(run(kernels, &t), CLN_CHECK,
-                 "does not compute correctly: loops: turns: it ends before 256 turns");
+                 "wrong: loops: turns: it ends before 256 turns, and more; mend these");
     for (size_t i = 0; i < sizeof faults / sizeof *faults; i++)
         if (!strstr(t.failures, faults[i].row))
             fail_msg("%s with \"%s\": failed are\n%s", faults[i].file, faults[i].to, t.failures);

@@ -172,7 +172,7 @@ section_anew() {
     check "and the run is as it was" [ \
         "$("$cln" info "$run" --json | "$query" model_digest)" = "$model" ]
     expect "measured, it is told" 0 "~what.it.learnt.is.elsewhere" "$cln" eval "$run" \
-        -o "$work/elsewhere"
+        -o "$work/judged"
 }
 
 # Views of a file of one's own, measured: without training views, and whatever their split.
