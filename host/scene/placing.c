@@ -350,7 +350,8 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
             there.name[kept++] = there.name[i];
     }
     there.count = kept;
-    qsort(there.name, (size_t)kept, sizeof *there.name, by_text);
+    if (kept > 0)
+        qsort(there.name, (size_t)kept, sizeof *there.name, by_text);
     CLN_TRY(warn_unposed(folder, result, &there));
 done:
     cln_dataset_free_names(&there);

@@ -39,21 +39,24 @@ static void say_used_up(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
     const bool timed = c->time_limit > 0 && t->model.train_seconds >= c->time_limit;
+    /* by the clock it ends a little later than its budget says */
+    const bool less = timed ? c->time_limit < 0.8 * t->model.train_seconds
+                            : t->steps > 0 && t->steps < t->model.step;
     char budget[64], more[64], run[CLN_QUOTED_BYTES];
 
     if (timed)
-        snprintf(budget, sizeof budget, "%.0f s", c->time_limit);
+        snprintf(budget, sizeof budget, "%g s", c->time_limit);
     else
         snprintf(budget, sizeof budget, "%lld step%s", (long long)t->steps,
                  cln_plural((double)t->steps, "", "s"));
     if (timed)
-        snprintf(more, sizeof more, "--time-limit +%.0fs", c->time_limit);
+        snprintf(more, sizeof more, "--time-limit +%gs", c->time_limit);
     else if (c->steps > 0)
         snprintf(more, sizeof more, "--steps +%d", c->steps);
     else
         snprintf(more, sizeof more, "--epochs +%d", c->epochs);
     /* less than it had is a mistake: who wants so many more has to say + */
-    cln_log(t->steps > 0 && t->steps < t->model.step ? CLN_LOG_WARN : CLN_LOG_INFO,
+    cln_log(less ? CLN_LOG_WARN : CLN_LOG_INFO,
             "nothing is left to train: the budget of %s is used up; to go on: `cl-nascent train "
             "--resume %s %s`",
             budget, cln_shell_quote(t->desc->run, run, sizeof run), more);

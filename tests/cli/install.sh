@@ -371,7 +371,7 @@ for file in 0000.png 0001.png 0001.depth.npy 0001.opacity.png; do
 done
 run static/render run-shared orbit 2
 check "existing frames are skipped" grep -q '^0 frames in .*; 2 existed already$' out
-expect "no frames" 2 "orbit 0" shared/render run-shared orbit 0
+expect "no frames" 2 "~which.poses orbit_frames" shared/render run-shared orbit 0
 
 run shared/field run-shared
 check "field" [ $rc = 0 ]
