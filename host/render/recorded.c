@@ -320,7 +320,7 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     CLN_TRY(st);
     keep_background(document, &config, *scene);
     CLN_TRY(compare(run, dataset, *scene, place, same));
-    if (!*same && !(resumes && given->path)) /* one that is given is refused, anyway */
+    if (!*same && !given->path) /* one that is given may be another capture of the same names */
         CLN_TRY(compare_poses(run, *scene, kept, resumes));
 done:
     if (st != CLN_OK) {

@@ -202,13 +202,13 @@ done:
     return st;
 }
 
-/* Leaves out the names of masks, which nobody expects to have poses. */
-static void drop_masks(cln_names *names)
+/* Leaves out the names that are so. */
+static void drop_names(cln_names *names, bool (*is)(const char *name))
 {
     int kept = 0;
 
     for (int i = 0; i < names->count; i++) {
-        if (cln_dataset_is_mask(names->name[i]))
+        if (is(names->name[i]))
             free(names->name[i]);
         else
             names->name[kept++] = names->name[i];
@@ -286,7 +286,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         if (!strcmp(*folder, bases[i]))
             goto done; /* other images there do not belong to this reconstruction */
     CLN_TRY(cln_dataset_images(*folder, &there));
-    drop_masks(&there);
+    drop_names(&there, cln_dataset_is_mask); /* nobody expects these to have poses */
     if (there.count > result->view_count)
         CLN_TRY(warn_unposed(*folder, result, &there));
 done:
@@ -323,7 +323,6 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
     const size_t length = slash ? (size_t)(slash - first) : 0;
     cln_names there = {0};
     char *folder = NULL;
-    int kept = 0;
 
     for (int i = 0; i < result->view_count && slash; i++) {
         const char *path = result->views[i].path, *end = path ? strrchr(path, '/') : NULL;
@@ -343,15 +342,9 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
         goto done;
     }
     CLN_TRY(st);
-    for (int i = 0; i < there.count; i++) {
-        if (is_beside(there.name[i]))
-            free(there.name[i]);
-        else
-            there.name[kept++] = there.name[i];
-    }
-    there.count = kept;
-    if (kept > 0)
-        qsort(there.name, (size_t)kept, sizeof *there.name, by_text);
+    drop_names(&there, is_beside);
+    if (there.count > 0)
+        qsort(there.name, (size_t)there.count, sizeof *there.name, by_text);
     CLN_TRY(warn_unposed(folder, result, &there));
 done:
     cln_dataset_free_names(&there);

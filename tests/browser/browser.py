@@ -531,6 +531,18 @@ def tap(page):
     page.settle()
 
 
+# What opened paths changed is as it was: keyframes, seconds and background as `before`, `long` and
+# `looked`.
+RESTORED = """
+          keyframes = before;
+          $('seconds').value = long;
+          $('background').value = looked;
+          resetCrop();
+          listKeys();
+          keys.h();
+          done(all);"""
+
+
 def open_paths(page):
     """A file's box, background and ends are the page's; broken ones and too many are refused."""
     got = page.later("""
@@ -568,13 +580,7 @@ def open_paths(page):
           await makeFilm();
           all.push($('message').textContent);
           all.push(frames, said);
-          keyframes = before;
-          $('seconds').value = long;
-          $('background').value = looked;
-          resetCrop();
-          listKeys();
-          keys.h();
-          done(all);
+""" + RESTORED + """
         })().catch((error) => done([[], [], [], 0, 0, 0, 0, String(error), '']));""")
     page.check("a file's box comes with its background", got[0] == ['#1020ff', True], got[0])
     page.check('without a box in the file there is none', got[1:2] == [['#1020ff', False]], got[1])
@@ -637,13 +643,7 @@ def open_foreign(page):
           all.push($('message').textContent);
           straighten = straight;
           facts.applied = own;
-          keyframes = before;
-          $('seconds').value = long;
-          $('background').value = looked;
-          resetCrop();
-          listKeys();
-          keys.h();
-          done(all);
+""" + RESTORED + """
         })().catch((error) => done([String(error), '', 0, '', 0, 0, '', '', '']));""")
     page.check("nerfstudio's path alone is elsewhere, which is told",
                got[0] > 0.1 and 'dataparser_transforms.json' in got[1], got[:2])

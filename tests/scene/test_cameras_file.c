@@ -89,6 +89,7 @@ static void assert_same_view(const cln_scene *scene, const cln_scene *other, int
     assert_int_equal(v->downscale, w->downscale);
     assert_int_equal(v->leads_out, w->leads_out);
     assert_int_equal(v->turned, w->turned);
+    assert_int_equal(v->trained, w->trained);
     assert_int_equal(v->orientation, w->orientation);
     assert_int_equal(cln_view_turn(v), cln_view_turn(w));
     assert_int_equal(v->mask_path && v->mask_black, w->mask_black);
@@ -105,6 +106,8 @@ static void test_there_and_back(void **state)
     scene->views[1].turned = true; /* as if EXIF data had said so */
     scene->views[1].orientation = 8;
     scene->views[2].orientation = 6;
+    assert_int_not_equal(scene->views[4].split, CLN_SPLIT_TRAIN);
+    scene->views[4].trained = true; /* as if by an earlier split */
     assert_ok(cln_cameras_write(run, scene, NULL));
     assert_ok(cln_cameras_read(run, &back));
     assert_int_equal(back->view_count, 5);
