@@ -250,6 +250,16 @@ done:
     return st;
 }
 
+bool cln_turn_slashes(char *path)
+{
+    const bool any = strchr(path, '\\') != NULL;
+
+    for (char *p = path; *p; p++)
+        if (*p == '\\')
+            *p = '/';
+    return any;
+}
+
 cln_status cln_make_dirs(const char *path)
 {
     cln_status st = CLN_OK;

@@ -37,6 +37,9 @@ cln_status cln_atomic_commit(cln_atomic_file **file);
 cln_status cln_atomic_commit_all(cln_atomic_file **const files[], int count);
 void cln_atomic_abandon(cln_atomic_file *file); /* accepts NULL */
 
+/* Turns backslashes of a path that was written on Windows into slashes; false if it has none. */
+bool cln_turn_slashes(char *path);
+
 /* mkdir -p. CLN_OUTPUT on failure. */
 cln_status cln_make_dirs(const char *path);
 

@@ -199,29 +199,67 @@ double cln_group_memory(const char *root)
     return group_memory(root, false);
 }
 
-double cln_available_memory(const char *root)
+/* Pages that a process has: addresses, resident ones and of these shared ones, private data. */
+typedef struct pages {
+    double addresses, resident, shared, data;
+} pages;
+
+static pages own_pages(const char *root)
 {
     char path[1024];
-    double all = 0, resident = 0, shared = 0, system = 0;
+    pages p = {0};
+    double code = 0, unused = 0;
     FILE *file = NULL;
 
     snprintf(path, sizeof path, "%s/proc/self/statm", root);
     file = fopen(path, "re");
-    if (!file || fscanf(file, "%lf %lf %lf", &all, &resident, &shared) != 3)
-        resident = shared = 0;
+    if (!file || fscanf(file, "%lf %lf %lf %lf %lf %lf", &p.addresses, &p.resident, &p.shared,
+                        &code, &unused, &p.data) != 6)
+        p = (pages){0};
     if (file)
         fclose(file);
+    return p;
+}
+
+/* What a limit on pages of a kind leaves for memory that is used: some are only reserved. */
+static double limit_of_kind(int kind, double all, double own)
+{
+    struct rlimit limit;
+
+    if (getrlimit(kind, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)
+        return INFINITY;
+    return fmax(0, (double)limit.rlim_cur -
+                       fmax(0, all - own) * (double)sysconf(_SC_PAGESIZE));
+}
+
+/* What ulimit -v and -d leave for this process. */
+static double limits_memory(const pages *p)
+{
+    const double own = fmax(0, p->resident - p->shared);
+
+    return fmin(limit_of_kind(RLIMIT_AS, p->addresses, own),
+                limit_of_kind(RLIMIT_DATA, p->data, own));
+}
+
+double cln_available_memory(const char *root)
+{
+    const pages p = own_pages(root);
+    char path[1024];
+    double system = 0;
+
     snprintf(path, sizeof path, "%s/proc/meminfo", root);
     system = 1024 * read_number(path, "MemAvailable:");
-    return fmin(isnan(system) ? INFINITY : system, group_memory(root, true)) +
-           (resident - shared) * (double)sysconf(_SC_PAGESIZE);
+    return fmin(fmin(isnan(system) ? INFINITY : system, group_memory(root, true)) +
+                    (p.resident - p.shared) * (double)sysconf(_SC_PAGESIZE),
+                limits_memory(&p));
 }
 
 double cln_host_memory(void)
 {
     const double all = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+    const pages p = own_pages("");
 
-    return fmin(all, cln_group_memory(""));
+    return fmin(fmin(all, cln_group_memory("")), limits_memory(&p));
 }
 
 double cln_peak_rss(void)

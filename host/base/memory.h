@@ -30,7 +30,8 @@ void *cln_huge_pages(size_t bytes);
 bool cln_address_space_is_free(void);
 
 /* Bytes of memory that this process may take: the machine's, or fewer in a control group (a
- * container, a batch job). */
+ * container, a batch job) or by limits of the process (ulimit -v and -d, less the addresses that it
+ * has reserved and does not use). */
 double cln_host_memory(void);
 
 /* The least that a control group of this process or one above it allows, by the files below root
@@ -39,7 +40,7 @@ double cln_group_memory(const char *root);
 
 /* Bytes that this process could have in all as things are: what it has, and what the system could
  * give it without swapping, or a control group of it (limit less use, but for what is kept of
- * files). root: as below. INFINITY if unknown. */
+ * files), within the limits of the process. root: as above. INFINITY if unknown. */
 double cln_available_memory(const char *root);
 
 /* Peak resident memory of this process, in bytes; 0 if unknown. */

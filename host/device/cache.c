@@ -26,6 +26,7 @@
 
 /* A training with its self-test fills 4.5 MB; sources of one program on their way take up to 1. */
 static const double COLD = 16 << 20, LEAST = 2 << 20;
+static const double LARGEST = 1 << 20; /* file of a kernel */
 enum { LETTERS = 16, FOLDERS = LETTERS * LETTERS };
 
 static bool is_pocl(const char *platform)
@@ -168,6 +169,22 @@ static cln_status closed(const char *cache, int reason)
                     cache, source(), strerror(reason));
 }
 
+/* ulimit -f: a driver that may not write a kernel ends the process, or calls it broken. */
+static cln_status check_file_size(const char *cache)
+{
+    struct rlimit most;
+    char have[32];
+
+    if (getrlimit(RLIMIT_FSIZE, &most) != 0 || most.rlim_cur == RLIM_INFINITY ||
+        (double)most.rlim_cur >= LARGEST)
+        return CLN_OK;
+    cln_format_bytes((double)most.rlim_cur, have);
+    return cln_fail(CLN_OUTPUT,
+                    "PoCL's kernel cache %s%s: no file may be larger than %s, this shell's limit, "
+                    "and kernels may be; raise it (ulimit -f)",
+                    cache, source(), have);
+}
+
 /* Writing: whether the folder itself takes a file of `need` bytes. */
 static cln_status check_writing(const char *cache, double need)
 {
@@ -175,6 +192,7 @@ static cln_status check_writing(const char *cache, double need)
     char *there = NULL;
     int reason = 0;
 
+    CLN_TRY(check_file_size(cache));
     CLN_TRY(cln_disk_nearest(cache, &there)); /* PoCL makes the folder */
     if (cln_disk_room(there) < need)
         CLN_TRY(no_room(cache, need));

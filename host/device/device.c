@@ -160,6 +160,24 @@ static bool matches(const char *spec, int row, const cln_device_info *info)
            contains(info->platform, spec);
 }
 
+/* Keeps of `count` CPUs, which are of one machine, those with most compute units. */
+static int keep_largest(const cl_device_id *ids, int *found, int count)
+{
+    int most = 0, kept = 0;
+    cln_device_info info;
+
+    for (int i = 0; i < count; i++) {
+        cln_device_describe(ids[found[i]], &info);
+        most = info.compute_units > most ? info.compute_units : most;
+    }
+    for (int i = 0; i < count; i++) {
+        cln_device_describe(ids[found[i]], &info);
+        if (info.compute_units == most)
+            found[kept++] = found[i];
+    }
+    return kept;
+}
+
 /* Picks a device that matches: the first one; several ranks of this machine take turns. */
 static cln_status pick(const char *spec, const cl_device_id *ids, int count, int *out)
 {
@@ -168,7 +186,9 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
     char which[64];
 
     if (!spec || !*spec || strcasecmp(spec, "auto") == 0) {
-        for (int p = 0; p < 3 && found_count == 0; p++)
+        int p = 0;
+
+        for (; p < 3 && found_count == 0; p++)
             for (int i = 0; i < count; i++) {
                 cln_device_info info;
 
@@ -176,6 +196,8 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
                 if (strcmp(info.type, preference[p]) == 0)
                     found[found_count++] = i;
             }
+        if (p == 3 && found_count > 1)
+            found_count = keep_largest(ids, found, found_count);
         *out = found_count > 0 ? found[cln_ranks_me_here() % found_count] : 0;
         return CLN_OK;
     }

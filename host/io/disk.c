@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
@@ -115,6 +116,7 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
 {
     cln_status st = CLN_OK;
     char *there = NULL, need[32], have[32];
+    struct rlimit most;
     double room = 0;
 
     CLN_TRY(cln_disk_nearest(folder, &there));
@@ -129,6 +131,15 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
                          : strcmp(there, subject) == 0 ? "this folder"
                                                        : there,
                          strerror(errno)));
+    if (getrlimit(RLIMIT_FSIZE, &most) == 0 && most.rlim_cur != RLIM_INFINITY &&
+        (double)most.rlim_cur < bytes) {
+        cln_format_bytes(bytes, need);
+        cln_format_bytes((double)most.rlim_cur, have);
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: no file may be as large as %s, up to %s: this shell's limit is %s; "
+                         "raise it (ulimit -f)",
+                         subject, what, need, have));
+    }
     room = room_at(there);
     if (isinf(room))
         CLN_TRY(try_folder(subject, there));

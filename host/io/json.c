@@ -165,8 +165,11 @@ static cln_status read_json(const char *path, size_t most, bool relaxed, json_t 
         CLN_TRY(
             cln_fail(CLN_INPUT, "%s: line 1: the file is empty; copy or export it again", path));
     if (!*out)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s; correct it there", path, error.line,
-                         error.column, error.text));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s; correct it there%s", path,
+                         error.line, error.column, error.text,
+                         strstr(error.text, "escape")
+                             ? " (a backslash is written twice in JSON; in paths / does, too)"
+                             : ""));
 done:
     free(text);
     return st;

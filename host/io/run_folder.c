@@ -58,6 +58,7 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
     char *path = NULL, *reason = NULL;
     json_t *document = NULL;
     struct stat info;
+    int lock = -1;
 
     *empty = true;
     if (lstat(run, &info) == 0 && !cln_is_dir(run))
@@ -86,7 +87,11 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
     free(path);
     path = NULL;
     CLN_TRY(cln_path_join(&path, run, "checkpoint"));
-    if (!resume && !cln_is_dir(path) && !cln_run_is_held(run))
+    if (!resume && cln_run_is_held(run)) { /* fails, and names the process that trains it */
+        CLN_TRY(cln_run_hold(run, &lock));
+        cln_run_release(lock); /* it ended this moment */
+    }
+    if (!resume && !cln_is_dir(path))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: holds a run that ended before its first checkpoint, so nothing of "
                          "it can be used; remove the folder, or choose a new one",

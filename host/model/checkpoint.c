@@ -442,7 +442,7 @@ static int descending(const void *a, const void *b)
 
 static cln_status cannot_list(const char *folder)
 {
-    return cln_fail(CLN_CHECKPOINT,
+    return cln_fail(errno == EACCES ? CLN_INPUT : CLN_CHECKPOINT,
                     "%s: cannot list the checkpoints in it: %s; give a run's folder that you may "
                     "read",
                     folder, strerror(errno));

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "render/quality.h"
@@ -162,6 +163,8 @@ static cln_status mark_next(const cln_scene *scene, cln_split split, const char 
     while (mark(scene, split, name, chosen) == 0) {
         char *comma = strrchr(name, ',');
 
+        if (!comma && cln_turn_slashes(name))
+            continue;
         if (!comma)
             CLN_TRY(fail_name(scene, split, name));
         *comma = 0;

@@ -44,6 +44,10 @@ static const struct {
     {" xml ", "<chunk", "cameras of Metashape", METASHAPE},
     {" rcproj rsproj ", NULL, "a project of RealityCapture", REALITY},
     {" csv ", "#name,x,y,alt", "cameras of RealityCapture", REALITY},
+    {" out txt ", "# Bundle file", "cameras in Bundler's format",
+     "export them in COLMAP's, which is read; Metashape has File > Export > Export Cameras, type "
+     "Colmap (2.2 or later)"},
+    {" txt ", "Omega, Phi, Kappa", "angles of Metashape's cameras", METASHAPE},
     {" json ", "\"sfm_data_version\"", "a scene of OpenMVG",
      "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read"},
 };

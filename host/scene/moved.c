@@ -272,6 +272,13 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
         if (form)
             CLN_TRY(find_form(moved, form, leads_out, out));
     }
+    if (!*out && cln_dataset_is_unread(name)) { /* the photo was converted since */
+        free(form);
+        form = NULL;
+        CLN_TRY(cln_strdup(&form, name));
+        *strrchr(form, '.') = 0;
+        CLN_TRY(find_form(moved, form, leads_out, out));
+    }
 done:
     free(form);
     return st;

@@ -216,6 +216,25 @@ static void drop_names(cln_names *names, bool (*is)(const char *name))
     names->count = kept;
 }
 
+/* The folders of the first two images that are called like this one: lists of poses may name the
+ * files of several flights without their folders. Returns how many there are. */
+static int folders_with(const cln_names *there, const char *name, char folders[2][256])
+{
+    const char *slash = strrchr(name, '/'), *base = slash ? slash + 1 : name;
+    int found = 0;
+
+    for (int i = 0; i < there->count; i++) {
+        const char *file = there->name[i], *end = strrchr(file, '/');
+
+        if (!end || strcmp(end + 1, base) != 0)
+            continue;
+        if (found < 2)
+            snprintf(folders[found], 256, "%.*s", (int)(end - file), file);
+        found++;
+    }
+    return found;
+}
+
 cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
                                    int base_count, cln_reader_result *result, char **folder)
 {
@@ -226,6 +245,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
     cln_names there = {0};
     char *unread = NULL, *apart = NULL;
     size_t other_scene = 0;
+    char folders[2][256];
     int others = 0;
 
     if (!result->view_count)
@@ -268,6 +288,11 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
                          cln_plural(others, "", "s"), cln_plural(others, "it", "them")));
     if (!*folder)
         CLN_TRY(cln_dataset_images(top, &there));
+    if (!*folder && folders_with(&there, result->views[0].name, folders) > 1)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: '%s' and its other images are in several folders, as '%s' and '%s': "
+                         "write their folder into the names, or leave only that folder there",
+                         where, result->views[0].name, folders[0], folders[1]));
     if (!*folder && there.count)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there, for example '%s'; the images in %s "

@@ -184,6 +184,8 @@ static cln_status take_lines(cln_scene *scene, const table *t, const char *file,
             continue;
         ++*names;
         found = find(t, path_in(scene->folder, name), &level, views);
+        if (found == 0 && cln_turn_slashes(name))
+            found = find(t, path_in(scene->folder, name), &level, views);
         if (found == 1)
             scene->views[views[0]].split = CLN_SPLIT_TEST;
         if (found > 1 && several.count == 0) {

@@ -391,9 +391,7 @@ static cln_status find_image(const source *src, const char *file_path, char **ou
             free(path);
             path = NULL;
         }
-        for (char *p = base; *p; p++) /* written on Windows */
-            if (*p == '\\')
-                *p = '/';
+        (void)cln_turn_slashes(base);
     }
     /* load.c deals with missing frames. */
     dot = strrchr(base, '.');
@@ -401,6 +399,33 @@ static cln_status find_image(const source *src, const char *file_path, char **ou
 done:
     free(base);
     free(path);
+    return st;
+}
+
+/* A path of Windows with single backslashes, which JSON reads as line breaks and the like. */
+static cln_status check_escapes(const char *file, int index, const char *name, const char *path)
+{
+    static const char letters[] = "btn?fr"; /* of characters 8 to 13 */
+    cln_status st = CLN_OK;
+    char *written = NULL;
+    size_t used = 0;
+
+    if (!strpbrk(name, "\b\t\n\f\r") || cln_is_file(path))
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&written, 2 * strlen(name) + 1, 1, "name"));
+    for (const char *p = name; *p; p++) {
+        const bool escape = *p >= '\b' && *p <= '\r';
+
+        if (escape)
+            written[used++] = '\\';
+        written[used++] = escape ? letters[*p - '\b'] : *p;
+    }
+    CLN_TRY(cln_fail(CLN_INPUT,
+                     "%s: frame %d: file_path is '%s' with single backslashes, which JSON reads as "
+                     "line breaks and the like; write each twice, or / instead",
+                     file, index, written));
+done:
+    free(written);
     return st;
 }
 
@@ -506,6 +531,7 @@ cln_status cln_transforms_frame(const char *folder, const char *file, const json
     CLN_TRY(cln_dataset_name(src.where, json_string_value(file_path), &view->name));
     CLN_TRY(read_pose(&src, view->camera.c2w));
     CLN_TRY(find_image(&src, json_string_value(file_path), &view->path));
+    CLN_TRY(check_escapes(file, index, json_string_value(file_path), view->path));
     view->leads_out = cln_path_leads_out(json_string_value(file_path));
 done:
     free(src.where);

@@ -192,6 +192,32 @@ done:
     return st;
 }
 
+/* A resumed run keeps its space: leaves are boxes of it. Tells where today's photos would have
+ * another. */
+static cln_status keep_space(cln_scene *scene, const cln_space *kept, const char *run)
+{
+    cln_status st = CLN_OK;
+    const cln_space *now = &scene->space;
+    char quoted[CLN_QUOTED_BYTES];
+
+    if (cln_space_equal(kept, now))
+        return CLN_OK;
+    if (kept->forward == now->forward && !now->forward)
+        cln_warn("the run keeps its cube, centre %.5g,%.5g,%.5g and half side %.4g; the photos of "
+                 "today would have %.5g,%.5g,%.5g and %.4g: what lies outside the run's is in no "
+                 "mesh and no points; for that train them anew, by "
+                 "--settings-of %s",
+                 kept->centre[0], kept->centre[1], kept->centre[2], kept->half, now->centre[0],
+                 now->centre[1], now->centre[2], now->half,
+                 cln_shell_quote(run, quoted, sizeof quoted));
+    scene->space = *kept;
+    free(scene->bounds_rule);
+    scene->bounds_rule = NULL;
+    CLN_TRY(cln_strdup(&scene->bounds_rule, "the run's, as it began"));
+done:
+    return st;
+}
+
 cln_status cln_begin_model(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -204,7 +230,7 @@ cln_status cln_begin_model(cln_trainer *t, const cln_config *config)
         CLN_TRY(check_depth(t->desc->run, &t->model.config, config, &t->model));
         t->trained = t->model.config;
         CLN_TRY(take_settings(config, &t->model));
-        t->scene->space = t->model.space; /* a run from before forward spaces has a cube */
+        CLN_TRY(keep_space(t->scene, &t->model.space, t->desc->run));
         memcpy(t->model.background, t->scene->background, sizeof t->model.background);
         if (config->time_limit > 0)
             snprintf(limit, sizeof limit, " of %.0f", config->time_limit);

@@ -158,9 +158,9 @@ static void say_none_came(cln_trainer *t, double fraction)
         snprintf(sooner, sizeof sooner, "--cull-after %d --refresh-every %d", other.cull_after,
                  other.refresh_every);
     snprintf(text, sizeof text,
-             "no single leaf was split: of %.0f steps, those before --structure-until %g went by "
+             "no single leaf was split: of %s%.0f steps, those before --structure-until %g went by "
              "while whole levels came and were measured%s%s%s%s",
-             steps, c->structure_until,
+             timed ? "about " : "", steps, c->structure_until,
              *longer || *sooner ? "; single leaves would be split by " : "", longer,
              *longer && *sooner ? ", or by " : "", sooner);
     if (steps < 2 * (2 * c->cull_after + c->refresh_every))
