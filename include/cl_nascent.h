@@ -507,6 +507,9 @@ typedef struct cln_export_desc {
     double up[3];
     double scale; /* of all lengths in what is written, a GLB file's by its root node: 0.001 makes
                      metres of a scene in millimetres; 0 = 1 */
+    /* points, mesh: added to x, y and z of what is written, after `up` and `scale`: where a survey
+     * has its origin. Not of GLB and STL, whose numbers have 32 bits. */
+    double offset[3];
 } cln_export_desc;
 
 enum { CLN_LEVELS = 9 }; /* a tree has levels 0 to 8 */

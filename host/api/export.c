@@ -1,5 +1,6 @@
 /* cln_export: what a run holds for other programs. Checks what is asked for and where it goes,
  * opens what the export needs, and calls its function (export/list.h). */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,14 +34,22 @@ enum { EXPORTS = sizeof exports / sizeof exports[0] };
 
 /* ---- for the exports ---- */
 
+static bool moves(const cln_export_desc *desc)
+{
+    return desc->offset[0] != 0 || desc->offset[1] != 0 || desc->offset[2] != 0;
+}
+
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text)
 {
-    char times[64] = "";
+    const double *offset = job->desc->offset;
+    char times[64] = "", plus[128] = "";
 
     if (job->scale != 1)
         cln_format(times, sizeof times, " x %.12g", job->scale);
-    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s", what,
-                        (long long)job->opened.model.step, times);
+    if (moves(job->desc))
+        cln_format(plus, sizeof plus, " + %.17g,%.17g,%.17g", offset[0], offset[1], offset[2]);
+    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s%s", what,
+                        (long long)job->opened.model.step, times, plus);
 }
 
 static const char *ending_of(const char *file)
@@ -136,6 +145,7 @@ static cln_status check_options(const cln_export_desc *desc)
         {"crop", "points mesh volume", desc->cropped},
         {"largest", "points mesh", desc->largest},
         {"up", "points mesh", cln_up_given(desc->up)},
+        {"offset", "points mesh", moves(desc)},
         {"triangles", "mesh", desc->triangles != 0},
         {"colour", "octree", desc->colour && strcmp(desc->colour, "level") != 0},
     };
@@ -155,6 +165,13 @@ static cln_status check_options(const cln_export_desc *desc)
     CLN_TRY(cln_given_number("cln_export", "triangles", (double)desc->triangles, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "scale", desc->scale, 0, 1e12));
     CLN_TRY(cln_up_check("cln_export", desc->up));
+    for (int a = 0; a < 3; a++)
+        CLN_TRY(cln_given_number("cln_export", "offset", fabs(desc->offset[a]), 0, 1e12));
+    if (moves(desc) && (cln_export_ends(desc->file, ".glb") || cln_export_ends(desc->file, ".stl")))
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--offset: %s has numbers of 32 bits, too few for a survey's "
+                         "coordinates; write .ply or .obj",
+                         desc->file));
     if (desc->triangles)
         CLN_TRY(cln_mesh_reduce_possible());
 done:

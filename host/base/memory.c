@@ -228,8 +228,7 @@ static double limit_of_kind(int kind, double all, double own)
 
     if (getrlimit(kind, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)
         return INFINITY;
-    return fmax(0, (double)limit.rlim_cur -
-                       fmax(0, all - own) * (double)sysconf(_SC_PAGESIZE));
+    return fmax(0, (double)limit.rlim_cur - fmax(0, all - own) * (double)sysconf(_SC_PAGESIZE));
 }
 
 /* What ulimit -v and -d leave for this process. */

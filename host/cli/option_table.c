@@ -290,6 +290,9 @@ const cln_arg cln_args[] = {
          "millimetres; of a length that is L in truth and D between two points in the viewer: "
          "L / D",
          .standard = "1"),
+    TEXT(CLN_EXPORT, "offset", offset, "X,Y,Z",
+         "points, mesh: added to the coordinates in .ply and .obj, after --up and --scale: where a "
+         "survey's origin is, in UTM say"),
     FLAG(CLN_EXPORT, "largest", largest,
          "points, mesh: only the connected part with the most triangles"),
     INT(CLN_EXPORT, "triangles", triangles, "N", 4, 1000000000,

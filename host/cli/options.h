@@ -29,7 +29,7 @@ typedef struct cln_options {
         z_depth, seams;
     int verbose, max_images, antialias, frames;
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
-    const char *poses, *depth, *crop, *up;
+    const char *poses, *depth, *crop, *up, *offset;
     bool pfm, normals, transparent;
     const char *frame_range, *fps, *background;
     double elevation, radius, fov, depth_unit, stereo, min_psnr, budget, probe, scale;

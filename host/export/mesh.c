@@ -60,8 +60,8 @@ static cln_status write_stl(cln_export_job *job, const char *file, cln_mesh *mes
     return cln_mesh_write_stl(file, mesh);
 }
 
-/* Turns and scales: for glTF, where up is y, by a node; else, where z is up if any is given, the
- * numbers themselves. */
+/* Turns, scales and moves: for glTF, where up is y, by a node; else, where z is up if any is given,
+ * the numbers themselves. */
 static void stand_up(const cln_export_job *job, bool glb, cln_mesh *mesh)
 {
     static const double none[3] = {0};
@@ -74,6 +74,7 @@ static void stand_up(const cln_export_job *job, bool glb, cln_mesh *mesh)
     cln_mesh_upright(job->desc->up, 2, turn);
     if (cln_up_given(job->desc->up) || job->scale != 1)
         cln_mesh_place(mesh, turn, job->scale);
+    cln_mesh_move(mesh, job->desc->offset);
 }
 
 /* low, high: of all vertices, as a node with this turn and scale places them. */

@@ -32,6 +32,9 @@ void cln_mesh_turned(const double turn[4], const double v[3], double out[3]);
 /* Turns places, origin and normals about 0, and scales all lengths. */
 void cln_mesh_place(cln_mesh *mesh, const double turn[4], double scale);
 
+/* Adds to places and origin; not for GLB. */
+void cln_mesh_move(cln_mesh *mesh, const double offset[3]);
+
 /* Area of triangle f. normal: outwards, of that length. */
 double cln_mesh_area(const cln_mesh *mesh, size_t f, double normal[3]);
 

@@ -1,4 +1,4 @@
-/* Another place for a mesh: a turn that makes a direction its up, and a scale. See mesh.h. */
+/* Another place for a mesh: a turn that makes a direction its up, a scale, an offset. See mesh.h. */
 #include <math.h>
 #include <string.h>
 
@@ -63,4 +63,13 @@ void cln_mesh_place(cln_mesh *mesh, const double turn[4], double scale)
     for (int a = 0; a < 3; a++)
         mesh->origin[a] *= scale;
     mesh->fine *= scale;
+}
+
+void cln_mesh_move(cln_mesh *mesh, const double offset[3])
+{
+    for (size_t i = 0; i < mesh->vertices; i++)
+        for (int a = 0; a < 3; a++)
+            mesh->at[i][a] += offset[a];
+    for (int a = 0; a < 3; a++)
+        mesh->origin[a] += offset[a];
 }

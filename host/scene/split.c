@@ -40,10 +40,11 @@ static cln_status hold_out(cln_scene *scene, int holdout, int first)
     qsort(sorted, (size_t)scene->view_count, sizeof *sorted, by_bytes);
     for (int i = 0; i < scene->view_count; i++) {
         if (i > 0 && !strcmp(sorted[i - 1]->name, sorted[i]->name))
-            CLN_TRY(cln_fail(CLN_INPUT,
-                             "%s: image '%s' appears twice; remove one of the two frames or, if they "
-                             "are photos of two folders, write the folders into their names",
-                             scene->folder, sorted[i]->name));
+            CLN_TRY(
+                cln_fail(CLN_INPUT,
+                         "%s: image '%s' appears twice; remove one of the two frames or, if they "
+                         "are photos of two folders, write the folders into their names",
+                         scene->folder, sorted[i]->name));
         scene->views[sorted[i] - scene->views].split =
             holdout > 0 && i % holdout == first ? CLN_SPLIT_TEST : CLN_SPLIT_TRAIN;
     }

@@ -608,6 +608,24 @@ section_sparse() {
         --stage1 gather --steps +2
     check "it has no shell, and none is told" eval '! said "and a shell"'
     check "a run without a shell records none" eval '! grep -q "and a shell" "$air splat/run.json"'
+
+    run "$cln" export "$air run 0" --mesh "$work/own.obj"
+    expect "a mesh at a survey's origin" 0 "" "$cln" export "$air run 0" --mesh \
+        "$work/moved.obj" --offset 691600,5334700.25,-3
+    check "its vertices are so far from the others" awk '/^v / { x[FNR == NR, FNR] = $2; y[FNR == NR, FNR] = $3
+        z[FNR == NR, FNR] = $4; if (FNR != NR) { n++
+            bad += ($2 - x[1, FNR] - 691600) ^ 2 > 1e-8 || ($3 - y[1, FNR] - 5334700.25) ^ 2 > 1e-8 ||
+                   ($4 - z[1, FNR] + 3) ^ 2 > 1e-8 } } END { exit bad > 0 || n < 50 }' \
+        "$work/own.obj" "$work/moved.obj"
+    check "which its first line tells" grep -q "scene units + 691600,5334700.25,-3" "$work/moved.obj"
+    expect "GLB has too few digits" 2 "~--offset:.*glb.*32.bits .ply" "$cln" export "$air run 0" \
+        --mesh "$work/moved.glb" --offset 1,2,3
+    expect "two numbers" 2 "~--offset:.'1,2'.is.not.three" "$cln" export "$air run 0" \
+        --points "$work/moved.ply" --offset 1,2
+    sed -i -E '/^#/!s/^([0-9]+ [-0-9]+)[.]/\17./' "$(find "$air" -name points3D.txt)"
+    expect "a run whose photos would have another cube today" 0 "~warning:.*run.keeps.its.cube" \
+        "$cln" train --resume "$air run 0" --skip-selftest --steps +1
+    check "its cube is not called that of the points" said "cube: the run's"
 }
 
 # A still life from the front, in normalised device coordinates: depths in the scene's units. Its

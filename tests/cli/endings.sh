@@ -209,6 +209,8 @@ section_requeued() {
     done
     expect "a run that another process begins" 7 "~process.$!.on.*trains.this.run" \
         "${line[@]}" --steps 40
+    expect "likewise a plain start" 7 "~process.$!.on.*trains.this.run" \
+        "$cln" train "$work/scene" -o "$job" "${tiny[@]}" --steps 40
     kill -KILL $!
     wait $! 2>/dev/null
     echo mine >"$job/notes"

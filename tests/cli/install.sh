@@ -227,8 +227,10 @@ run "${MAKE:-make}" --no-print-directory -Bn CPPFLAGS=-DFROM_CPPFLAGS CFLAGS=-DF
 for word in -DFROM_CPPFLAGS -DFROM_CFLAGS "other-ar rcs" "other-objcopy --localize"; do
     check "make takes $word" grep -q -e "$word" "$work/out"
 done
-run "${MAKE:-make}" --no-print-directory -n LCMS2= MICROHTTPD= MESHOPTIMIZER= \
-    UTF8PROC= B="$work/none" "$work/none/obj/host/io/colour.o" "$work/none/cl-nascent.pc" \
+check "CONTRIBUTING.md has the same words" eval \
+    'tr "\n" " " <CONTRIBUTING.md | grep -q "make LCMS2= MICROHTTPD= MESHOPTIMIZER= UTF8PROC="'
+run "${MAKE:-make}" --no-print-directory -n LCMS2= MICROHTTPD= MESHOPTIMIZER= UTF8PROC= \
+    B="$work/none" "$work/none/obj/host/io/colour.o" "$work/none/cl-nascent.pc" \
     "$work/none/cl-nascent"
 check "make leaves out what packagers name" \
     eval 'grep -q "colour.o" "$work/out" &&

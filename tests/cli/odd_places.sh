@@ -92,4 +92,70 @@ section_edges() {
         "$cln" train "$s" -o "$s/transforms.json" --steps 1
 }
 
-run_sections "edges" "$@"
+# Limits of a process (ulimit), as batch systems set them.
+section_limits() {
+    local s=$work/limits few=3000000
+    "$make_scene" "$s" --format nerfstudio --size 32 --train 8 --test 2 >/dev/null
+    expect "what a training needs, within limits" 0 "" \
+        bash -c "ulimit -v $few; exec \"\$@\"" limit "$cln" info "$s" --json
+    check "is told beside them" \
+        [ "$(json training.host_memory_limit | cut -d. -f1)" -lt $((few * 1024)) ]
+    check "of addresses less than all, as the program has reserved some" \
+        [ "$(json training.host_memory_limit | cut -d. -f1)" -gt 100000000 ]
+    expect "a training within them" 0 "" bash -c "ulimit -v $few; exec \"\$@\"" limit \
+        "$cln" train "$s" -o "$work/limited" "${small[@]}" --steps 20
+    check "has a plan that keeps to them" grep -qE "host about [0-9]+ MiB of [12][.][0-9] GiB" "$work/err"
+    expect "no file may be large enough for kernels" 7 "~no.file.may ~ulimit.-f" \
+        bash -c 'ulimit -f 500; exec "$@"' limit "$cln" train "$s" -o "$work/small files" \
+        "${small[@]}" --steps 20
+    expect "nor for a checkpoint" 7 "~no.file.may.*first.checkpoint ~ulimit.-f" \
+        bash -c 'ulimit -f 2000; exec "$@"' limit "$cln" train "$s" -o "$work/small files" \
+        --skip-selftest --progress none --preset voxel --start-level 3 --steps 20
+    check "no step was trained for it" [ ! -e "$work/small files/metrics.jsonl" ]
+}
+
+# Names as they are written on Windows.
+section_windows() {
+    local s=$work/windows r="$work/windows run"
+    "$make_scene" "$s" --format nerfstudio --size 32 --train 8 --test 2 >/dev/null
+    sed -i 's/_filenames/_names/' "$s/transforms.json"
+    cp "$s/transforms.json" "$work/plain.json"
+    sed -i 's|"images/|".\\\\images\\\\|' "$s/transforms.json"
+    printf '%s\r\n' '.\images\frame_00003.png' 'images\frame_00007.png' >"$s/list.txt"
+    expect "backslashes in poses and in a list" 0 "~views:.8.train,.2.test" "$cln" train "$s" \
+        -o "$r" "${small[@]}" --test-views "$s/list.txt" --steps 3
+    expect "and in --views" 0 "" "$cln" eval "$r" --views 'images\frame_00007.png' --json
+    check "the photo is found" [ "$(json images.0.name | tr '\\' / | sed 's/^[.]*[/]*//')" = \
+        images/frame_00007.png ]
+    sed 's|"images/|"images\\|' "$work/plain.json" >"$s/transforms.json"
+    expect "single backslashes in JSON" 3 \
+        "~frame.*'images.frame_0.*single.backslashes ~write.each.twice" "$cln" info "$s"
+    sed 's|"images/|"images\\I|' "$work/plain.json" >"$s/transforms.json"
+    expect "and such that JSON does not know" 3 "~escape.*written.twice.in.JSON" "$cln" info "$s"
+}
+
+# Photos of two flights, whose files have the same names.
+section_flights() {
+    local s=$work/flights
+    "$make_scene" "$s" --format colmap --size 32 --train 8 --test 2 >/dev/null
+    mkdir "$work/photos"
+    mv "$s"/images/* "$work/photos"
+    mkdir "$s/images/101MEDIA" "$s/images/100MEDIA"
+    cp "$work/photos"/* "$s/images/100MEDIA"
+    cp "$work/photos"/* "$s/images/101MEDIA"
+    expect "poses without the folders of their photos" 3 \
+        "~several.folders ~100MEDIA.*101MEDIA ~write.their.folder" "$cln" info "$s"
+    rm -r "$s/images/101MEDIA"
+    expect "one of the folders alone" 0 "" "$cln" info "$s"
+    mv "$s/images/100MEDIA"/* "$s/images"
+    rmdir "$s/images/100MEDIA"
+    find "$s" -name 'images.*' -exec sed -i 's/[.]png/.TIF/' {} +
+    expect "names of photos that were converted since" 0 "" "$cln" info "$s" --json
+    check "all are found" [ "$(json splits.train)" = 8 ]
+    printf '# Bundle file v0.3\n8 100\n' >"$work/bundle.out"
+    expect "Bundler's file" 3 "~Bundler.*Colmap" "$cln" info "$work/bundle.out"
+    printf '# Cameras (8)\n# PhotoID, X, Y, Z, Omega, Phi, Kappa\n' >"$work/opk.txt"
+    expect "Metashape's angles" 3 "~angles.of.Metashape.*Colmap" "$cln" info "$work/opk.txt"
+}
+
+run_sections "edges limits windows flights" "$@"
