@@ -128,7 +128,7 @@ typedef struct turn {
     bundle points;
 } turn;
 
-/* What a work-item's rays have met so far: optical depth; intervals, intervals with samples, and
+/* What a work-item's rays have met so far: optical depth that hides; intervals, intervals with samples, and
  * samples. */
 typedef struct tally {
     float tau[RAYS];
@@ -202,15 +202,16 @@ HELPER void turn_decide(const turn *t, tally *sum, const allocation *how, float 
     const bundle *b = &t->points;
     float tau[VW], mass[VW];
     int numbers[VW];
+    vf hides;
 
     for (int l = 0; l < VW; l++)
         tau[l] = sum->tau[min(t->whose[l], RAYS - 1u)];
-    const vf own = bundle_depth(b, STAGE1_PASS), before = VLOAD(tau);
+    const vf own = bundle_depth(b, STAGE1_PASS, &hides), before = VLOAD(tau);
     const vi number = sample_numbers(own, before, b, VLOAD(t->of.level), how);
     const vi drawn = turn_roulette(t, sum, how);
 
     VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
-    VSTORE(before + own, tau);
+    VSTORE(before + hides, tau);
 #if CDF == 1
     VSTORE(ONE_MINUS_EXP(vf, own), mass);
 #else

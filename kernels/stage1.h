@@ -156,14 +156,21 @@ HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool
     return select((vf)(0.0f), bfloat16_values(VLOAD(bits)), first + j < b->count);
 }
 
-/* Optical depths of the intervals. */
-HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
+/* Optical depths of the intervals. *hides: how much of them hides what lies behind. A cell is dense
+ * if a part of it is, which the ray may pass: so only as far as the next point is as dense. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS, vf *hides)
 {
     const vi none = (vi)(0);
-    vf sum = (vf)(0.0f);
+    vf sum = (vf)(0.0f), common = (vf)(0.0f), before = (vf)(0.0f);
 
-    for (int j = 0; V_ANY((vi)(j) < b->count); j++)
-        sum += bundle_points(b, STAGE1_PASS, none, j, j < KEPT);
+    for (int j = 0; V_ANY((vi)(j) < b->count); j++) {
+        const vf sigma = bundle_points(b, STAGE1_PASS, none, j, j < KEPT);
+
+        sum += sigma;
+        common += fmin(before, sigma);
+        before = sigma;
+    }
+    *hides = common * b->step;
     return sum * b->step;
 }
 
@@ -309,8 +316,8 @@ HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool ke
     return VLOAD(sigma);
 }
 
-/* Optical depths of the intervals. */
-HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
+/* Optical depths of the intervals, all of which hide what lies behind. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS, vf *hides)
 {
     vf depth = (vf)(0.0f), left = b->t_in, right;
 
@@ -320,6 +327,7 @@ HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS)
         depth = MAD(sigma, right - left, depth);
         left = right;
     }
+    *hides = depth;
     return depth;
 }
 #endif

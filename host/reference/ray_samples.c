@@ -127,6 +127,15 @@ double ref_interval_depth(const ref_interval *v, ref_points p)
     return tau;
 }
 
+double ref_interval_hides(const ref_interval *v, ref_points p)
+{
+    double sum = 0;
+
+    for (int j = 0; j + 1 < p.m; j++)
+        sum += fmin(p.sigma[j], p.sigma[j + 1]);
+    return p.m > 0 ? sum * (v->t_out - v->t_in) / p.m : 0;
+}
+
 /* Returns whether rounding could change this interval's number of samples. */
 static bool close_count(const ref_sampling *s, double length, double side, double tau_in,
                         double tau)
@@ -169,7 +178,7 @@ int ref_gather_points(void *user, int r, const double o[3], const double d[3],
 
 /* A ray that is being sampled. */
 typedef struct progress {
-    double tau;
+    double tau; /* that hides what follows */
     uint32_t met, kept; /* intervals; those with samples */
 } progress;
 
@@ -188,7 +197,8 @@ static void sample_interval(const ref_way *way, int r, const line *l, const ref_
         ref_sample_count(&way->rule, length, side, at_ray->tau, optical_depth, chance);
 
     out->close = out->close || close_count(&way->rule, length, side, at_ray->tau, optical_depth);
-    at_ray->tau += optical_depth;
+    at_ray->tau +=
+        way->points == ref_gather_points ? ref_interval_hides(v, points) : optical_depth;
     CLN_ASSERT(count <= 256 && out->n + count <= REF_MOST_SAMPLES);
     for (int k = 0; k < count; k++) {
         xi[k] = way->jitter ? (double)cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step,

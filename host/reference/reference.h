@@ -127,6 +127,10 @@ int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
 /* Optical depth of an interval: its bins' densities times their widths. */
 double ref_interval_depth(const ref_interval *v, ref_points p);
 
+/* How much of that of cells, evenly spaced, hides what lies behind: of each point as much as the
+ * next one has, too. */
+double ref_interval_hides(const ref_interval *v, ref_points p);
+
 /* Makes the samples of ray r of a batch, in all intervals. o, d: its row, or all of its rows. */
 void ref_ray_samples(const ref_way *way, int r, const float *o, const float *d, ref_samples *out);
 
