@@ -536,8 +536,8 @@ typedef struct cln_export_result {
     double taken_off[3];  /* STL: of coordinates that 32-bit numbers cannot hold; else 0 */
 } cln_export_result;
 
-/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns or `scale`
- * scales them, to a file for other programs (docs/formats.md). Octree and cameras need no device.
+/* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns, `scale`
+ * scales or `offset` moves them, to a file for other programs (docs/formats.md). Octree and cameras need no device.
  * CLN_USAGE for an unknown `what`, for options that it does not read, for a grid that is too fine,
  * and for a crop box that nothing of the cube is in; CLN_FAILED for `triangles` in a library that
  * was built without meshoptimizer. */

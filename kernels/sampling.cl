@@ -128,10 +128,13 @@ typedef struct turn {
     bundle points;
 } turn;
 
-/* What a work-item's rays have met so far: optical depth that hides; intervals, intervals with samples, and
- * samples. */
+/* What only stage 1's last points hide keeps a quarter of the light: log(4). */
+#define DOUBT 1.3862944f
+
+/* What a work-item's rays have met so far: optical depth in all, the sure part of it, and what
+ * counts of both; intervals, intervals with samples, and samples. */
 typedef struct tally {
-    float tau[RAYS];
+    float all[RAYS], sure[RAYS], tau[RAYS];
     uint met[RAYS], kept[RAYS], samples[RAYS];
 } tally;
 
@@ -200,18 +203,27 @@ HELPER void turn_decide(const turn *t, tally *sum, const allocation *how, float 
                         uint begin, uint rays, __global cln_interval *intervals, STAGE1_ARGUMENTS)
 {
     const bundle *b = &t->points;
-    float tau[VW], mass[VW];
+    float all[VW], sure[VW], tau[VW], mass[VW];
     int numbers[VW];
-    vf hides;
+    vf own_sure;
 
-    for (int l = 0; l < VW; l++)
-        tau[l] = sum->tau[min(t->whose[l], RAYS - 1u)];
-    const vf own = bundle_depth(b, STAGE1_PASS, &hides), before = VLOAD(tau);
+    for (uint l = 0; l < VW; l++) {
+        const uint w = min(t->whose[l], RAYS - 1u);
+
+        all[l] = sum->all[w];
+        sure[l] = sum->sure[w];
+        tau[l] = sum->tau[w];
+    }
+    const vf own = bundle_depth(b, STAGE1_PASS, &own_sure), before = VLOAD(tau);
     const vi number = sample_numbers(own, before, b, VLOAD(t->of.level), how);
     const vi drawn = turn_roulette(t, sum, how);
 
     VSTORE(select(number, drawn, number == (vi)(ROULETTE)), numbers);
-    VSTORE(before + hides, tau);
+    const vf met = VLOAD(all) + own, met_sure = VLOAD(sure) + own_sure;
+
+    VSTORE(met, all);
+    VSTORE(met_sure, sure);
+    VSTORE(fmin(met, met_sure + DOUBT), tau);
 #if CDF == 1
     VSTORE(ONE_MINUS_EXP(vf, own), mass);
 #else
@@ -230,6 +242,8 @@ HELPER void turn_decide(const turn *t, tally *sum, const allocation *how, float 
             sum->samples[w] += n_samples;
         }
         sum->met[w]++;
+        sum->all[w] = all[l];
+        sum->sure[w] = sure[l];
         sum->tau[w] = tau[l];
     }
 }
@@ -265,7 +279,7 @@ __kernel void intervals_fill(STAGE1_ARGUMENTS, const __global float4 *restrict r
     bool more = count > 0u;
 
     for (uint l = 0; l < RAYS; l++) {
-        sum.tau[l] = 0.0f;
+        sum.all[l] = sum.sure[l] = sum.tau[l] = 0.0f;
         sum.met[l] = sum.kept[l] = sum.samples[l] = p.found[l] = 0u;
     }
     for (uint g = 0; g * VW < count; g++)

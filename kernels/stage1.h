@@ -156,21 +156,20 @@ HELPER vf bundle_points(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool
     return select((vf)(0.0f), bfloat16_values(VLOAD(bits)), first + j < b->count);
 }
 
-/* Optical depths of the intervals. *hides: how much of them hides what lies behind. A cell is dense
- * if a part of it is, which the ray may pass: so only as far as the next point is as dense. */
-HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS, vf *hides)
+/* Optical depths of the intervals. *sure: without their last points. A cell is dense if a part of
+ * it is, which a ray may pass that goes on into the next leaf. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS, vf *sure)
 {
     const vi none = (vi)(0);
-    vf sum = (vf)(0.0f), common = (vf)(0.0f), before = (vf)(0.0f);
+    vf sum = (vf)(0.0f), last = (vf)(0.0f);
 
     for (int j = 0; V_ANY((vi)(j) < b->count); j++) {
         const vf sigma = bundle_points(b, STAGE1_PASS, none, j, j < KEPT);
 
         sum += sigma;
-        common += fmin(before, sigma);
-        before = sigma;
+        last = select(last, sigma, (vi)(j) < b->count);
     }
-    *hides = common * b->step;
+    *sure = (sum - last) * b->step;
     return sum * b->step;
 }
 
@@ -316,8 +315,8 @@ HELPER vf bundle_bin(const bundle *b, STAGE1_ARGUMENTS, vi first, int j, bool ke
     return VLOAD(sigma);
 }
 
-/* Optical depths of the intervals, all of which hide what lies behind. */
-HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS, vf *hides)
+/* Optical depths of the intervals; all of it is sure. */
+HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS, vf *sure)
 {
     vf depth = (vf)(0.0f), left = b->t_in, right;
 
@@ -327,7 +326,7 @@ HELPER vf bundle_depth(const bundle *b, STAGE1_ARGUMENTS, vf *hides)
         depth = MAD(sigma, right - left, depth);
         left = right;
     }
-    *hides = depth;
+    *sure = depth;
     return depth;
 }
 #endif

@@ -1,6 +1,5 @@
 /* cln_export: what a run holds for other programs. Checks what is asked for and where it goes,
  * opens what the export needs, and calls its function (export/list.h). */
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -47,7 +46,7 @@ cln_status cln_export_comment(const cln_export_job *job, const char *what, char 
     if (job->scale != 1)
         cln_format(times, sizeof times, " x %.12g", job->scale);
     if (moves(job->desc))
-        cln_format(plus, sizeof plus, " + %.17g,%.17g,%.17g", offset[0], offset[1], offset[2]);
+        cln_format(plus, sizeof plus, " + %.15g,%.15g,%.15g", offset[0], offset[1], offset[2]);
     return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s%s", what,
                         (long long)job->opened.model.step, times, plus);
 }
@@ -166,12 +165,13 @@ static cln_status check_options(const cln_export_desc *desc)
     CLN_TRY(cln_given_number("cln_export", "scale", desc->scale, 0, 1e12));
     CLN_TRY(cln_up_check("cln_export", desc->up));
     for (int a = 0; a < 3; a++)
-        CLN_TRY(cln_given_number("cln_export", "offset", fabs(desc->offset[a]), 0, 1e12));
+        CLN_TRY(cln_given_number("cln_export", "offset", desc->offset[a], -1e12, 1e12));
     if (moves(desc) && (cln_export_ends(desc->file, ".glb") || cln_export_ends(desc->file, ".stl")))
-        CLN_TRY(cln_fail(CLN_USAGE,
-                         "--offset: %s has numbers of 32 bits, too few for a survey's "
-                         "coordinates; write .ply or .obj",
-                         desc->file));
+        CLN_TRY(
+            cln_fail(CLN_USAGE,
+                     "--offset: not for %s: programs read .glb and .stl in 32 bits, too few for "
+                     "a survey's coordinates; write .ply or .obj",
+                     desc->file));
     if (desc->triangles)
         CLN_TRY(cln_mesh_reduce_possible());
 done:

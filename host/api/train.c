@@ -204,6 +204,8 @@ done:
 static cln_status check_disk(const cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
+    const char *what = t->desc->resume ? "the leaves of its next checkpoint"
+                                       : "the leaves of its first checkpoint";
     const double room = cln_disk_room(t->desc->run);
     double least = 0, most = 0, smaller = INFINITY;
     int leaves = config->max_leaves;
@@ -213,9 +215,8 @@ static cln_status check_disk(const cln_trainer *t, const cln_config *config)
     CLN_TRY(cln_checkpoint_bytes(config, first_leaves, &least));
     if (t->desc->resume) /* its tree may have been carved since */
         least = cln_checkpoint_newest_bytes(t->desc->run);
-    CLN_TRY(cln_disk_check(t->desc->run, least,
-                           t->desc->resume ? "the leaves of its next checkpoint"
-                                           : "the leaves of its first checkpoint"));
+    CLN_TRY(cln_disk_check_size(t->desc->run, least, what));
+    CLN_TRY(cln_disk_check(t->desc->run, least, what));
     CLN_TRY(most_bytes(t, config, leaves, &most));
     if (most <= room)
         goto done;

@@ -31,7 +31,7 @@ bool cln_address_space_is_free(void);
 
 /* Bytes of memory that this process may take: the machine's, or fewer in a control group (a
  * container, a batch job) or by limits of the process (ulimit -v and -d, less the addresses that it
- * has reserved and does not use). */
+ * has reserved and does not use now). */
 double cln_host_memory(void);
 
 /* The least that a control group of this process or one above it allows, by the files below root

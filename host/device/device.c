@@ -285,6 +285,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
 
     *out = NULL;
     CLN_TRY(cln_kernel_dir_check(desc->kernel_dir));
+    cln_kernel_dir_say(desc->kernel_dir);
     CLN_TRY(cln_device_ids(&ids, &count));
     CLN_TRY(pick(desc->spec, ids, count, &index));
     CLN_TRY(cln_alloc(&device, 1, sizeof *device, "device"));

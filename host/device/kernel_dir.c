@@ -3,8 +3,12 @@
 
 #include <dirent.h>
 #include <fnmatch.h>
+#include <stdio.h>
+#include <string.h>
 
 #include "base/files.h"
+#include "base/log.h"
+#include "base/text.h"
 #include "device/kernel_source.h"
 
 /* Returns whether a folder has any of our files; without one, --kernel-dir would silently change
@@ -22,6 +26,19 @@ static bool has_kernels(const char *folder)
     if (listed)
         closedir(listed);
     return has;
+}
+
+void cln_kernel_dir_say(const char *folder)
+{
+    char names[512] = "";
+    size_t used = 0;
+
+    for (const cln_kernel_source *k = cln_kernel_sources; folder && k->name; k++)
+        if (cln_ends_with(k->name, ".cl") && !cln_has_file(folder, k->name) &&
+            used + strlen(k->name) + 3 < sizeof names)
+            used += (size_t)sprintf(names + used, "%s%s", used ? ", " : "", k->name);
+    if (used)
+        cln_info("kernels: not in %s, so the program's own: %s", folder, names);
 }
 
 cln_status cln_kernel_dir_check(const char *folder)

@@ -7,4 +7,7 @@
 /* Returns CLN_INPUT if there is no such folder, or no kernel in it; NULL is allowed. */
 cln_status cln_kernel_dir_check(const char *folder);
 
+/* Tells which kernels it lacks; NULL is allowed. */
+void cln_kernel_dir_say(const char *folder);
+
 #endif

@@ -12,7 +12,6 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "base/text.h"
 #include "device/cache.h"
 #include "device/cl_error.h"
 #include "device/kernel_source.h"
@@ -94,8 +93,6 @@ static cln_status append_file(cln_device *device, source *s, const char *name)
         CLN_TRY(cln_path_join(&path, device->kernel_dir, name));
         if (cln_is_file(path)) /* missing files come from the binary */
             CLN_TRY(cln_read_file(path, 1 << 20, &text, &bytes));
-        else if (cln_ends_with(name, ".cl"))
-            cln_info("kernels: %s is the program's own, as %s has none", name, device->kernel_dir);
     }
     if (!text && !lines)
         CLN_TRY(cln_fail(CLN_INTERNAL, "kernel file %s: no such file", name));

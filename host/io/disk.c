@@ -116,7 +116,6 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
 {
     cln_status st = CLN_OK;
     char *there = NULL, need[32], have[32];
-    struct rlimit most;
     double room = 0;
 
     CLN_TRY(cln_disk_nearest(folder, &there));
@@ -131,15 +130,6 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
                          : strcmp(there, subject) == 0 ? "this folder"
                                                        : there,
                          strerror(errno)));
-    if (getrlimit(RLIMIT_FSIZE, &most) == 0 && most.rlim_cur != RLIM_INFINITY &&
-        (double)most.rlim_cur < bytes) {
-        cln_format_bytes(bytes, need);
-        cln_format_bytes((double)most.rlim_cur, have);
-        CLN_TRY(cln_fail(CLN_OUTPUT,
-                         "%s: no file may be as large as %s, up to %s: this shell's limit is %s; "
-                         "raise it (ulimit -f)",
-                         subject, what, need, have));
-    }
     room = room_at(there);
     if (isinf(room))
         CLN_TRY(try_folder(subject, there));
@@ -154,6 +144,22 @@ static cln_status check(const char *subject, const char *folder, double bytes, c
 done:
     free(there);
     return st;
+}
+
+cln_status cln_disk_check_size(const char *subject, double bytes, const char *what)
+{
+    struct rlimit most;
+    char need[32], have[32];
+
+    if (getrlimit(RLIMIT_FSIZE, &most) != 0 || most.rlim_cur == RLIM_INFINITY ||
+        (double)most.rlim_cur >= bytes)
+        return CLN_OK;
+    cln_format_bytes(bytes, need);
+    cln_format_bytes((double)most.rlim_cur, have);
+    return cln_fail(CLN_OUTPUT,
+                    "%s: no file may be as large as %s, up to %s: this shell's limit is %s; raise "
+                    "it (ulimit -f)",
+                    subject, what, need, have);
 }
 
 cln_status cln_disk_check(const char *folder, double bytes, const char *what)

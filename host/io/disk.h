@@ -16,6 +16,9 @@ cln_status cln_disk_nearest(const char *path, char **out);
  * checkpoints". */
 cln_status cln_disk_check(const char *folder, double bytes, const char *what);
 
+/* CLN_OUTPUT if no file of this process may have so many bytes (ulimit -f). subject: a path. */
+cln_status cln_disk_check_size(const char *subject, double bytes, const char *what);
+
 /* The same for a file in its folder. */
 cln_status cln_disk_check_file(const char *path, double bytes, const char *what);
 

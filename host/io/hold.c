@@ -57,6 +57,32 @@ cln_holder cln_held_by(const char *folder)
     return by;
 }
 
+static cln_status refuse(int lock, const char *folder, const char *does, const char *instead)
+{
+    char holder[192];
+
+    read_holder(lock, holder, sizeof holder);
+    return cln_fail(CLN_OUTPUT, "%s: %s %s; wait for its end, or stop it%s", folder, holder, does,
+                    instead);
+}
+
+cln_status cln_held_refuse(const char *folder, const char *does)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    int file = -1;
+
+    CLN_TRY(cln_path_join(&path, folder, "lock"));
+    file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file >= 0)
+        CLN_TRY(refuse(file, folder, does, ""));
+done:
+    if (file >= 0)
+        close(file);
+    free(path);
+    return st;
+}
+
 /* Takes the lock; 0, or errno. Its holder has it alone; a command that only looks who has it
  * (cln_held_by) shares it, and is in the way for a moment. */
 static int take_lock(int file)
@@ -100,11 +126,8 @@ cln_status cln_hold(const char *folder, const char *does, const char *instead, i
             CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
         refused = take_lock(file);
     } while (!refused && !is_there(file, path));
-    if (refused == EWOULDBLOCK) {
-        read_holder(file, text, sizeof text);
-        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s %s; wait for its end, or stop it%s", folder, text,
-                         does, instead));
-    }
+    if (refused == EWOULDBLOCK)
+        CLN_TRY(refuse(file, folder, does, instead));
     if (refused)
         cln_warn("%s: cannot be locked: %s; take care that no other process %s", path,
                  strerror(refused), does);

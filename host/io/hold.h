@@ -23,4 +23,8 @@ typedef enum cln_holder {
 } cln_holder;
 cln_holder cln_held_by(const char *folder);
 
+/* CLN_OUTPUT, which names the process that holds it and does that, also where this account may only
+ * read; CLN_OK if its lock is gone. */
+cln_status cln_held_refuse(const char *folder, const char *does);
+
 #endif

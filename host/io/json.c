@@ -167,7 +167,7 @@ static cln_status read_json(const char *path, size_t most, bool relaxed, json_t 
     if (!*out)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s; correct it there%s", path,
                          error.line, error.column, error.text,
-                         strstr(error.text, "escape")
+                         strncmp(error.text, "invalid escape", 14) == 0
                              ? " (a backslash is written twice in JSON; in paths / does, too)"
                              : ""));
 done:

@@ -1,4 +1,4 @@
-/* Another place for a mesh: a turn that makes a direction its up, a scale, an offset. See mesh.h. */
+/* Another place for a mesh: a turn that makes a direction its up, scale, offset. See mesh.h. */
 #include <math.h>
 #include <string.h>
 

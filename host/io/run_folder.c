@@ -19,6 +19,7 @@
 #include "io/hold.h"
 
 #define SCHEMA "cl-nascent.run/1"
+static const char trains[] = "trains this run"; /* what its holder does */
 enum { TEXT_FLAGS = JSON_REAL_PRECISION(17), METRICS_MAX_GIB = 4 };
 
 struct cln_metrics {
@@ -58,7 +59,6 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
     char *path = NULL, *reason = NULL;
     json_t *document = NULL;
     struct stat info;
-    int lock = -1;
 
     *empty = true;
     if (lstat(run, &info) == 0 && !cln_is_dir(run))
@@ -87,10 +87,8 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
     free(path);
     path = NULL;
     CLN_TRY(cln_path_join(&path, run, "checkpoint"));
-    if (!resume && cln_run_is_held(run)) { /* fails, and names the process that trains it */
-        CLN_TRY(cln_run_hold(run, &lock));
-        cln_run_release(lock); /* it ended this moment */
-    }
+    if (!resume && cln_run_is_held(run))
+        CLN_TRY(cln_held_refuse(run, trains));
     if (!resume && !cln_is_dir(path))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: holds a run that ended before its first checkpoint, so nothing of "
@@ -140,7 +138,7 @@ bool cln_run_is_held(const char *run)
 
 cln_status cln_run_hold(const char *run, int *lock)
 {
-    return cln_hold(run, "trains this run", "", lock);
+    return cln_hold(run, trains, "", lock);
 }
 
 void cln_run_release(int lock)

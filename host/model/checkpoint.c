@@ -449,7 +449,8 @@ static cln_status cannot_list(const char *folder)
 }
 
 /* Lists the steps of a folder's checkpoints, newest first; none if the folder is missing.
- * CLN_CHECKPOINT if it cannot be read, CLN_MEMORY: *steps is freed. */
+ * CLN_INPUT if this account may not, CLN_CHECKPOINT if it cannot be read, CLN_MEMORY: *steps is
+ * freed. */
 static cln_status list_steps(const char *folder, int64_t **steps, int *count)
 {
     cln_status st = CLN_OK;
@@ -500,7 +501,7 @@ static cln_status remove_old(const char *folder, int64_t newest)
     char *path = NULL;
 
     st = list_steps(folder, &steps, &count);
-    if (st == CLN_CHECKPOINT) { /* the new one is whole */
+    if (st == CLN_CHECKPOINT || st == CLN_INPUT) { /* the new one is whole */
         cln_warn("old checkpoints stay: %s", cln_error_text());
         cln_clear_error();
         return CLN_OK;

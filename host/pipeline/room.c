@@ -375,7 +375,12 @@ void cln_room_say_free(const cln_room_desc *d, const cln_room *room, double avai
     cln_format_bytes(cln_host_memory(), all);
     cln_format_bytes(available, free_bytes);
     cln_format_bytes(*now ? least : most, need);
-    if (*now)
+    if (*now && cln_host_memory() <= available)
+        snprintf(out, CLN_ROOM_TEXT,
+                 "this process may have %s (ulimit -v, -d), and the training needs %s from its "
+                 "first tree of %d %s on: raise the limit",
+                 all, need, d->first, cln_plural(d->first, "leaf", "leaves"));
+    else if (*now)
         snprintf(out, CLN_ROOM_TEXT,
                  "of %s of host memory only %s are free now, and the training needs %s from its "
                  "first tree of %d %s on: the system may end it; close other programs",

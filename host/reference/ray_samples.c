@@ -127,13 +127,13 @@ double ref_interval_depth(const ref_interval *v, ref_points p)
     return tau;
 }
 
-double ref_interval_hides(const ref_interval *v, ref_points p)
+double ref_interval_sure(const ref_interval *v, ref_points p)
 {
     double sum = 0;
 
     for (int j = 0; j + 1 < p.m; j++)
-        sum += fmin(p.sigma[j], p.sigma[j + 1]);
-    return p.m > 0 ? sum * (v->t_out - v->t_in) / p.m : 0;
+        sum += p.sigma[j] * (v->t_out - v->t_in) / p.m;
+    return sum;
 }
 
 /* Returns whether rounding could change this interval's number of samples. */
@@ -178,7 +178,7 @@ int ref_gather_points(void *user, int r, const double o[3], const double d[3],
 
 /* A ray that is being sampled. */
 typedef struct progress {
-    double tau; /* that hides what follows */
+    double all, sure;   /* optical depth that was met */
     uint32_t met, kept; /* intervals; those with samples */
 } progress;
 
@@ -193,12 +193,12 @@ static void sample_interval(const ref_way *way, int r, const line *l, const ref_
     const double optical_depth = ref_interval_depth(v, points);
     const float chance = cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step, (uint32_t)r,
                                           CLN_DRAW_ROULETTE + at_ray->met++, 0);
-    const int count =
-        ref_sample_count(&way->rule, length, side, at_ray->tau, optical_depth, chance);
+    const double tau = fmin(at_ray->all, at_ray->sure + log(4));
+    const int count = ref_sample_count(&way->rule, length, side, tau, optical_depth, chance);
 
-    out->close = out->close || close_count(&way->rule, length, side, at_ray->tau, optical_depth);
-    at_ray->tau +=
-        way->points == ref_gather_points ? ref_interval_hides(v, points) : optical_depth;
+    out->close = out->close || close_count(&way->rule, length, side, tau, optical_depth);
+    at_ray->all += optical_depth;
+    at_ray->sure += way->points == ref_gather_points ? ref_interval_sure(v, points) : optical_depth;
     CLN_ASSERT(count <= 256 && out->n + count <= REF_MOST_SAMPLES);
     for (int k = 0; k < count; k++) {
         xi[k] = way->jitter ? (double)cln_uniform_hash(way->seed, CLN_STREAM_SAMPLES, way->step,
@@ -220,7 +220,7 @@ void ref_ray_samples(const ref_way *way, int r, const float *fo, const float *fd
 {
     line lines[CLN_LINE_ROWS];
     const int count = lines_of(way, fo, fd, lines);
-    progress at = {0, 0, 0};
+    progress at = {0, 0, 0, 0};
 
     out->n = 0;
     out->close = false;

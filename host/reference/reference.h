@@ -83,7 +83,7 @@ void ref_deltas(double t_in, double t_out, int n, const double *t, double *delta
 
 /* ---- a ray's way to its samples ---- */
 
-enum { REF_MOST_INTERVALS = 256, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 2048 };
+enum { REF_MOST_INTERVALS = 256, REF_MOST_POINTS = 512, REF_MOST_SAMPLES = 8192 };
 #define REF_NEAR 4e-6 /* float32 may decide differently on rays closer to an edge than this */
 
 /* Gives the stage-1 points of an interval of ray r, ascending, and the lengths that they stand for.
@@ -127,9 +127,8 @@ int ref_way_intervals(const ref_way *way, const double o[3], const double d[3],
 /* Optical depth of an interval: its bins' densities times their widths. */
 double ref_interval_depth(const ref_interval *v, ref_points p);
 
-/* How much of that of cells, evenly spaced, hides what lies behind: of each point as much as the
- * next one has, too. */
-double ref_interval_hides(const ref_interval *v, ref_points p);
+/* The sure part of that, of evenly spaced points: without the last one. */
+double ref_interval_sure(const ref_interval *v, ref_points p);
 
 /* Makes the samples of ray r of a batch, in all intervals. o, d: its row, or all of its rows. */
 void ref_ray_samples(const ref_way *way, int r, const float *o, const float *d, ref_samples *out);

@@ -217,6 +217,13 @@ static int rank_of(const char *file)
     return rank;
 }
 
+bool cln_moved_is_aside(const char *file)
+{
+    const int rank = rank_of(file);
+
+    return lies_beside_photos(file) || (rank > 0 && rank < CLN_IMAGE_FOLDERS);
+}
+
 /* As cln_moved_find, in this form of the name. */
 static cln_status find_form(cln_moved *moved, const char *name, bool leads_out, char **out)
 {

@@ -47,6 +47,9 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
 void cln_moved_sort(cln_names *names);
 void cln_moved_meant(const cln_names *names, const char *name, const char *found[2]);
 
+/* Does the file lie in a folder of masks and the like, or of photos in another size? */
+bool cln_moved_is_aside(const char *file);
+
 /* Gives the views whose file is not at their path the path of the file that is meant, and counts
  * these in the result, with an example. */
 cln_status cln_moved_views(cln_moved *moved, cln_reader_result *result);

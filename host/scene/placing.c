@@ -226,7 +226,7 @@ static int folders_with(const cln_names *there, const char *name, char folders[2
     for (int i = 0; i < there->count; i++) {
         const char *file = there->name[i], *end = strrchr(file, '/');
 
-        if (!end || strcmp(end + 1, base) != 0)
+        if (!end || strcmp(end + 1, base) != 0 || cln_moved_is_aside(file))
             continue;
         if (found < 2)
             snprintf(folders[found], 256, "%.*s", (int)(end - file), file);
@@ -291,7 +291,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
     if (!*folder && folders_with(&there, result->views[0].name, folders) > 1)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: '%s' and its other images are in several folders, as '%s' and '%s': "
-                         "write their folder into the names, or leave only that folder there",
+                         "write their folder into the names, or leave only one of them there",
                          where, result->views[0].name, folders[0], folders[1]));
     if (!*folder && there.count)
         CLN_TRY(cln_fail(CLN_INPUT,

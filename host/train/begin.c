@@ -1,6 +1,7 @@
 /* cln_begin_model: makes or reads the model, and refuses settings that it cannot go on with. */
 #include "train/begin.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +14,9 @@
 #include "model/checkpoint.h"
 #include "model/structure.h"
 #include "train/carve.h"
+
+/* half sides by which a cube reaches beyond another before anybody needs to know */
+static const double BEYOND = 0.02;
 
 /* Checks the settings that a checkpoint fixes: the networks' shape and whatever the kernels' layout
  * depends on. */
@@ -192,21 +196,23 @@ done:
     return st;
 }
 
-/* A resumed run keeps its space: leaves are boxes of it. Tells where today's photos would have
- * another. */
+/* A resumed run keeps its space: leaves are boxes of it. Tells where its photos would have a cube
+ * today that reaches beyond. */
 static cln_status keep_space(cln_scene *scene, const cln_space *kept, const char *run)
 {
     cln_status st = CLN_OK;
     const cln_space *now = &scene->space;
     char quoted[CLN_QUOTED_BYTES];
+    double beyond = 0;
 
     if (cln_space_equal(kept, now))
         return CLN_OK;
-    if (kept->forward == now->forward && !now->forward)
-        cln_warn("the run keeps its cube, centre %.5g,%.5g,%.5g and half side %.4g; the photos of "
-                 "today would have %.5g,%.5g,%.5g and %.4g: what lies outside the run's is in no "
-                 "mesh and no points; for that train them anew, by "
-                 "--settings-of %s",
+    for (int a = 0; a < 3; a++)
+        beyond = fmax(beyond, fabs(now->centre[a] - kept->centre[a]) + now->half - kept->half);
+    if (!kept->forward && !now->forward && beyond > BEYOND * kept->half)
+        cln_warn("the run keeps its cube, centre %.5g,%.5g,%.5g and half side %.4g; its photos "
+                 "would have %.5g,%.5g,%.5g and %.4g today: what lies outside the run's is in no "
+                 "mesh and no points; for that train them anew, by --settings-of %s",
                  kept->centre[0], kept->centre[1], kept->centre[2], kept->half, now->centre[0],
                  now->centre[1], now->centre[2], now->half,
                  cln_shell_quote(run, quoted, sizeof quoted));

@@ -612,12 +612,13 @@ section_sparse() {
     run "$cln" export "$air run 0" --mesh "$work/own.obj"
     expect "a mesh at a survey's origin" 0 "" "$cln" export "$air run 0" --mesh \
         "$work/moved.obj" --offset 691600,5334700.25,-3
-    check "its vertices are so far from the others" awk '/^v / { x[FNR == NR, FNR] = $2; y[FNR == NR, FNR] = $3
-        z[FNR == NR, FNR] = $4; if (FNR != NR) { n++
-            bad += ($2 - x[1, FNR] - 691600) ^ 2 > 1e-8 || ($3 - y[1, FNR] - 5334700.25) ^ 2 > 1e-8 ||
-                   ($4 - z[1, FNR] + 3) ^ 2 > 1e-8 } } END { exit bad > 0 || n < 50 }' \
-        "$work/own.obj" "$work/moved.obj"
-    check "which its first line tells" grep -q "scene units + 691600,5334700.25,-3" "$work/moved.obj"
+    check "its vertices are so far from the others" awk '/^v / {
+            if (FNR == NR) { x[FNR] = $2; y[FNR] = $3; z[FNR] = $4; next }
+            off = ($2 - x[FNR] - 691600) ^ 2 + ($3 - y[FNR] - 5334700.25) ^ 2 + ($4 - z[FNR] + 3) ^ 2
+            n++; bad += off > 1e-8
+        } END { exit bad > 0 || n < 50 }' "$work/own.obj" "$work/moved.obj"
+    check "which its first line tells" \
+        grep -q "scene units + 691600,5334700.25,-3" "$work/moved.obj"
     expect "GLB has too few digits" 2 "~--offset:.*glb.*32.bits .ply" "$cln" export "$air run 0" \
         --mesh "$work/moved.glb" --offset 1,2,3
     expect "two numbers" 2 "~--offset:.'1,2'.is.not.three" "$cln" export "$air run 0" \

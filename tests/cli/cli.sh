@@ -557,9 +557,9 @@ section_output() {
     else
         skip "output in a read-only folder" "root may write there, and nothing can be mounted"
     fi
-    # no file may grow beyond 4 MiB, a checkpoint of this network is larger
+    # no file may grow beyond 4 MiB, a checkpoint of the grown tree is larger
     start "$cln" train "$work/blender" -o "$work/full" "${small[@]}" --width 64 --view-width 64 \
-        --start-level 2 --level-at "" --cull-from 1 --steps 100000
+        --start-level 1 --level-at 2:0.5 --cull-from 1 --steps 100000
     wait_for 120 rows_of "$work/full" 5
     kill -INT "$child"
     finish
