@@ -294,7 +294,7 @@ section_second() {
     while kill -0 $! && [ ! -e "$work/killed/run.json" ]; do sleep 0.1; done
     expect "eval of a run that is trained and has no checkpoint" 8 "~being.trained --save-every" \
         "$cln" eval "$work/killed"
-    expect "a new run there" 7 "~already.holds" "$cln" train "$work/photos" -o "$work/killed"
+    expect "a new run there" 7 "~process.*trains.this.run" "$cln" train "$work/photos" -o "$work/killed"
     { kill -9 $! && wait $!; } 2>/dev/null
     expect "killed before its first checkpoint: eval" 8 "~ended.before train" \
         "$cln" eval "$work/killed"
