@@ -537,10 +537,10 @@ typedef struct cln_export_result {
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns, `scale`
- * scales or `offset` moves them, to a file for other programs (docs/formats.md). Octree and cameras need no device.
- * CLN_USAGE for an unknown `what`, for options that it does not read, for a grid that is too fine,
- * and for a crop box that nothing of the cube is in; CLN_FAILED for `triangles` in a library that
- * was built without meshoptimizer. */
+ * scales or `offset` moves them, to a file for other programs (docs/formats.md). Octree and cameras
+ * need no device. CLN_USAGE for an unknown `what`, for options that it does not read, for a grid
+ * that is too fine, and for a crop box that nothing of the cube is in; CLN_FAILED for `triangles`
+ * in a library that was built without meshoptimizer. */
 CLN_API cln_status cln_export(const cln_export_desc *desc, cln_export_result *result);
 
 /* JSON text about a scene or a run; the caller frees it. settings: to read the scene with; NULL =

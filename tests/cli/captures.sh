@@ -294,7 +294,8 @@ section_second() {
     while kill -0 $! && [ ! -e "$work/killed/run.json" ]; do sleep 0.1; done
     expect "eval of a run that is trained and has no checkpoint" 8 "~being.trained --save-every" \
         "$cln" eval "$work/killed"
-    expect "a new run there" 7 "~process.*trains.this.run" "$cln" train "$work/photos" -o "$work/killed"
+    expect "a new run there" 7 "~process.*trains.this.run" \
+        "$cln" train "$work/photos" -o "$work/killed"
     { kill -9 $! && wait $!; } 2>/dev/null
     expect "killed before its first checkpoint: eval" 8 "~ended.before train" \
         "$cln" eval "$work/killed"
@@ -614,8 +615,8 @@ section_sparse() {
         "$work/moved.obj" --offset 691600,5334700.25,-3
     check "its vertices are so far from the others" awk '/^v / {
             if (FNR == NR) { x[FNR] = $2; y[FNR] = $3; z[FNR] = $4; next }
-            off = ($2 - x[FNR] - 691600) ^ 2 + ($3 - y[FNR] - 5334700.25) ^ 2 + ($4 - z[FNR] + 3) ^ 2
-            n++; bad += off > 1e-8
+            n++; bad += ($2 - x[FNR] - 691600) ^ 2 + ($3 - y[FNR] - 5334700.25) ^ 2 +
+                ($4 - z[FNR] + 3) ^ 2 > 1e-8
         } END { exit bad > 0 || n < 50 }' "$work/own.obj" "$work/moved.obj"
     check "which its first line tells" \
         grep -q "scene units + 691600,5334700.25,-3" "$work/moved.obj"
