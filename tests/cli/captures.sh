@@ -615,8 +615,8 @@ section_sparse() {
         "$work/moved.obj" --offset 691600,5334700.25,-3
     check "its vertices are so far from the others" awk '/^v / {
             if (FNR == NR) { x[FNR] = $2; y[FNR] = $3; z[FNR] = $4; next }
-            n++; bad += ($2 - x[FNR] - 691600) ^ 2 + ($3 - y[FNR] - 5334700.25) ^ 2 +
-                ($4 - z[FNR] + 3) ^ 2 > 1e-8
+            n++; off = ($2 - x[FNR] - 691600) ^ 2 + ($3 - y[FNR] - 5334700.25) ^ 2
+            bad += off + ($4 - z[FNR] + 3) ^ 2 > 1e-8
         } END { exit bad > 0 || n < 50 }' "$work/own.obj" "$work/moved.obj"
     check "which its first line tells" \
         grep -q "scene units + 691600,5334700.25,-3" "$work/moved.obj"
