@@ -172,17 +172,10 @@ static cln_status closed(const char *cache, int reason)
 /* ulimit -f: a driver that may not write a kernel ends the process, or calls it broken. */
 static cln_status check_file_size(const char *cache)
 {
-    struct rlimit most;
-    char have[32];
+    char subject[PATH + 128];
 
-    if (getrlimit(RLIMIT_FSIZE, &most) != 0 || most.rlim_cur == RLIM_INFINITY ||
-        (double)most.rlim_cur >= LARGEST)
-        return CLN_OK;
-    cln_format_bytes((double)most.rlim_cur, have);
-    return cln_fail(CLN_OUTPUT,
-                    "PoCL's kernel cache %s%s: no file may be larger than %s, this shell's limit, "
-                    "and kernels may be; raise it (ulimit -f)",
-                    cache, source(), have);
+    snprintf(subject, sizeof subject, "PoCL's kernel cache %s%s", cache, source());
+    return cln_disk_check_size(subject, LARGEST, "a kernel");
 }
 
 /* Writing: whether the folder itself takes a file of `need` bytes. */

@@ -16,7 +16,8 @@ cln_status cln_disk_nearest(const char *path, char **out);
  * checkpoints". */
 cln_status cln_disk_check(const char *folder, double bytes, const char *what);
 
-/* CLN_OUTPUT if no file of this process may have so many bytes (ulimit -f). subject: a path. */
+/* CLN_OUTPUT if no file of this process may have so many bytes (ulimit -f). subject: begins the
+ * sentence. */
 cln_status cln_disk_check_size(const char *subject, double bytes, const char *what);
 
 /* The same for a file in its folder. */
