@@ -47,7 +47,7 @@ static int most_left(const cln_pipeline *p, const uint8_t *marks)
 }
 
 /* Whether the tree fits memory after a split of every leaf, which leaves children where their
- * parent was; warns the first time that it does not. */
+ * parent was; warns when it does not any more. */
 static cln_status room_to_grow(cln_trainer *t, bool *room)
 {
     cln_status st = CLN_OK;
@@ -64,8 +64,8 @@ static cln_status room_to_grow(cln_trainer *t, bool *room)
         if (!t->no_room_for_level)
             cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * leaves,
                      text);
-        t->no_room_for_level = true;
     }
+    t->no_room_for_level = !*room;
 done:
     free(marks);
     return st;

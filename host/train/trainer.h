@@ -43,7 +43,7 @@ typedef struct cln_trainer {
     } owed;
     int64_t steps;                /* budget in steps; 0 = only in time */
     bool said_used_up;            /* the budget of a resumed run */
-    bool no_room_for_level;       /* no memory for a whole level: warned once, tried again */
+    bool no_room_for_level;       /* no memory for the next whole level, when last asked */
     bool no_room_for_leaves;      /* none for a single leaf, likewise */
     bool finest;                  /* voxels are as fine as the photos: said once */
     bool whole;                   /* no whole level of voxels comes any more: said once */
