@@ -94,15 +94,15 @@ static bool is_frozen(const cln_trainer *t, const cln_config *saved)
 static cln_status plan(cln_trainer *t)
 {
     cln_status st = CLN_OK;
-    const cln_plan_desc desc =
-        cln_plans_desc(t, t->model.tree.leaf_count, cln_octree_depth(&t->model.tree), NULL);
     const cln_config *c = &t->model.config;
     const int wanted = t->desc->resume ? cln_config_most_rays(c) : c->rays;
+    cln_plans plans;
     int most = 0, first = 0;
 
-    cln_plan_device(&desc, &t->plan);
-    cln_plan_host(&desc, &t->plan, &t->host_plan);
-    cln_share_evenly(&t->pipeline, desc.leaves);
+    cln_plans_now(t, &plans);
+    t->plan = plans.device;
+    t->host_plan = plans.host;
+    cln_share_evenly(&t->pipeline, t->model.tree.leaf_count);
     CLN_TRY(cln_plans_deal(t));
     CLN_TRY(cln_plan_check(t->device, &t->plan));
     CLN_TRY(cln_plan_check_host(&t->host_plan));
@@ -582,6 +582,7 @@ static cln_status build(cln_trainer *t, const cln_config *config)
                                                   .alpha = t->scene->has_alpha,
                                                   .no_sights = !cln_batch_knows(t->scene, config),
                                                   .depth = cln_octree_depth(&t->model.tree),
+                                                  .in_parts = t->model.in_parts,
                                                   .space = &t->model.space},
                             CLN_PROGRAMS_ALL, &t->pipeline));
     t->pipeline.antialias = cln_model_antialias(&t->model); /* of pictures on the way */

@@ -107,6 +107,7 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     if (!document ||
         json_object_set_new(document, "drawn", json_integer((json_int_t)model->drawn)) != 0 ||
         json_object_set_new(document, "averaged", json_integer(cln_model_antialias(model))) != 0 ||
+        (model->in_parts && json_object_set_new(document, "in_parts", json_true()) != 0) ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
                                                      forward_json(&model->space)) != 0) ||
         (model->space.shell &&
@@ -184,6 +185,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     if (json_object_get(document, "averaged"))
         CLN_TRY(get_int(document, path, "averaged", 1, 4, &averaged));
     out->averaged = averaged > 1;
+    out->in_parts = json_is_true(json_object_get(document, "in_parts"));
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
                      &out->train_seconds));
     CLN_TRY(get_int(measured, path, "rays", 0, INT64_MAX, &out->sum_rays));

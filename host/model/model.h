@@ -36,6 +36,7 @@ typedef struct cln_model {
     int level;            /* growth reached so far */
     int64_t drawn;        /* pixels of the photos that training has drawn */
     bool averaged;        /* pixels at edges are means of several rays by now */
+    bool in_parts;        /* its device has arrays P in parts, and keeps them so (pipeline.h) */
     /* Measures of the structure optimisation (method.md 12.3); kept with the training state. */
     float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
     int32_t *met;       /* [slot] samples since the last decision */

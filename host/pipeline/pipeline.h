@@ -68,6 +68,7 @@ typedef struct cln_pipeline_facts {
     bool alpha;             /* its images have it; without it, alpha counts as 1 (opaque_loss) */
     bool no_sights;         /* no ray shows a sparse point, so there is no depth_loss */
     int depth;              /* of its tree (cln_octree_depth), which may exceed the settings' */
+    bool in_parts;          /* begin with arrays P in parts, as they were (cln_model.in_parts) */
     const cln_space *space; /* of its cube; cameras must be given in the same */
 } cln_pipeline_facts;
 

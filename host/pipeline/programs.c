@@ -436,6 +436,13 @@ cln_status cln_pipeline_lenses(cln_pipeline *p, unsigned lenses)
     return st;
 }
 
+static void divide(cln_pipeline *p)
+{
+    p->part_leaves = cln_pipeline_part_leaves(p);
+    p->part_slices = cln_pipeline_part_slices(p);
+    p->parts = CLN_PARTS;
+}
+
 cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
 {
     cln_status st = CLN_OK;
@@ -450,9 +457,7 @@ cln_status cln_pipeline_rebuild(cln_pipeline *p, int leaves)
     if (p->parts > 1 || !cln_pipeline_in_parts(p, leaves))
         return CLN_OK;
     cln_debug("per-leaf arrays in parts of %d leaves: building kernels for that", room);
-    p->part_leaves = room;
-    p->part_slices = cln_pipeline_part_slices(p);
-    p->parts = CLN_PARTS;
+    divide(p);
     for (int i = 0; i < CLN_PROGRAMS; i++)
         if (programs[i].text >= PARTS)
             free_programs(p, 1u << i);
@@ -507,6 +512,8 @@ static cln_status outline(cln_device *device, const cln_config *config,
     out->tune = *tune;
     cln_pipeline_fit(device, &out->net, &out->tune);
     fit_sort(device, &out->tune, &out->line_bits);
+    if (facts->in_parts)
+        divide(out);
 done:
     return st;
 }

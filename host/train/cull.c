@@ -7,6 +7,7 @@
 #include "base/memory.h"
 #include "train/change.h"
 #include "train/measure.h"
+#include "train/plans.h"
 #include "train/step.h"
 
 bool cln_cull_due(const cln_trainer *t, double fraction)
@@ -38,6 +39,7 @@ cln_status cln_cull(cln_trainer *t, bool now)
         CLN_TRY(cln_octree_cull(&t->model.tree, marks, &change));
         CLN_TRY(cln_model_follow(&t->model, &change));
         CLN_TRY(cln_change_carry(t, &change));
+        cln_plans_renew(t);
         cln_debug("step %lld: culled %d of %d leaves", (long long)t->model.step,
                   leaves - t->pipeline.leaves, leaves);
     }

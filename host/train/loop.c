@@ -200,6 +200,7 @@ static cln_status checkpoint(cln_trainer *t)
     /* the error since the last decision, for exports and reports; decisions measure it again */
     for (int s = 0; s < t->model.tree.leaf_count && measured && t->model.sum_rays > 0; s++)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
+    t->model.in_parts = p->parts > 1;
     if (p->ranks > 1)
         CLN_TRY(
             cln_checkpoint_write_parts(t->desc->run, &t->model, p->rank_first, &digest, &written));

@@ -16,6 +16,15 @@ cln_plan_desc cln_plans_desc(const cln_trainer *t, int leaves, int depth, const 
                            .deal = deal};
 }
 
+void cln_plans_now(const cln_trainer *t, cln_plans *out)
+{
+    const cln_plan_desc desc =
+        cln_plans_desc(t, t->model.tree.leaf_count, cln_octree_depth(&t->model.tree), NULL);
+
+    cln_plan_device(&desc, &out->device);
+    cln_plan_host(&desc, &out->device, &out->host);
+}
+
 void cln_plans_make(const cln_trainer *t, int leaves, int own, cln_plans *out)
 {
     const int depth = cln_octree_depth(&t->model.tree), level = t->model.level;
@@ -37,6 +46,24 @@ void cln_plans_adopt(cln_trainer *t, const cln_plans *plans)
     t->host_plan = plans->host;
     cln_plan_apply(&plans->device, &t->pipeline);
     cln_stage1_release(&t->pipeline); /* the next batch allocates by the new plan */
+}
+
+/* Whether batches may have as many rays and samples by both. */
+static bool batches_alike(const cln_plan *a, const cln_plan *b)
+{
+    return a->max_rays == b->max_rays && a->max_samples == b->max_samples &&
+           a->batch_samples == b->batch_samples && a->max_entries == b->max_entries;
+}
+
+void cln_plans_renew(cln_trainer *t)
+{
+    cln_plans plans;
+
+    if (t->pipeline.ranks > 1)
+        return;
+    cln_plans_now(t, &plans);
+    if (!batches_alike(&plans.device, &t->plan))
+        cln_plans_adopt(t, &plans);
 }
 
 void cln_plans_check_own(const cln_pipeline *p, int own)
