@@ -12,11 +12,12 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
-#include "scene/vectors.h"
+#include "scene/brightness.h"
+#include "scene/trials.h"
 
-/* ASKED: views that are compared with others, each with NEIGHBOURS. TRIED: ties on which other
- * readings are tried. STRAYS: photos that are compared with all others. */
-enum { ASKED = 96, NEIGHBOURS = 3, TRIED = 12000, STRAYS = 8 };
+/* ASKED: views that are compared with others, each with NEIGHBOURS. STRAYS: photos that are compared
+ * with all others. */
+enum { ASKED = 96, NEIGHBOURS = 3, STRAYS = 8 };
 /* Fewest ties that say anything about a set, about a view, and against one (objects of equal parts
  * have a dozen wrong ones); agreeing ties that make partners. */
 enum {
@@ -28,7 +29,6 @@ enum {
     STILL_OF_PAIR = 4
 };
 static const double TOLERANCE = 2; /* pixels, at the size at which features are found */
-static const double STRICT = 0.25; /* share of it for focal lengths, whose effect is small */
 static const double STILL = 1;     /* pixels of the size at which features are found */
 static const double STILL_SHARE = 0.1, STILL_PAIRS = 0.3; /* of the ties; of the pairs */
 static const double GOOD = 0.5;      /* share of agreeing ties of a set that can tell bad views */
@@ -39,9 +39,6 @@ static const double FEW_OF_BAD = 0.25, GAIN = 0.2; /* share that another pose mu
 static const double STRAY = 0.7;                   /* share of a stray over that of all views */
 static const double NEAR = 0.25; /* how unlike a view of a video and the next are at most */
 static const double BETWEEN = 0.25, BETWEEN_LEAST = 0.05; /* off the middle, over the way */
-static const double FAR_APART = 3e-4; /* squared sine of 1 deg, from which on distances are known */
-
-const double cln_exposure_jump = 0.7;
 
 typedef struct work {
     const cln_scene *scene;
@@ -58,59 +55,12 @@ static const cln_camera *camera_of(const work *w, int view)
     return &w->scene->views[view].camera;
 }
 
-/* ---- two rays ---- */
-
-/* Finds how far along two rays they come nearest to each other; false if they are too parallel. */
-static bool nearest(const double b[3], const double d1[3], const double d2[3], double *s, double *t)
-{
-    const double c = cln_dot(d1, d2), far = 1 - c * c;
-
-    *s = (cln_dot(d1, b) - c * cln_dot(d2, b)) / far;
-    *t = (c * cln_dot(d1, b) - cln_dot(d2, b)) / far;
-    return far > FAR_APART;
-}
-
-static bool agrees(const double o1[3], const double d1[3], const double o2[3], const double d2[3],
-                   double tolerance)
-{
-    const double b[3] = {o2[0] - o1[0], o2[1] - o1[1], o2[2] - o1[2]};
-    double n1[3], n2[3], s = 0, t = 0, size = 0;
-
-    cln_cross(b, d1, n1);
-    cln_cross(b, d2, n2);
-    size = sqrt(cln_dot(n1, n1) + cln_dot(n2, n2));
-    if (!(fabs(cln_dot(n1, d2)) <= tolerance * size) || size <= 1e-9 * sqrt(cln_dot(b, b)))
-        return false;
-    return !nearest(b, d1, d2, &s, &t) || (s > 0 && t > 0);
-}
-
-static cln_camera as_read(const cln_camera *given, const cln_reading *reading, double focal)
-{
-    cln_camera c = *given;
-
-    cln_reading_pose(reading, given->c2w, c.c2w);
-    c.fx *= focal;
-    c.fy *= focal;
-    return c;
-}
-
 static double tolerance_of(const work *w, int view)
 {
     return TOLERANCE * w->features[view].pixel / camera_of(w, view)->fx;
 }
 
-/* strict: the share of the tolerance that counts. */
-static bool tie_agrees(const work *w, const cln_tie *tie, const cln_reading *reading, double focal,
-                       double strict)
-{
-    const cln_camera a = as_read(camera_of(w, tie->a), reading, focal);
-    const cln_camera b = as_read(camera_of(w, tie->b), reading, focal);
-    double o1[3], d1[3], o2[3], d2[3];
-
-    return cln_camera_ray(&a, tie->ua, tie->va, o1, d1) &&
-           cln_camera_ray(&b, tie->ub, tie->vb, o2, d2) &&
-           agrees(o1, d1, o2, d2, strict * tolerance_of(w, tie->a) / focal);
-}
+static const cln_trial GIVEN = {.reading = &cln_readings[0], .focal = 1, .strict = 1};
 
 /* ---- neighbours ---- */
 
@@ -224,6 +174,7 @@ static cln_status add_ties(work *w, int a, int b, bool cut)
                                                 .vb = g->v,
                                                 .value_a = f->value,
                                                 .value_b = g->value,
+                                                .tolerance = (float)tolerance_of(w, a),
                                                 .cut = cut};
     }
 done:
@@ -278,49 +229,6 @@ done:
 
 /* ---- what agrees ---- */
 
-static double share_of_reading(const work *w, const cln_reading *reading, double focal,
-                               double strict)
-{
-    const int step = w->out->tie_count / TRIED + 1;
-    int met = 0, asked = 0;
-
-    for (int i = 0; i < w->out->tie_count; i += step) {
-        met += tie_agrees(w, &w->out->ties[i], reading, focal, strict);
-        asked++;
-    }
-    return asked ? (double)met / asked : 0;
-}
-
-static void try_readings(work *w)
-{
-    cln_agreement *out = w->out;
-
-    for (int i = 0; i < CLN_READINGS; i++) {
-        const double share = share_of_reading(w, &cln_readings[i], 1, 1);
-
-        if (i == 0)
-            out->given_share = share;
-        if (i == 0 || share > out->reading_share) {
-            out->reading = i;
-            out->reading_share = share;
-        }
-    }
-    out->focal = 1;
-    out->strict_share = out->focal_share =
-        share_of_reading(w, &cln_readings[out->reading], 1, STRICT);
-    for (int i = -20; i <= 20; i++) { /* 1/2.65 to 2.65 */
-        const double focal = pow(1.05, i);
-        const double share = share_of_reading(w, &cln_readings[out->reading], focal, STRICT);
-
-        if (share > out->focal_share) {
-            out->focal = focal;
-            out->focal_share = share;
-        }
-    }
-    out->focal_exact =
-        out->focal_share / share_of_reading(w, &cln_readings[out->reading], out->focal, 1);
-}
-
 /* Leaves out ties of what is cut away, unless these fit the poses and the others do not, or are too
  * few: then masks keep the wrong side, or a thing without texture in a sound place. */
 static void leave_cut_out(work *w)
@@ -330,7 +238,7 @@ static void leave_cut_out(work *w)
 
     for (int i = 0; i < out->tie_count; i++) {
         all[out->ties[i].cut]++;
-        agreeing[out->ties[i].cut] += tie_agrees(w, &out->ties[i], &cln_readings[0], 1, 1);
+        agreeing[out->ties[i].cut] += cln_tie_agrees(w->scene, &out->ties[i], &GIVEN);
     }
     if (agreeing[0] + agreeing[1] >= FEWEST)
         out->kept_share = (double)agreeing[0] / (agreeing[0] + agreeing[1]);
@@ -354,8 +262,9 @@ static bool in_place(const work *w, int view, float ua, float va, float ub, floa
 /* Is the tie that, although by the likeliest reading it should not be? */
 static bool is_still(const work *w, const cln_tie *t)
 {
-    return in_place(w, t->a, t->ua, t->va, t->ub, t->vb) &&
-           !tie_agrees(w, t, &cln_readings[w->out->reading], 1, 1);
+    const cln_trial read = {.reading = &cln_readings[w->out->reading], .focal = 1, .strict = 1};
+
+    return in_place(w, t->a, t->ua, t->va, t->ub, t->vb) && !cln_tie_agrees(w->scene, t, &read);
 }
 
 /* Leaves out what stands still, if that is many ties of many pairs: not of copies of a photo. */
@@ -398,8 +307,8 @@ static void count_turned(work *w)
 
         if (!a && !b)
             continue;
-        out->turned += tie_agrees(w, &t, &cln_readings[0], 1, 1);
-        out->stored += tie_agrees(w, &out->ties[i], &cln_readings[0], 1, 1);
+        out->turned += cln_tie_agrees(w->scene, &t, &GIVEN);
+        out->stored += cln_tie_agrees(w->scene, &out->ties[i], &GIVEN);
     }
 }
 
@@ -424,7 +333,7 @@ static void count_agreeing(work *w)
         cln_agree_view *a = &out->views[t->a], *b = &out->views[t->b];
         const int64_t pair = (int64_t)t->a * w->scene->view_count + t->b;
 
-        t->agrees = tie_agrees(w, t, &cln_readings[0], 1, 1);
+        t->agrees = cln_tie_agrees(w->scene, t, &GIVEN);
         a->ties++;
         b->ties++;
         a->agreeing += t->agrees;
@@ -468,7 +377,7 @@ static cln_status try_pose(work *w, int photo, int pose, int *ties, int *agreein
 
             *agreeing += cln_camera_ray(there, f->u, f->v, o1, d1) &&
                          cln_camera_ray(camera_of(w, neighbours[k]), g->u, g->v, o2, d2) &&
-                         agrees(o1, d1, o2, d2, tolerance_of(w, photo));
+                         cln_rays_meet(o1, d1, o2, d2, tolerance_of(w, photo));
         }
         *ties += count;
     }
@@ -654,135 +563,6 @@ done:
     return st;
 }
 
-/* ---- brightness ---- */
-
-/* Of a pair of views: that of a over b's, in stops. */
-typedef struct brightness {
-    int a, b;
-    double ratio;
-} brightness;
-
-static bool jumps(const cln_agree_view *v)
-{
-    return fabs(v->jump) > cln_exposure_jump;
-}
-
-/* jump: the median over a view's pairs, then over its pairs with views that do not jump, if there
- * are any: next to two faulty photos, the good ones look faulty at first. values: room for those of
- * a view. next: for all views. */
-static void find_jumps(cln_agree_view *views, int view_count, const brightness *pairs,
-                       int pair_count, double *values, double *next)
-{
-    enum { ROUNDS = 4 };
-
-    for (int v = 0; v < view_count; v++)
-        views[v].jump = 0;
-    for (int round = 0; round < ROUNDS; round++) {
-        for (int v = 0; v < view_count; v++) {
-            int count = 0;
-
-            next[v] = round == 0 ? NAN : views[v].jump;
-            for (int p = 0; p < pair_count; p++) {
-                const bool is_a = pairs[p].a == v;
-
-                if ((is_a || pairs[p].b == v) && !jumps(&views[is_a ? pairs[p].b : pairs[p].a]))
-                    values[count++] = is_a ? pairs[p].ratio : -pairs[p].ratio;
-            }
-            cln_reals_sort(values, count);
-            if (count > 0)
-                next[v] = values[count / 2];
-        }
-        for (int v = 0; v < view_count; v++)
-            views[v].jump = next[v];
-    }
-}
-
-/* around: the median over a view's partners of the largest difference from others, but for those
- * that jump, too: these may be as faulty. most: for all views. */
-static void find_around(cln_agree_view *views, int view_count, const brightness *pairs,
-                        int pair_count, double *values, double *most)
-{
-    for (int v = 0; v < view_count; v++) {
-        int count = 0;
-
-        memset(most, 0, (size_t)view_count * sizeof *most);
-        for (int p = 0; p < pair_count; p++) {
-            const int a = pairs[p].a, b = pairs[p].b;
-
-            if (a == v || b == v)
-                continue;
-            if (!jumps(&views[b]))
-                most[a] = fmax(most[a], fabs(pairs[p].ratio));
-            if (!jumps(&views[a]))
-                most[b] = fmax(most[b], fabs(pairs[p].ratio));
-        }
-        for (int p = 0; p < pair_count; p++)
-            if (pairs[p].a == v || pairs[p].b == v)
-                values[count++] = most[pairs[p].a == v ? pairs[p].b : pairs[p].a];
-        cln_reals_sort(values, count);
-        views[v].around = count ? values[count / 2] : 0;
-    }
-}
-
-/* Takes the median ratio of brightness of each pair; then finds one value for each view by
- * relaxation, so that the differences of values fit the pairs' ratios best. */
-static cln_status find_exposures(work *w)
-{
-    cln_status st = CLN_OK;
-    enum { ROUNDS = 200, FEWEST_RATIOS = 8 };
-    cln_agreement *out = w->out;
-    const int views = w->scene->view_count;
-    brightness *pairs = NULL;
-    double *ratios = NULL, *sum = NULL, *weight = NULL;
-    int count = 0, pair_count = 0;
-
-    CLN_TRY(cln_alloc(&pairs, (size_t)out->pairs + 1, sizeof *pairs, "pairs"));
-    CLN_TRY(cln_alloc(&ratios, CLN_FEATURES_MOST + (size_t)out->pairs, sizeof *ratios, "ratios"));
-    CLN_TRY(cln_alloc(&sum, (size_t)views, sizeof *sum, "views"));
-    CLN_TRY(cln_alloc(&weight, (size_t)views, sizeof *weight, "views"));
-    for (int i = 0; i < out->tie_count; i++) {
-        const cln_tie *t = &out->ties[i];
-        const bool last = i + 1 == out->tie_count || t[1].a != t->a || t[1].b != t->b;
-
-        if (t->agrees && !isnan(t->value_a) && !isnan(t->value_b))
-            ratios[count++] = 2.2 * log2(((double)t->value_a + .01) / ((double)t->value_b + .01));
-        if (last && count >= FEWEST_RATIOS) {
-            cln_reals_sort(ratios, count);
-            pairs[pair_count].a = t->a;
-            pairs[pair_count].b = t->b;
-            pairs[pair_count++].ratio = ratios[count / 2];
-        }
-        count = last ? 0 : count;
-    }
-    for (int v = 0; v < views; v++)
-        out->views[v].exposure = NAN;
-    for (int p = 0; p < pair_count; p++)
-        out->views[pairs[p].a].exposure = out->views[pairs[p].b].exposure = 0;
-    for (int round = 0; round < ROUNDS; round++) {
-        memset(sum, 0, (size_t)views * sizeof *sum);
-        memset(weight, 0, (size_t)views * sizeof *weight);
-        for (int p = 0; p < pair_count; p++) {
-            cln_agree_view *a = &out->views[pairs[p].a], *b = &out->views[pairs[p].b];
-
-            sum[pairs[p].a] += b->exposure + pairs[p].ratio;
-            sum[pairs[p].b] += a->exposure - pairs[p].ratio;
-            weight[pairs[p].a]++;
-            weight[pairs[p].b]++;
-        }
-        for (int v = 0; v < views; v++)
-            if (weight[v] > 0)
-                out->views[v].exposure = 0.5 * out->views[v].exposure + 0.5 * sum[v] / weight[v];
-    }
-    find_jumps(out->views, views, pairs, pair_count, ratios, weight);
-    find_around(out->views, views, pairs, pair_count, ratios, sum);
-done:
-    free(pairs);
-    free(ratios);
-    free(sum);
-    free(weight);
-    return st;
-}
-
 /* ---- points ---- */
 
 static cln_status find_points(work *w)
@@ -798,8 +578,8 @@ static cln_status find_points(work *w)
         if (!tie->agrees || !cln_camera_ray(camera_of(w, tie->a), tie->ua, tie->va, o1, d1) ||
             !cln_camera_ray(camera_of(w, tie->b), tie->ub, tie->vb, o2, d2))
             continue;
-        if (!nearest((const double[3]){o2[0] - o1[0], o2[1] - o1[1], o2[2] - o1[2]}, d1, d2, &s,
-                     &t))
+        if (!cln_rays_nearest((const double[3]){o2[0] - o1[0], o2[1] - o1[1], o2[2] - o1[2]}, d1,
+                              d2, &s, &t))
             continue;
         for (int a = 0; a < 3; a++)
             out->points[out->point_count][a] = .5 * (o1[a] + s * d1[a] + o2[a] + t * d2[a]);
@@ -821,13 +601,15 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     CLN_TRY(find_ties(&w));
     leave_cut_out(&w);
     if (out->tie_count >= FEWEST_TO_READ)
-        try_readings(&w);
+        cln_try_readings(scene, out);
     if (leave_still_out(&w) && out->tie_count >= FEWEST_TO_READ)
-        try_readings(&w);
+        cln_try_readings(scene, out);
     count_agreeing(&w);
+    CLN_TRY(cln_try_parts(scene, out));
+    CLN_TRY(cln_try_orders(scene, out));
     count_turned(&w);
     CLN_TRY(find_bad(&w));
-    CLN_TRY(find_exposures(&w));
+    CLN_TRY(cln_agree_brightness(scene->view_count, out));
     CLN_TRY(find_points(&w));
 done:
     for (int i = 0; w.features && i < scene->view_count; i++)
@@ -838,6 +620,7 @@ done:
 
 void cln_agreement_free(cln_agreement *a)
 {
+    free(a->part.has);
     free(a->views);
     free(a->ties);
     free(a->points);

@@ -12,6 +12,7 @@
 typedef struct cln_tie {
     int a, b; /* views */
     float ua, va, ub, vb, value_a, value_b;
+    float tolerance;  /* angle up to which its rays meet, rad; with focal lengths as given */
     bool cut, agrees; /* cut: masks or alpha cut it away */
 } cln_tie;
 
@@ -26,7 +27,7 @@ typedef struct cln_reading {
     cln_reading_w w; /* the quaternion's w is moved first */
 } cln_reading;
 
-enum { CLN_READINGS = 12 }; /* the first is the given one */
+enum { CLN_READINGS = 12, CLN_ORDERS = 7 }; /* the first reading is the given one */
 extern const cln_reading cln_readings[CLN_READINGS];
 
 /* The pose that a reading makes of a given one; 3x4, row-major, camera (x right, y down, z forward)
@@ -47,6 +48,14 @@ typedef struct cln_agree_view {
     int pose_of;        /* the view whose pose fits this photo better; -1 */
 } cln_agree_view;
 
+/* Photos, of one folder or every second one by name, that other focal lengths fit, not the rest. */
+typedef struct cln_agree_part {
+    bool *has;           /* [view]; NULL: there is none */
+    char name[160];      /* "photos in right" */
+    double focal;        /* factor on their focal lengths */
+    double share, given; /* of the ties with them: those that agree exactly with it, without it */
+} cln_agree_part;
+
 typedef struct cln_agreement {
     cln_agree_view *views; /* [view_count] */
     int tie_count;
@@ -60,6 +69,9 @@ typedef struct cln_agreement {
     double focal_share;  /* share of ties that agree with it, within a quarter of the tolerance */
     double focal_exact;  /* that share over the one of ties that agree with it at all */
     double strict_share; /* as focal_share, with focal lengths as given */
+    cln_agree_part part;
+    const char *order;   /* "each has the pose that ...": what fits better; NULL: nothing does */
+    double order_exact;  /* share of the ties that agree exactly in that order */
     double kept_share;   /* of what agrees, cut away or not: what masks and alpha keep; or NaN */
     int turned, stored;  /* of photos that EXIF data turn and that are taken as stored: ties that
                             agree if these are turned, and as they are */

@@ -17,27 +17,8 @@
 #include "scene/agree.h"
 #include "scene/build.h"
 #include "scene/copies.h"
-#include "scene/photos.h"
+#include "scene/inspection.h"
 
-static const double SOUND = 0.5;   /* share of agreeing ties above which poses are right */
-static const double UNSOUND = 0.3; /* share below which they are wrong */
-static const double UNSURE = 0.7;  /* share below which poses are wrong if ties are inexact: */
-static const double EXACT = 0.45; /* share of agreeing ties that agree within a quarter; 1/4 if they
-                                      do by chance or nearly, as beside the true pose */
-/* Of photos far apart most ties are false. The same share, from which on their poses are right all
- * the same, and below which they are wrong; the share of ties that agree by chance. */
-static const double FAR_EXACT = 0.55, FAR_UNCLEAR = 0.38, FAR_CHANCE = 0.06;
-/* Of theirs: ties of a pair, at most; agreeing ones that tell how exactly they do. */
-enum { FAR_TIES = 20, FAR_AGREEING = 12 };
-/* Below both, photos show too little: of surfaces of one colour, marks are corners and ends of
- * edges, which are found inexactly, and which others are alike. */
-enum { THIN_MARKS = 20, THIN_TIES = 4 }; /* of a photo; of a pair */
-/* Standard deviations by which a share of few ties must be beyond a bound; the best of many focal
- * lengths. */
-static const double SURE = 2, SURE_BEST = 3;
-static const double READING = 0.6;     /* the given reading's share over another's */
-static const double FOCAL_GAIN = 1.15; /* share with other focal lengths over the given ones' */
-static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
 static const double FAR_OFF = 8;       /* distance from the middle, in median distances */
 static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over that of pixels */
 static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
@@ -48,15 +29,7 @@ static const double EXPOSURE_TREND = 2;                    /* a jump over those 
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
-
-typedef struct inspection {
-    const cln_scene *scene;
-    const cln_callbacks *callbacks;
-    cln_agreement agreement;
-    cln_photo *photos; /* [view] */
-    json_t *findings, *measures;
-    bool posed; /* photos fit their poses, as far as is known */
-} inspection;
+enum { EXPOSURE_PARTNERS = 2 };
 
 /* Takes off a character at the end that was cut, which JSON would refuse. */
 static void end_whole(char *text)
@@ -81,7 +54,7 @@ void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json
 }
 
 /* Was there such a finding? */
-static bool take_back(json_t *findings, const char *what)
+bool cln_inspect_take_back(json_t *findings, const char *what)
 {
     const size_t count = json_array_size(findings);
 
@@ -91,13 +64,13 @@ static bool take_back(json_t *findings, const char *what)
     return json_array_size(findings) < count;
 }
 
-static void measure(const inspection *in, const char *name, double value)
+void cln_inspect_measure(const cln_inspection *in, const char *name, double value)
 {
     json_object_set_new(in->measures, name, cln_json_real(value));
 }
 
 /* The first names of a list: "a, b, c and 4 more". */
-static const char *name_some(const json_t *views, char *out, size_t bytes)
+const char *cln_inspect_names(const json_t *views, char *out, size_t bytes)
 {
     const size_t count = json_array_size(views);
     size_t used = 0;
@@ -130,12 +103,12 @@ static const char *name_pairs(const json_t *views, char *out, size_t bytes)
     return out;
 }
 
-static void add_view(json_t *views, const inspection *in, int view)
+void cln_inspect_add(json_t *views, const cln_inspection *in, int view)
 {
     json_array_append_new(views, json_string(in->scene->views[view].name));
 }
 
-static double median(double *values, int count)
+double cln_inspect_median(double *values, int count)
 {
     if (!count)
         return NAN;
@@ -143,236 +116,9 @@ static double median(double *values, int count)
     return values[count / 2];
 }
 
-/* ---- poses and photos ---- */
+/* ---- cameras ---- */
 
-/* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
- * and share little, those around something would show the same from behind. */
-static void soften_axes(inspection *in)
-{
-    const cln_agreement *a = &in->agreement;
-
-    if (in->scene->before_share <= 0.5 ||
-        (a->reading > 0 && a->reading_share > SOUND &&
-         a->given_share < READING * a->reading_share) ||
-        !take_back(in->findings, "axes"))
-        return;
-    cln_found_fault(in->findings, "axes", false, NULL,
-                    "the cameras look apart: for %.0f%% of the pairs of cameras, the point that "
-                    "both axes pass lies behind both. Of photos taken outwards from one place, as "
-                    "by a rig, that is right; of photos around something, the axes of the poses "
-                    "are wrong. The photos show too little in common to tell which",
-                    100 * in->scene->apart_share);
-}
-
-typedef enum { WRONG, UNCLEAR, RIGHT } verdict;
-
-/* Of poses that few ties agree with. Where photos stand so far apart that one shows little of what
- * another does, most ties are false, and agree by chance alone; but true ones agree exactly, if the
- * poses are right. */
-static verdict judge_few(const cln_agreement *a, double exact, bool thin)
-{
-    const bool apart = a->tie_count < FAR_TIES * a->pairs;
-
-    if (thin && a->share > 2 * FAR_CHANCE)
-        return UNCLEAR;
-    if (a->reading > 0)
-        return WRONG;
-    if (a->agreeing < FAR_AGREEING)
-        return apart && a->share > FAR_CHANCE ? UNCLEAR : WRONG;
-    return exact > FAR_EXACT ? RIGHT : apart && exact > FAR_UNCLEAR ? UNCLEAR : WRONG;
-}
-
-static verdict judge(const cln_agreement *a, double exact, bool thin)
-{
-    if (a->share < UNSOUND)
-        return judge_few(a, exact, thin);
-    if (!(a->share < UNSURE && exact < EXACT))
-        return RIGHT;
-    return thin || exact + SURE * sqrt(exact * (1 - exact) / a->agreeing) > EXACT ? UNCLEAR : WRONG;
-}
-
-/* Do other focal lengths fit better, by more than chance? */
-static bool has_other_focal(const cln_agreement *a)
-{
-    const double gain = a->focal_share - a->strict_share;
-
-    return a->focal_share > FOCAL_GAIN * a->strict_share && a->focal_share > LEAST_STRICT &&
-           fmax(a->focal, 1 / a->focal) > FOCAL_LEAST && a->focal_exact > FOCAL_EXACT &&
-           gain * a->tie_count > SURE_BEST * sqrt(a->strict_share * a->tie_count);
-}
-
-/* The median over the photos that were compared; NaN: none. */
-static cln_status count_marks(const inspection *in, double *marks)
-{
-    cln_status st = CLN_OK;
-    double *values = NULL;
-    int count = 0;
-
-    CLN_TRY(cln_alloc(&values, (size_t)in->scene->view_count, sizeof *values, "marks"));
-    for (int i = 0; i < in->scene->view_count; i++)
-        if (in->agreement.views[i].looked_at)
-            values[count++] = in->agreement.views[i].features;
-    *marks = median(values, count);
-done:
-    free(values);
-    return st;
-}
-
-static void tell_unclear(inspection *in, double exact, double marks, bool thin)
-{
-    const cln_agreement *a = &in->agreement;
-    char few[160] = "";
-
-    if (thin)
-        snprintf(
-            few, sizeof few,
-            "a photo has %.0f mark%s (of most captures 100 or more), as surfaces of one colour "
-            "show few, and a pair of neighbours shares %.2g; ",
-            marks, cln_plural(marks, "", "s"), (double)a->tie_count / a->pairs);
-    cln_found_fault(in->findings, "poses", false, NULL,
-                    "too little to tell whether the photos fit their poses: %sof %d marks that two "
-                    "photos share, %.0f%% lie where both poses put them, and %.0f%% of these "
-                    "exactly, which right and wrong poses may both do. A short training tells "
-                    "more",
-                    few, a->tie_count, 100 * a->share, 100 * exact);
-}
-
-static cln_status check_agreement(inspection *in)
-{
-    cln_status st = CLN_OK;
-    const cln_agreement *a = &in->agreement;
-    const cln_reading *reading = &cln_readings[a->reading];
-    const double exact = a->strict_share / a->reading_share;
-    double marks = NAN;
-    bool thin = false;
-    verdict judged = RIGHT;
-
-    CLN_TRY(count_marks(in, &marks));
-    thin = marks < THIN_MARKS && a->tie_count < THIN_TIES * a->pairs;
-    judged = isnan(a->share) ? RIGHT : judge(a, exact, thin);
-
-    measure(in, "compared_views", a->looked_at);
-    measure(in, "compared_pairs", a->pairs);
-    measure(in, "marks", marks);
-    measure(in, "ties", a->tie_count);
-    measure(in, "agreeing_share", a->share);
-    measure(in, "exact_share", isnan(a->share) ? NAN : exact);
-    measure(in, "still_share", a->still_share);
-    if (a->still)
-        cln_found_fault(in->findings, "backdrop", true, NULL,
-                        "%.0f%% of what two photos show stands at one place in both pictures, "
-                        "although the cameras move: a backdrop, lamp or ruler that stands still "
-                        "while the object turns before a camera. It would be learnt as fog around "
-                        "the object: mask all but the object (--masks), or cut it out as alpha",
-                        100 * a->still_share);
-    in->posed = judged == RIGHT;
-    if (isnan(a->share))
-        soften_axes(in);
-    if (isnan(a->share) && a->pairs == 0) {
-        cln_found_fault(in->findings, "overlap", false, NULL,
-                        "no two photos stand apart, so that none can be compared with their poses: "
-                        "a scene needs photos from several places");
-        goto done;
-    }
-    if (isnan(a->share)) {
-        cln_found_fault(
-            in->findings, "overlap", false, NULL,
-            "the photos show too little in common (%d mark%s in %d pair%s of neighbours) "
-            "to compare them with their poses: they stand far apart, or show little "
-            "texture",
-            a->tie_count, cln_plural(a->tie_count, "", "s"), a->pairs,
-            cln_plural(a->pairs, "", "s"));
-        goto done;
-    }
-    if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {
-        take_back(in->findings, "axes");
-        take_back(in->findings, "scale"); /* likely rays miss the cube for this reason */
-        in->posed = false;
-        cln_found_fault(in->findings, "axes", true, NULL,
-                        "the photos do not fit the poses as given (%.0f%% of what two photos show "
-                        "lies where both poses put it), but fit poses %s (%.0f%%): %s",
-                        100 * a->share, reading->name, 100 * a->reading_share, reading->advice);
-        goto done;
-    }
-    if (has_other_focal(a)) {
-        in->posed = a->share > SOUND;
-        cln_found_fault(
-            in->findings, "focal length", true, NULL,
-            "the photos fit focal lengths %.2f times as long better than the given "
-            "ones (%.0f%% of what two photos show lies exactly where both poses put it, "
-            "with the given ones %.0f%%). Likely the focal length is given for "
-            "another image size, or the field of view is that across the other side",
-            a->focal, 100 * a->focal_share, 100 * a->strict_share);
-        goto done;
-    }
-    if (judged == UNCLEAR && (thin || a->share >= UNSOUND))
-        tell_unclear(in, exact, marks, thin);
-    else if (a->share < UNSOUND && judged != WRONG)
-        cln_found_fault(
-            in->findings, "overlap", false, NULL,
-            "the photos stand so far apart that one shows little of what another does: "
-            "only %.0f%% of %d marks that look alike in two photos lie where both poses "
-            "put them%s. Photos at most 20 degrees apart tell more, and are learnt "
-            "better",
-            100 * a->share, a->tie_count,
-            judged == RIGHT ? ", but these exactly, so the poses are right as far as "
-                              "can be told"
-                            : ", and whether the poses are right cannot be told");
-    else if (a->share < UNSOUND)
-        cln_found_fault(in->findings, "poses", true, NULL,
-                        "the photos do not fit their poses: only %.0f%% of what two photos show "
-                        "lies where both poses put it. Likely names and poses are in different "
-                        "orders, or the poses are those of other photos or of another thing than "
-                        "the camera, or quaternions were read in a wrong order",
-                        100 * a->share);
-    else if (!in->posed)
-        cln_found_fault(in->findings, "poses", true, NULL,
-                        "the photos hardly fit their poses: %.0f%% of what two photos show lies "
-                        "where both poses put it (of most good captures 80%% or more), and only "
-                        "%.0f%% of that exactly (60%% or more). Likely each photo has the pose of "
-                        "another one near it, as if names and poses are in different orders, or "
-                        "the poses are inexact",
-                        100 * a->share, 100 * exact);
-    else if (a->share > SOUND)
-        take_back(in->findings, "axes");
-done:
-    return st;
-}
-
-static void check_strays(inspection *in)
-{
-    const cln_agree_view *views = in->agreement.views;
-    char names[512];
-    json_t *astray = json_array();
-
-    for (int i = 0; i < in->scene->view_count; i++) {
-        const int k = views[i].pose_of;
-
-        if (!views[i].bad)
-            continue;
-        if (k >= 0 && views[k].pose_of == i) {
-            if (i < k) {
-                json_t *both = json_array();
-
-                add_view(both, in, i);
-                add_view(both, in, k);
-                cln_found_fault(in->findings, "swapped", true, both,
-                                "the photos of %s and %s are swapped: each fits the other's pose",
-                                in->scene->views[i].name, in->scene->views[k].name);
-            }
-        } else {
-            add_view(astray, in, i);
-        }
-    }
-    if (json_array_size(astray))
-        cln_found_fault(in->findings, "pose", true, json_incref(astray),
-                        "photos that show what others show, but not as seen from their poses: "
-                        "%s; leave them out or find their poses again",
-                        name_some(astray, names, sizeof names));
-    json_decref(astray);
-}
-
-static cln_status check_far(inspection *in)
+static cln_status check_far(cln_inspection *in)
 {
     cln_status st = CLN_OK;
     const int count = in->scene->view_count;
@@ -384,7 +130,7 @@ static cln_status check_far(inspection *in)
     for (int a = 0; a < 3; a++) {
         for (int i = 0; i < count; i++)
             values[i] = in->scene->views[i].camera.c2w[4 * a + 3];
-        middle[a] = median(values, count);
+        middle[a] = cln_inspect_median(values, count);
     }
     for (int i = 0; i < count; i++) {
         const double *m = in->scene->views[i].camera.c2w;
@@ -393,24 +139,24 @@ static cln_status check_far(inspection *in)
             sqrt(pow(m[3] - middle[0], 2) + pow(m[7] - middle[1], 2) + pow(m[11] - middle[2], 2));
     }
     memcpy(values + count, values, (size_t)count * sizeof *values);
-    typical = median(values + count, count);
+    typical = cln_inspect_median(values + count, count);
     for (int i = 0; i < count; i++)
         if (count > 3 && values[i] > FAR_OFF * typical && typical > 0) {
-            add_view(far, in, i);
+            cln_inspect_add(far, in, i);
             farthest = fmax(farthest, values[i] / typical);
         }
     if (json_array_size(far))
         cln_found_fault(in->findings, "far camera", true, json_incref(far),
                         "cameras far off: %s, up to %.3g times as far from the middle as "
                         "most; a wrong pose also makes the cube too large: leave such frames out",
-                        name_some(far, names, sizeof names), farthest);
+                        cln_inspect_names(far, names, sizeof names), farthest);
 done:
     json_decref(far);
     free(values);
     return st;
 }
 
-static void check_overlap(inspection *in)
+static void check_overlap(cln_inspection *in)
 {
     const cln_agreement *a = &in->agreement;
     const int train = cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN);
@@ -422,22 +168,22 @@ static void check_overlap(inspection *in)
     for (int i = 0; i < in->scene->view_count; i++) {
         partners += a->looked_at ? (double)a->views[i].partners / a->looked_at : 0;
         if (a->views[i].looked_at && a->views[i].partners == 0 && !a->views[i].bad)
-            add_view(alone, in, i);
+            cln_inspect_add(alone, in, i);
     }
-    measure(in, "mean_partners", a->looked_at ? partners : NAN);
+    cln_inspect_measure(in, "mean_partners", a->looked_at ? partners : NAN);
     lone = (double)json_array_size(alone);
-    measure(in, "views_alone", lone);
+    cln_inspect_measure(in, "views_alone", lone);
     if (in->posed && !isnan(a->share) && json_array_size(alone))
-        cln_found_fault(in->findings, "overlap", false, json_incref(alone),
-                        "%zu of %d photos %s hardly anything with %s neighbours: %s; what %s alone "
-                        "%s is learnt badly. %s",
-                        json_array_size(alone), a->looked_at, cln_plural(lone, "shares", "share"),
-                        cln_plural(lone, "its", "their"), name_some(alone, names, sizeof names),
-                        cln_plural(lone, "it", "they"), cln_plural(lone, "shows", "show"),
-                        lone > ALONE_DOUBT * a->looked_at
-                            ? "Take more photos, at most 20 degrees apart"
-                        : lone == 1 ? "Photos between it and the others would help"
-                                    : "Photos between them and the others would help");
+        cln_found_fault(
+            in->findings, "overlap", false, json_incref(alone),
+            "%zu of %d photos %s hardly anything with %s neighbours: %s; what %s alone "
+            "%s is learnt badly. %s",
+            json_array_size(alone), a->looked_at, cln_plural(lone, "shares", "share"),
+            cln_plural(lone, "its", "their"), cln_inspect_names(alone, names, sizeof names),
+            cln_plural(lone, "it", "they"), cln_plural(lone, "shows", "show"),
+            lone > ALONE_DOUBT * a->looked_at ? "Take more photos, at most 20 degrees apart"
+            : lone == 1                       ? "Photos between it and the others would help"
+                                              : "Photos between them and the others would help");
     if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS)
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "only %d training photos: surfaces that fewer than three of them show are "
@@ -463,7 +209,7 @@ static void write_box(const double low[3], const double high[3], char out[BOX_BY
                box[3], n, box[4], n, box[5]);
 }
 
-static void count_cameras(inspection *in)
+static void count_cameras(cln_inspection *in)
 {
     const cln_space core = cln_space_core(&in->scene->space);
     double cameras = 0;
@@ -473,12 +219,12 @@ static void count_cameras(inspection *in)
 
         cameras += cln_space_holds(&core, (const double[3]){m[3], m[7], m[11]});
     }
-    measure(in, "cameras_inside", cameras);
-    measure(in, "cameras_outside", in->scene->view_count - cameras);
+    cln_inspect_measure(in, "cameras_inside", cameras);
+    cln_inspect_measure(in, "cameras_outside", in->scene->view_count - cameras);
 }
 
 /* Share of the points that photos agree on which the cube holds. */
-static double share_inside(const inspection *in)
+static double share_inside(const cln_inspection *in)
 {
     const cln_agreement *a = &in->agreement;
     const cln_space core = cln_space_core(&in->scene->space);
@@ -490,7 +236,7 @@ static double share_inside(const inspection *in)
 }
 
 /* A forward space is endless: only its near plane can be wrong. */
-static void judge_near_plane(inspection *in, double inside)
+static void judge_near_plane(cln_inspection *in, double inside)
 {
     if (inside < INSIDE_LEAST)
         cln_found_fault(in->findings, "cube", true, NULL,
@@ -521,7 +267,7 @@ done:
 
 /* Compares a cube, plain or a shell's core, with find_middle()'s box, and advises a better one: of
  * photos with alpha that of their silhouettes, as points are rare on thin parts. */
-static void judge_cube(inspection *in, double inside, double low[3], double high[3])
+static void judge_cube(cln_inspection *in, double inside, double low[3], double high[3])
 {
     const cln_space *space = &in->scene->space;
     double span = 0, shown[6];
@@ -535,7 +281,7 @@ static void judge_cube(inspection *in, double inside, double low[3], double high
         low[axis] -= margin;
         high[axis] += margin;
     }
-    measure(in, "points_span", span);
+    cln_inspect_measure(in, "points_span", span);
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
@@ -568,14 +314,14 @@ static void judge_cube(inspection *in, double inside, double low[3], double high
                         space->half, in->scene->bounds_rule, 100 * inside, 100 * span, advice);
 }
 
-static cln_status check_cube(inspection *in)
+static cln_status check_cube(cln_inspection *in)
 {
     cln_status st = CLN_OK;
     const cln_scene *scene = in->scene;
     double low[3], high[3], inside = 0;
 
     count_cameras(in);
-    measure(in, "cube_share", scene->cube_share);
+    cln_inspect_measure(in, "cube_share", scene->cube_share);
     json_object_set_new(in->measures, "cube_guessed", json_boolean(scene->cube_guessed));
     if (in->agreement.point_count < FEW_POINTS || !in->posed) {
         if (scene->cube_guessed)
@@ -586,8 +332,8 @@ static cln_status check_cube(inspection *in)
         return CLN_OK;
     }
     inside = share_inside(in);
-    measure(in, "points", in->agreement.point_count);
-    measure(in, "points_inside", inside);
+    cln_inspect_measure(in, "points", in->agreement.point_count);
+    cln_inspect_measure(in, "points_inside", inside);
     if (scene->space.forward) {
         judge_near_plane(in, inside);
         return CLN_OK;
@@ -622,7 +368,7 @@ static double reach(const cln_camera *c, bool end)
     return 0;
 }
 
-static void check_intrinsics(inspection *in)
+static void check_intrinsics(cln_inspection *in)
 {
     const cln_fold fold = cln_scene_fold(in->scene);
     double narrowest = INFINITY, widest = 0, ratio = 1;
@@ -640,10 +386,10 @@ static void check_intrinsics(inspection *in)
         ratio = fmax(ratio, fmax(c->fx / c->fy, c->fy / c->fx));
     }
     if (planes) {
-        measure(in, "fov_least", narrowest);
-        measure(in, "fov_most", widest);
+        cln_inspect_measure(in, "fov_least", narrowest);
+        cln_inspect_measure(in, "fov_most", widest);
     }
-    measure(in, "beyond_fold", fold.share);
+    cln_inspect_measure(in, "beyond_fold", fold.share);
     if (planes && odd)
         cln_found_fault(in->findings, "focal length", true, NULL,
                         "the field of view is %.3g to %.3g degrees along the longer side: unusual "
@@ -688,7 +434,7 @@ static double kept_pixels(const cln_view *view)
 
 /* What several photos show alike is to be learnt: masks that keep a much smaller share of it than
  * of the pixels keep the wrong side. */
-static void check_masks(inspection *in)
+static void check_masks(cln_inspection *in)
 {
     const double agreeing = in->agreement.kept_share;
     double area = 0;
@@ -700,8 +446,8 @@ static void check_masks(inspection *in)
     }
     if (!masks && !in->scene->has_alpha)
         return;
-    measure(in, "kept", area);
-    measure(in, "agreeing_kept", agreeing);
+    cln_inspect_measure(in, "kept", area);
+    cln_inspect_measure(in, "agreeing_kept", agreeing);
     if (in->posed && agreeing < KEPT_LEAST * area)
         cln_found_fault(in->findings, "masks", true, NULL,
                         "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
@@ -724,7 +470,7 @@ static void check_masks(inspection *in)
 
 /* Finds photos that are brighter or darker than their neighbours, much more than these than theirs:
  * where light changes with the place, all differ. If there are none, slow changes over the set. */
-static void check_exposure(inspection *in)
+static void check_exposure(cln_inspection *in)
 {
     double low = INFINITY, high = -INFINITY, most = 0;
     json_t *views = json_array();
@@ -733,21 +479,21 @@ static void check_exposure(inspection *in)
     for (int i = 0; i < in->scene->view_count; i++) {
         const cln_agree_view *v = &in->agreement.views[i];
 
-        if (isnan(v->exposure) || !in->posed)
-            continue;
+        if (isnan(v->exposure) || !in->posed || v->partners < EXPOSURE_PARTNERS)
+            continue; /* few marks with one other photo say little */
         low = fmin(low, v->exposure);
         high = fmax(high, v->exposure);
         if (fabs(v->jump) > fmax(cln_exposure_jump, EXPOSURE_TREND * v->around)) {
-            add_view(views, in, i);
+            cln_inspect_add(views, in, i);
             most = fmax(most, fabs(v->jump));
         }
     }
-    measure(in, "exposure_range", high > -INFINITY ? high - low : NAN);
+    cln_inspect_measure(in, "exposure_range", high > -INFINITY ? high - low : NAN);
     if (json_array_size(views))
         cln_found_fault(in->findings, "exposure", true, json_incref(views),
                         "brighter or darker than photos of the same things, by up to %.2g stops: "
                         "%s; take photos with fixed exposure, or leave these out%s",
-                        most, name_some(views, names, sizeof names),
+                        most, cln_inspect_names(views, names, sizeof names),
                         in->scene->has_alpha ? "" : ", or train with --exposure");
     else if (high - low > (in->scene->has_alpha ? EXPOSURE_RANGE_CUT : EXPOSURE_RANGE))
         cln_found_fault(in->findings, "exposure", false, NULL,
@@ -757,7 +503,7 @@ static void check_exposure(inspection *in)
     json_decref(views);
 }
 
-static cln_status check_blur(inspection *in)
+static cln_status check_blur(cln_inspection *in)
 {
     cln_status st = CLN_OK;
     double *values = NULL, typical = 0;
@@ -769,23 +515,23 @@ static cln_status check_blur(inspection *in)
     for (int i = 0; i < in->scene->view_count; i++)
         if (!isnan(in->photos[i].sharpness))
             values[count++] = in->photos[i].sharpness;
-    typical = median(values, count);
-    measure(in, "sharpness", typical);
+    typical = cln_inspect_median(values, count);
+    cln_inspect_measure(in, "sharpness", typical);
     for (int i = 0; i < in->scene->view_count; i++)
         if (in->photos[i].sharpness < BLURRED * typical)
-            add_view(views, in, i);
+            cln_inspect_add(views, in, i);
     if (json_array_size(views))
         cln_found_fault(in->findings, "blur", false, json_incref(views),
                         "less sharp than most: %s; blurred photos make what they show soft: leave "
                         "them out if others show it, too",
-                        name_some(views, names, sizeof names));
+                        cln_inspect_names(views, names, sizeof names));
 done:
     json_decref(views);
     free(values);
     return st;
 }
 
-static cln_status check_duplicates(inspection *in)
+static cln_status check_duplicates(cln_inspection *in)
 {
     cln_status st = CLN_OK;
     json_t *photos = json_array(), *poses = json_array(), *still = json_array();
@@ -800,8 +546,8 @@ static cln_status check_duplicates(inspection *in)
 
             if (pair == CLN_PAIR_APART)
                 continue;
-            add_view(list, in, k);
-            add_view(list, in, i);
+            cln_inspect_add(list, in, k);
+            cln_inspect_add(list, in, i);
             *(pair == CLN_PAIR_NOISE ? &still_across : &across) |=
                 (in->scene->views[i].split == CLN_SPLIT_TRAIN) !=
                 (in->scene->views[k].split == CLN_SPLIT_TRAIN);
@@ -830,7 +576,7 @@ done:
     return st;
 }
 
-static void check_files(inspection *in)
+static void check_files(cln_inspection *in)
 {
     const cln_scene *scene = in->scene;
     const int all = scene->view_count + scene->missing;
@@ -838,13 +584,13 @@ static void check_files(inspection *in)
     char names[512];
 
     for (int i = scene->view_count; i < all; i++)
-        add_view(gone, in, i);
+        cln_inspect_add(gone, in, i);
     if (scene->missing)
         cln_found_fault(in->findings, "missing", true, json_incref(gone),
                         "%d of %d photos %s not there%s: %s; %s left out%s", scene->missing, all,
                         cln_plural(scene->missing, "is", "are"),
                         scene->unreadable ? " or cannot be read" : "",
-                        name_some(gone, names, sizeof names),
+                        cln_inspect_names(gone, names, sizeof names),
                         cln_plural(scene->missing, "its frame is", "their frames are"),
                         10 * scene->missing >= all ? ", by train with --missing skip alone" : "");
     json_decref(gone);
@@ -857,7 +603,7 @@ static void check_files(inspection *in)
 /* ---- together ---- */
 
 /* Measures that not every scene has are null where nothing tells them. */
-static void fill_measures(inspection *in)
+static void fill_measures(cln_inspection *in)
 {
     static const char *const names[] = {"points",     "points_inside", "points_span",
                                         "points_box", "fov_least",     "fov_most",
@@ -865,10 +611,10 @@ static void fill_measures(inspection *in)
 
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (!json_object_get(in->measures, names[i]))
-            measure(in, names[i], NAN);
+            cln_inspect_measure(in, names[i], NAN);
 }
 
-static json_t *describe_views(const inspection *in)
+static json_t *describe_views(const cln_inspection *in)
 {
     const cln_space core = cln_space_core(&in->scene->space);
     json_t *views = json_array();
@@ -922,10 +668,10 @@ static json_t *by_weight(const json_t *findings)
 cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callbacks, json_t **out)
 {
     cln_status st = CLN_OK;
-    inspection in = {.scene = scene,
-                     .callbacks = callbacks,
-                     .findings = json_array(),
-                     .measures = json_object()};
+    cln_inspection in = {.scene = scene,
+                         .callbacks = callbacks,
+                         .findings = json_array(),
+                         .measures = json_object()};
     char empty[CLN_EMPTY_BYTES];
 
     *out = NULL;
@@ -946,8 +692,8 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     else if (cln_scene_is_whole(scene, empty))
         cln_found_fault(in.findings, scene->has_alpha ? "alpha" : "masks", false, NULL, "%s",
                         empty);
-    CLN_TRY(check_agreement(&in));
-    check_strays(&in);
+    CLN_TRY(cln_inspect_poses(&in));
+    cln_inspect_strays(&in);
     CLN_TRY(check_far(&in));
     check_overlap(&in);
     CLN_TRY(check_cube(&in));

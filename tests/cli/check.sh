@@ -1,7 +1,7 @@
 #!/bin/bash
 # Scenes that are wrong, or look it: what `info` and `train` doubt, and what `check` finds. On tiny
 # generated scenes, with faults planted.
-#   tests/cli/check.sh [SECTION...]       sections: doubts nadir check plain
+#   tests/cli/check.sh [SECTION...]       sections: doubts nadir check parts plain
 #   BUILD=build/sanitize                   the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -228,7 +228,8 @@ section_check() {
     done
     mv "$work/next/first.png" "$work/next/train/r_023.png"
     expect "each has the pose of the one before it" 0 "" "$cln" check "$work/next" --probe 0
-    check "check calls the poses a fault" grep -q "FAULT  poses: the photos" "$work/out"
+    check "check says whose they are" eval 'tr "\n" " " <"$work/out" | tr -s " " | grep -q \
+        "FAULT order: the photos do not fit .* if each has the pose that the one after it"'
     check "and says nothing of overlap" eval '! grep -q "remark overlap" "$work/out"'
 
     # so far apart that most marks of two photos are false: true ones fit exactly, by right poses
@@ -242,7 +243,33 @@ section_check() {
     done
     mv "$work/sparse/first.png" "$work/sparse/images/frame_00006.png"
     expect "each with the pose of the next" 0 "" "$cln" check "$work/sparse" --probe 0
-    check "is a fault" grep -q "FAULT  poses: the photos do not fit" "$work/out"
+    check "is a fault" grep -qE "FAULT  (poses|order): the photos do not fit" "$work/out"
+}
+
+# Every second photo is given the focal length of a camera that it was not taken with.
+section_parts() {
+    "$make_scene" "$work/two" --kind terrain --size 128 --train 40 --test 4 --format nerfstudio \
+        >/dev/null
+    perl -i -pe 's/("file_path": )/"fl_x": 200, "fl_y": 200, $1/ if /"file_path"/ && $n++ % 2' \
+        "$work/two/transforms.json"
+    expect "every second photo has another camera's focal length" 0 "" \
+        "$cln" check "$work/two" --probe 0 --json
+    check "that is the fault" [ "$(json findings.0.what)" = "focal length" ]
+    check "of these photos: $(json findings.0.views)" [ "$(json findings.0.views)" = "array 22" ]
+    check "by that factor, 2.12" grep -qE "every second photo .* 2\.1[0-4] times" "$work/out"
+
+    "$make_scene" "$work/order" --kind room --size 128 --train 40 --test 0 --format nerfstudio \
+        >/dev/null
+    for i in $(seq 20); do # the opposite order
+        mv "$work/order/images/frame_$(printf %05d "$i").png" "$work/first.png"
+        mv "$work/order/images/frame_$(printf %05d $((41 - i))).png" \
+            "$work/order/images/frame_$(printf %05d "$i").png"
+        mv "$work/first.png" "$work/order/images/frame_$(printf %05d $((41 - i))).png"
+    done
+    expect "names in the opposite order of poses" 0 "" "$cln" check "$work/order" --probe 0 --json
+    check "that is the fault, too" [ "$(json findings.0.what)" = order ]
+    check "with what would be right" grep -q "if the poses are put .* the opposite order" \
+        "$work/out"
 }
 
 # untold NAME SCENE: check finds no likely fault, but says that there is too little to tell
@@ -274,7 +301,7 @@ section_plain() {
     mv "$work/first.png" "$work/plain/images/frame_00040.png"
     expect "each photo with the pose of the one before it" 0 "" "$cln" check "$work/plain" --probe 0
     check "is a fault: hardly any mark fits" \
-        grep -q "FAULT  poses: the photos do not fit" "$work/out"
+        grep -qE "FAULT  (poses|order): the photos do not fit" "$work/out"
     "$make_scene" "$work/square" --plain --kind street --size 48 --train 24 --test 0 --seed 3 \
         --format nerfstudio >/dev/null
     untold "a plain street, a share that is under the bound by chance" "$work/square"
@@ -284,4 +311,4 @@ section_plain() {
     check "no focal length is a fault by so little" grep -q "^0 likely faults" "$work/out"
 }
 
-run_sections "doubts nadir check plain" "$@"
+run_sections "doubts nadir check parts plain" "$@"

@@ -1,0 +1,294 @@
+/* Whether photos fit their poses, and what would fit better: findings of inspect.h by what two
+ * photos show alike (agree.h). */
+#include "scene/inspection.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/memory.h"
+#include "base/text.h"
+
+static const double SOUND = 0.5;   /* share of agreeing ties above which poses are right */
+static const double UNSOUND = 0.3; /* share below which they are wrong */
+static const double UNSURE = 0.7;  /* share below which poses are wrong if ties are inexact: */
+static const double EXACT = 0.45; /* share of agreeing ties that agree within a quarter; 1/4 if they
+                                      do by chance or nearly, as beside the true pose */
+/* Of photos far apart most ties are false. The same share, from which on their poses are right all
+ * the same, and below which they are wrong; the share of ties that agree by chance. */
+static const double FAR_EXACT = 0.55, FAR_UNCLEAR = 0.38, FAR_CHANCE = 0.06;
+/* Of theirs: ties of a pair, at most; agreeing ones that tell how exactly they do. */
+enum { FAR_TIES = 20, FAR_AGREEING = 12 };
+/* Below both, photos show too little: of surfaces of one colour, marks are corners and ends of
+ * edges, which are found inexactly, and which others are alike. */
+enum { THIN_MARKS = 20, THIN_TIES = 4 }; /* of a photo; of a pair */
+/* Standard deviations by which a share of few ties must be beyond a bound; the best of many focal
+ * lengths. */
+static const double SURE = 2, SURE_BEST = 3;
+static const double READING = 0.6;      /* the given reading's share over another's */
+static const double FOCAL_GAIN = 1.15;  /* share with other focal lengths over the given ones' */
+static const double FOCAL_WIDER = 1.15; /* the same of the shares that agree at all */
+static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
+
+/* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
+ * and share little, those around something would show the same from behind. */
+static void soften_axes(cln_inspection *in)
+{
+    const cln_agreement *a = &in->agreement;
+
+    if (in->scene->before_share <= 0.5 ||
+        (a->reading > 0 && a->reading_share > SOUND &&
+         a->given_share < READING * a->reading_share) ||
+        !cln_inspect_take_back(in->findings, "axes"))
+        return;
+    cln_found_fault(in->findings, "axes", false, NULL,
+                    "the cameras look apart: for %.0f%% of the pairs of cameras, the point that "
+                    "both axes pass lies behind both. Of photos taken outwards from one place, as "
+                    "by a rig, that is right; of photos around something, the axes of the poses "
+                    "are wrong. The photos show too little in common to tell which",
+                    100 * in->scene->apart_share);
+}
+
+typedef enum { WRONG, UNCLEAR, RIGHT } verdict;
+
+/* Of poses that few ties agree with. Where photos stand so far apart that one shows little of what
+ * another does, most ties are false, and agree by chance alone; but true ones agree exactly, if the
+ * poses are right. */
+static verdict judge_few(const cln_agreement *a, double exact, bool thin)
+{
+    const bool apart = a->tie_count < FAR_TIES * a->pairs;
+
+    if (thin && a->share > 2 * FAR_CHANCE)
+        return UNCLEAR;
+    if (a->reading > 0)
+        return WRONG;
+    if (a->agreeing < FAR_AGREEING)
+        return apart && a->share > FAR_CHANCE ? UNCLEAR : WRONG;
+    return exact > FAR_EXACT ? RIGHT : apart && exact > FAR_UNCLEAR ? UNCLEAR : WRONG;
+}
+
+static verdict judge(const cln_agreement *a, double exact, bool thin)
+{
+    if (a->share < UNSOUND)
+        return judge_few(a, exact, thin);
+    if (!(a->share < UNSURE && exact < EXACT))
+        return RIGHT;
+    return thin || exact + SURE * sqrt(exact * (1 - exact) / a->agreeing) > EXACT ? UNCLEAR : WRONG;
+}
+
+/* Do other focal lengths fit better, by more than chance? */
+static bool has_other_focal(const cln_agreement *a)
+{
+    const double gain = a->focal_share - a->strict_share;
+
+    return a->focal_share > FOCAL_GAIN * a->strict_share && a->focal_share > LEAST_STRICT &&
+           fmax(a->focal, 1 / a->focal) > FOCAL_LEAST && a->focal_exact > FOCAL_EXACT &&
+           a->focal_share / a->focal_exact > FOCAL_WIDER * a->given_share &&
+           gain * a->tie_count > SURE_BEST * sqrt(a->strict_share * a->tie_count);
+}
+
+/* The median over the photos that were compared; NaN: none. */
+static cln_status count_marks(const cln_inspection *in, double *marks)
+{
+    cln_status st = CLN_OK;
+    double *values = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_alloc(&values, (size_t)in->scene->view_count, sizeof *values, "marks"));
+    for (int i = 0; i < in->scene->view_count; i++)
+        if (in->agreement.views[i].looked_at)
+            values[count++] = in->agreement.views[i].features;
+    *marks = cln_inspect_median(values, count);
+done:
+    free(values);
+    return st;
+}
+
+static void tell_unclear(cln_inspection *in, double exact, double marks, bool thin)
+{
+    const cln_agreement *a = &in->agreement;
+    char few[160] = "";
+
+    if (thin)
+        snprintf(
+            few, sizeof few,
+            "a photo has %.0f mark%s (of most captures 100 or more), as surfaces of one colour "
+            "show few, and a pair of neighbours shares %.2g; ",
+            marks, cln_plural(marks, "", "s"), (double)a->tie_count / a->pairs);
+    cln_found_fault(in->findings, "poses", false, NULL,
+                    "too little to tell whether the photos fit their poses: %sof %d marks that two "
+                    "photos share, %.0f%% lie where both poses put them, and %.0f%% of these "
+                    "exactly, which right and wrong poses may both do. A short training tells "
+                    "more",
+                    few, a->tie_count, 100 * a->share, 100 * exact);
+}
+
+/* Photos of one camera with the intrinsics of another. */
+static void tell_part(cln_inspection *in)
+{
+    const cln_agree_part *part = &in->agreement.part;
+    json_t *views = json_array();
+
+    in->posed = false;
+    for (int i = 0; i < in->scene->view_count; i++)
+        if (part->has[i])
+            cln_inspect_add(views, in, i);
+    cln_found_fault(in->findings, "focal length", true, views,
+                    "%s (%zu of %d) fit focal lengths %.2f times as long better than the given "
+                    "ones (%.0f%% of what they share with other photos lies exactly where both "
+                    "poses put it, with the given ones %.0f%%). Likely they are of another camera "
+                    "than the others: give each photo its own camera's focal length, middle and "
+                    "lens",
+                    part->name, json_array_size(views), in->scene->view_count, part->focal,
+                    100 * part->share, 100 * part->given);
+}
+
+cln_status cln_inspect_poses(cln_inspection *in)
+{
+    cln_status st = CLN_OK;
+    const cln_agreement *a = &in->agreement;
+    const cln_reading *reading = &cln_readings[a->reading];
+    const double exact = a->strict_share / a->reading_share;
+    double marks = NAN;
+    bool thin = false;
+    verdict judged = RIGHT;
+
+    CLN_TRY(count_marks(in, &marks));
+    thin = marks < THIN_MARKS && a->tie_count < THIN_TIES * a->pairs;
+    judged = isnan(a->share) ? RIGHT : judge(a, exact, thin);
+
+    cln_inspect_measure(in, "compared_views", a->looked_at);
+    cln_inspect_measure(in, "compared_pairs", a->pairs);
+    cln_inspect_measure(in, "marks", marks);
+    cln_inspect_measure(in, "ties", a->tie_count);
+    cln_inspect_measure(in, "agreeing_share", a->share);
+    cln_inspect_measure(in, "exact_share", isnan(a->share) ? NAN : exact);
+    cln_inspect_measure(in, "still_share", a->still_share);
+    if (a->still)
+        cln_found_fault(in->findings, "backdrop", true, NULL,
+                        "%.0f%% of what two photos show stands at one place in both pictures, "
+                        "although the cameras move: a backdrop, lamp or ruler that stands still "
+                        "while the object turns before a camera. It would be learnt as fog around "
+                        "the object: mask all but the object (--masks), or cut it out as alpha",
+                        100 * a->still_share);
+    in->posed = judged == RIGHT;
+    if (isnan(a->share))
+        soften_axes(in);
+    if (isnan(a->share) && a->pairs == 0) {
+        cln_found_fault(in->findings, "overlap", false, NULL,
+                        "no two photos stand apart, so that none can be compared with their poses: "
+                        "a scene needs photos from several places");
+        goto done;
+    }
+    if (isnan(a->share)) {
+        cln_found_fault(
+            in->findings, "overlap", false, NULL,
+            "the photos show too little in common (%d mark%s in %d pair%s of neighbours) "
+            "to compare them with their poses: they stand far apart, or show little "
+            "texture",
+            a->tie_count, cln_plural(a->tie_count, "", "s"), a->pairs,
+            cln_plural(a->pairs, "", "s"));
+        goto done;
+    }
+    if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {
+        cln_inspect_take_back(in->findings, "axes");
+        cln_inspect_take_back(in->findings,
+                              "scale"); /* likely rays miss the cube for this reason */
+        in->posed = false;
+        cln_found_fault(in->findings, "axes", true, NULL,
+                        "the photos do not fit the poses as given (%.0f%% of what two photos show "
+                        "lies where both poses put it), but fit poses %s (%.0f%%): %s",
+                        100 * a->share, reading->name, 100 * a->reading_share, reading->advice);
+        goto done;
+    }
+    if (a->order && a->order_exact > a->focal_share && (judged != RIGHT || a->share < UNSOUND)) {
+        in->posed = false;
+        cln_found_fault(
+            in->findings, "order", true, NULL,
+            "the photos do not fit their poses (%.0f%% of what two photos show lies exactly "
+            "where both poses put it), but do (%.0f%%) if %s",
+            100 * a->strict_share, 100 * a->order_exact, a->order);
+        goto done;
+    }
+    if (has_other_focal(a)) {
+        in->posed = a->share > SOUND;
+        cln_found_fault(
+            in->findings, "focal length", true, NULL,
+            "the photos fit focal lengths %.2f times as long better than the given "
+            "ones (%.0f%% of what two photos show lies exactly where both poses put it, "
+            "with the given ones %.0f%%). Likely the focal length is given for "
+            "another image size, or the field of view is that across the other side",
+            a->focal, 100 * a->focal_share, 100 * a->strict_share);
+        goto done;
+    }
+    if (a->part.has && a->part.share > a->focal_share) {
+        tell_part(in);
+        goto done;
+    }
+    if (judged == UNCLEAR && (thin || a->share >= UNSOUND))
+        tell_unclear(in, exact, marks, thin);
+    else if (a->share < UNSOUND && judged != WRONG)
+        cln_found_fault(
+            in->findings, "overlap", false, NULL,
+            "the photos stand so far apart that one shows little of what another does: "
+            "only %.0f%% of %d marks that look alike in two photos lie where both poses "
+            "put them%s. Photos at most 20 degrees apart tell more, and are learnt "
+            "better",
+            100 * a->share, a->tie_count,
+            judged == RIGHT ? ", but these exactly, so the poses are right as far as "
+                              "can be told"
+                            : ", and whether the poses are right cannot be told");
+    else if (a->share < UNSOUND)
+        cln_found_fault(in->findings, "poses", true, NULL,
+                        "the photos do not fit their poses: only %.0f%% of what two photos show "
+                        "lies where both poses put it. Likely names and poses are in different "
+                        "orders, or the poses are those of other photos or of another thing than "
+                        "the camera, or quaternions were read in a wrong order, or the photos were "
+                        "cropped and the intrinsics were not",
+                        100 * a->share);
+    else if (!in->posed)
+        cln_found_fault(in->findings, "poses", true, NULL,
+                        "the photos hardly fit their poses: %.0f%% of what two photos show lies "
+                        "where both poses put it (of most good captures 80%% or more), and only "
+                        "%.0f%% of that exactly (60%% or more). Likely each photo has the pose of "
+                        "another one near it, as if names and poses are in different orders, or "
+                        "the poses are inexact",
+                        100 * a->share, 100 * exact);
+    else if (a->share > SOUND)
+        cln_inspect_take_back(in->findings, "axes");
+done:
+    return st;
+}
+
+void cln_inspect_strays(cln_inspection *in)
+{
+    const cln_agree_view *views = in->agreement.views;
+    char names[512];
+    json_t *astray = json_array();
+
+    for (int i = 0; i < in->scene->view_count; i++) {
+        const int k = views[i].pose_of;
+
+        if (!views[i].bad)
+            continue;
+        if (k >= 0 && views[k].pose_of == i) {
+            if (i < k) {
+                json_t *both = json_array();
+
+                cln_inspect_add(both, in, i);
+                cln_inspect_add(both, in, k);
+                cln_found_fault(in->findings, "swapped", true, both,
+                                "the photos of %s and %s are swapped: each fits the other's pose",
+                                in->scene->views[i].name, in->scene->views[k].name);
+            }
+        } else {
+            cln_inspect_add(astray, in, i);
+        }
+    }
+    if (json_array_size(astray))
+        cln_found_fault(in->findings, "pose", true, json_incref(astray),
+                        "photos that show what others show, but not as seen from their poses: "
+                        "%s; leave them out or find their poses again",
+                        cln_inspect_names(astray, names, sizeof names));
+    json_decref(astray);
+}

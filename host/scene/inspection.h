@@ -1,0 +1,35 @@
+/* What the files of inspect.h share: an inspection under way, and how findings are told. */
+#ifndef CLN_INSPECTION_H
+#define CLN_INSPECTION_H
+
+#include "scene/agree.h"
+#include "scene/inspect.h"
+#include "scene/photos.h"
+
+typedef struct cln_inspection {
+    const cln_scene *scene;
+    const cln_callbacks *callbacks;
+    cln_agreement agreement;
+    cln_photo *photos; /* [view] */
+    json_t *findings, *measures;
+    bool posed; /* photos fit their poses, as far as is known */
+} cln_inspection;
+
+/* Removes findings of that kind. Returns whether there were any. */
+bool cln_inspect_take_back(json_t *findings, const char *what);
+
+void cln_inspect_measure(const cln_inspection *in, const char *name, double value);
+
+/* The first names of a list: "a, b, c and 4 more". Returns out. */
+const char *cln_inspect_names(const json_t *views, char *out, size_t bytes);
+void cln_inspect_add(json_t *views, const cln_inspection *in, int view);
+
+/* Sorts them; NaN: none. */
+double cln_inspect_median(double *values, int count);
+
+/* Do the photos fit their poses? Sets in->posed. CLN_MEMORY. */
+cln_status cln_inspect_poses(cln_inspection *in);
+/* Photos that do not, while the others do. */
+void cln_inspect_strays(cln_inspection *in);
+
+#endif
