@@ -55,7 +55,7 @@ void cln_field_close(cln_field *field)
 {
     if (!field)
         return;
-    cln_rendering_end(&field->opened.pipeline, &field->rendering);
+    cln_rendering_end(&field->rendering);
     free(field->rgb.numbers);
     free(field->depth.numbers);
     free(field->opacity.numbers);
@@ -352,7 +352,7 @@ static cln_status render(cln_field *field, const cln_frame_desc *frame, const cl
 done:
     memset(picture, 0, sizeof *picture);
     if (st != CLN_OK)
-        cln_rendering_end(&field->opened.pipeline, &field->rendering);
+        cln_rendering_end(&field->rendering);
     return st;
 }
 

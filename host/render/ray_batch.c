@@ -50,5 +50,7 @@ cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *b, cln_ray_resu
         cln_buffer_read(p->device, &p->results, 0, results, (size_t)*rendered * sizeof *results));
     CLN_TRY(cln_device_finish(p->device));
 done:
+    if (st != CLN_OK)
+        clFinish(p->device->queue); /* what was put on it before still reads the caller's arrays */
     return st;
 }

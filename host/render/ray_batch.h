@@ -22,7 +22,8 @@ cln_sampling cln_render_sampling(const cln_pipeline *p);
 void cln_render_faster(cln_config *config);
 
 /* Renders the first *rendered rays of the batch, as many as have room for their samples (at least
- * one); results: [n]. Waits for them. CLN_MEMORY, CLN_CL. */
+ * one); results: [n]. Waits for them, also when it fails: the arrays are the caller's again then.
+ * CLN_MEMORY, CLN_CL. */
 cln_status cln_render_rays(cln_pipeline *p, const cln_ray_batch *batch, cln_ray_result *results,
                            int *rendered);
 

@@ -79,14 +79,12 @@ cln_status cln_rendering_begin(cln_pipeline *p, int view, const float background
     CLN_TRY(cln_alloc(&picture->opacity, total, sizeof *picture->opacity, "picture"));
 done:
     if (st != CLN_OK)
-        cln_rendering_end(p, out);
+        cln_rendering_end(out);
     return st;
 }
 
-void cln_rendering_end(cln_pipeline *p, cln_rendering *r)
+void cln_rendering_end(cln_rendering *r)
 {
-    if (r->under_way)
-        (void)cln_device_finish(p->device); /* the queue may still use these arrays */
     cln_picture_free(&r->picture);
     cln_antialias_free(&r->edges);
     free(r->pixels);
@@ -228,7 +226,7 @@ cln_status cln_render_view(cln_pipeline *p, int view, const float background[3],
     *out = r.picture;
     memset(&r.picture, 0, sizeof r.picture);
 done:
-    cln_rendering_end(p, &r);
+    cln_rendering_end(&r);
     return st;
 }
 

@@ -34,7 +34,7 @@ typedef struct cln_rendering {
     int view, most;      /* most: rays of a batch */
     int next, side; /* rays of the next batch; squares of side x side pixels are taken in turn, 1:
                        row by row */
-    bool under_way; /* the queue may still use the arrays */
+    bool under_way; /* of a batch that failed: other ranks may be in the middle of it */
     cln_pixel *pixels;
     cln_ray_result *results;
     float (*backgrounds)[4];
@@ -50,7 +50,7 @@ cln_status cln_rendering_follow(cln_pipeline *p, int view, const float backgroun
                                 cln_rendering *r);
 cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
 bool cln_rendering_whole(const cln_rendering *r);
-void cln_rendering_end(cln_pipeline *p, cln_rendering *r); /* accepts a zeroed one */
+void cln_rendering_end(cln_rendering *r); /* accepts a zeroed one */
 
 /* Like cln_render_view, into arrays that are there: all of r->picture. r: zeroed, or of an earlier
  * picture, whose other arrays it takes over. The caller ends it, also after a failure. */

@@ -38,7 +38,7 @@ void cln_painting_say(cln_painting *g, int status, const char *sentence)
 
 void cln_painting_free(cln_painter *painter, cln_painting *g)
 {
-    cln_rendering_end(painter->pipeline, &g->rendering);
+    cln_rendering_end(&g->rendering);
     free(g->body);
     if (g->is_file)
         close(g->file);
@@ -149,7 +149,7 @@ cln_status cln_painter_follow(cln_painter *painter, const cln_callbacks *callbac
             CLN_TRY(follow(painter, &o, &r));
     }
 done:
-    cln_rendering_end(painter->pipeline, &r);
+    cln_rendering_end(&r);
     return st;
 }
 

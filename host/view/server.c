@@ -460,7 +460,7 @@ static void on_completed(void *user, struct MHD_Connection *connection, void **c
 /* Gives an answered request back to its connection. */
 static void hand_back(cln_server *s, request *r)
 {
-    cln_rendering_end(s->painter->pipeline, &r->painting.rendering);
+    cln_rendering_end(&r->painting.rendering);
     MHD_resume_connection(r->connection);
 }
 

@@ -485,8 +485,8 @@ static void test_follow(void **state)
         kept = follows.pixels;
     }
     assert_true(batches >= 3);
-    cln_rendering_end(&v.pipeline, &leads);
-    cln_rendering_end(&v.pipeline, &follows);
+    cln_rendering_end(&leads);
+    cln_rendering_end(&follows);
     cln_open_run_close(&v);
 }
 
