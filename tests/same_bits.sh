@@ -154,5 +154,5 @@ bits precrop object --precrop-steps 100 --lr-schedule step --no-skip-uncovered -
 bits plain object --tune VW=1,LS=1,TS=4 --steps 100
 bits gpu object --tune VW=1,LS=64,TS=8,NB=16,LEAF=0 --steps 100
 bits lanes object --tune VW=4,LS=8,LEAF=0 --steps 100
-bits parts object --max-alloc 1M --steps 200
+both parts 3 object --max-alloc 1M --steps 200
 exit $failed

@@ -461,6 +461,8 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
     CLN_TRY(cln_cache_check(t->device->info.platform));
     if (t->desc->resume) {
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
+        if (!t->desc->device.max_alloc)
+            CLN_TRY(cln_recorded_alloc(t->desc->run, t->device));
         CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene));
         CLN_TRY(cln_recorded_photos(t->desc->run, t->scene));
     } else {

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "io/progress.h"
 #include "io/run_folder.h"
 #include "scene/cameras_file.h"
 
@@ -33,6 +34,34 @@ static bool same_text(const json_t *object, const char *key, const char *text)
     return saved && strcmp(saved, text) == 0;
 }
 
+static bool is_same_device(const json_t *saved, const cln_device_info *info)
+{
+    return same_text(saved, "name", info->name) && same_text(saved, "platform", info->platform) &&
+           same_text(saved, "driver", info->driver);
+}
+
+cln_status cln_recorded_alloc(const char *run, cln_device *device)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    const json_t *saved = NULL;
+    double most = 0;
+    char text[32];
+
+    CLN_TRY(cln_run_read(run, &document));
+    saved = json_object_get(document, "device");
+    most = json_number_value(json_object_get(saved, "max_alloc"));
+    if (!is_same_device(saved, &device->info) || !(most > 0) || most >= device->info.max_alloc)
+        goto done;
+    cln_format_bytes(most, text);
+    cln_info("the largest buffer has %s, as in the run before (--max-alloc sets another)", text);
+    device->info.max_alloc = most;
+    device->max_alloc = (size_t)most;
+done:
+    json_decref(document);
+    return st;
+}
+
 cln_status cln_recorded_tune(const char *run, cln_device *device)
 {
     cln_status st = CLN_OK;
@@ -47,9 +76,7 @@ cln_status cln_recorded_tune(const char *run, cln_device *device)
     saved = json_object_get(document, "device");
     list = json_string_value(json_object_get(document, "tune"));
     from = json_string_value(json_object_get(document, "tune_from"));
-    if (!list || !same_text(saved, "name", device->info.name) ||
-        !same_text(saved, "platform", device->info.platform) ||
-        !same_text(saved, "driver", device->info.driver))
+    if (!list || !is_same_device(saved, &device->info))
         goto done;
     if (cln_tune_parse(list, &tune) != CLN_OK) {
         cln_warn("%s/run.json: tune: its kernel parameters are not understood (%s); others are "

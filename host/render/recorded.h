@@ -16,6 +16,10 @@ cln_status cln_run_config(const char *run, cln_config *config);
  * another device or driver. Reads run.json: CLN_INPUT. */
 cln_status cln_recorded_tune(const char *run, cln_device *device);
 
+/* Takes over the largest buffer of the run's device, if this is the same and allows more: batches
+ * are cut by it, so a training would go on with others. */
+cln_status cln_recorded_alloc(const char *run, cln_device *device);
+
 /* Where the run's scene is now, as cln_recorded_load finds it: CLN_INPUT if it is nowhere. The
  * caller frees *path. */
 cln_status cln_recorded_scene(const char *run, char **path);

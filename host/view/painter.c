@@ -36,7 +36,7 @@ void cln_painting_say(cln_painting *g, int status, const char *sentence)
     }
 }
 
-void cln_painting_free(cln_painter *painter, cln_painting *g)
+void cln_painting_free(cln_painting *g)
 {
     cln_rendering_end(&g->rendering);
     free(g->body);
@@ -578,9 +578,9 @@ cln_status cln_painter_open(cln_painter *painter, const cln_camera *first)
         if (g.status != 200)
             CLN_TRY(cln_fail(CLN_MEMORY, "no memory for a picture of 128 x 128"));
         painter->seconds_per_pixel = g.seconds / (128 * 128);
-        cln_painting_free(painter, &g);
+        cln_painting_free(&g);
     }
 done:
-    cln_painting_free(painter, &g);
+    cln_painting_free(&g);
     return st;
 }

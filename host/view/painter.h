@@ -61,7 +61,7 @@ int cln_painter_signal(cln_painter *painter, const cln_callbacks *callbacks);
 
 /* Makes a sentence the answer. */
 void cln_painting_say(cln_painting *painting, int status, const char *sentence);
-void cln_painting_free(cln_painter *painter, cln_painting *painting); /* its contents */
+void cln_painting_free(cln_painting *painting); /* its contents */
 
 /* The client has gone: if the painting was a film's frame, drops the film. */
 void cln_painter_forget(cln_painter *painter, const cln_painting *painting);

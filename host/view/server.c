@@ -458,7 +458,7 @@ static void on_completed(void *user, struct MHD_Connection *connection, void **c
 /* ---- painting ---- */
 
 /* Gives an answered request back to its connection. */
-static void hand_back(cln_server *s, request *r)
+static void hand_back(request *r)
 {
     cln_rendering_end(&r->painting.rendering);
     MHD_resume_connection(r->connection);
@@ -494,7 +494,7 @@ static void drop_gone(cln_server *s)
         next = gone->next;
         cln_painter_forget(s->painter, &gone->painting);
         cln_painting_say(&gone->painting, 409, "a later picture was asked for");
-        hand_back(s, gone);
+        hand_back(gone);
     }
 }
 
@@ -583,7 +583,7 @@ done:
         if (s->at_work == r)
             s->at_work = NULL;
         pthread_mutex_unlock(&s->lock);
-        hand_back(s, r);
+        hand_back(r);
     }
     return st;
 }
@@ -607,7 +607,7 @@ static void send_all_away(cln_server *s)
         request *next = r->next;
 
         cln_painting_say(&r->painting, 503, "the viewer has ended");
-        hand_back(s, r);
+        hand_back(r);
         r = next;
     }
 }

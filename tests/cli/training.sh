@@ -367,7 +367,7 @@ section_damage() {
 }
 
 section_memory() {
-    local r limit psnr whole_peak frames i
+    local r limit limited psnr whole_peak frames i
     blender
     expect "too little device memory: the plan is printed" 5 \
         "device-mem ~[0-9](\.[0-9])?.?(MiB|KiB|GiB)" \
@@ -467,6 +467,24 @@ section_memory() {
     run "$cln" eval "$work/buffers" --json --progress none --max-alloc 512K
     check "pictures in smaller batches are the same" [ "$(json mean.psnr)" = \
         "$("$query" mean.psnr <"$work/whole.json")" ]
+
+    # by that limit batches depend on the leaves, and on whether these were in parts: a resumed run
+    # has the same, and keeps the limit without being asked to
+    limited=(--skip-selftest --progress none --eval-images 1 --start-level 2 --cull-after 16
+        --refresh-every 16 --level-at 3:0.1,4:0.9 --structure-from 0.5 --steps 100 --no-adaptive
+        --max-alloc 5M --log-every 1)
+    "$make_scene" "$work/limited" --size 64 --train 20 --test 2 >/dev/null
+    run "$cln" train "$work/limited" -o "$work/limited-whole" "${limited[@]}" --json
+    start "$cln" train "$work/limited" -o "$work/limited-stopped" "${limited[@]}"
+    wait_for 60 rows_of "$work/limited-stopped" 70
+    kill -INT "$child" 2>/dev/null
+    finish
+    check "it stopped on the way" [ $rc = 130 ]
+    run "$cln" train --resume "$work/limited-stopped" --skip-selftest --progress none
+    check "--max-alloc is the run's" \
+        grep -q "the largest buffer has 5.0 MiB, as in the run before" "$work/err"
+    check "interrupted and resumed with limited batches = not interrupted" \
+        same_model "$work/limited-stopped" "$work/limited-whole"
 
     # 512 leaves, whose arrays do not fit one buffer; eval, without the limit, has them in one
     run "$cln" train "$work/blender" -o "$work/parts" "${small[@]}" --start-level 3 --level-at "" \

@@ -512,7 +512,7 @@ static void check_painting(cln_painter *painter, const cln_ask *ask, bool finer,
                                      ? cln_to_u8(wanted->rgb[i])
                                      : cln_to_u8(wanted->opacity[i / channels]));
     free(got);
-    cln_painting_free(painter, &g);
+    cln_painting_free(&g);
 }
 
 /* Of a model that learnt pixels at edges as means, the viewer has one ray a pixel first, and then,
@@ -570,7 +570,7 @@ static uint8_t *paint(cln_painter *painter, const cln_ask *ask, int *width, int 
     assert_int_equal(g.status, 200);
     assert_ok(cln_image_decode("picture", g.body, g.bytes, width, height, channels, &got));
     assert_true(g.width == *width && g.height == *height);
-    cln_painting_free(painter, &g);
+    cln_painting_free(&g);
     return got;
 }
 

@@ -53,14 +53,14 @@ static void test_alpha_files(void **state)
             assert_near(got[channels * i + 2], shown ? 0 : 255, 12);
         }
         free(got);
-        cln_painting_free(&painter, &g);
+        cln_painting_free(&g);
         g.ask = (cln_ask){.kind = CLN_ASK_PHOTO, .background = {0, 0, 1}};
     }
     g.ask.side = WIDTH;
     assert_int_equal(cln_image_write_png(view.alpha_path, HEIGHT, WIDTH, 1, alpha), CLN_OK);
     assert_int_equal(cln_painter_step(&painter, &g), CLN_OK);
     assert_int_equal(g.status, 404); /* the file is another one now */
-    cln_painting_free(&painter, &g);
+    cln_painting_free(&g);
 }
 
 /* A photo comes as people see it, whether its pixels are stored so for its pose or turned. */
@@ -89,7 +89,7 @@ static void test_seen_photos(void **state)
         for (int i = 0; i < width * height; i++) /* what is left is above then */
             assert_near(got[channels * i], i / width < height / 2 ? 200 : 0, 20);
         free(got);
-        cln_painting_free(&painter, &g);
+        cln_painting_free(&g);
     }
 }
 
