@@ -700,7 +700,7 @@ static void say_doubt(const cln_trainer *t)
 
     if (t->writes && cln_report_doubt(t->psnr_train, t->psnr_test, doubt))
         cln_warn("%s; `cl-nascent check %s` looks for what is wrong", doubt,
-                 cln_shell_quote(t->scene->folder, quoted, sizeof quoted));
+                 cln_shell_quote(t->scene->path, quoted, sizeof quoted));
 }
 
 static cln_status train(const cln_train_desc *desc, cln_train_result *result)

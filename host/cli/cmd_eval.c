@@ -12,8 +12,9 @@
 #include "cli/console.h"
 #include "ranks/ranks.h"
 
-/* dB by which a fit of colours raises PSNR where exposures differ; by less, other errors do */
-static const double EXPOSURE_HINT = 1;
+/* dB by which a fit of colours raises PSNR where exposures differ; by less, other errors do. And to
+ * which it does: of what hardly shows the scene any fit gains. */
+static const double EXPOSURE_HINT = 1, LEAST_FITTED = 18;
 
 static void print_row(int width, const char *name, double psnr, double ssim, double seconds)
 {
@@ -74,7 +75,7 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
     if (isfinite(r->psnr_fitted))
         printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
                r->psnr_fitted);
-    if (!gains && !alpha && r->psnr_fitted > r->psnr + EXPOSURE_HINT)
+    if (!gains && !alpha && r->psnr_fitted > fmax(r->psnr + EXPOSURE_HINT, LEAST_FITTED))
         puts(exposure
                  ? "Exposure or white balance differs between photos, and the run, though trained "
                    "with --exposure, has no gains for these"

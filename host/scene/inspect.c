@@ -531,21 +531,66 @@ done:
     return st;
 }
 
+/* Of at least so many photos with one pose it is said at once, not of each pair. */
+enum { GROUP = 4 };
+
+/* Tells of photos with one pose: first[i] is the first photo with photo i's. Takes those told out
+ * of the list of pairs. */
+static void tell_groups(cln_inspection *in, const int *first, json_t *pairs)
+{
+    for (int k = 0; k < in->scene->view_count; k++) {
+        json_t *group = json_array();
+        char names[512];
+
+        for (int i = k; i < in->scene->view_count; i++)
+            if (first[i] == k)
+                cln_inspect_add(group, in, i);
+        if (json_array_size(group) < GROUP) {
+            json_decref(group);
+            continue;
+        }
+        for (size_t i = json_array_size(pairs); i > 0; i -= 2) {
+            const char *name = json_string_value(json_array_get(pairs, i - 2));
+            size_t j = 0;
+            json_t *one = NULL;
+
+            json_array_foreach(group, j, one)
+            {
+                if (strcmp(json_string_value(one), name) == 0) {
+                    json_array_remove(pairs, i - 1);
+                    json_array_remove(pairs, i - 2);
+                    break;
+                }
+            }
+        }
+        cln_found_fault(in->findings, "duplicates", true, json_incref(group),
+                        "%zu different photos have the same pose: %s. Of all but one it is wrong, "
+                        "as of a tracker that was lost: leave them out",
+                        json_array_size(group), cln_inspect_names(group, names, sizeof names));
+        json_decref(group);
+    }
+}
+
 static cln_status check_duplicates(cln_inspection *in)
 {
     cln_status st = CLN_OK;
     json_t *photos = json_array(), *poses = json_array(), *still = json_array();
     char names[512];
     bool across = false, still_across = false;
+    int *first = NULL; /* [view] with the same pose */
 
+    CLN_TRY(cln_alloc(&first, (size_t)in->scene->view_count, sizeof *first, "photos"));
     for (int i = 0; i < in->scene->view_count; i++) {
         CLN_TRY(cln_tell_work(in->callbacks, NULL, 0, 0));
+        first[i] = i;
         for (int k = 0; k < i; k++) {
             const cln_pair pair = cln_pair_of(in->scene, in->photos, i, k);
             json_t *list = pair == CLN_PAIR_NOISE ? still : pair == CLN_PAIR_COPY ? photos : poses;
 
             if (pair == CLN_PAIR_APART)
                 continue;
+            if (list == poses && first[i] == i)
+                first[i] = first[k];
             cln_inspect_add(list, in, k);
             cln_inspect_add(list, in, i);
             *(pair == CLN_PAIR_NOISE ? &still_across : &across) |=
@@ -565,11 +610,13 @@ static cln_status check_duplicates(cln_inspection *in)
                         "nothing new%s",
                         name_pairs(still, names, sizeof names),
                         still_across ? ". One of a pair is held out: its score flatters" : "");
+    tell_groups(in, first, poses);
     if (json_array_size(poses))
         cln_found_fault(in->findings, "duplicates", true, json_incref(poses),
                         "different photos with the same pose: %s. One of each pair is wrong",
                         name_pairs(poses, names, sizeof names));
 done:
+    free(first);
     json_decref(photos);
     json_decref(poses);
     json_decref(still);
@@ -598,6 +645,39 @@ static void check_files(cln_inspection *in)
         cln_found_fault(in->findings, "split", false, NULL,
                         "no photo is held out: how good views between the photos are will not be "
                         "known");
+}
+
+/* Does a key that is not read look as if it had to do with cameras? */
+static bool is_of_camera(const char *key)
+{
+    static const char *const words[] = {"camera", "distort", "intrinsic", "focal", "lens",
+                                        "matrix", "pose",    "rotation",  "fov"};
+
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (strcasestr(key, words[i]))
+            return true;
+    return false;
+}
+
+static void check_keys(cln_inspection *in)
+{
+    json_t *keys = json_array();
+    char names[512];
+    size_t i = 0;
+    json_t *key = NULL;
+
+    json_array_foreach(in->scene->ignored, i, key)
+    {
+        if (is_of_camera(json_string_value(key)))
+            json_array_append(keys, key);
+    }
+    if (json_array_size(keys))
+        cln_found_fault(in->findings, "keys", false, NULL,
+                        "keys of the scene's files that are not used: %s. Focal lengths are read "
+                        "as fl_x and fl_y, the middle as cx and cy, the lens as camera_model with "
+                        "k1, k2, p1, p2 ..., poses as transform_matrix (docs/formats.md)",
+                        cln_inspect_names(keys, names, sizeof names));
+    json_decref(keys);
 }
 
 /* ---- together ---- */
@@ -703,6 +783,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     CLN_TRY(check_blur(&in));
     CLN_TRY(check_duplicates(&in));
     check_files(&in);
+    check_keys(&in);
     fill_measures(&in);
     *out = json_pack("{s:o, s:O, s:o, s:o}", "findings", by_weight(in.findings), "measures",
                      in.measures, "views", describe_views(&in), "points",

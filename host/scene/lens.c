@@ -275,14 +275,24 @@ void cln_colmap_split(const cln_colmap_model *model, const double *values, doubl
 
 cln_lens cln_lens_find(const char *name)
 {
+    static const struct {
+        const char *name;
+        cln_lens lens;
+    } others[] = {{"PERSPECTIVE", CLN_LENS_OPENCV},
+                  {"FISHEYE624", CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE},
+                  /* ROS's distortion_model, whose parameters have the same order; Kalibr's */
+                  {"plumb_bob", CLN_LENS_OPENCV},
+                  {"rational_polynomial", CLN_LENS_FULL_OPENCV},
+                  {"equidistant", CLN_LENS_OPENCV_FISHEYE},
+                  {"pinhole-radtan", CLN_LENS_OPENCV},
+                  {"pinhole-equi", CLN_LENS_OPENCV_FISHEYE}};
     const cln_colmap_model *model = cln_colmap_find(name);
 
     if (model)
         return model->lens;
-    if (!strcasecmp(name, "PERSPECTIVE"))
-        return CLN_LENS_OPENCV;
-    if (!strcasecmp(name, "FISHEYE624"))
-        return CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (!strcasecmp(name, others[i].name))
+            return others[i].lens;
     return CLN_LENSES;
 }
 

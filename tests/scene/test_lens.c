@@ -515,6 +515,9 @@ static void test_models(void **state)
         assert_true(!model->plane != !model->distort && !model->distort == !model->undistort);
     }
     assert_int_equal(cln_lens_find("PERSPECTIVE"), CLN_LENS_OPENCV);
+    assert_int_equal(cln_lens_find("plumb_bob"), CLN_LENS_OPENCV);
+    assert_int_equal(cln_lens_find("rational_polynomial"), CLN_LENS_FULL_OPENCV);
+    assert_int_equal(cln_lens_find("equidistant"), CLN_LENS_OPENCV_FISHEYE);
     assert_int_equal(cln_lens_find("FISHEYE624"), CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE);
     assert_int_equal(cln_lens_find("OMNIDIRECTIONALSTEREO_L"), CLN_LENSES);
     assert_int_equal(cln_lens_find("opencv_Fisheye"), CLN_LENS_OPENCV_FISHEYE);
