@@ -21,6 +21,7 @@
 #include "io/npy.h"
 #include "io/run_folder.h"
 #include "ranks/ranks.h"
+#include "scene/transforms_write.h"
 
 #define SCHEMA "cl-nascent.frames/1"
 
@@ -442,6 +443,42 @@ done:
     return st;
 }
 
+/* The frames' cameras as a scene of these pictures; not of stereo pairs, whose pictures have two. */
+static cln_status write_cameras(const cln_render_job *j)
+{
+    cln_status st = CLN_OK;
+    json_t *document = json_object(), *frames = json_array();
+    char *name = NULL;
+    bool one_lens = true;
+
+    json_object_set_new(document, "frames", frames);
+    if (cln_render_eyes(j) > 1)
+        goto done;
+    for (int i = 1; i < j->count; i++)
+        one_lens = one_lens && j->frames[i].camera.lens == j->frames[0].camera.lens;
+    if (one_lens)
+        json_object_set_new(document, "camera_model",
+                            json_string(cln_lens_models[j->frames[0].camera.lens].name));
+    for (int i = 0; i < j->count; i++) {
+        const cln_camera *c = &j->frames[i].camera;
+        json_t *frame = NULL;
+
+        free(name);
+        name = NULL;
+        CLN_TRY(cln_asprintf(&name, "%s.png", j->frames[i].name));
+        frame = cln_transforms_new_frame(name, c, 1);
+        if (!one_lens)
+            json_object_set_new(frame, "camera_model", json_string(cln_lens_models[c->lens].name));
+        cln_transforms_put_camera(frame, c);
+        json_array_append_new(frames, frame);
+    }
+    CLN_TRY(cln_run_write_json(j->desc->out, "transforms.json", document));
+done:
+    json_decref(document);
+    free(name);
+    return st;
+}
+
 cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale *scale)
 {
     cln_status st = CLN_OK;
@@ -456,6 +493,7 @@ cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale
     if (!scale && j->there == j->count && json_object_get(j->before, "depth_picture"))
         json_object_set(about, "depth_picture", json_object_get(j->before, "depth_picture"));
     CLN_TRY(cln_run_write_json(j->desc->out, "render.json", about));
+    CLN_TRY(write_cameras(j));
 done:
     json_decref(about);
     return st;

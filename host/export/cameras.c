@@ -12,6 +12,7 @@
 #include "base/number.h"
 #include "export/export.h"
 #include "io/disk.h"
+#include "scene/transforms_write.h"
 
 enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
 
@@ -41,33 +42,8 @@ static bool same_camera(const cln_view *a, const cln_view *b)
 static void put_intrinsics(json_t *to, const cln_view *view)
 {
     const cln_camera c = camera_of(view);
-    const cln_lens_model *lens = &cln_lens_models[c.lens];
-    const struct {
-        const char *key;
-        double value;
-    } numbers[] = {{"fl_x", c.fx}, {"fl_y", c.fy}, {"cx", c.cx}, {"cy", c.cy}};
 
-    json_object_set_new(to, "w", json_integer(c.width));
-    json_object_set_new(to, "h", json_integer(c.height));
-    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
-        json_object_set_new(to, numbers[i].key, json_real(numbers[i].value));
-    for (int i = 0; i < lens->count; i++)
-        json_object_set_new(to, lens->params[i], json_real(c.distortion[i]));
-}
-
-static json_t *frame_of(const cln_view *view, double scale, const char *name)
-{
-    static const double flip[3] = {1, -1, -1}; /* camera axes: OpenCV's to OpenGL's */
-    json_t *rows = json_array();
-    json_t *frame = json_pack("{s:s, s:o}", "file_path", name, "transform_matrix", rows);
-
-    for (int r = 0; r < 4; r++) {
-        const double *row = r < 3 ? view->camera.c2w + 4 * r : (const double[4]){0, 0, 0, 1};
-
-        json_array_append_new(rows, json_pack("[f,f,f,f]", row[0] * flip[0], row[1] * flip[1],
-                                              row[2] * flip[2], r < 3 ? row[3] * scale : 1.0));
-    }
-    return frame;
+    cln_transforms_put_camera(to, &c);
 }
 
 static const char *lens_name(const cln_view *view)
@@ -153,7 +129,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         free(name);
         name = NULL;
         CLN_TRY(cln_scene_path_from(scene, view->path, &name));
-        frame = frame_of(view, job->scale, name);
+        frame = cln_transforms_new_frame(name, &view->camera, job->scale);
         if (!one_lens)
             json_object_set_new(frame, "camera_model", json_string(lens_name(view)));
         if (!one_camera)

@@ -445,6 +445,9 @@ section_results() {
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "the orbit has two frames" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
+    expect "an orbit's cameras are poses" 0 "" "$cln" render "$work/whole" \
+        --poses "$work/orbit/transforms.json" -o "$work/orbit again"
+    check "which show the same" cmp "$work/orbit/orbit_0001.png" "$work/orbit again/orbit_0001.png"
     expect "render as PFM and 16-bit PNG" 0 "" "$cln" render "$work/whole" --max-images 1 \
         --pfm --depth-unit 0.001 -o "$work/depths"
     d=$work/depths/test_r_000
