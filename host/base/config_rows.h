@@ -72,7 +72,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
 };
 enum { CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
-enum { CLN_MASKS_AUTO, CLN_MASKS_ALPHA, CLN_MASKS_IGNORE };
+enum { CLN_MASKS_AUTO, CLN_MASKS_ALPHA, CLN_MASKS_IGNORE, CLN_MASKS_INVERTED };
 enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 
 /* Leaves: compile-time constants of the kernels (method.md sections 1, 2). */
@@ -401,10 +401,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "frames whose image is not there or cannot be read: leave them out while they are fewer " \
          "than a tenth, leave them out however many, or refuse the scene",                         \
          .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
-    ENUM(masks, "masks", CLN_MASKS_IGNORE, CLN_MASKS_AUTO, "auto|alpha|ignore",                    \
+    ENUM(masks, "masks", CLN_MASKS_INVERTED, CLN_MASKS_AUTO, "auto|alpha|ignore|inverted",         \
          "masks beside photos: the alpha of an object, outside of which is nothing, or pixels "    \
          "that do not count; auto: alpha if nearly all keep one part around the middle and drop "  \
-         "the border",                                                                             \
+         "the border; inverted: alpha, black is the object",                                       \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                  \
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                     \

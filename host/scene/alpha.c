@@ -5,8 +5,10 @@
 #include "scene/build.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/number.h"
 #include "scene/inspect.h"
 
@@ -227,6 +229,36 @@ bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
              whole.count, views, masks ? "the mask" : "alpha", whole.text,
              masks ? "these" : "their masks");
     return true;
+}
+
+cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
+{
+    cln_status st = CLN_OK;
+    const double few = 0.25, most = 0.5; /* of the photos: reversed ones, and sound ones */
+    names reversed = {"", 0};
+    uint8_t *shapes = NULL;
+    int views = 0, sound = 0;
+
+    text[0] = 0;
+    if (!scene->has_alpha || scene->store)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&shapes, (size_t)scene->view_count, sizeof *shapes, "masks"));
+    CLN_TRY(cln_alpha_shapes(scene, shapes));
+    for (int i = 0; i < scene->view_count; i++) {
+        views += shapes[i] != CLN_ALPHA_NONE;
+        sound += shapes[i] == CLN_ALPHA_OBJECT;
+        if (shapes[i] == CLN_ALPHA_REVERSED)
+            add_name(&reversed, &scene->views[i]);
+    }
+    if (reversed.count > 0 && reversed.count <= few * views && sound >= most * views)
+        snprintf(text, CLN_EMPTY_BYTES,
+                 "of %d of %d photos %s the object and shows what is around it: %s. Likely black "
+                 "and white are exchanged there: invert %s",
+                 reversed.count, views, scene->masks_alpha ? "the mask hides" : "alpha hides",
+                 reversed.text, scene->masks_alpha ? "these masks" : "it");
+done:
+    free(shapes);
+    return st;
 }
 
 /* Counts a loaded view's half transparent pixels; false at one with a colour above its alpha. */

@@ -18,6 +18,7 @@
 #include "base/text.h"
 #include "io/image.h"
 #include "scene/build.h"
+#include "scene/dealt.h"
 
 enum { LOOKED_AT = 16, LEAST = 3, CELLS = 128 }; /* masks; cells along the longer side of one */
 static const double NEARLY_ALL = 0.8;            /* of photos and of masks */
@@ -163,9 +164,27 @@ static shape shape_of(grid *g, int *stack)
     return largest >= ONE_PART * g->kept_count ? OBJECT : OTHER;
 }
 
+/* Exchanges what is kept and what is not, of a mask that was not counted. */
+static void reverse(grid *g)
+{
+    const int cells = g->width * g->height;
+
+    for (int a = 0; a < 2; a++) {
+        const double all = .5 * (a ? g->height : g->width) * cells;
+
+        if (g->kept_count < cells)
+            g->middle[a] = (all - g->middle[a] * g->kept_count) / (cells - g->kept_count);
+    }
+    for (int i = 0; i < cells; i++)
+        g->kept[i] = !g->kept[i];
+    g->kept_count = cells - g->kept_count;
+    g->border_kept = g->border - g->border_kept;
+}
+
 /* What was seen of masks. */
 typedef struct looks {
     int count, of[DISC + 1], alike; /* alike: those with the pixels of the first */
+    int reversed;                   /* those that would be of an object if black were kept */
     double kept, border;            /* their shares of the pixels, of the border, summed */
     uint64_t first;
 } looks;
@@ -177,6 +196,7 @@ static cln_status look_at(const char *path, grid *g, int *stack, looks *out)
     int width = 0, height = 0, channels = 0;
     uint64_t digest = CLN_DIGEST_START;
     cln_image_head head;
+    grid whole;
 
     CLN_TRY(cln_image_read_head(path, &head));
     CLN_TRY(cln_image_load(path, &width, &height, &channels, &mask));
@@ -186,9 +206,12 @@ static cln_status look_at(const char *path, grid *g, int *stack, looks *out)
     out->first = out->count ? out->first : digest;
     out->alike += digest == out->first;
     out->count++;
-    out->of[shape_of(g, stack)]++;
     out->kept += (double)g->kept_count / (g->width * g->height);
     out->border += (double)g->border_kept / g->border;
+    whole = *g;
+    out->of[shape_of(g, stack)]++;
+    reverse(&whole);
+    out->reversed += shape_of(&whole, stack) == OBJECT;
 done:
     free(mask);
     return st;
@@ -225,6 +248,8 @@ done:
     return st;
 }
 
+static const char REVERSED[] = "of an object that they drop: it is black, and white is around it";
+
 /* Why masks cannot be of an object, or not so that it can be told, a phrase; NULL: nothing says so.
  * *doubt: they may be of one all the same. */
 static const char *why_not(const cln_scene *scene, int masks, const looks *seen, bool *doubt)
@@ -250,6 +275,8 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
     *doubt = seen->border < HALF * seen->count;
     if (seen->alike == seen->count)
         return "the same for all photos";
+    if (seen->reversed >= NEARLY_ALL * seen->count)
+        return REVERSED;
     if (seen->of[OBJECT] + seen->of[DISC] < NEARLY_ALL * seen->count)
         return "not clearly of an object";
     if (masks < NEARLY_ALL * scene->view_count)
@@ -258,7 +285,50 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
     return NULL;
 }
 
-static void take_as_alpha(cln_scene *scene)
+/* black: is that what they keep? */
+cln_status cln_alpha_shapes(const cln_scene *scene, uint8_t *shapes)
+{
+    cln_status st = CLN_OK;
+    grid *g = NULL;
+    int *stack = NULL;
+    uint8_t *alpha = NULL;
+    size_t room = 0;
+
+    CLN_TRY(cln_alloc(&g, 2, sizeof *g, "masks"));
+    CLN_TRY(cln_alloc(&stack, CELLS * CELLS, sizeof *stack, "masks"));
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *view = &scene->views[i];
+        const int width = view->camera.width, height = view->camera.height;
+        const size_t count = (size_t)width * (size_t)height;
+
+        shapes[i] = CLN_ALPHA_NONE;
+        if (view->channels != 4 || !cln_view_is_here(view))
+            continue;
+        if (count > room) {
+            free(alpha);
+            CLN_TRY(cln_alloc(&alpha, room = count, 1, "masks"));
+        }
+        for (size_t k = 0; k < count; k++) {
+            uint8_t p[4];
+
+            cln_view_bytes(view, (int)(k % (size_t)width), (int)(k / (size_t)width), p);
+            alpha[k] = p[3];
+        }
+        fill(&g[0], alpha, width, height, 1);
+        g[1] = g[0];
+        reverse(&g[1]);
+        shapes[i] = shape_of(&g[0], stack) == OBJECT   ? CLN_ALPHA_OBJECT
+                    : shape_of(&g[1], stack) == OBJECT ? CLN_ALPHA_REVERSED
+                                                       : CLN_ALPHA_OTHER;
+    }
+done:
+    free(g);
+    free(stack);
+    free(alpha);
+    return st;
+}
+
+static void take_as_alpha(cln_scene *scene, bool black)
 {
     scene->masks_alpha = true;
     for (int i = 0; i < scene->view_count; i++) {
@@ -270,6 +340,7 @@ static void take_as_alpha(cln_scene *scene)
         v->alpha_path = v->mask_path;
         v->mask_path = NULL;
         v->alpha_mask = true;
+        v->alpha_black = black;
     }
 }
 
@@ -312,17 +383,22 @@ cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc)
         CLN_TRY(look(scene, masks, desc->callbacks, &seen));
         why = why_not(scene, masks, &seen, &scene->masks_doubtful);
     }
-    if (asked == CLN_MASKS_ALPHA || (asked == CLN_MASKS_AUTO && !why))
-        take_as_alpha(scene);
+    scene->masks_reversed = why == REVERSED;
+    if (asked == CLN_MASKS_ALPHA || asked == CLN_MASKS_INVERTED ||
+        (asked == CLN_MASKS_AUTO && !why))
+        take_as_alpha(scene, asked == CLN_MASKS_INVERTED);
     if (asked == CLN_MASKS_ALPHA)
         CLN_TRY(cln_strdup(&scene->masks_rule, "read as alpha: outside of them is nothing"));
+    else if (asked == CLN_MASKS_INVERTED)
+        CLN_TRY(cln_strdup(&scene->masks_rule,
+                           "read as inverted alpha: where they are white is nothing"));
     else if (asked == CLN_MASKS_IGNORE)
         CLN_TRY(cln_strdup(&scene->masks_rule, "what they drop does not count"));
     else if (why)
         CLN_TRY(cln_asprintf(&scene->masks_rule,
-                             "%s: what they drop does not count; --masks alpha reads them as "
-                             "alpha, the silhouette of an object",
-                             why));
+                             "%s: what they drop does not count; --masks %s reads them as alpha, "
+                             "the silhouette of an object",
+                             why, scene->masks_reversed ? "inverted" : "alpha"));
     else
         CLN_TRY(cln_asprintf(&scene->masks_rule,
                              "of an object (%d of them keep %.2g %% of the pixels, one part around "

@@ -208,6 +208,16 @@ static void tell_principal(const cln_scene *scene, json_t *findings)
                         off > .5 ? "outside the image, " : "", 100 * off);
 }
 
+/* Of a thing in the middle of all photos masks are rarely meant to drop that. */
+static void tell_reversed(const cln_scene *scene, json_t *findings)
+{
+    if (scene->masks_reversed)
+        cln_found_fault(findings, "masks", false, NULL,
+                        "the masks drop one part around the middle of nearly all photos, and keep "
+                        "what is around it. Likely black is the object: --masks inverted reads "
+                        "them so; if it is to be left out, --masks ignore says so");
+}
+
 static bool of_transforms(const cln_scene *scene)
 {
     static const char *const dialects[] = {"blender", "nerfstudio", "instant-ngp"};
@@ -226,6 +236,7 @@ void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
     tell_shared(scene, findings);
     tell_few(scene, findings);
     tell_principal(scene, findings);
+    tell_reversed(scene, findings);
     if (scene->apart_share > APART_MAX && !(scene->before_share > 0.5))
         cln_found_fault(
             findings, "axes", true, NULL,

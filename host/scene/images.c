@@ -427,6 +427,8 @@ cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint6
                          view->alpha_path));
     if (view->alpha_mask)
         cln_mask_to_alpha(alpha, count, alpha_channels, view->mask_least > 1);
+    for (size_t i = 0; i < count * (size_t)alpha_channels && view->alpha_black; i++)
+        alpha[i] = (uint8_t)(255 - alpha[i]);
     CLN_TRY(cln_image_put_alpha(count, alpha, alpha_channels, channels, pixels));
 done:
     free(alpha);
@@ -781,6 +783,9 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     }
     say_masks(scene);
     if (cln_scene_is_empty(scene, empty) || cln_scene_is_whole(scene, empty))
+        cln_warn("%s: %s", scene->folder, empty);
+    CLN_TRY(cln_scene_find_reversed(scene, empty));
+    if (empty[0])
         cln_warn("%s: %s", scene->folder, empty);
 done:
     free(work.digests);

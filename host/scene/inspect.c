@@ -451,9 +451,11 @@ static void check_masks(cln_inspection *in)
     if (in->posed && agreeing < KEPT_LEAST * area)
         cln_found_fault(in->findings, "masks", true, NULL,
                         "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
-                        "show alike. Likely the wrong colour counts: invert them",
+                        "show alike. Likely the wrong colour counts: invert them%s",
                         masks || in->scene->masks_alpha ? "masks" : "alpha channels", 100 * area,
-                        100 * agreeing);
+                        100 * agreeing,
+                        masks ? ", or, if they are of an object, --masks inverted reads them so"
+                              : "");
     else if (masks && (area < MASKS_LEAST || area > 1 - 1e-9))
         cln_found_fault(
             in->findings, "masks", false, NULL,
@@ -771,6 +773,10 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
         cln_found_fault(in.findings, "alpha", true, NULL, "%s", empty);
     else if (cln_scene_is_whole(scene, empty))
         cln_found_fault(in.findings, scene->has_alpha ? "alpha" : "masks", false, NULL, "%s",
+                        empty);
+    CLN_TRY(cln_scene_find_reversed(scene, empty));
+    if (empty[0])
+        cln_found_fault(in.findings, scene->masks_alpha ? "masks" : "alpha", true, NULL, "%s",
                         empty);
     CLN_TRY(cln_inspect_poses(&in));
     cln_inspect_strays(&in);

@@ -75,6 +75,7 @@ typedef struct cln_view {
     char *file;       /* a file name made of `name` (io/names.h), unlike those of other names */
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     bool alpha_mask;  /* it is a mask, which may be of labels or a cut-out (cln_mask_to_alpha) */
+    bool alpha_black; /* and black is what it keeps, not white */
     char *mask_path;  /* a file that says which pixels count; NULL = all */
     bool mask_black;  /* the black ones count; else all others do */
     int mask_least;   /* a mask's pixel is black if all its values are below this; 1: no JPEG */
@@ -135,6 +136,7 @@ typedef struct cln_scene {
     int mask_count;        /* views with a mask, whatever it means */
     bool masks_alpha;      /* masks are alpha */
     bool masks_doubtful;   /* they are not, but may be of an object: nobody said */
+    bool masks_reversed;   /* what they drop looks like an object, in nearly all */
     char *masks_rule;      /* what they are and how they are read, a phrase; NULL: there are none */
     bool hides;            /* a photo that was to be opaque is not: it is read again */
     unsigned lenses;       /* cln_camera_lenses of all views */
@@ -231,6 +233,10 @@ bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 /* Likewise: does alpha, or a mask, hide nothing in a few of them, where most of a photo is hidden
  * in the others? */
 bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
+
+/* Likewise: does alpha, or a mask that is alpha, hide the object in a few of them, and show what is
+ * around it? *text is empty if not. CLN_MEMORY. */
+cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 
 /* Gives views that count as training views, as the scene names none, their own splits again. */
 void cln_scene_return_splits(cln_scene *scene);

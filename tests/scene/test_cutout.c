@@ -133,7 +133,7 @@ static void test_kinds(void **state)
         {ABSENT, true, false, "of an object (5 of them"},
         {STRIPED, false, true, "not clearly"},
         {CORNER, false, true, "not clearly"},
-        {PEOPLE, false, false, "not clearly"},
+        {PEOPLE, false, false, "of an object that they drop"},
         {LEG, false, false, "not clearly"},
         {BONNET, false, false, "not clearly"},
         {SKY, false, false, "not clearly"},
@@ -203,6 +203,45 @@ static void test_values(void **state)
             assert_true(checked > WIDE * HIGH);
             cln_scene_free(scene);
         }
+}
+
+/* With --masks inverted black is what they keep; of a few among others that is found. */
+static void test_inverted(void **state)
+{
+    for (way as = 0; as < WAYS; as++) {
+        const char *folder = scratch_path(*state, (const char[]){(char)('a' + as), 0});
+        cln_config config = *plain();
+        cln_scene *scene = NULL;
+        char text[CLN_EMPTY_BYTES];
+
+        put_scene(folder, PEOPLE, as);
+        scene = load(folder, &config);
+        assert_true(scene->masks_reversed && !scene->masks_alpha);
+        cln_scene_free(scene);
+        config.masks = CLN_MASKS_INVERTED;
+        scene = load(folder, &config);
+        assert_true(scene->masks_alpha && !scene->masks_reversed);
+        for (int v = 0; v < FORMAT_VIEWS; v++)
+            for (int x = 0; x < WIDE; x += 3) {
+                const bool thing = keeps(THING, v, x, 24);
+                uint8_t p[4];
+
+                if (thing != keeps(THING, v, x - 1, 24) || thing != keeps(THING, v, x + 1, 24))
+                    continue;
+                cln_view_bytes(&scene->views[v], x, 24, p);
+                assert_int_equal(p[3], 255 * thing);
+            }
+        cln_scene_free(scene);
+        put_scene(folder, THING, as);
+        put_mask(scratch_path(folder, "masks"), PEOPLE, 2, as);
+        config.masks = CLN_MASKS_AUTO;
+        scene = load(folder, &config);
+        assert_true(scene->masks_alpha);
+        assert_int_equal(cln_scene_find_reversed(scene, text), CLN_OK);
+        assert_non_null(strstr(text, "of 1 of 6 photos the mask hides the object"));
+        assert_non_null(strstr(text, "'view_02.png'"));
+        cln_scene_free(scene);
+    }
 }
 
 /* Grey is a soft edge; a mask whose brightest is not quite white is brought there. */
@@ -279,6 +318,7 @@ int test_group_cutout(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_kinds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_values, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_inverted, scratch_make, scratch_remove),
         cmocka_unit_test(test_soft),
         cmocka_unit_test_setup_teardown(test_settings, scratch_make, scratch_remove),
     };
