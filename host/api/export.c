@@ -83,6 +83,8 @@ static const char *meant_by(const cln_export_desc *desc, const char *ending)
 {
     if (strcmp(desc->what, "mesh") != 0 || !ending)
         return NULL;
+    if (strcasecmp(ending, ".3mf") == 0 || strcasecmp(ending, ".amf") == 0)
+        return "slicers read .stl, too: end the name so";
     if (strcasecmp(ending, ".gltf") == 0)
         return "glTF in one file is .glb: end the name so";
     if (strcasecmp(ending, ".usdz") == 0 || strcasecmp(ending, ".usd") == 0)

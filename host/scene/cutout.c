@@ -302,7 +302,7 @@ cln_status cln_alpha_shapes(const cln_scene *scene, uint8_t *shapes)
         const size_t count = (size_t)width * (size_t)height;
 
         shapes[i] = CLN_ALPHA_NONE;
-        if (view->channels != 4 || !cln_view_is_here(view))
+        if (view->channels != 4 || !cln_view_is_loaded(view) || !cln_view_is_here(view))
             continue;
         if (count > room) {
             free(alpha);

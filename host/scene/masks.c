@@ -36,9 +36,15 @@ bool cln_dataset_is_mask(const char *name)
     return stem > tail && strncmp(name + stem - tail, TAIL, (size_t)tail) == 0;
 }
 
+/* Masks with another size than their photo's; the first, as a clause. */
+typedef struct other_sizes {
+    int count;
+    char first[320];
+} other_sizes;
+
 /* Takes the file, if it is there, as the view's mask, unless its sides are others than the photo's,
  * stored or turned. */
-static bool take(char *path, cln_view *view, int *other_size)
+static bool take(char *path, cln_view *view, other_sizes *other)
 {
     int size[2] = {0}, photo[2] = {0}, channels = 0;
 
@@ -49,7 +55,9 @@ static bool take(char *path, cln_view *view, int *other_size)
         cln_clear_error(); /* the photo is missing, or the mask damaged: what reads them says so */
     else if (!(size[0] == photo[0] && size[1] == photo[1]) &&
              !(size[0] == photo[1] && size[1] == photo[0])) {
-        ++*other_size;
+        if (!other->count++)
+            snprintf(other->first, sizeof other->first, "%s has %d x %d pixels, its photo %d x %d",
+                     path, size[0], size[1], photo[0], photo[1]);
         return false;
     }
     view->mask_path = path;
@@ -63,22 +71,33 @@ static const struct {
     bool stem, loose;
 } forms[] = {{".png", false, false}, {"", false, false}, {"", true, true}, {TAIL, true, true}};
 
-static cln_status find_in_folder(cln_moved *masks, cln_view *view, int *other_size, bool *loose)
+/* What a photo is called from the folder of images, or, elsewhere, by the dataset. */
+static const char *name_in(const char *images, const cln_view *view)
+{
+    const size_t length = strlen(images);
+
+    return strncmp(view->path, images, length) == 0 && view->path[length] == '/'
+               ? view->path + length + 1
+               : view->name;
+}
+
+static cln_status find_in_folder(cln_moved *masks, const char *images, cln_view *view,
+                                 other_sizes *other, bool *loose)
 {
     cln_status st = CLN_OK;
+    const char *called = name_in(images, view);
     char *name = NULL, *path = NULL;
-    const int before = *other_size;
+    const int before = other->count;
     const bool out = view->leads_out || cln_path_leads_out(view->name); /* of another machine */
 
-    for (size_t i = 0; i < sizeof forms / sizeof *forms && *other_size == before; i++) {
+    for (size_t i = 0; i < sizeof forms / sizeof *forms && other->count == before; i++) {
         free(name);
         free(path);
         name = path = NULL;
-        CLN_TRY(cln_asprintf(&name, "%.*s%s",
-                             forms[i].stem ? stem_of(view->name) : (int)strlen(view->name),
-                             view->name, forms[i].behind));
+        CLN_TRY(cln_asprintf(&name, "%.*s%s", forms[i].stem ? stem_of(called) : (int)strlen(called),
+                             called, forms[i].behind));
         CLN_TRY(cln_moved_find(masks, name, out, &path));
-        if (!path || strcmp(path, view->path) == 0 || !take(path, view, other_size))
+        if (!path || strcmp(path, view->path) == 0 || !take(path, view, other))
             continue;
         path = NULL;
         *loose = forms[i].loose;
@@ -90,7 +109,7 @@ done:
     return st;
 }
 
-static cln_status find_beside(cln_view *view, int *other_size)
+static cln_status find_beside(cln_view *view, other_sizes *other)
 {
     static const char *const endings[] = {"", ".JPG", ".jpg", ".PNG", ".png", ".jpeg", ".JPEG"};
     cln_status st = CLN_OK;
@@ -102,7 +121,7 @@ static cln_status find_beside(cln_view *view, int *other_size)
         path = NULL;
         CLN_TRY(cln_asprintf(&path, "%.*s%s%s", stem, view->path, TAIL,
                              i ? endings[i] : view->path + stem));
-        if (take(path, view, other_size))
+        if (take(path, view, other))
             return CLN_OK;
     }
 done:
@@ -224,7 +243,8 @@ cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_rea
     cln_moved in_folder = {0};
     char *masks = NULL;
     found_mask *loose = NULL;
-    int found = 0, taken = 0, other_size = 0;
+    int found = 0, taken = 0;
+    other_sizes other = {0};
 
     CLN_TRY(find_folder(scene, images, &masks));
     CLN_TRY(cln_alloc(&loose, (size_t)result->view_count, sizeof *loose, "masks"));
@@ -234,9 +254,9 @@ cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_rea
         found_mask *mask = &loose[taken];
 
         if (!view->mask_path && masks)
-            CLN_TRY(find_in_folder(&in_folder, view, &other_size, &mask->loose));
+            CLN_TRY(find_in_folder(&in_folder, images, view, &other, &mask->loose));
         if (!view->mask_path)
-            CLN_TRY(find_beside(view, &other_size));
+            CLN_TRY(find_beside(view, &other));
         if (!view->mask_path)
             continue;
         mask->path = view->mask_path;
@@ -247,18 +267,21 @@ cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_rea
     for (int i = 0; i < result->view_count; i++)
         found += result->views[i].mask_path != NULL;
     result->mask_count = found;
-    if (other_size)
-        cln_warn("%s: %d mask%s not read, as %s not the size of %s photo%s", masks ? masks : images,
-                 other_size, cln_plural(other_size, " is", "s are"),
-                 cln_plural(other_size, "it has", "they have"),
-                 cln_plural(other_size, "its", "their"), cln_plural(other_size, "", "s"));
-    if (found && found + other_size < result->view_count)
+    if (other.count)
+        cln_warn("%s: %d mask%s not read, as %s not the size of %s photo%s: %s",
+                 masks ? masks : images, other.count, cln_plural(other.count, " is", "s are"),
+                 cln_plural(other.count, "it has", "they have"),
+                 cln_plural(other.count, "its", "their"), cln_plural(other.count, "", "s"),
+                 other.first);
+    if (found && found + other.count < result->view_count)
         cln_warn("%s: %d of %d photos have a mask, the others are used whole",
                  masks ? masks : images, found, result->view_count);
-    if (masks && !found && !other_size && in_folder.files.count)
-        cln_warn("%s: it has %d images, for example '%s', but none is called like one photo alone, "
-                 "or like it with .png behind, as COLMAP's masks are ('%s.png'): no mask is read",
-                 masks, in_folder.files.count, in_folder.files.name[0], result->views[0].name);
+    if (masks && !found && !other.count && in_folder.files.count)
+        cln_warn(
+            "%s: it has %d images, for example '%s', but none is called like one photo alone "
+            "('%s', with any ending, or with _mask before it, or with .png behind, as COLMAP's "
+            "masks are): no mask is read",
+            masks, in_folder.files.count, in_folder.files.name[0], result->views[0].name);
 done:
     cln_moved_free(&in_folder);
     free(loose);

@@ -112,6 +112,30 @@ done:
     return st;
 }
 
+/* Of a document that names no mask: those in a folder, or beside the photos, as of other formats. */
+static cln_status find_masks(const char *folder, cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    char *images = NULL, *slash = NULL;
+    int first = 0; /* that is there */
+
+    for (int i = 0; i < result->view_count; i++)
+        if (result->views[i].mask_path || result->views[i].alpha_path)
+            return CLN_OK;
+    while (first < result->view_count && !cln_is_file(result->views[first].path))
+        first++;
+    if (first == result->view_count)
+        return CLN_OK;
+    CLN_TRY(cln_strdup(&images, result->views[first].path));
+    slash = strrchr(images, '/');
+    if (slash)
+        *slash = 0;
+    CLN_TRY(cln_dataset_find_masks(folder, images, result));
+done:
+    free(images);
+    return st;
+}
+
 static void free_view(cln_view *view)
 {
     free(view->name);
@@ -471,6 +495,7 @@ static cln_status read_single(const char *folder, const char *file, bool whole,
     CLN_TRY(cln_transforms_read(file, &root));
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
     CLN_TRY(finish_frames(folder, (char *const[1]){(char *)file}, &root, 1, result));
+    CLN_TRY(find_masks(folder, result));
     if (whole)
         CLN_TRY(cln_dataset_tell_unposed(folder, result));
     CLN_TRY(apply_lists(file, root, result));

@@ -194,6 +194,36 @@ static void test_one_mask_for_all(void **state)
     cln_scene_free(scene);
 }
 
+/* A document that names no mask has those of a folder, as other formats have. */
+static void test_masks_in_folder(void **state)
+{
+    const char *folder = *state, *masks = scratch_path(folder, "masks");
+    cln_scene *scene = NULL;
+
+    put_folder(folder, "images");
+    put_folder(folder, "masks");
+    format_images(scratch_path(folder, "images"), 1);
+    put_mask(masks, "view_00.png", 9, 1);
+    put_mask(masks, "view_01.png", 5, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"frames\":[" FRAME("images/view_00.png", POSE_FRONT) "," FRAME(
+                 "images/view_01.png", POSE_FRONT) "]}");
+    scene = load(folder, plain());
+    for (int x = 0; x < FORMAT_WIDTH; x++) {
+        assert_int_equal(cln_view_keeps(&scene->views[0], x, 5), x >= 9);
+        assert_int_equal(cln_view_keeps(&scene->views[1], x, 5), x >= 5);
+    }
+    cln_scene_free(scene);
+    put_text(folder, "transforms.json", /* one that names some has these alone */
+             "{\"fl_x\":20,\"frames\":[" MASKED("images/view_00.png",
+                                                "masks/view_01.png") "," FRAME("images/view_01.png",
+                                                                               POSE_FRONT) "]}");
+    scene = load(folder, plain());
+    assert_true(cln_view_keeps(&scene->views[0], 5, 5));
+    assert_true(cln_view_keeps(&scene->views[1], 0, 5));
+    cln_scene_free(scene);
+}
+
 /* Files that instant-ngp would take alpha from, by either form of file_path; not those that a frame
  * names itself. */
 static void test_unread_alpha(void **state)
@@ -327,6 +357,7 @@ int test_group_masks(void)
         cmocka_unit_test_setup_teardown(test_whole_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masks_in_folder, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
