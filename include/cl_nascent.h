@@ -505,6 +505,7 @@ typedef struct cln_export_desc {
      * is turned so that it is z. All 0: the scene's frame. A GLB file's root node brings it to y,
      * or else what the training cameras tell. */
     double up[3];
+    bool up_auto; /* points, mesh: the same, by what the training cameras tell; `up` is all 0 */
     double scale; /* of all lengths in what is written, a GLB file's by its root node: 0.001 makes
                      metres of a scene in millimetres; 0 = 1 */
     /* points, mesh: added to x, y and z of what is written, after `up` and `scale`: where a survey

@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include "base/given.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "cl_nascent.h"
@@ -145,7 +146,7 @@ static cln_status check_options(const cln_export_desc *desc)
         {"closed", "points mesh", desc->closed},
         {"crop", "points mesh volume", desc->cropped},
         {"largest", "points mesh", desc->largest},
-        {"up", "points mesh", cln_up_given(desc->up)},
+        {"up", "points mesh", cln_up_given(desc->up) || desc->up_auto},
         {"offset", "points mesh", moves(desc)},
         {"triangles", "mesh", desc->triangles != 0},
         {"colour", "octree", desc->colour && strcmp(desc->colour, "level") != 0},
@@ -166,6 +167,8 @@ static cln_status check_options(const cln_export_desc *desc)
     CLN_TRY(cln_given_number("cln_export", "triangles", (double)desc->triangles, 0, 1e12));
     CLN_TRY(cln_given_number("cln_export", "scale", desc->scale, 0, 1e12));
     CLN_TRY(cln_up_check("cln_export", desc->up));
+    if (desc->up_auto && cln_up_given(desc->up))
+        CLN_TRY(cln_fail(CLN_USAGE, "cln_export: up_auto is for an `up` of all 0; leave one out"));
     for (int a = 0; a < 3; a++)
         CLN_TRY(cln_given_number("cln_export", "offset", desc->offset[a], -1e12, 1e12));
     if (moves(desc) && (cln_export_ends(desc->file, ".glb") || cln_export_ends(desc->file, ".stl")))
@@ -237,8 +240,27 @@ static void find_up(const json_t *run, cln_export_job *job)
         cln_clear_error();
         frame.guessed = !cln_up_of_cameras(job->opened.scene, job->up);
     }
-    if (frame.guessed && glb)
+    job->turns = cln_up_given(job->desc->up) || job->desc->up_auto;
+    if (frame.guessed && (glb || job->turns))
         cln_up_warn(job->desc->file, job->up);
+}
+
+/* What slicers want of an STL, where it is not so. */
+static void advise_print(const cln_export_job *job)
+{
+    const double level = 0.996; /* cosine of 5 degrees */
+    const cln_export_desc *desc = job->desc;
+
+    if (!cln_export_ends(desc->file, ".stl"))
+        return;
+    if (!job->turns && job->up[2] < level)
+        cln_info("%s: up is (%.3g, %.3g, %.3g) in this scene, and slicers take z for it: --up auto "
+                 "turns it there",
+                 desc->file, job->up[0], job->up[1], job->up[2]);
+    if (!desc->closed && job->result->open_edges > 0)
+        cln_info("%s: the mesh is open, as a print must not be: --closed, with --largest for the "
+                 "largest part alone, and --crop for a flat base",
+                 desc->file);
 }
 
 static cln_status open_for(const export_row *row, cln_export_job *job)
@@ -286,6 +308,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     if (row->needs & CLN_EXPORT_SCENE)
         find_up(run, &job);
     CLN_TRY(row->write(&job));
+    advise_print(&job);
     result->step = model->step;
     result->leaves = model->tree.leaf_count;
     cln_tree_levels(&model->tree, result->levels);

@@ -286,6 +286,7 @@ cln_status cln_cmd_export(const cln_options *options)
     CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
     if (options->up)
         CLN_TRY(cln_up_read("--up", options->up, desc.up));
+    desc.up_auto = options->up && strcmp(options->up, "auto") == 0;
     if (options->offset && !cln_reals_read(options->offset, 3, desc.offset))
         CLN_TRY(cln_fail(CLN_USAGE, "--offset: '%s' is not three numbers X,Y,Z", options->offset));
     CLN_TRY(cln_console_open(options, &console));

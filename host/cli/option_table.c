@@ -218,9 +218,9 @@ const cln_arg cln_args[] = {
     REAL(CLN_RENDER, "elevation", elevation, "DEG", -90, 90,
          "orbit: degrees above the horizon of the training cameras",
          .shown = "their mean"),
-    TEXT(CLN_RENDER | CLN_VIEW, "up", up, "X,Y,Z|z|...",
+    TEXT(CLN_RENDER | CLN_VIEW, "up", up, "X,Y,Z|z|auto",
          "which way is up, in the scene's frame: an axis (x, y, z, -x, -y, -z) or a vector; of "
-         "render: for an orbit, spiral or path", .shown = "as the training cameras tell"),
+         "render: for an orbit, spiral or path", .shown = "auto, as the training cameras tell"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit, spiral: distance, 1 = the training cameras' mean; of a spiral in front of the "
          "scene: its width, 1 = that of the cameras", .standard = "1"),
@@ -281,10 +281,10 @@ const cln_arg cln_args[] = {
     TEXT(CLN_EXPORT, "crop", crop, "X0,Y0,Z0,X1,Y1,Z1[,RX,RY,RZ]",
          "points, mesh, volume: only what is inside this box, as for render; with --closed a mesh "
          "ends in the box's faces"),
-    TEXT(CLN_EXPORT, "up", up, "X,Y,Z|z|...",
-         "points, mesh: which way is up, in the scene's frame (x, y, z, -x, -y, -z or a vector): "
-         "becomes z in what is written. In GLB y is always up: by this, or as the training cameras "
-         "tell"),
+    TEXT(CLN_EXPORT, "up", up, "X,Y,Z|z|auto",
+         "points, mesh: which way is up, in the scene's frame (x, y, z, -x, -y, -z, a vector, or "
+         "auto, as the training cameras tell): becomes z in what is written. In GLB y is always "
+         "up: by this, or by auto"),
     REAL(CLN_EXPORT, "scale", scale, "N", 1e-12, 1e12,
          "all lengths in what is written times N: 0.001 makes metres, which GLB is in, of "
          "millimetres; of a length that is L in truth and D between two points in the viewer: "

@@ -26,6 +26,7 @@ typedef struct cln_export_job {
     cln_crop crop; /* its planes are set */
     double scale;  /* of lengths, above 0 */
     double up[3];  /* with SCENE: desc's, else what render --orbit takes for it */
+    bool turns;    /* what is written is turned so that this is z (GLB: y, in any case) */
     cln_export_result *result;
 } cln_export_job;
 

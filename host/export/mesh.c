@@ -71,8 +71,8 @@ static void stand_up(const cln_export_job *job, bool glb, cln_mesh *mesh)
     mesh->scale = glb ? job->scale : 1;
     if (glb)
         return;
-    cln_mesh_upright(job->desc->up, 2, turn);
-    if (cln_up_given(job->desc->up) || job->scale != 1)
+    cln_mesh_upright(job->turns ? job->up : none, 2, turn);
+    if (job->turns || job->scale != 1)
         cln_mesh_place(mesh, turn, job->scale);
     cln_mesh_move(mesh, job->desc->offset);
 }

@@ -277,12 +277,15 @@ cln_status cln_up_read(const char *name, const char *text, double up[3])
     const char *letter = text[minus] ? strchr("xyz", text[minus]) : NULL; /* strchr finds a 0 */
 
     memset(up, 0, 3 * sizeof *up);
+    if (strcmp(text, "auto") == 0)
+        return CLN_OK;
     if (letter && !text[minus + 1])
         up[letter[0] - 'x'] = minus ? -1 : 1;
     else if (!cln_reals_read(text, 3, up) || !cln_up_given(up) || cln_up_check(name, up) != CLN_OK)
         return cln_fail(CLN_USAGE,
                         "%s: '%s' is no direction; give x, y, z, -x, -y or -z, an axis of the "
-                        "scene's frame, or three numbers with commas",
+                        "scene's frame, three numbers with commas, or auto, as the training "
+                        "cameras tell",
                         name, text);
     return CLN_OK;
 }

@@ -19,8 +19,8 @@ bool cln_up_given(const double up[3]);
 /* Of a desc of this call: CLN_USAGE unless it is a vector or all 0. */
 cln_status cln_up_check(const char *call, const double up[3]);
 
-/* Of an option: x, y, z, -x, -y, -z, or three numbers with commas, a vector longer than about 0.
- * CLN_USAGE; name: what the message calls it. */
+/* Of an option: x, y, z, -x, -y, -z, or three numbers with commas, a vector longer than about 0; or
+ * auto, for which it is all 0. CLN_USAGE; name: what the message calls it. */
 cln_status cln_up_read(const char *name, const char *text, double up[3]);
 
 #endif
