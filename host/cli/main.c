@@ -1,5 +1,6 @@
 /* main() and nothing else: options -> command -> exit code. Prints the error, once; every other
  * part of the program only reports one. Tests link all of cli/ but this file. */
+#include <ctype.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,6 +12,20 @@
 #include "cli/option_table.h"
 #include "cli/parse.h"
 #include "ranks/ranks.h"
+
+/* After an error about a path of Windows, where WSL has it. */
+static void tell_drive(const char *error)
+{
+    const char *end = *error ? strstr(error + 1, ": ") : NULL;
+
+    if (!isalpha((unsigned char)error[0]) || error[1] != ':' ||
+        (error[2] != '\\' && error[2] != '/') || !end)
+        return;
+    fprintf(stderr, "in WSL that is '/mnt/%c", tolower((unsigned char)error[0]));
+    for (const char *p = error + 2; p < end; p++)
+        fputc(*p == '\\' ? '/' : *p, stderr);
+    fputs("'\n", stderr);
+}
 
 static void print_error(cln_status st, const cln_options *options)
 {
@@ -25,6 +40,7 @@ static void print_error(cln_status st, const cln_options *options)
     fflush(stdout);
     fprintf(stderr, "%scl-nascent:%s %s%s\n", colour ? "\033[1;31m" : "", colour ? "\033[0m" : "",
             cln_ranks_name(), *text ? text : cln_status_phrase(st));
+    tell_drive(text);
     if (st == CLN_USAGE)
         fprintf(stderr, "try `cl-nascent %s%s--help`\n", command ? command->name : "",
                 command ? " " : "");

@@ -445,6 +445,13 @@ section_results() {
     expect "render --orbit" 0 "" "$cln" render "$work/whole" --orbit 2 --width 40 --height 30 \
         -o "$work/orbit" --json
     check "the orbit has two frames" [ "$(json rendered)" = 2 -a -s "$work/orbit/orbit_0001.png" ]
+    run "$cln" export "$work/whole" --mesh "$work/print.stl"
+    check "what a slicer wants of a mesh is told" grep -q "the mesh is open.* --closed" "$work/err"
+    expect "up by the cameras, which is z here" 0 "" "$cln" export "$work/whole" --up auto \
+        --mesh "$work/upright.stl"
+    check "turns nothing" cmp "$work/print.stl" "$work/upright.stl"
+    expect "another up" 0 "" "$cln" export "$work/whole" --up x --mesh "$work/turned.stl"
+    check "does" eval '! cmp -s "$work/print.stl" "$work/turned.stl"'
     expect "an orbit's cameras are poses" 0 "" "$cln" render "$work/whole" \
         --poses "$work/orbit/transforms.json" -o "$work/orbit again"
     check "which show the same" cmp "$work/orbit/orbit_0001.png" "$work/orbit again/orbit_0001.png"

@@ -130,6 +130,7 @@ section_windows() {
     cp "$s/transforms.json" "$work/plain.json"
     sed -i 's|"images/|".\\\\images\\\\|' "$s/transforms.json"
     printf '%s\r\n' '.\images\frame_00003.png' 'images\frame_00007.png' >"$s/list.txt"
+    expect "a path of Windows, in WSL" 3 "~is.'/mnt/c/Users/J/x'" "$cln" info 'C:\Users\J\x'
     expect "backslashes in poses and in a list" 0 "~views:.8.train,.2.test" "$cln" train "$s" \
         -o "$r" "${small[@]}" --test-views "$s/list.txt" --steps 3
     expect "and in --views" 0 "" "$cln" eval "$r" --views 'images\frame_00007.png' --json
