@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "model/integer_program.h"
 #include "model/structure.h"
+#include "train/advice.h"
 #include "train/grow.h"
 #include "train/measure.h"
 #include "train/plans.h"
@@ -53,125 +54,9 @@ static bool decision_comes(cln_trainer *t, double fraction)
     return t->model.sum_rays + (t->owed.due ? t->owed.rays : 0) > 0;
 }
 
-/* Would a training of so many steps with these settings make a decision, and at which level? Its
- * levels come when a training like this one's would (grow.c), which has reached a level with so
- * many leaves; a level that it has not reached counts twice the leaves of the one before, as few as
- * are usual. */
-static bool would_decide(const cln_trainer *t, const cln_config *c, double steps, int *at_level)
-{
-    const double wait = c->cull_after + c->refresh_every, end = c->structure_until * steps;
-    double at[CLN_MAX_LEVEL + 1], grown = 0;
-
-    if (cln_config_levels(c, at) != CLN_OK) {
-        cln_clear_error();
-        return false;
-    }
-    for (int level = c->start_level; level <= CLN_MAX_LEVEL && grown < end; level++) {
-        const double leaves = ldexp(t->pipeline.leaves, level - t->model.level);
-        const double decision = fmax(grown + wait, c->structure_from * steps);
-        double asked = INFINITY; /* the step from which another level is */
-
-        *at_level = level;
-        for (int l = level + 1; l <= CLN_MAX_LEVEL && cln_grow_whole(t, level, leaves); l++)
-            asked = fmin(asked, at[l] * steps);
-        if (ceil(decision) < asked)
-            return ceil(decision) < end;
-        grown = ceil(fmax(grown + wait + c->cull_after, asked));
-    }
-    return false;
-}
-
-/* The fewest steps, in round numbers, with which the tree would adapt; 0 if a long training's does
- * not, either. */
-static double steps_to_decide(const cln_trainer *t, double steps, int *at_level)
-{
-    const double most = 1e6;
-    double unit = 10;
-
-    for (double s = unit * ceil(steps / unit); s < most; s += unit) {
-        unit = s >= 1000 ? 100 : 10;
-        if (s > steps && would_decide(t, &t->model.config, s, at_level))
-            return s;
-    }
-    return 0;
-}
-
-/* Finds a shorter --cull-after and --refresh-every with which it would in so many steps. */
-static bool waits_to_decide(const cln_trainer *t, double steps, cln_config *out)
-{
-    int level = 0;
-
-    *out = t->model.config;
-    while (out->cull_after > 1 || out->refresh_every > 1) {
-        out->cull_after /= 2;
-        out->refresh_every = out->refresh_every > 2 ? out->refresh_every / 2 : 1;
-        if (would_decide(t, out, steps, &level))
-            return true;
-    }
-    return false;
-}
-
-/* Could a decision at this level split any leaf? If not, its voxels are as fine as the photos. */
-static bool can_split(cln_trainer *t, int level)
-{
-    int finest = 0;
-    bool can = true;
-
-    if (cln_grow_finest(t, &finest) != CLN_OK ||
-        cln_measure_can_split(t, level < finest ? level : finest, &can) != CLN_OK)
-        cln_clear_error();
-    return can;
-}
-
-/* Says once that the tree never adapted, as the first decision waited (cln_grow_awaited) until
- * --structure-until, and what would do. A training of a few steps is a try, so its user is not
- * warned. */
-static void say_none_came(cln_trainer *t, double fraction)
-{
-    const cln_config *c = &t->model.config;
-    const bool timed = t->steps == 0 || (c->time_limit > 0 && /* as cln_step_fraction divides */
-                                         t->model.train_seconds / c->time_limit >= fraction);
-    const double steps = timed ? floor((double)t->model.step / fraction) : (double)t->steps;
-    double enough = 0;
-    int level = 0;
-    char longer[96] = "", sooner[96] = "", text[400];
-    cln_config other;
-
-    if (t->none_came || !c->adaptive || c->tree_from[0] || t->model.decisions > 0 ||
-        c->structure_from >= c->structure_until || fraction < c->structure_until ||
-        t->model.level >= c->max_level || !cln_grow_awaited(t, c->structure_until))
-        return;
-    t->none_came = true;
-    enough = steps_to_decide(t, steps, &level);
-    if (enough > 0 && !can_split(t, level)) {
-        cln_info("no single leaf was split, nor would any be in more steps: voxels half as wide "
-                 "would be below --cell-pixels %g of the photos",
-                 c->cell_pixels);
-        return;
-    }
-    if (enough > 0 && timed) /* steps take longer in a larger tree */
-        snprintf(longer, sizeof longer, "a --time-limit of about %.0fs, for %.0f steps",
-                 ceil(1.5 * c->time_limit * enough / steps), enough);
-    else if (enough > 0)
-        snprintf(longer, sizeof longer, "--steps %.0f or more", enough);
-    if (waits_to_decide(t, steps, &other))
-        snprintf(sooner, sizeof sooner, "--cull-after %d --refresh-every %d", other.cull_after,
-                 other.refresh_every);
-    snprintf(text, sizeof text,
-             "no single leaf was split: of %s%.0f steps, those before --structure-until %g went by "
-             "while whole levels came and were measured%s%s%s%s",
-             timed ? "about " : "", steps, c->structure_until,
-             *longer || *sooner ? "; single leaves would be split by " : "", longer,
-             *longer && *sooner ? ", or by " : "", sooner);
-    if (steps < 2 * (2 * c->cull_after + c->refresh_every))
-        cln_info("%s", text);
-    else
-        cln_warn("%s", text);
-}
-
 bool cln_decide_due(cln_trainer *t, double fraction, bool grown)
 {
-    say_none_came(t, fraction);
+    cln_advise_none_came(t, fraction);
     return !grown && !cln_grow_awaited(t, fraction) && decision_comes(t, fraction);
 }
 
@@ -188,10 +73,10 @@ static int leaf_budget(cln_trainer *t)
         cln_clear_error();
         n = n * 15 / 16 > leaves ? n * 15 / 16 : leaves;
     }
-    if (n < wanted && n <= leaves && !t->no_room_for_leaves) {
+    if (n < wanted && n <= leaves && !t->said.no_room_for_leaves) {
         cln_warn("memory has no room for more than the present %d leaves (--max-leaves %d)", leaves,
                  wanted);
-        t->no_room_for_leaves = true;
+        t->said.no_room_for_leaves = true;
     }
     return n;
 }

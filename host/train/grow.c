@@ -61,11 +61,11 @@ static cln_status room_to_grow(cln_trainer *t, bool *room)
     if (!*room) {
         snprintf(text, sizeof text, "%s", cln_error_text());
         cln_clear_error();
-        if (!t->no_room_for_level)
+        if (!t->next_level.no_room)
             cln_warn("the tree stays at level %d: with %d leaves %s", t->model.level, 8 * leaves,
                      text);
     }
-    t->no_room_for_level = !*room;
+    t->next_level.no_room = !*room;
 done:
     free(marks);
     return st;
@@ -94,7 +94,7 @@ bool cln_grow_whole(const cln_trainer *t, int level, double leaves)
     if (level < t->model.level) /* it was followed by one */
         return true;
     return is_whole(&t->model.config, leaves) &&
-           !(level == t->model.level && (t->finest || t->no_room_for_level));
+           !(level == t->model.level && (t->next_level.finest || t->next_level.no_room));
 }
 
 /* Width of a voxel of a whole level, in half sides of the cube, in a shell of its core. */
@@ -134,16 +134,16 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     bool splits = false;
 
     *grows = !cln_leaf_kind_of(c->encoding)->levels_first;
-    if (*grows || t->finest)
+    if (*grows || t->next_level.finest)
         return CLN_OK;
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
     if (*grows && !has_whole_levels(t)) {
-        if (!t->whole)
+        if (!t->said.whole)
             cln_info("whole levels end at level %d, with %d %s; single leaves split from "
                      "--structure-from on",
                      t->model.level, t->pipeline.leaves,
                      cln_plural(t->pipeline.leaves, "leaf", "leaves"));
-        t->whole = true;
+        t->said.whole = true;
         *grows = false;
     }
     if (!*grows || c->cell_pixels <= 0)
@@ -152,8 +152,8 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     CLN_TRY(cln_scene_pixel_width(t->scene, (const double(*)[12])t->refine.given, &t->model.space,
                                   &pixel));
     *grows = cell >= cln_measure_cell_pixels(t) * pixel;
-    t->finest = !*grows;
-    if (!t->finest)
+    t->next_level.finest = !*grows;
+    if (!t->next_level.finest)
         goto done;
     if (c->adaptive)
         CLN_TRY(cln_measure_can_split(t, t->model.level, &splits));
@@ -191,7 +191,7 @@ bool cln_grow_awaited(const cln_trainer *t, double fraction)
     if (t->model.decisions == 0 &&
         t->model.step < t->model.growth_step + c->cull_after + c->refresh_every)
         return true;
-    return !t->finest && !t->no_room_for_level && has_whole_levels(t) &&
+    return !t->next_level.finest && !t->next_level.no_room && has_whole_levels(t) &&
            t->model.level < cln_structure_level(c, fraction);
 }
 

@@ -66,9 +66,9 @@ bool cln_loop_used_up(cln_trainer *t)
 {
     const bool used_up = t->desc->resume && cln_step_fraction(t) >= 1;
 
-    if (used_up && !t->said_used_up)
+    if (used_up && !t->said.used_up)
         say_used_up(t);
-    t->said_used_up |= used_up;
+    t->said.used_up |= used_up;
     return used_up;
 }
 
@@ -347,11 +347,11 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
     t->psnr_train = cln_psnr(t->window.square / t->window.steps);
     t->psnr_train_steps = (int)t->window.steps;
     CLN_TRY(cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated));
-    if (!t->host_full && cln_peak_rss() > t->host_plan.limit) {
+    if (!t->said.host_full && cln_peak_rss() > t->host_plan.limit) {
         cln_format_bytes(cln_peak_rss(), peak);
         cln_format_bytes(t->host_plan.limit, limit);
         cln_warn("host memory: %s at its peak, more than the %s of --host-mem", peak, limit);
-        t->host_full = true;
+        t->said.host_full = true;
     }
     t->window.steps = 0;
     t->window.rays = t->window.samples = 0;

@@ -151,7 +151,7 @@ static void begin_averages(cln_trainer *t)
         (m->config.antialias == 0 && cln_step_fraction(t) > LAST_BEGIN))
         return;
     m->averaged = true;
-    t->finest = false;
+    t->next_level.finest = false;
     if (!t->undone)
         cln_info("from step %lld on pixels at edges are means of %d rays", (long long)m->step,
                  cln_model_antialias(m) * cln_model_antialias(m));

@@ -41,15 +41,21 @@ typedef struct cln_trainer {
         int rays;
         uint32_t samples;
     } owed;
-    int64_t steps;                /* budget in steps; 0 = only in time */
-    bool said_used_up;            /* the budget of a resumed run */
-    bool no_room_for_level;       /* no memory for the next whole level, when last asked */
-    bool no_room_for_leaves;      /* none for a single leaf, likewise */
-    bool finest;                  /* voxels are as fine as the photos: said once */
-    bool whole;                   /* no whole level of voxels comes any more: said once */
-    bool none_came;               /* no decision until --structure-until: warned once */
+    int64_t steps; /* budget in steps; 0 = only in time */
+    /* What decides about the next whole level (grow.c) and is in no checkpoint: found anew before
+     * each step that asks for it, so that a resumed run decides alike. */
+    struct {
+        bool no_room; /* no memory for it */
+        bool finest;  /* the voxels that there are are as fine as the photos */
+    } next_level;
+    struct {                     /* once by this process; decides nothing */
+        bool used_up;            /* the budget of a resumed run */
+        bool no_room_for_leaves; /* no memory for a single leaf */
+        bool whole;              /* no whole level of voxels comes any more */
+        bool none_came;          /* no decision until --structure-until */
+        bool host_full;          /* host memory exceeds --host-mem */
+    } said;
     bool hit_target;              /* --target-psnr */
-    bool host_full;               /* host memory exceeds --host-mem: warned once */
     double began, saved_at;       /* monotonic seconds */
     int64_t from_step;            /* step that this process began after */
     double clock, from_clock;     /* training seconds by this rank's clock; at from_step */
