@@ -443,7 +443,7 @@ done:
     return st;
 }
 
-/* The frames' cameras as a scene of these pictures; not of stereo pairs, whose pictures have two. */
+/* The frames' cameras as a scene of these pictures; none of stereo pairs, which have two each. */
 static cln_status write_cameras(const cln_render_job *j)
 {
     cln_status st = CLN_OK;

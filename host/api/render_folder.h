@@ -71,8 +71,8 @@ cln_status cln_render_check_disk(const cln_render_job *j);
  * now: the folder then has what render.json says. */
 cln_status cln_render_drop_stale(const cln_render_job *j);
 
-/* Writes render.json, and the frames' cameras as transforms.json. scale: of the depth pictures, NULL before they are drawn, or if all frames
- * are there: then as before. */
+/* Writes render.json, and the frames' cameras as transforms.json. scale: of the depth pictures,
+ * NULL before they are drawn, or if all frames are there: then as before. */
 cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale *scale);
 
 /* Writes a frame's files except its depth picture. p has depths in scene units; normals: NULL or

@@ -13,10 +13,11 @@
 #include "base/number.h"
 #include "base/text.h"
 #include "scene/brightness.h"
+#include "scene/features.h"
 #include "scene/trials.h"
 
-/* ASKED: views that are compared with others, each with NEIGHBOURS. STRAYS: photos that are compared
- * with all others. */
+/* ASKED: views that are compared with others, each with NEIGHBOURS. STRAYS: photos that are
+ * compared with all others. */
 enum { ASKED = 96, NEIGHBOURS = 3, STRAYS = 8 };
 /* Fewest ties that say anything about a set, about a view, and against one (objects of equal parts
  * have a dozen wrong ones); agreeing ties that make partners. */

@@ -6,6 +6,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/number.h"
+#include "scene/features.h"
 
 const double cln_exposure_jump = 0.7;
 

@@ -2,7 +2,7 @@
 #ifndef CLN_BRIGHTNESS_H
 #define CLN_BRIGHTNESS_H
 
-#include "scene/agree.h"
+#include "scene/agreement.h"
 
 /* Takes the median ratio of brightness of each pair of views; then finds one value for each view by
  * relaxation, so that the differences of values fit the pairs' ratios best: fills exposure, jump

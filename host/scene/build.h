@@ -51,13 +51,13 @@ cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc);
 
 /* cutout.c: turns a decoded mask of `count` pixels into alpha, in its first three channels: of
  * labels (0 and 1) all but 0 is opaque, of a cut-out its own alpha counts. */
+void cln_mask_to_alpha(uint8_t *mask, size_t count, int channels, bool jpeg);
+
 /* What the alpha of loaded views keeps: [view_count] CLN_ALPHA_*. NONE: no alpha, or its pixels are
- * not here; REVERSED: all but one part around the middle, which is well below the whole. CLN_MEMORY.
- */
+ * not here; REVERSED: all but one part around the middle, which is well below the whole.
+ * CLN_MEMORY. */
 enum { CLN_ALPHA_NONE, CLN_ALPHA_OBJECT, CLN_ALPHA_REVERSED, CLN_ALPHA_OTHER };
 cln_status cln_alpha_shapes(const cln_scene *scene, uint8_t *shapes);
-
-void cln_mask_to_alpha(uint8_t *mask, size_t count, int channels, bool jpeg);
 
 /* turned.c: has the camera the shape of such an image? False if it has no size. */
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height);

@@ -28,93 +28,8 @@ static const double EXPOSURE_RANGE = 0.6, EXPOSURE_RANGE_CUT = 0.8;
 static const double EXPOSURE_TREND = 2;                    /* a jump over those around it */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
-enum { NAMED = 5, FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
+enum { FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
 enum { EXPOSURE_PARTNERS = 2 };
-
-/* Takes off a character at the end that was cut, which JSON would refuse. */
-static void end_whole(char *text)
-{
-    text[cln_utf8_whole(text, strlen(text))] = 0;
-}
-
-void cln_found_fault(json_t *findings, const char *what, bool likely_fault, json_t *views,
-                     const char *fmt, ...)
-{
-    char text[2048];
-    va_list args;
-
-    va_start(args, fmt);
-    vsnprintf(text, sizeof text, fmt, args);
-    va_end(args);
-    end_whole(text);
-    cln_utf8_repair(text); /* paths may be anything */
-    json_array_append_new(findings, json_pack("{s:s, s:b, s:o, s:s}", "what", what, "likely_fault",
-                                              likely_fault, "views", views ? views : json_array(),
-                                              "text", text));
-}
-
-/* Was there such a finding? */
-bool cln_inspect_take_back(json_t *findings, const char *what)
-{
-    const size_t count = json_array_size(findings);
-
-    for (size_t i = count; i-- > 0;)
-        if (!strcmp(json_string_value(json_object_get(json_array_get(findings, i), "what")), what))
-            json_array_remove(findings, i);
-    return json_array_size(findings) < count;
-}
-
-void cln_inspect_measure(const cln_inspection *in, const char *name, double value)
-{
-    json_object_set_new(in->measures, name, cln_json_real(value));
-}
-
-/* The first names of a list: "a, b, c and 4 more". */
-const char *cln_inspect_names(const json_t *views, char *out, size_t bytes)
-{
-    const size_t count = json_array_size(views);
-    size_t used = 0;
-
-    out[0] = 0;
-    for (size_t i = 0; i < count && i < NAMED && used < bytes; i++)
-        used += (size_t)snprintf(out + used, bytes - used, "%s%s", i ? ", " : "",
-                                 json_string_value(json_array_get(views, i)));
-    if (count > NAMED && used < bytes)
-        snprintf(out + used, bytes - used, " and %zu more", count - NAMED);
-    end_whole(out);
-    return out;
-}
-
-/* The first pairs of a list of views, two by two, for a sentence. */
-static const char *name_pairs(const json_t *views, char *out, size_t bytes)
-{
-    const size_t count = json_array_size(views) / 2;
-    size_t used = 0;
-
-    out[0] = 0;
-    for (size_t i = 0; i < count && i < NAMED && used < bytes; i++)
-        used += (size_t)snprintf(out + used, bytes - used, "%s%s and %s", i ? "; " : "",
-                                 json_string_value(json_array_get(views, 2 * i)),
-                                 json_string_value(json_array_get(views, 2 * i + 1)));
-    if (count > NAMED && used < bytes)
-        snprintf(out + used, bytes - used, "; and %zu more pair%s", count - NAMED,
-                 cln_plural((double)(count - NAMED), "", "s"));
-    end_whole(out);
-    return out;
-}
-
-void cln_inspect_add(json_t *views, const cln_inspection *in, int view)
-{
-    json_array_append_new(views, json_string(in->scene->views[view].name));
-}
-
-double cln_inspect_median(double *values, int count)
-{
-    if (!count)
-        return NAN;
-    cln_reals_sort(values, count);
-    return values[count / 2];
-}
 
 /* ---- cameras ---- */
 
@@ -149,7 +64,7 @@ static cln_status check_far(cln_inspection *in)
         cln_found_fault(in->findings, "far camera", true, json_incref(far),
                         "cameras far off: %s, up to %.3g times as far from the middle as "
                         "most; a wrong pose also makes the cube too large: leave such frames out",
-                        cln_inspect_names(far, names, sizeof names), farthest);
+                        cln_findings_names(far, names, sizeof names), farthest);
 done:
     json_decref(far);
     free(values);
@@ -179,7 +94,7 @@ static void check_overlap(cln_inspection *in)
             "%zu of %d photos %s hardly anything with %s neighbours: %s; what %s alone "
             "%s is learnt badly. %s",
             json_array_size(alone), a->looked_at, cln_plural(lone, "shares", "share"),
-            cln_plural(lone, "its", "their"), cln_inspect_names(alone, names, sizeof names),
+            cln_plural(lone, "its", "their"), cln_findings_names(alone, names, sizeof names),
             cln_plural(lone, "it", "they"), cln_plural(lone, "shows", "show"),
             lone > ALONE_DOUBT * a->looked_at ? "Take more photos, at most 20 degrees apart"
             : lone == 1                       ? "Photos between it and the others would help"
@@ -495,7 +410,7 @@ static void check_exposure(cln_inspection *in)
         cln_found_fault(in->findings, "exposure", true, json_incref(views),
                         "brighter or darker than photos of the same things, by up to %.2g stops: "
                         "%s; take photos with fixed exposure, or leave these out%s",
-                        most, cln_inspect_names(views, names, sizeof names),
+                        most, cln_findings_names(views, names, sizeof names),
                         in->scene->has_alpha ? "" : ", or train with --exposure");
     else if (high - low > (in->scene->has_alpha ? EXPOSURE_RANGE_CUT : EXPOSURE_RANGE))
         cln_found_fault(in->findings, "exposure", false, NULL,
@@ -526,7 +441,7 @@ static cln_status check_blur(cln_inspection *in)
         cln_found_fault(in->findings, "blur", false, json_incref(views),
                         "less sharp than most: %s; blurred photos make what they show soft: leave "
                         "them out if others show it, too",
-                        cln_inspect_names(views, names, sizeof names));
+                        cln_findings_names(views, names, sizeof names));
 done:
     json_decref(views);
     free(values);
@@ -568,7 +483,7 @@ static void tell_groups(cln_inspection *in, const int *first, json_t *pairs)
         cln_found_fault(in->findings, "duplicates", true, json_incref(group),
                         "%zu different photos have the same pose: %s. Of all but one it is wrong, "
                         "as of a tracker that was lost: leave them out",
-                        json_array_size(group), cln_inspect_names(group, names, sizeof names));
+                        json_array_size(group), cln_findings_names(group, names, sizeof names));
         json_decref(group);
     }
 }
@@ -603,20 +518,20 @@ static cln_status check_duplicates(cln_inspection *in)
     if (json_array_size(photos))
         cln_found_fault(in->findings, "duplicates", true, json_incref(photos),
                         "the same photo more than once: %s. Leave the copies out%s",
-                        name_pairs(photos, names, sizeof names),
+                        cln_findings_pairs(photos, names, sizeof names),
                         across ? ". One of a pair is held out: its score would be too good" : "");
     if (json_array_size(still))
         cln_found_fault(in->findings, "duplicates", false, json_incref(still),
                         "photos that differ by no more than noise, of one place: %s. The camera "
                         "stood still there, or they are one photo saved anew: more than one tells "
                         "nothing new%s",
-                        name_pairs(still, names, sizeof names),
+                        cln_findings_pairs(still, names, sizeof names),
                         still_across ? ". One of a pair is held out: its score flatters" : "");
     tell_groups(in, first, poses);
     if (json_array_size(poses))
         cln_found_fault(in->findings, "duplicates", true, json_incref(poses),
                         "different photos with the same pose: %s. One of each pair is wrong",
-                        name_pairs(poses, names, sizeof names));
+                        cln_findings_pairs(poses, names, sizeof names));
 done:
     free(first);
     json_decref(photos);
@@ -639,7 +554,7 @@ static void check_files(cln_inspection *in)
                         "%d of %d photos %s not there%s: %s; %s left out%s", scene->missing, all,
                         cln_plural(scene->missing, "is", "are"),
                         scene->unreadable ? " or cannot be read" : "",
-                        cln_inspect_names(gone, names, sizeof names),
+                        cln_findings_names(gone, names, sizeof names),
                         cln_plural(scene->missing, "its frame is", "their frames are"),
                         10 * scene->missing >= all ? ", by train with --missing skip alone" : "");
     json_decref(gone);
@@ -678,7 +593,7 @@ static void check_keys(cln_inspection *in)
                         "keys of the scene's files that are not used: %s. Focal lengths are read "
                         "as fl_x and fl_y, the middle as cx and cy, the lens as camera_model with "
                         "k1, k2, p1, p2 ..., poses as transform_matrix (docs/formats.md)",
-                        cln_inspect_names(keys, names, sizeof names));
+                        cln_findings_names(keys, names, sizeof names));
     json_decref(keys);
 }
 

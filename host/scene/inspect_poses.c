@@ -39,7 +39,7 @@ static void soften_axes(cln_inspection *in)
     if (in->scene->before_share <= 0.5 ||
         (a->reading > 0 && a->reading_share > SOUND &&
          a->given_share < READING * a->reading_share) ||
-        !cln_inspect_take_back(in->findings, "axes"))
+        !cln_findings_take_back(in->findings, "axes"))
         return;
     cln_found_fault(in->findings, "axes", false, NULL,
                     "the cameras look apart: for %.0f%% of the pairs of cameras, the point that "
@@ -191,9 +191,9 @@ cln_status cln_inspect_poses(cln_inspection *in)
         goto done;
     }
     if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {
-        cln_inspect_take_back(in->findings, "axes");
-        cln_inspect_take_back(in->findings,
-                              "scale"); /* likely rays miss the cube for this reason */
+        cln_findings_take_back(in->findings, "axes");
+        cln_findings_take_back(in->findings,
+                               "scale"); /* likely rays miss the cube for this reason */
         in->posed = false;
         cln_found_fault(in->findings, "axes", true, NULL,
                         "the photos do not fit the poses as given (%.0f%% of what two photos show "
@@ -255,7 +255,7 @@ cln_status cln_inspect_poses(cln_inspection *in)
                         "the poses are inexact",
                         100 * a->share, 100 * exact);
     else if (a->share > SOUND)
-        cln_inspect_take_back(in->findings, "axes");
+        cln_findings_take_back(in->findings, "axes");
 done:
     return st;
 }
@@ -289,6 +289,6 @@ void cln_inspect_strays(cln_inspection *in)
         cln_found_fault(in->findings, "pose", true, json_incref(astray),
                         "photos that show what others show, but not as seen from their poses: "
                         "%s; leave them out or find their poses again",
-                        cln_inspect_names(astray, names, sizeof names));
+                        cln_findings_names(astray, names, sizeof names));
     json_decref(astray);
 }

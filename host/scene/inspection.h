@@ -2,8 +2,8 @@
 #ifndef CLN_INSPECTION_H
 #define CLN_INSPECTION_H
 
-#include "scene/agree.h"
-#include "scene/inspect.h"
+#include "scene/agreement.h"
+#include "scene/findings.h"
 #include "scene/photos.h"
 
 typedef struct cln_inspection {
@@ -15,13 +15,8 @@ typedef struct cln_inspection {
     bool posed; /* photos fit their poses, as far as is known */
 } cln_inspection;
 
-/* Removes findings of that kind. Returns whether there were any. */
-bool cln_inspect_take_back(json_t *findings, const char *what);
-
 void cln_inspect_measure(const cln_inspection *in, const char *name, double value);
 
-/* The first names of a list: "a, b, c and 4 more". Returns out. */
-const char *cln_inspect_names(const json_t *views, char *out, size_t bytes);
 void cln_inspect_add(json_t *views, const cln_inspection *in, int view);
 
 /* Sorts them; NaN: none. */

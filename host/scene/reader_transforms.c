@@ -112,7 +112,7 @@ done:
     return st;
 }
 
-/* Of a document that names no mask: those in a folder, or beside the photos, as of other formats. */
+/* Of a document that names no mask: those in a folder, or beside the photos, as elsewhere. */
 static cln_status find_masks(const char *folder, cln_reader_result *result)
 {
     cln_status st = CLN_OK;

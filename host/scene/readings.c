@@ -1,5 +1,5 @@
-/* Other readings of poses: mistakes that converters of poses make. See agree.h. */
-#include "scene/agree.h"
+/* Other readings of poses: mistakes that converters of poses make. See agreement.h. */
+#include "scene/agreement.h"
 
 #include <math.h>
 #include <string.h>

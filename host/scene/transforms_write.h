@@ -1,5 +1,5 @@
-/* Cameras as members of a transforms JSON file in nerfstudio's form: what export/cameras.c writes of
- * a scene and api/render_folder.c of rendered frames. Reading is reader_transforms.c's. */
+/* Cameras as members of a transforms JSON file in nerfstudio's form: what export/cameras.c writes
+ * of a scene and api/render_folder.c of rendered frames. Reading is reader_transforms.c's. */
 #ifndef CLN_SCENE_TRANSFORMS_WRITE_H
 #define CLN_SCENE_TRANSFORMS_WRITE_H
 

@@ -4,7 +4,7 @@
 #ifndef CLN_TRIALS_H
 #define CLN_TRIALS_H
 
-#include "scene/agree.h"
+#include "scene/agreement.h"
 
 /* Cameras that are tried in place of the given ones. */
 typedef struct cln_trial {

@@ -1,6 +1,6 @@
 /* Advice for trainings whose tree never adapted, by playing through when levels would come and a
- * decision be due (grow.h, decide.h) in a longer one, or in one that waits less. It decides nothing:
- * if the schedule there changes and this does not, only numbers in a sentence are off. */
+ * decision be due (grow.h, decide.h) in a longer one, or in one that waits less. It decides
+ * nothing: if the schedule there changes and this does not, only numbers in a sentence are off. */
 #ifndef CLN_ADVICE_H
 #define CLN_ADVICE_H
 

@@ -471,7 +471,7 @@ section_memory() {
     # by that limit batches depend on the leaves, and on whether these were in parts: a resumed run
     # has the same, and keeps the limit without being asked to
     limited=(--skip-selftest --progress none --eval-images 1 --start-level 2 --cull-after 16
-        --refresh-every 16 --level-at 3:0.1,4:0.9 --structure-from 0.5 --steps 100 --no-adaptive
+        --refresh-every 16 --level-at "3:0.1,4:0.9" --structure-from 0.5 --steps 100 --no-adaptive
         --max-alloc 5M --log-every 1)
     "$make_scene" "$work/limited" --size 64 --train 20 --test 2 >/dev/null
     run "$cln" train "$work/limited" -o "$work/limited-whole" "${limited[@]}" --json
