@@ -26,6 +26,19 @@ static void put_three(uint8_t **to, const double v[3])
     }
 }
 
+/* Are two of its corners one in 32 bits? Readers find edges by places: such a triangle has an edge
+ * that is none, and two that are one. Without it those that it lay between meet. */
+static bool is_nothing(const cln_mesh *mesh, size_t f)
+{
+    for (int k = 0; k < 3; k++) {
+        const double *a = mesh->at[mesh->face[f][k]], *b = mesh->at[mesh->face[f][(k + 1) % 3]];
+
+        if ((float)a[0] == (float)b[0] && (float)a[1] == (float)b[1] && (float)a[2] == (float)b[2])
+            return true;
+    }
+    return false;
+}
+
 /* Unit, outwards; 0 of a triangle without area. */
 static void find_normal(const cln_mesh *mesh, size_t f, double normal[3])
 {
@@ -40,6 +53,7 @@ cln_status cln_mesh_write_stl(const char *path, const cln_mesh *mesh)
     cln_status st = CLN_OK;
     cln_atomic_file *file = NULL;
     uint8_t bytes[HEADER + 4] = {0}, *to = bytes + HEADER;
+    size_t faces = 0;
 
     if (mesh->faces > UINT32_MAX)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %zu triangles are more than an STL file can count", path,
@@ -47,13 +61,17 @@ cln_status cln_mesh_write_stl(const char *path, const cln_mesh *mesh)
     /* readers take a file that begins with "solid" for one of text */
     snprintf((char *)bytes, HEADER, "%s%s", strncmp(mesh->comment, "solid", 5) == 0 ? "a " : "",
              mesh->comment);
-    put_word(&to, (uint32_t)mesh->faces);
+    for (size_t f = 0; f < mesh->faces; f++)
+        faces += !is_nothing(mesh, f);
+    put_word(&to, (uint32_t)faces);
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(cln_atomic_write(file, bytes, HEADER + 4));
     for (size_t f = 0; f < mesh->faces; f++) {
         double normal[3];
         uint8_t row[ROW] = {0};
 
+        if (is_nothing(mesh, f))
+            continue;
         to = row;
         find_normal(mesh, f, normal);
         put_three(&to, normal);

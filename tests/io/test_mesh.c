@@ -247,10 +247,12 @@ static double float_at(const char *bytes, size_t offset)
     return (double)value;
 }
 
+/* A triangle with two corners in one place is left out: its edges would have one triangle, or two
+ * more. */
 static void stl_is_what_slicers_read(void **state)
 {
     static uint32_t faces[3][3] = {{0, 1, 2}, {0, 3, 1}, {0, 1, 1}};
-    static const double normals[3][3] = {{0, 0, 1}, {0, 1, 0}, {0, 0, 0}};
+    static const double normals[2][3] = {{0, 0, 1}, {0, 1, 0}};
     const char *file = scratch_path(*state, "x.stl");
 
     for (int far = 0; far < 2; far++) {
@@ -264,11 +266,11 @@ static void stl_is_what_slicers_read(void **state)
         assert_near(cln_mesh_rounding(&mesh), far ? 0.25 : 0, far ? 0.01 : 1e-5);
         assert_int_equal(cln_mesh_write_stl(file, &mesh), CLN_OK);
         data = scratch_get(file, &bytes);
-        assert_int_equal(bytes, 84 + 3 * 50);
+        assert_int_equal(bytes, 84 + 2 * 50);
         assert_true(strncmp(data, "solid", 5) != 0); /* such files are text */
         assert_non_null(strstr(data, far ? "rock" : "a test; scene units"));
-        assert_memory_equal(data + 80, "\3\0\0", 4);
-        for (size_t f = 0; f < 3; f++) {
+        assert_memory_equal(data + 80, "\2\0\0", 4);
+        for (size_t f = 0; f < 2; f++) {
             const size_t row = 84 + 50 * f;
 
             for (size_t a = 0; a < 3; a++)
