@@ -28,11 +28,6 @@ HELPER uint block_slope_key(block b, int s, int layer)
 
 /* ---- its samples ---- */
 
-typedef struct sample_source {
-    const __global cln_sample *samples;     /* [sample] */
-    const __global float4 *ray_o, *ray_d;   /* [ray], [row] in a shell space */
-} sample_source;
-
 /* Loads local positions at [3][NB] and directions along [3][NB] of the samples that this work-item
  * put into ids. */
 HELPER void load_samples(block b, sample_source from, float4 box, __local float *at,

@@ -16,6 +16,7 @@
 /* Every function that is not a kernel. Always inlined: PoCL 3.1 passes arguments that spill to the
  * stack wrongly (seen: a 13-argument helper read other memory and returned NaN). */
 #define HELPER static __attribute__((always_inline))
+#define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
 
 #define CLN_PASTE_(a, b) a##b
 #define CLN_PASTE(a, b)  CLN_PASTE_(a, b)

@@ -12,7 +12,6 @@
  *
  * Every work-item of a group calls these functions; only trunk_forward has barriers. */
 
-#define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
 
 /* An operand in local memory: element (s, k) is p[s * s_step + k * k_step]. */
 typedef struct operand {

@@ -157,3 +157,9 @@ HELPER float3 cell_centre(float4 box, uint cell, uint n1)
 
     return box.xyz + (at + 0.5f) * (box.w / (float)n1);
 }
+
+/* What a sample's place and direction come from. */
+typedef struct sample_source {
+    const __global cln_sample *samples;   /* [sample] */
+    const __global float4 *ray_o, *ray_d; /* [ray], [row] in a shell space */
+} sample_source;

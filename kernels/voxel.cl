@@ -49,7 +49,6 @@
 #define UP_TO(n)  (((n) + VW - 1) / VW * VW) /* whole vectors */
 #define SMOOTH_EVERY 4u /* of so many leaves that samples met, one is smoothed, so much more */
 #define SMOOTH_KEY   0x632BE5ABu
-#define UNROLL(i, n) _Pragma("unroll") for (int i = 0; i < (n); i++)
 
 /* A sample's cell: its first number in a leaf's row, and the corners' weights, x fastest. */
 typedef struct place {
@@ -121,12 +120,6 @@ HELPER void fetch_cell(int first, const __global float *row, bool write)
 #endif
 }
 
-/* What a sample's place and direction come from. */
-typedef struct sample_source {
-    const __global cln_sample *samples;   /* [sample] */
-    const __global float4 *ray_o, *ray_d; /* [ray], [row] in a shell space */
-} sample_source;
-
 /* The sample's place, -1 .. 1. */
 HELPER float3 local_of_sample(sample_source from, uint id, float4 box, float3 *along)
 {
@@ -183,17 +176,17 @@ voxel_density(LEAF_ARRAY(const float, params),       /* [row][PARAMS], row 0: le
 
 /* A block of samples: their numbers, places in their leaves, directions; of each, its leaf's
  * numbers, its cell's first one there, and the corners' weights. */
-typedef struct block {
+typedef struct voxel_block {
     uint id[BLOCK];
     float at[3][BLOCK];
     float3 along[BLOCK];
     const __global float *row[BLOCK];
     int first[BLOCK];
     float weight[8 * BLOCK];
-} block;
+} voxel_block;
 
 /* Finds the cells of the first `count` samples, and fetches their numbers. */
-HELPER void block_places(block *b, int count)
+HELPER void block_places(voxel_block *b, int count)
 {
     for (int i = 0; i < count; i += VW)
         places_of(b->at[0] + i, b->at[1] + i, b->at[2] + i, b->first + i, b->weight + i);
@@ -202,7 +195,7 @@ HELPER void block_places(block *b, int count)
 }
 
 /* Colours and densities of the first `count` samples. features: the block's rows, kept to train. */
-HELPER void block_forward(const block *b, int count, const __global float *net,
+HELPER void block_forward(const voxel_block *b, int count, const __global float *net,
                           __global float *features, uint step_key, uint decode,
                           __global float4 *out)
 {
@@ -306,7 +299,7 @@ voxel_forward(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
     for (uint done = get_local_id(0) * BLOCK; done < slice.count; done += LS * BLOCK) {
         const int count = (int)min((uint)BLOCK, slice.count - done);
         const uint start = slice.start + done;
-        block b;
+        voxel_block b;
 
         for (int i = 0; i < UP_TO(count); i++) {
             b.id[i] = order[start + (uint)min(i, count - 1)];
@@ -346,7 +339,7 @@ voxel_samples(LEAF_ARRAY(const float, params),             /* [row][PARAMS], row
         float scale = 0.0f;
         const __global float *w = 0;
         int count = 0;
-        block b;
+        voxel_block b;
 
         for (uint id = start; id < after; id++) {
             const cln_sample s = samples[id];
