@@ -285,36 +285,40 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
     return NULL;
 }
 
-/* black: is that what they keep? */
+/* A view's alpha in coarse cells, one pixel of each. `alpha`: room for CELLS * CELLS. */
+static void fill_of_view(grid *g, const cln_view *view, uint8_t *alpha)
+{
+    const int wide = view->camera.width, high = view->camera.height;
+    const int longer = wide > high ? wide : high, step = (longer + CELLS - 1) / CELLS;
+    const int columns = (wide + step - 1) / step, rows = (high + step - 1) / step;
+
+    for (int i = 0; i < columns * rows; i++) {
+        const int x = i % columns * step + step / 2, y = i / columns * step + step / 2;
+        uint8_t p[4];
+
+        cln_view_bytes(view, x < wide ? x : wide - 1, y < high ? y : high - 1, p);
+        alpha[i] = p[3];
+    }
+    fill(g, alpha, columns, rows, 1);
+}
+
 cln_status cln_alpha_shapes(const cln_scene *scene, uint8_t *shapes)
 {
     cln_status st = CLN_OK;
     grid *g = NULL;
     int *stack = NULL;
     uint8_t *alpha = NULL;
-    size_t room = 0;
 
     CLN_TRY(cln_alloc(&g, 2, sizeof *g, "masks"));
     CLN_TRY(cln_alloc(&stack, CELLS * CELLS, sizeof *stack, "masks"));
+    CLN_TRY(cln_alloc(&alpha, CELLS * CELLS, 1, "masks"));
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
-        const int width = view->camera.width, height = view->camera.height;
-        const size_t count = (size_t)width * (size_t)height;
 
         shapes[i] = CLN_ALPHA_NONE;
         if (view->channels != 4 || !cln_view_is_loaded(view) || !cln_view_is_here(view))
             continue;
-        if (count > room) {
-            free(alpha);
-            CLN_TRY(cln_alloc(&alpha, room = count, 1, "masks"));
-        }
-        for (size_t k = 0; k < count; k++) {
-            uint8_t p[4];
-
-            cln_view_bytes(view, (int)(k % (size_t)width), (int)(k / (size_t)width), p);
-            alpha[k] = p[3];
-        }
-        fill(&g[0], alpha, width, height, 1);
+        fill_of_view(&g[0], view, alpha);
         g[1] = g[0];
         reverse(&g[1]);
         shapes[i] = shape_of(&g[0], stack) == OBJECT   ? CLN_ALPHA_OBJECT
@@ -328,6 +332,7 @@ done:
     return st;
 }
 
+/* black: is that what they keep? */
 static void take_as_alpha(cln_scene *scene, bool black)
 {
     scene->masks_alpha = true;
