@@ -66,6 +66,13 @@ int fault_photo(fault which, int view, int train)
     return view;
 }
 
+static void dim(double factor, size_t bytes, int channels, uint8_t *pixels)
+{
+    for (size_t i = 0; i < bytes; i++)
+        if (channels == 3 || i % 4 < 3)
+            pixels[i] = (uint8_t)lround(pixels[i] * factor);
+}
+
 cln_status fault_pixels(fault which, int view, int width, int height, int channels, uint8_t *pixels)
 {
     cln_status st = CLN_OK;
@@ -73,14 +80,12 @@ cln_status fault_pixels(fault which, int view, int width, int height, int channe
     const size_t bytes = (size_t)width * (size_t)height * (size_t)channels;
     uint8_t *sharp = NULL;
 
-    if (view != FAULT_VIEW || (which != FAULT_exposure && which != FAULT_blur))
+    if (which == FAULT_clouds && view >= 0)
+        dim(exp2((sin(2 * M_PI * view / 12) - 1) / 2.2), bytes, channels, pixels);
+    if (which == FAULT_exposure && view == FAULT_VIEW)
+        dim(exp2(-1 / 2.2), bytes, channels, pixels); /* half of the light */
+    if (which != FAULT_blur || view != FAULT_VIEW)
         return CLN_OK;
-    if (which == FAULT_exposure) { /* half of the light: 0.5^(1 / 2.2) of the value */
-        for (size_t i = 0; i < bytes; i++)
-            if (channels == 3 || i % 4 < 3)
-                pixels[i] = (uint8_t)(pixels[i] * 73 / 100);
-        return CLN_OK;
-    }
     CLN_TRY(cln_alloc(&sharp, bytes, 1, "an image"));
     memcpy(sharp, pixels, bytes);
     for (int y = 0; y < height; y++)

@@ -7,20 +7,21 @@
 #include "scene/scene.h"
 
 /* X(name, what is wrong) */
-#define FAULT_LIST(X)                                                       \
-    X(none, "nothing")                                                      \
-    X(axes, "poses have OpenCV's axes instead of OpenGL's")                 \
-    X(inverse, "poses are world-to-camera matrices")                        \
-    X(focal, "focal lengths are 1.3 times as long")                         \
-    X(scale, "camera positions are 8 times as far")                         \
-    X(far, "one camera stands 40 times as far away")                        \
-    X(pose, "one camera stands on the other side, by a half turn around z") \
-    X(swap, "two photos are exchanged")                                     \
-    X(copy, "one photo is stored twice, also under another's name")         \
-    X(exposure, "one photo has half of its light")                          \
-    X(blur, "one photo is blurred")                                         \
-    X(shaken, "poses of training views are off, by 0.3 degrees and 0.5 %")  \
-    X(mask, "masks are inverted (with --masks)")                            \
+#define FAULT_LIST(X)                                                          \
+    X(none, "nothing")                                                         \
+    X(axes, "poses have OpenCV's axes instead of OpenGL's")                    \
+    X(inverse, "poses are world-to-camera matrices")                           \
+    X(focal, "focal lengths are 1.3 times as long")                            \
+    X(scale, "camera positions are 8 times as far")                            \
+    X(far, "one camera stands 40 times as far away")                           \
+    X(pose, "one camera stands on the other side, by a half turn around z")    \
+    X(swap, "two photos are exchanged")                                        \
+    X(copy, "one photo is stored twice, also under another's name")            \
+    X(exposure, "one photo has half of its light")                             \
+    X(clouds, "photos get brighter and darker by turns, by one stop each way") \
+    X(blur, "one photo is blurred")                                            \
+    X(shaken, "poses of training views are off, by 0.3 degrees and 0.5 %")     \
+    X(mask, "masks are inverted (with --masks)")                               \
     X(upright, "poses of --held 3 are of turned pixels")
 
 typedef enum {

@@ -261,7 +261,7 @@ typedef struct cln_eval_image {
     double psnr, psnr_u8, ssim, mse, seconds;
     double psnr_fitted;
     /* PSNR of the render times the photo's exposure as photos before and after it tell it; a
-     * training photo's own. NAN without --exposure */
+     * training photo's own. NAN if no gains were fitted */
     double psnr_exposed;
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;

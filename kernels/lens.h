@@ -19,6 +19,7 @@
 
 /* A perspective has no place for points nearer to the camera's plane than this. */
 #define LENS_NEAR 1e-6f
+#define FOV_LEAST 1e-5f /* rad: a FOV lens bends less than float32 tells */
 
 #if LENSES
 /* 1 + k0 s + .. + k5 s^6, and its derivative. */
@@ -201,7 +202,7 @@ HELPER bool lens_distort(cln_device_camera c, float3 q, float2 *place)
     if (IS_LENS(c, CLN_LENS_FOV)) {
         const float r = sqrt(across2) / q.z, omega = c.k[0];
 
-        if (r > 0.0f)
+        if (r > 0.0f && fabs(omega) > FOV_LEAST)
             *place *= atan(2.0f * r * tan(0.5f * omega)) / (omega * r);
         return true;
     }
@@ -250,7 +251,8 @@ HELPER bool lens_undistort(cln_device_camera c, float2 place, float3 *q)
     }
     if (IS_LENS(c, CLN_LENS_FOV)) {
         const float r = length(place), omega = c.k[0];
-        const float scale = r > 0.0f ? tan(r * omega) / (2.0f * tan(0.5f * omega) * r) : 1.0f;
+        const bool bent = r > 0.0f && fabs(omega) > FOV_LEAST;
+        const float scale = bent ? tan(r * omega) / (2.0f * tan(0.5f * omega) * r) : 1.0f;
 
         *q = (float3)(place * scale, 1.0f);
         return r * fabs(omega) < M_PI_2_F;

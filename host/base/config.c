@@ -210,6 +210,11 @@ static void word_copy(const char *words, int index, char out[CLN_TEXT_BYTES])
     snprintf(out, CLN_TEXT_BYTES, "%.*s", (int)strcspn(words, "|"), words);
 }
 
+bool cln_config_is_switch(const cln_config_row *row)
+{
+    return row->type == CLN_ROW_BOOL || row->flags & CLN_ROW_SWITCH;
+}
+
 bool cln_config_named(const cln_config_row *row, const char *name, size_t length)
 {
     const char *const names[] = {row->option, row->alias};
@@ -353,7 +358,9 @@ cln_status cln_config_set(cln_config *config, const cln_config_row *row, const c
         *(bool *)field = flag;
         break;
     case CLN_ROW_ENUM:
-        index = word_index(row->words, text);
+        index = row->flags & CLN_ROW_SWITCH && read_bool(text, &flag)
+                    ? flag
+                    : word_index(row->words, text);
         if (index < 0)
             return fail_value(CLN_USAGE, row, text);
         *(int *)field = index;
@@ -522,6 +529,10 @@ static cln_status set_from_json(cln_config *config, const cln_config_row *row, c
         right = json_is_string(value) && word_index(row->words, json_string_value(value)) >= 0;
         if (right)
             *(int *)field = word_index(row->words, json_string_value(value));
+        if (row->flags & CLN_ROW_SWITCH && json_is_boolean(value)) { /* BOOL in older runs */
+            right = true;
+            *(int *)field = json_is_true(value);
+        }
         break;
     case CLN_ROW_TEXT:
         right = json_is_string(value) && json_string_length(value) < CLN_TEXT_BYTES;

@@ -32,6 +32,9 @@ extern const char *const cln_config_groups[CLN_CONFIG_GROUPS][2];
 /* Returns whether the first `length` characters of name are the row's option or alias. */
 bool cln_config_named(const cln_config_row *row, const char *name, size_t length);
 
+/* Returns whether the option may stand without a value, and as --no-option. */
+bool cln_config_is_switch(const cln_config_row *row);
+
 /* The row of an option name or alias ("rays", without dashes), or of a key of run.json
  * ("view_width"), or NULL; and for misspelt names the
  * nearest option, or NULL if none is near. */
@@ -47,7 +50,7 @@ const char *cln_config_nearest(const char *option);
 cln_status cln_config_preset(const char *name, cln_config *out);
 
 /* Sets a value from text, range-checked, independent of LC_NUMERIC. Units by the row's flags
- * (CLN_ROW_SECONDS, _BYTES, _AUTO); BOOL takes yes|no|true|false|1|0.
+ * (CLN_ROW_SECONDS, _BYTES, _AUTO); BOOL and CLN_ROW_SWITCH take yes|no|true|false|1|0.
  * CLN_USAGE names the option, the text and the legal range, and leaves *config as it is. */
 cln_status cln_config_set(cln_config *config, const cln_config_row *row, const char *text);
 

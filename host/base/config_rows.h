@@ -43,6 +43,7 @@ enum {
     CLN_ROW_NONE = 1024,  /* TEXT: "none" is the empty text */
     CLN_ROW_FILE = 2048,  /* TEXT: a file's path; cl-nascent.conf names it from its own folder */
     CLN_ROW_REGULARISER = 4096, /* REAL: a weight of the loss; at 0 it is left out, which is told */
+    CLN_ROW_SWITCH = 8192,      /* ENUM "no|yes|...": as BOOL, with further words: --option=auto */
     CLN_ROW_NETWORK = CLN_ROW_FIXED | CLN_ROW_SHAPE | CLN_ROW_TUNE | CLN_ROW_TIME
 };
 
@@ -70,6 +71,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMAT_OPENSFM,
        CLN_FORMATS
 };
+enum { CLN_EXPOSURE_NO, CLN_EXPOSURE_YES, CLN_EXPOSURE_AUTO };
 enum { CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
 enum { CLN_MASKS_AUTO, CLN_MASKS_ALPHA, CLN_MASKS_IGNORE, CLN_MASKS_INVERTED };
@@ -306,9 +308,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          .flags = CLN_ROW_LATER)                                                                   \
     REAL(depth_until, "depth-until", 0.5, 1, 0, 1,                                                 \
          "depth-loss: falls to 0 until this fraction of the budget", .flags = CLN_ROW_LATER)       \
-    BOOL(exposure, "exposure", false, false,                                                       \
-         "fit a gain to each training photo and channel, for images without alpha",                \
-         .flags = CLN_ROW_LATER)                                                                   \
+    ENUM(exposure, "exposure", CLN_EXPOSURE_NO, CLN_EXPOSURE_AUTO, "no|yes|auto",                  \
+         "fit a gain to each training photo and channel, for images without alpha; auto: if "      \
+         "photos differ early in training, and as those before and after them do",                 \
+         .flags = CLN_ROW_LATER | CLN_ROW_SWITCH)                                                  \
     BOOL(refine_poses, "refine-poses", false, false,                                               \
          "gather: correct the training cameras' poses a little, by their photos",                  \
          .flags = CLN_ROW_FIXED | CLN_ROW_LATER | CLN_ROW_TIME)                                    \

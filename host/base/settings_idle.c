@@ -88,7 +88,7 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"depth-loss", c->depth_loss > 0 && facts->no_sights,
          "the scene's files name no points with the images that show them; leave it out"},
         {"depth-until", c->depth_loss <= 0, "there is no depth loss; give --depth-loss"},
-        {"exposure", c->exposure && facts->has_alpha,
+        {"exposure", c->exposure == CLN_EXPOSURE_YES && facts->has_alpha,
          "images with alpha get no gains; leave it out"},
         {"epochs", c->steps > 0 || c->time_limit > 0,
          "epochs count when no other budget is set; leave out --steps and --time-limit"},

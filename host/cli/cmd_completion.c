@@ -30,8 +30,8 @@ static void each_option(const cln_command *command, put_entry *put)
     }
     for (int i = 0; i < cln_config_row_count; i++) {
         const cln_config_row *row = &cln_config_rows[i];
-        const bool toggle = row->type == CLN_ROW_BOOL;
-        const entry e = {row->option, row->help, row->words, 0, !toggle, toggle};
+        const bool toggle = cln_config_is_switch(row);
+        const entry e = {row->option, row->help, toggle ? NULL : row->words, 0, !toggle, toggle};
 
         if (cln_command_takes_row(command, row))
             put(command, &e);

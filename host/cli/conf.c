@@ -137,12 +137,12 @@ static cln_status take_line(const reading *r, char *line, bool presets)
         return CLN_OK;
     if (!row && strncmp(name, "no-", 3) == 0 && bare) {
         row = cln_config_find(name + 3);
-        if (row && row->type != CLN_ROW_BOOL)
+        if (row && !cln_config_is_switch(row))
             return cln_fail(CLN_INPUT,
                             "'%s': %s is not a switch; leave the line out, or give it a value",
                             name, row->option);
         value = "no";
-    } else if (row && row->type == CLN_ROW_BOOL && bare) {
+    } else if (row && cln_config_is_switch(row) && bare) {
         value = "yes";
     } else if (bare && row) {
         return cln_fail(CLN_INPUT, "'%s' has no value; write: %s VALUE", name, name);

@@ -130,7 +130,7 @@ static void put_row(FILE *to, const cln_config_row *row, const cln_config preset
     char min[CLN_NUMBER_BYTES], max[CLN_NUMBER_BYTES], alias[64] = "";
 
     text_of_values(presets, row, values, sizeof values);
-    if (row->type == CLN_ROW_BOOL)
+    if (cln_config_is_switch(row))
         snprintf(left, sizeof left, "  --[no-]%s", row->option);
     else
         snprintf(left, sizeof left, "  --%s %s", row->option,

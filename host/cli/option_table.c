@@ -590,7 +590,7 @@ static const char *nearest_option(const cln_command *command, const char *name, 
     }
     for (int i = 0; i < cln_config_row_count; i++) {
         if (cln_command_takes_row(command, &cln_config_rows[i]) &&
-            (!off || cln_config_rows[i].type == CLN_ROW_BOOL))
+            (!off || cln_config_is_switch(&cln_config_rows[i])))
             consider(name, cln_config_rows[i].option, &distance, &best);
     }
     return best;

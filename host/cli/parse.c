@@ -233,7 +233,7 @@ static cln_status parse_long(parser *p, const char *argument)
 
     if (arg) {
         CLN_TRY(apply_arg(p, arg, attached));
-    } else if (row && row->type == CLN_ROW_BOOL) {
+    } else if (row && cln_config_is_switch(row)) {
         put_aside(p, row, attached ? attached : "yes");
     } else if (row) {
         CLN_TRY(take_value(p, row->option, form_of_row(row), attached, &text));
@@ -243,12 +243,12 @@ static cln_status parse_long(parser *p, const char *argument)
         row = cln_row_find(command, name + 3, length - 3);
         if (arg && arg->negatable)
             *(bool *)field_of(p->out, arg) = false;
-        else if (row && row->type == CLN_ROW_BOOL)
+        else if (row && cln_config_is_switch(row))
             put_aside(p, row, "no");
         else
             st = cln_fail_option(command, name, length);
     } else if (strncmp(name, "no-", 3) == 0 &&
-               (row = cln_row_find(command, name + 3, length - 3)) && row->type == CLN_ROW_BOOL) {
+               (row = cln_row_find(command, name + 3, length - 3)) && cln_config_is_switch(row)) {
         st = cln_fail(CLN_USAGE, "--%s: a switch that is off takes no value; write --%.*s alone",
                       name, (int)length, name);
     } else {

@@ -37,6 +37,18 @@ static bool same_camera(const cln_view *a, const cln_view *b)
            cln_camera_is_like(&a->camera, &b->camera);
 }
 
+/* Was this photo there before, as one that is in two splits is? */
+static bool is_again(const cln_scene *scene, int view)
+{
+    const cln_view *v = &scene->views[view];
+
+    for (int i = 0; i < view; i++)
+        if (strcmp(scene->views[i].path, v->path) == 0 &&
+            memcmp(scene->views[i].camera.c2w, v->camera.c2w, sizeof v->camera.c2w) == 0)
+            return true;
+    return false;
+}
+
 /* ---- transforms JSON ---- */
 
 static void put_intrinsics(json_t *to, const cln_view *view)
@@ -129,13 +141,15 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         free(name);
         name = NULL;
         CLN_TRY(cln_scene_path_from(scene, view->path, &name));
+        json_array_append_new(lists[view->split], json_string(name));
+        if (is_again(scene, i))
+            continue;
         frame = cln_transforms_new_frame(name, &view->camera, job->scale);
         if (!one_lens)
             json_object_set_new(frame, "camera_model", json_string(lens_name(view)));
         if (!one_camera)
             put_intrinsics(frame, view);
         json_array_append_new(frames, frame);
-        json_array_append_new(lists[view->split], json_string(name));
         CLN_TRY(put_path(scene, frame, view->alpha_mask ? "mask_path" : "alpha_path",
                          view->alpha_path));
         if (!view->mask_black) /* where black counts, no key says so */
@@ -278,6 +292,7 @@ static cln_status put_views(const cln_scene *scene, double scale, FILE *const to
 {
     cln_status st = CLN_OK;
     int cameras = 0;
+    const cln_view *last = NULL;
     char *name = NULL;
 
     fprintf(to[CAMERAS], "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
@@ -288,11 +303,14 @@ static cln_status put_views(const cln_scene *scene, double scale, FILE *const to
         const cln_view *view = &scene->views[i];
         double q[4], t[3];
 
+        if (is_again(scene, i))
+            continue;
         free(name);
         name = NULL;
         CLN_TRY(name_of(scene, view, &name));
-        if (i == 0 || !same_camera(view, &scene->views[i - 1]))
+        if (!last || !same_camera(view, last))
             CLN_TRY(put_camera(to[CAMERAS], ++cameras, view));
+        last = view;
         pose_of(view->camera.c2w, q, t);
         fprintf(to[IMAGES], "%d", i + 1);
         for (int k = 0; k < 4; k++)
@@ -418,7 +436,8 @@ cln_status cln_export_cameras(cln_export_job *job)
     CLN_TRY(json ? write_transforms(job, scene) : write_colmap(job, scene));
     CLN_TRY(say_where(job->desc->file, json, scene));
     say_left_out(json, job->scale, scene);
-    job->result->views = scene->view_count;
+    for (int i = 0; i < scene->view_count; i++)
+        job->result->views += !is_again(scene, i);
     job->result->refined = job->opened.refined;
 done:
     return st;

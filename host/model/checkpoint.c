@@ -108,6 +108,7 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         json_object_set_new(document, "drawn", json_integer((json_int_t)model->drawn)) != 0 ||
         json_object_set_new(document, "averaged", json_integer(cln_model_antialias(model))) != 0 ||
         (model->in_parts && json_object_set_new(document, "in_parts", json_true()) != 0) ||
+        (model->exposed && json_object_set_new(document, "exposed", json_true()) != 0) ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
                                                      forward_json(&model->space)) != 0) ||
         (model->space.shell &&
@@ -186,6 +187,8 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
         CLN_TRY(get_int(document, path, "averaged", 1, 4, &averaged));
     out->averaged = averaged > 1;
     out->in_parts = json_is_true(json_object_get(document, "in_parts"));
+    out->exposed = json_is_true(json_object_get(document, "exposed")) ||
+                   out->config.exposure == CLN_EXPOSURE_YES;
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
                      &out->train_seconds));
     CLN_TRY(get_int(measured, path, "rays", 0, INT64_MAX, &out->sum_rays));
@@ -404,8 +407,8 @@ static cln_status read_tensors(const char *path, const char *digest, bool traini
         CLN_TRY(take_tensor(file, path, "leaf_saved", CLN_DTYPE_F32, 1, shape, &out->saved));
     }
     /* pictures do without */
-    if (out->config.exposure && !out->has_alpha &&
-        (training || cln_safetensors_has(file, "exposure")))
+    if (cln_safetensors_has(file, "exposure") ||
+        (training && out->config.exposure == CLN_EXPOSURE_YES && !out->has_alpha))
         CLN_TRY(
             take_views(file, path, "exposure", CLN_EXPOSURE, &out->exposure, &out->exposure_views));
     if (out->config.refine_poses)

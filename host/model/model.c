@@ -350,6 +350,11 @@ uint64_t cln_model_digest(const cln_model *model)
     return cln_digest_end(&part);
 }
 
+const float *cln_model_gains(const cln_model *model, int view)
+{
+    return model->exposure && model->exposed ? model->exposure[view] : NULL;
+}
+
 int cln_model_antialias(const cln_model *model)
 {
     return model->averaged ? cln_config_antialias(&model->config) : 1;

@@ -47,10 +47,10 @@ typedef struct cln_model {
     double last_square; /* mean squared error of the interval before; 0 = none */
     int decisions;      /* structure decisions due so far */
     /* Exposure of training photos (train/exposure.h): gains r, g, b, then per channel the sums of
-     * rendered times photographed colour and of rendered colour squared; NULL without
-     * --exposure. */
+     * rendered times photographed colour and of rendered colour squared; NULL without. */
     float (*exposure)[CLN_EXPOSURE]; /* [exposure_views] */
     int exposure_views;
+    bool exposed; /* photos are divided by the gains; else these are only measured so far */
     /* Corrections of the training cameras' poses (scene/motion.h), in the split's order; NULL
      * without --refine-poses. A model that only renders has them, too. */
     float (*motions)[CLN_MOTION]; /* [motion_views] */
@@ -59,6 +59,9 @@ typedef struct cln_model {
 
 /* n x n rays make a pixel at an edge, in training and in pictures: 1 until --antialias-after. */
 int cln_model_antialias(const cln_model *model);
+
+/* The gains r, g, b by which a training view's photo is divided; NULL: it is not. */
+const float *cln_model_gains(const cln_model *model, int view);
 
 /* Measures of a leaf: error, transmittance-weighted density, its weight (kernels/composite.cl). */
 enum { CLN_MEASURES = 3 };

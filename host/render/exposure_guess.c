@@ -79,20 +79,18 @@ static double share_of(const place *places, int count)
     return square > 0 ? fmin(fmax(cross / square, 0), 1) : 0;
 }
 
-cln_status cln_exposure_guess(const cln_model *model, const cln_scene *scene, float (**gains)[3])
+/* All views in order, with their logs and their neighbours'; and share_of. */
+static cln_status find_places(const cln_model *model, const cln_scene *scene, place **out,
+                              double *share)
 {
     cln_status st = CLN_OK;
     const int count = scene->view_count;
     place *places = NULL;
     int *counts = NULL;
-    double share = 0;
 
-    *gains = NULL;
-    if (!model->exposure || model->exposure_views != cln_scene_split_count(scene, CLN_SPLIT_TRAIN))
-        return CLN_OK;
-    CLN_TRY(cln_alloc(&places, (size_t)count, sizeof *places, "exposure"));
+    CLN_TRY(cln_alloc(out, (size_t)count, sizeof **out, "exposure"));
     CLN_TRY(cln_alloc(&counts, (size_t)count, sizeof *counts, "exposure"));
-    CLN_TRY(cln_alloc(gains, (size_t)count, sizeof **gains, "exposure"));
+    places = *out;
     for (int i = 0; i < count; i++)
         places[i] = (place){.view = &scene->views[i], .index = i};
     for (int i = 0; i < model->exposure_views; i++)
@@ -105,7 +103,34 @@ cln_status cln_exposure_guess(const cln_model *model, const cln_scene *scene, fl
     for (int i = 0; i < count; i++)
         for (int c = 0; c < 3 && counts[i] > 1; c++)
             places[i].around[c] /= counts[i];
-    share = share_of(places, count);
+    *share = share_of(places, count);
+done:
+    free(counts);
+    return st;
+}
+
+cln_status cln_exposure_follow(const cln_model *model, const cln_scene *scene, double *share)
+{
+    place *places = NULL;
+    const cln_status st = find_places(model, scene, &places, share);
+
+    free(places);
+    return st;
+}
+
+cln_status cln_exposure_guess(const cln_model *model, const cln_scene *scene, float (**gains)[3])
+{
+    cln_status st = CLN_OK;
+    const int count = scene->view_count;
+    place *places = NULL;
+    double share = 0;
+
+    *gains = NULL;
+    if (!model->exposure || !model->exposed ||
+        model->exposure_views != cln_scene_split_count(scene, CLN_SPLIT_TRAIN))
+        return CLN_OK;
+    CLN_TRY(find_places(model, scene, &places, &share));
+    CLN_TRY(cln_alloc(gains, (size_t)count, sizeof **gains, "exposure"));
     cln_debug("exposure: photos have %.2f of their neighbours' log gains", share);
     for (int i = 0; i < count; i++)
         for (int c = 0; c < 3; c++)
@@ -113,6 +138,5 @@ cln_status cln_exposure_guess(const cln_model *model, const cln_scene *scene, fl
                 (float)exp(trained(&places[i]) ? places[i].gain[c] : share * places[i].around[c]);
 done:
     free(places);
-    free(counts);
     return st;
 }

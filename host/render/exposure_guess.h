@@ -15,4 +15,8 @@
  * neighbours' m. So gains that follow no order are guessed as 1. Without a neighbour: 1. */
 cln_status cln_exposure_guess(const cln_model *model, const cln_scene *scene, float (**gains)[3]);
 
+/* That factor, of gains that are only measured so far, too; the model has some of all training
+ * views. */
+cln_status cln_exposure_follow(const cln_model *model, const cln_scene *scene, double *share);
+
 #endif

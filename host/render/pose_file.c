@@ -209,14 +209,24 @@ static cln_status name_frames(const char *path, char *const *names, bool from_ro
         shorter[i] = names[i] + within;
     CLN_TRY(cln_view_file_names(out->count, shorter, files));
     for (int i = 0; i < out->count; i++) {
-        if (json_object_get(known, files[i])) {
-            CLN_TRY(cln_asprintf(&out->frame[i].name, "%s-%04d", files[i], i));
-            twice = count++ ? twice : out->frame[i].name;
-        } else {
-            out->frame[i].name = files[i];
-            files[i] = NULL;
-            json_object_set_new(known, out->frame[i].name, json_true());
+        if (json_object_get(known, files[i]))
+            continue;
+        json_object_set_new(known, files[i], json_true());
+        out->frame[i].name = files[i];
+        files[i] = NULL;
+    }
+    for (int i = 0; i < out->count; i++) {
+        char **name = &out->frame[i].name;
+
+        if (!files[i])
+            continue;
+        for (int number = i; !*name || json_object_get(known, *name); number++) {
+            free(*name);
+            *name = NULL;
+            CLN_TRY(cln_asprintf(name, "%s-%04d", files[i], number));
         }
+        json_object_set_new(known, *name, json_true());
+        twice = count++ ? twice : *name;
     }
     if (count > 0)
         cln_warn("%s: %d of its frames %s the name of another one, so %s called like '%s', with %s "

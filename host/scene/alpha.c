@@ -155,7 +155,7 @@ static void add_name(names *n, const cln_view *view)
     if (n->count++ < MOST)
         snprintf(n->text + strlen(n->text), sizeof n->text - strlen(n->text), "%s'%s'",
                  n->text[0] ? ", " : "", view->name);
-    else if (n->count == MOST + 2)
+    else if (n->count == MOST + 1)
         snprintf(n->text + strlen(n->text), sizeof n->text - strlen(n->text), ", ...");
 }
 

@@ -52,7 +52,7 @@ static double depth_near(const cln_point *const *points, int count, const cln_ca
         int place = found;
 
         if (!cln_camera_project(camera, points[i]->xyz, &at[0], &at[1], &z) || z <= 0 ||
-            at[0] < 0 || at[1] < 0 || at[0] > camera->width || at[1] > camera->height)
+            at[0] < 0 || at[1] < 0 || at[0] >= camera->width || at[1] >= camera->height)
             continue;
         distance = hypot(at[0] - u, at[1] - v);
         for (; place > 0 && distances[place - 1] > distance; place--) /* insertion */

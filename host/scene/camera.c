@@ -87,6 +87,14 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
     return true;
 }
 
+bool cln_camera_shows(const cln_camera *camera, const double point[3], double *u, double *v)
+{
+    double z = 0; /* may be negative: panoramas show what is behind them */
+
+    return cln_camera_project(camera, point, u, v, &z) && *u >= 0 && *v >= 0 &&
+           *u < camera->width && *v < camera->height;
+}
+
 void cln_camera_resize(cln_camera *camera, int width, int height, double x, double y)
 {
     camera->width = width;

@@ -119,7 +119,7 @@ static double before_share(const cln_scene *scene, const cln_reader_result *resu
         const cln_camera *c = chosen(scene, i);
 
         for (int k = 0; k < points; k += step) {
-            double p[3], u = 0, v = 0, z = 0, along = 0;
+            double p[3], u = 0, v = 0, along = 0;
 
             for (int a = 0; a < 3; a++) {
                 p[a] = result->points[k].xyz[a];
@@ -127,8 +127,7 @@ static double before_share(const cln_scene *scene, const cln_reader_result *resu
             }
             for (int a = 0; a < 3 && along < 0; a++) /* through the camera, to its other side */
                 p[a] = 2 * c->c2w[4 * a + 3] - p[a];
-            if (!cln_camera_project(c, p, &u, &v, &z) ||
-                !(u >= 0 && v >= 0 && u < c->width && v < c->height))
+            if (!cln_camera_shows(c, p, &u, &v))
                 continue;
             seen++;
             before += along > 0;

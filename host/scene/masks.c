@@ -113,10 +113,10 @@ static cln_status find_beside(cln_view *view, other_sizes *other)
 {
     static const char *const endings[] = {"", ".JPG", ".jpg", ".PNG", ".png", ".jpeg", ".JPEG"};
     cln_status st = CLN_OK;
-    const int stem = stem_of(view->path);
+    const int stem = stem_of(view->path), before = other->count;
     char *path = NULL;
 
-    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
+    for (size_t i = 0; i < sizeof endings / sizeof *endings && other->count == before; i++) {
         free(path);
         path = NULL;
         CLN_TRY(cln_asprintf(&path, "%.*s%s%s", stem, view->path, TAIL,

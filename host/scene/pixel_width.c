@@ -47,14 +47,13 @@ typedef struct sight {
 /* Whether the camera sees the point. */
 static bool sees(const cln_camera *c, const double point[3], sight *out)
 {
-    double rel[3], far = 0, u = 0, v = 0, z = 0;
+    double rel[3], far = 0, u = 0, v = 0;
 
     for (int a = 0; a < 3; a++) {
         rel[a] = point[a] - c->c2w[4 * a + 3];
         far += rel[a] * rel[a];
     }
-    if (!(far > 0) || !(c->fx > 0) || !cln_camera_project(c, point, &u, &v, &z) ||
-        !(u >= 0 && u < c->width && v >= 0 && v < c->height))
+    if (!(far > 0) || !(c->fx > 0) || !cln_camera_shows(c, point, &u, &v))
         return false;
     for (int a = 0; a < 3; a++)
         out->toward[a] = rel[a] / sqrt(far);

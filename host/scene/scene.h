@@ -54,6 +54,9 @@ void cln_camera_span_sphere(cln_camera *camera);
 bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[3],
                     double direction[3]);
 
+/* Whether the point (scene units) is in the camera's image, hidden or not; u, v: where. */
+bool cln_camera_shows(const cln_camera *camera, const double point[3], double *u, double *v);
+
 /* Point in scene units -> (u, v) and its z in the camera's frame, which is negative where a lens
  * sees behind the camera; false, (0, 0) and z if the lens model has no place for it. */
 bool cln_camera_project(const cln_camera *camera, const double point[3], double *u, double *v,

@@ -33,11 +33,10 @@ done:
 static bool place(const cln_scene *scene, cln_sight *sight)
 {
     const cln_view *view = &scene->views[sight->view];
-    double u, v, z;
+    double u, v;
 
     sight->x = sight->y = -1;
-    if (!cln_camera_project(&view->camera, sight->point, &u, &v, &z) || z <= 0 ||
-        !(u >= 0 && v >= 0 && u < view->camera.width && v < view->camera.height))
+    if (!cln_camera_shows(&view->camera, sight->point, &u, &v))
         return false;
     sight->x = (int)u;
     sight->y = (int)v;

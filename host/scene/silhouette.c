@@ -80,14 +80,16 @@ static uint32_t opaque_blocks(const silhouette *s, int left, int top, int right,
            s->sums[(size_t)bottom * row + (size_t)left] + s->sums[(size_t)top * row + (size_t)left];
 }
 
-/* Where a point before the camera is in the picture; beyond the lens's fold, where a pinhole would
- * have it, which is outside, too. */
+/* Where a point is in the picture; false if it is behind the camera. Beyond the lens's fold: where
+ * a pinhole would have it, which is outside, too. */
 static bool place(const cln_camera *c, const double point[3], double at[2])
 {
     double z = 0, x[2] = {0, 0};
 
-    if (cln_camera_project(c, point, &at[0], &at[1], &z) || z <= 0)
-        return z > 0;
+    if (cln_camera_project(c, point, &at[0], &at[1], &z))
+        return true;
+    if (z <= 0)
+        return false;
     for (int a = 0; a < 3; a++)
         for (int k = 0; k < 2; k++)
             x[k] += c->c2w[4 * a + k] * (point[a] - c->c2w[4 * a + 3]);

@@ -9,29 +9,22 @@
 
 enum { PLACES = 4 }; /* tested along each axis of a leaf, faces included */
 
-static bool sees(const cln_camera *camera, const double point[3])
-{
-    double u, v, z;
-
-    return cln_camera_project(camera, point, &u, &v, &z) && z > 0 && u >= 0 && v >= 0 &&
-           u < camera->width && v < camera->height;
-}
-
 /* Whether at least `least` training views see the same tested place of a box of the cube. */
 static bool is_seen(const cln_scene *scene, const cln_space *space, const float box[4], int least)
 {
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 
-    for (int i = 0; i < PLACES * PLACES * PLACES; i++) {
-        const int at[3] = {i % PLACES, i / PLACES % PLACES, i / PLACES / PLACES};
+    for (int k = 0; k < PLACES * PLACES * PLACES; k++) {
+        const int at[3] = {k % PLACES, k / PLACES % PLACES, k / PLACES / PLACES};
         double point[3];
+        double u, v;
         int seen = 0;
 
         for (int a = 0; a < 3; a++)
             point[a] = (double)box[a] + (double)box[3] * at[a] / (PLACES - 1);
         cln_space_point_to_scene(space, point, point);
-        for (int v = 0; v < views && seen < least; v++)
-            seen += sees(&cln_scene_training_view(scene, v)->camera, point);
+        for (int i = 0; i < views && seen < least; i++)
+            seen += cln_camera_shows(&cln_scene_training_view(scene, i)->camera, point, &u, &v);
         if (seen >= least)
             return true;
     }

@@ -76,7 +76,7 @@ static void place(const cln_trainer *t, const float cube[3], float out[3])
     const double point[3] = {cube[0], cube[1], cube[2]};
     double q[4];
 
-    memcpy(out, cube, 3 * sizeof *out);
+    memmove(out, cube, 3 * sizeof *out); /* they may be one */
     if (space->shell) {
         cln_space_point_to_u(point, q);
         for (int a = 0; a < 3; a++)

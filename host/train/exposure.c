@@ -7,10 +7,35 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "render/exposure_guess.h"
 
 enum { EXPOSURE_STEPS = 64 };
 static const float MOST = 8;  /* largest gain; its inverse is the smallest */
 static const float DOUBT = 5; /* weight of a gain of 1, in rays of a white wall */
+/* From here on photos differ, in stops, and follow those around them. Early gains show a part only,
+ * as the scene has learned the rest (docs/results.md, Photos that differ in exposure). */
+static const double DIFFER = 0.1, FOLLOW = 0.5;
+static const double GAMMA = 2.2; /* light goes with this power of a photo's values */
+
+static bool is_wanted(const cln_model *model)
+{
+    switch (model->has_alpha ? CLN_EXPOSURE_NO : model->config.exposure) {
+    case CLN_EXPOSURE_YES:
+        return true;
+    case CLN_EXPOSURE_AUTO:
+        return model->exposed || model->step <= EXPOSURE_STEPS;
+    default:
+        return false;
+    }
+}
+
+static void drop(cln_model *model, cln_exposure *e)
+{
+    free(model->exposure);
+    model->exposure = NULL;
+    model->exposure_views = e->views = 0;
+    model->exposed = false;
+}
 
 cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *model,
                               cln_exposure *out)
@@ -19,16 +44,19 @@ cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *m
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 
     memset(out, 0, sizeof *out);
-    if (!model->config.exposure || model->has_alpha) {
-        free(model->exposure);
-        model->exposure = NULL;
+    if (!is_wanted(model)) {
+        drop(model, out);
         return CLN_OK;
     }
-    if (model->exposure && model->exposure_views != views)
-        CLN_TRY(cln_fail(CLN_CHECKPOINT,
-                         "the checkpoint has gains of %d training photos, and the scene has %d: "
-                         "resume with the same photos, or with --no-exposure",
-                         model->exposure_views, views));
+    model->exposed = model->exposed || model->config.exposure == CLN_EXPOSURE_YES;
+    if (model->exposure && model->exposure_views != views) {
+        if (model->exposed)
+            cln_warn("exposure: the checkpoint has gains of %d training photos, and the scene has "
+                     "%d: gains begin anew",
+                     model->exposure_views, views);
+        free(model->exposure);
+        model->exposure = NULL;
+    }
     for (int k = 0; k < 2; k++) {
         cln_exposure_rays *r = &out->rays[k];
 
@@ -69,7 +97,40 @@ bool cln_exposure_due(const cln_exposure *e, int64_t step)
     return e->views > 0 && step > 0 && step % EXPOSURE_STEPS == 0;
 }
 
-void cln_exposure_update(const cln_exposure *e, cln_model *model)
+/* How much views differ, in stops: the standard deviation. */
+static double spread_of(const cln_model *model)
+{
+    double sum = 0;
+
+    for (int i = 0; i < model->exposure_views; i++) {
+        const float *g = model->exposure[i];
+        const double mean = GAMMA * log2((double)g[0] * (double)g[1] * (double)g[2]) / 3;
+
+        sum += mean * mean; /* their mean over the views is 0 */
+    }
+    return sqrt(sum / model->exposure_views);
+}
+
+static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *model)
+{
+    cln_status st = CLN_OK;
+    const double spread = spread_of(model);
+    double follow = 0;
+
+    CLN_TRY(cln_exposure_follow(model, scene, &follow));
+    cln_debug("exposure: gains differ by %.3f stops so far, by %.2f as neighbours do", spread,
+              follow);
+    model->exposed = spread >= DIFFER && follow >= FOLLOW;
+    if (model->exposed)
+        cln_info("exposure: photos are brighter or darker as those before and after them are; each "
+                 "gets gains (--no-exposure: none)");
+    else
+        drop(model, e);
+done:
+    return st;
+}
+
+static void update(const cln_exposure *e, cln_model *model)
 {
     for (int c = 0; c < 3; c++) {
         double sum = 0, mean = 1;
@@ -90,15 +151,27 @@ void cln_exposure_update(const cln_exposure *e, cln_model *model)
     }
 }
 
-void cln_exposure_divide(const cln_exposure *e, const cln_model *model, cln_batch *batch, int n)
+cln_status cln_exposure_update(cln_exposure *e, const cln_scene *scene, int64_t step,
+                               cln_model *model)
 {
-    for (int i = 0; i < n && e->views > 0; i++) {
-        const int32_t view = e->number_of[batch->pixels[i].view];
-        float *target = batch->targets[i];
+    update(e, model);
+    return step == EXPOSURE_STEPS && !model->exposed ? decide(e, scene, model) : CLN_OK;
+}
 
-        for (int c = 0; c < 3 && target[3] > 0; c++)
-            target[c] /= model->exposure[view][c];
-    }
+void cln_exposure_divide(const cln_exposure *e, const cln_model *model, int view, float rgb[3])
+{
+    const float *gains = e->views > 0 ? cln_model_gains(model, e->number_of[view]) : NULL;
+
+    for (int c = 0; c < 3 && gains; c++)
+        rgb[c] /= gains[c];
+}
+
+void cln_exposure_divide_batch(const cln_exposure *e, const cln_model *model, cln_batch *batch,
+                               int n)
+{
+    for (int i = 0; i < n; i++)
+        if (batch->targets[i][3] > 0)
+            cln_exposure_divide(e, model, (int)batch->pixels[i].view, batch->targets[i]);
 }
 
 void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batch, int64_t step,
@@ -117,7 +190,7 @@ void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batc
         rays->view[i] = target[3] > 0 ? view : -1; /* 0: the pixel does not count */
         memcpy(rays->photo[i], target, sizeof rays->photo[i]);
     }
-    cln_exposure_divide(e, model, batch, n);
+    cln_exposure_divide_batch(e, model, batch, n);
 }
 
 void cln_exposure_add(const cln_exposure *e, const cln_ray_result *results, int64_t step, int n,
@@ -153,7 +226,7 @@ void cln_exposure_say(const cln_exposure *e, const cln_model *model)
             least = fminf(least, model->exposure[i][c]);
             most = fmaxf(most, model->exposure[i][c]);
         }
-    if (e->views > 0)
+    if (e->views > 0 && model->exposed)
         cln_info("exposure: the training photos have gains of %.2f to %.2f", (double)least,
                  (double)most);
 }

@@ -3,6 +3,10 @@
  * depend on the direction (--exposure). A photo is compared with the scene as photo / gain.
  * cln_model.exposure has the gains, and checkpoints store them.
  *
+ * With --exposure=auto, the default, they are only measured until the first update. From then on
+ * photos are divided by them if they differ enough, and as those of the photos before and after do;
+ * if not, there are none.
+ *
  * Every EXPOSURE_STEPS steps a gain becomes the least-squares factor from rendered colours to the
  * photo's, over the rays so far, of which each update halves the weight. Then all gains are divided
  * by their geometric mean over the views, as a common factor belongs to the scene's colours.
@@ -26,20 +30,23 @@ typedef struct cln_exposure {
     int32_t *number_of;        /* [view of the scene] which training view it is */
 } cln_exposure;
 
-/* Makes gains of 1 for every training view, if the model has none yet. Without config.exposure, and
- * if the images have alpha, there are none, and the functions below do nothing. CLN_CHECKPOINT if
- * the model has gains of another number of views. */
+/* Makes gains of 1 for every training view, if the model has none yet and training is to have them
+ * or to measure them. If not, and if the images have alpha, there are none, and the functions below
+ * do nothing. Gains of another number of views begin anew. */
 cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *model,
                               cln_exposure *out);
 void cln_exposure_free(cln_exposure *exposure); /* accepts a zeroed one */
 
 /* Are gains updated before this step? All results must then have been added. */
 bool cln_exposure_due(const cln_exposure *exposure, int64_t step);
-void cln_exposure_update(const cln_exposure *exposure, cln_model *model);
+cln_status cln_exposure_update(cln_exposure *exposure, const cln_scene *scene, int64_t step,
+                               cln_model *model);
 
-/* Divides the targets of a batch's n rays by their photos' gains. */
-void cln_exposure_divide(const cln_exposure *exposure, const cln_model *model, cln_batch *batch,
-                         int n);
+/* Divides a colour of a photo (view of the scene) by its gains; the targets of a batch's n rays. */
+void cln_exposure_divide(const cln_exposure *exposure, const cln_model *model, int view,
+                         float rgb[3]);
+void cln_exposure_divide_batch(const cln_exposure *exposure, const cln_model *model,
+                               cln_batch *batch, int n);
 
 /* Does that for a step, and keeps their photos' colours for cln_exposure_add. */
 void cln_exposure_apply(cln_exposure *exposure, const cln_model *model, cln_batch *batch,

@@ -13,7 +13,7 @@ typedef struct cln_photo_edges {
 } cln_photo_edges;
 
 /* With several ranks, which call it together, looks at all pixels, unless it has; the scene's
- * training photos are loaded. CLN_MEMORY, CLN_IMAGE. */
+ * training photos are loaded. CLN_MEMORY, CLN_OUTPUT. */
 cln_status cln_photo_edges_find(const cln_scene *scene, cln_photo_edges *edges);
 void cln_photo_edges_free(cln_photo_edges *edges);
 

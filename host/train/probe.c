@@ -37,7 +37,7 @@ cln_status cln_probe_psnr(cln_trainer *t, double *psnr)
     cln_queue_book(t->device, CLN_STAGE_PROBE);
     t->drawn = false;
     cln_batch_draw(&t->batch, t->scene, c, &draw);
-    cln_exposure_divide(&t->exposure, &t->model, &t->batch, rays);
+    cln_exposure_divide_batch(&t->exposure, &t->model, &t->batch, rays);
     CLN_TRY(cln_render_rays(p, &batch, t->results, &used));
     for (int i = 0; i < used; i++) {
         const float got[3] = {t->results[i].r, t->results[i].g, t->results[i].b};

@@ -100,6 +100,7 @@ static void draw_spots(const cln_trainer *t, int i, cln_spot spots[SPOTS])
 {
     const cln_view *view = cln_scene_training_view(t->scene, i);
     const cln_camera *c = &view->camera;
+    const float *gains = cln_model_gains(&t->model, i);
     const uint64_t seed = (uint64_t)t->model.config.seed;
     const uint32_t key[2] = {(uint32_t)seed, (uint32_t)(seed >> 32)};
 
@@ -125,8 +126,8 @@ static void draw_spots(const cln_trainer *t, int i, cln_spot spots[SPOTS])
             most = found;
             spots[s] = (cln_spot){x, y, {rgb[0], rgb[1], rgb[2]}};
         }
-        for (int c3 = 0; c3 < 3 && t->model.exposure; c3++)
-            spots[s].photo[c3] /= t->model.exposure[i][c3];
+        for (int c3 = 0; c3 < 3 && gains; c3++)
+            spots[s].photo[c3] /= gains[c3];
     }
 }
 

@@ -84,8 +84,7 @@ static void compare(cln_trainer *t, looks *all, look *l, int first, int n)
             continue;
         l->depth[first + i] = got->opacity >= 0.5f ? got->depth : INFINITY;
         cln_pixel_over(t->batch.stored[i], l->view->channels, t->scene->background, want, &alpha);
-        for (int k = 0; k < 3 && t->model.exposure; k++) /* pictures are without it */
-            want[k] /= t->model.exposure[t->exposure.number_of[pixel->view]][k];
+        cln_exposure_divide(&t->exposure, &t->model, (int)pixel->view, want);
         for (int k = 0; k < 3; k++)
             error = fmaxf(error, fabsf(rgb[k] - want[k]));
         if (has_alpha)
@@ -231,11 +230,10 @@ static void look_at(const looks *all, const look *l, const cln_space *space, dou
     const cln_camera *c = &l->view->camera;
 
     for (place *p = places; p < places + n; p++) {
-        double u = 0, v = 0, z = 0, square = 0;
+        double u = 0, v = 0, square = 0;
         int x = 0, y = 0, at = 0;
 
-        if (p->seen - p->bad > most || !cln_camera_project(c, p->scene, &u, &v, &z) ||
-            !(u >= 0 && u < c->width && v >= 0 && v < c->height))
+        if (p->seen - p->bad > most || !cln_camera_shows(c, p->scene, &u, &v))
             continue;
         x = (int)(u / all->stride);
         y = (int)(v / all->stride);

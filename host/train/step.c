@@ -210,7 +210,7 @@ cln_status cln_step(cln_trainer *t, double fraction)
     cln_batch_colour(&t->batch, t->scene);
     if (cln_exposure_due(&t->exposure, number) && !t->undone) {
         CLN_TRY(cln_step_catch_up(t));
-        cln_exposure_update(&t->exposure, &t->model);
+        CLN_TRY(cln_exposure_update(&t->exposure, t->scene, number, &t->model));
     }
     cln_exposure_apply(&t->exposure, &t->model, &t->batch, number, t->model.rays);
     CLN_TRY(cln_pipeline_batch(p, t->batch.pixels, t->model.rays, t->batch.targets[0],

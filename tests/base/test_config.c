@@ -97,6 +97,34 @@ static void test_presets(void **state)
     assert_int_equal(cln_config_check(&fast), CLN_OK);
 }
 
+/* A word row that may stand alone, as a switch does; older runs have it as one. */
+static void test_switch_with_words(void **state)
+{
+    static const char *const texts[] = {"no", "false", "0", "yes", "true", "1", "auto"};
+    static const int values[] = {0, 0, 0, 1, 1, 1, CLN_EXPOSURE_AUTO};
+    const cln_config_row *row = row_of("exposure");
+    cln_config config = preset("fast"), back = preset("paper");
+    json_t *json = NULL;
+
+    (void)state;
+    assert_true(cln_config_is_switch(row) && cln_config_is_switch(row_of("skip")));
+    assert_false(cln_config_is_switch(row_of("masks")));
+    assert_int_equal(config.exposure, CLN_EXPOSURE_AUTO);
+    assert_int_equal(back.exposure, CLN_EXPOSURE_NO);
+    for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
+        assert_int_equal(cln_config_set(&config, row, texts[i]), CLN_OK);
+        assert_int_equal(config.exposure, values[i]);
+    }
+    assert_refused("exposure", "maybe", "--exposure|maybe|no|yes|auto");
+    assert_int_equal(cln_config_to_json(&config, &json), CLN_OK);
+    for (int i = 0; i < 2; i++) {
+        json_object_set_new(json, "exposure", json_boolean(i));
+        assert_int_equal(cln_config_from_json(json, &back), CLN_OK);
+        assert_int_equal(back.exposure, i);
+    }
+    json_decref(json);
+}
+
 /* Poses are refined by rays of many views, which the paper's splatting does not take. */
 static void test_refine_poses(void **state)
 {
@@ -939,6 +967,7 @@ int test_group_config(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_presets),
+        cmocka_unit_test(test_switch_with_words),
         cmocka_unit_test(test_refine_poses),
         cmocka_unit_test(test_baselines),
         cmocka_unit_test(test_voxel_preset),

@@ -147,7 +147,7 @@ section_exposure() {
             "$kind $(grep -c 'train with --exposure' "$work/out")" = \
             "$kind $([ $kind = none ] && echo 0 || echo 1)" ]
     done
-    sed -i 's/"exposure": false/"exposure": true/' "$work/light/run.json"
+    sed -i 's/"exposure": "auto"/"exposure": true/' "$work/light/run.json"
     expect "eval of such photos by a run with --exposure that has no gains for them" 0 "" \
         "$cln" eval "$work/light" --split train --scene "$work/light-exposure" \
         -o "$work/light-eval-gains" --no-save-images

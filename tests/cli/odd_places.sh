@@ -167,4 +167,39 @@ section_flights() {
     expect "Metashape's angles" 3 "~angles.of.Metashape.*Colmap" "$cln" info "$work/opk.txt"
 }
 
-run_sections "edges limits windows flights" "$@"
+# Photos in two splits, poses and masks with others' names.
+section_twice() {
+    local s=$work/twice r="$work/twice run" pose i
+    "$make_scene" "$s" --format nerfstudio --size 32 --train 6 --val 2 --test 2 >/dev/null
+    sed -i 's|"test_filenames": \[|&"images/frame_00008.png",|' "$s/transforms.json"
+    expect "a scene with a photo in two splits" 0 "" "$cln" info "$s" --json
+    check "it counts in both" eval '
+        [ "$(json splits.train) $(json splits.val) $(json splits.test)" = "6 2 3" ]'
+    run "$cln" train "$s" -o "$r" "${small[@]}" --steps 3
+    mkdir "$work/again"
+    expect "its cameras" 0 "" "$cln" export "$r" --cameras "$work/again/transforms.json"
+    check "each is written once" printed ": 10 cameras, "
+    expect "as COLMAP's" 0 "" "$cln" export "$r" --cameras "$work/again/sparse"
+    cp -r "$s/images" "$work/again"
+    expect "they are a scene" 0 "" "$cln" info "$work/again" --format transforms --json
+    check "with the same splits" eval '
+        [ "$(json splits.train) $(json splits.val) $(json splits.test)" = "6 2 3" ]'
+    expect "and so are COLMAP's" 0 "" "$cln" info "$work/again" --format colmap
+    pose='"transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]'
+    printf '{"w":8,"h":8,"fl_x":9,"frames":[%s,%s,%s]}' "{\"file_path\":\"x/a.png\",$pose}" \
+        "{\"file_path\":\"x/a.png\",$pose}" "{\"file_path\":\"x/a-0001.png\",$pose}" \
+        >"$work/poses.json"
+    expect "poses that are called like others" 0 "~called.like" "$cln" render "$r" \
+        --poses "$work/poses.json" -o "$work/posed"
+    check "each has its picture" \
+        [ "$(grep '"file_path"' "$work/posed/transforms.json" | sort -u | wc -l)" = 3 ]
+    for ((i = 2; i < 10; i++)); do
+        cp "$s/images/frame_0000$i.png" "$s/images/frame_0000${i}_mask.png"
+    done
+    "$make_scene" "$work/small" --format nerfstudio --size 16 --train 1 --test 0 >/dev/null
+    cp "$work/small/images/frame_00001.png" "$s/images/frame_00001_mask.png"
+    expect "a mask of another size, and none" 0 \
+        "~1.mask.is.not.read ~8.of.10.photos.have.a.mask" "$cln" info "$s"
+}
+
+run_sections "edges limits windows flights twice" "$@"

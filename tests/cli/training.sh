@@ -280,6 +280,21 @@ section_resume() {
     expect "resume with gains" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "gains resume to the same bits" same_model "$r" "$work/exposed"
 
+    scene cloudy --kind room --format nerfstudio --fault clouds --size 48 --train 24 --test 3
+    expect "photos under passing clouds" 0 "~as.those.before.and.after" "$cln" train \
+        "$work/cloudy" -o "$work/clouds" "${small[@]}" --steps $steps
+    r=$work/clouds-stopped
+    start "$cln" train "$work/cloudy" -o "$r" "${small[@]}" --steps $steps
+    wait_for 60 rows_of "$r" 30 # gains are measured
+    kill -INT "$child"
+    finish
+    run "$cln" train --resume "$r" --skip-selftest --progress none
+    check "gains that are measured resume to the same bits" same_model "$r" "$work/clouds"
+    run "$cln" train "$work/cloudy" -o "$work/cloudless" "${small[@]}" --steps $steps --no-exposure
+    check "gains bring photos under clouds together" \
+        number_above "$("$query" result.psnr_train <"$work/clouds/run.json")" \
+        "$("$query" result.psnr_train <"$work/cloudless/run.json")"
+
     scene shaken --fault shaken --size 48 --train 12 --test 3
     expect "--refine-poses" 0 "" "$cln" train "$work/shaken" -o "$work/refined" "${small[@]}" \
         --steps $steps --refine-poses

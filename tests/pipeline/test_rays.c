@@ -12,7 +12,7 @@
 #include "scene/scene.h"
 #include "tests.h"
 
-enum { VIEWS = 19, RAYS = 613, PINHOLE = -1 };
+enum { VIEWS = 21, RAYS = 613, PINHOLE = -1 };
 
 /* Lenses whose models hold over the whole image, with its size in focal lengths. */
 static const struct {
@@ -35,6 +35,8 @@ static const struct {
      {0.39, -0.37, -0.12, 0.38, -0.24, 0.047, 0.0006, -0.0004, 0.0002, -0.0003, 0.0005, -0.0001},
      1.4},
     {CLN_LENS_FOV, {0.93}, 2},
+    {CLN_LENS_FOV, {0}, 2}, /* beside one that bends */
+    {CLN_LENS_FOV, {1e-30}, 2},
     {CLN_LENS_DIVISION, {-0.3}, 4},
     {CLN_LENS_DIVISION, {0.1}, 2},
     {CLN_LENS_EUCM, {0.62, 1.09}, 2.4},

@@ -91,6 +91,7 @@ static double compare(const char *folder, const double logs[VIEWS])
     model.exposure_views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     model.exposure = calloc((size_t)model.exposure_views, sizeof *model.exposure);
     assert_non_null(model.exposure);
+    model.exposed = true;
     for (int i = 0; i < model.exposure_views; i++)
         for (int c = 0; c < 3; c++)
             model.exposure[i][c] =

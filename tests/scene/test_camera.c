@@ -89,6 +89,24 @@ static void test_project_as_a_lens(void **state)
     assert_int_equal(found, 4);
 }
 
+/* Of a panorama, what is behind it is in its image, too. */
+static void test_shows(void **state)
+{
+    cln_camera camera = plain_camera();
+    double u, v;
+
+    (void)state;
+    assert_true(cln_camera_shows(&camera, (double[3]){0, 0, 2}, &u, &v));
+    assert_true(u == camera.cx && v == camera.cy);
+    assert_false(cln_camera_shows(&camera, (double[3]){0, 0, -2}, &u, &v));
+    assert_false(cln_camera_shows(&camera, (double[3]){2, 0, 2}, &u, &v)); /* beside it */
+    camera.lens = CLN_LENS_EQUIRECTANGULAR;
+    camera.fx = camera.width / (2 * M_PI);
+    camera.fy = camera.height / M_PI;
+    assert_true(cln_camera_shows(&camera, (double[3]){1, 0, -2}, &u, &v));
+    assert_near(u, camera.cx + camera.fx * atan2(1, -2), 1e-9);
+}
+
 static void test_ray_by_hand(void **state)
 {
     cln_camera camera = plain_camera();
@@ -277,13 +295,10 @@ static void test_check(void **state)
 int test_group_camera(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_project_by_hand),
-        cmocka_unit_test(test_project_as_a_lens),
-        cmocka_unit_test(test_ray_by_hand),
-        cmocka_unit_test(test_round_trip),
-        cmocka_unit_test(test_fold),
-        cmocka_unit_test(test_resize),
-        cmocka_unit_test(test_check),
+        cmocka_unit_test(test_project_by_hand), cmocka_unit_test(test_project_as_a_lens),
+        cmocka_unit_test(test_shows),           cmocka_unit_test(test_ray_by_hand),
+        cmocka_unit_test(test_round_trip),      cmocka_unit_test(test_fold),
+        cmocka_unit_test(test_resize),          cmocka_unit_test(test_check),
     };
 
     return cmocka_run_group_tests_name("camera", tests, NULL, NULL);

@@ -166,6 +166,7 @@ static const struct {
      1},
     {"Tango", CLN_LENS_FOV, {0.93}, 1.1, 0.9, 1},
     {"FOV, hardly bent", CLN_LENS_FOV, {1e-7}, 1.1, 0.9, 1},
+    {"FOV, a pinhole", CLN_LENS_FOV, {0}, 1.1, 0.9, 1},
     {"FOV, beyond", CLN_LENS_FOV, {-1.5}, 1, 1, 0.7},
     {"barrel by division", CLN_LENS_DIVISION, {-0.3}, 3, 2, 1},
     {"pincushion by division", CLN_LENS_DIVISION, {0.2}, 2, 2, 0.7},

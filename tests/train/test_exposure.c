@@ -14,7 +14,8 @@
 #include "train/exposure.h"
 
 enum { VIEWS = 4, RAYS = 256 };
-static const double gains[VIEWS][3] = {{1, 1, 1}, {0.5, 0.6, 0.7}, {1.5, 1.4, 1.1}, {0.9, 1.2, 2}};
+typedef double photo_gains[VIEWS][3];
+static const photo_gains gains = {{1, 1, 1}, {0.5, 0.6, 0.7}, {1.5, 1.4, 1.1}, {0.9, 1.2, 2}};
 
 static double colour(int step, int ray, int channel)
 {
@@ -45,14 +46,14 @@ static cln_scene *photos(const char *folder)
 }
 
 /* A step's rays, dealt to the views in turn; every seventh looks at a pixel that shows nothing. */
-static void make_targets(const cln_scene *scene, int step, cln_batch *batch)
+static void make_targets(const cln_scene *scene, const photo_gains gain, int step, cln_batch *batch)
 {
     for (int i = 0; i < RAYS; i++) {
         const int view = i % VIEWS;
 
         batch->pixels[i].view = (uint32_t)cln_scene_split_view(scene, CLN_SPLIT_TRAIN, view);
         for (int c = 0; c < 3; c++)
-            batch->targets[i][c] = (float)(colour(step, i, c) * gains[view][c]);
+            batch->targets[i][c] = (float)(colour(step, i, c) * gain[view][c]);
         batch->targets[i][3] = 1;
         if (i % 7 == 0)
             memset(batch->targets[i], 0, sizeof batch->targets[i]);
@@ -69,7 +70,7 @@ static void test_gains(void **state)
     cln_ray_result results[2][RAYS];
     double mean[3] = {1, 1, 1};
 
-    config.exposure = true;
+    config.exposure = CLN_EXPOSURE_YES;
     model.config = config;
     assert_int_equal(cln_batch_create(scene, &config, &batch), CLN_OK);
     assert_true(batch.capacity >= RAYS);
@@ -78,9 +79,9 @@ static void test_gains(void **state)
     for (int step = 0; step < 640; step++) {
         if (cln_exposure_due(&e, step)) {
             cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
-            cln_exposure_update(&e, &model);
+            assert_int_equal(cln_exposure_update(&e, scene, step, &model), CLN_OK);
         }
-        make_targets(scene, step, &batch);
+        make_targets(scene, gains, step, &batch);
         cln_exposure_apply(&e, &model, &batch, step, RAYS);
         for (int i = 0; i < RAYS; i++) { /* from half on four rays a pixel, about its colour */
             static const double apart[4] = {0.5, -0.5, 0.2, -0.2};
@@ -107,8 +108,8 @@ static void test_gains(void **state)
         for (int c = 0; c < 3 && i % 7; c++)
             assert_true(fabs(batch.targets[i][c] / (colour(639, i, c) * mean[c]) - 1) < 0.05);
     assert_true(batch.targets[0][0] == 0);
-    make_targets(scene, 640, &batch); /* a batch of no step: the probe's */
-    cln_exposure_divide(&e, &model, &batch, RAYS);
+    make_targets(scene, gains, 640, &batch); /* a batch of no step: the probe's */
+    cln_exposure_divide_batch(&e, &model, &batch, RAYS);
     for (int i = 1; i < RAYS; i++)
         for (int c = 0; c < 3 && i % 7; c++)
             assert_true(fabs(batch.targets[i][c] / (colour(640, i, c) * mean[c]) - 1) < 0.05);
@@ -119,6 +120,68 @@ static void test_gains(void **state)
     cln_scene_free(scene);
 }
 
+/* Trains without a word about exposure until after the step that decides. Returns whether photos
+ * have gains then. */
+static bool decides(const cln_scene *scene, const photo_gains gain, int64_t begin)
+{
+    enum { DECIDES = 64 };
+    cln_config config = default_config();
+    cln_model model = {.config = config, .step = begin};
+    cln_exposure e = {0};
+    cln_batch batch = {0};
+    cln_ray_result results[2][RAYS];
+    bool exposed = false;
+
+    assert_int_equal(config.exposure, CLN_EXPOSURE_AUTO);
+    assert_int_equal(cln_batch_create(scene, &config, &batch), CLN_OK);
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    for (int step = (int)begin; step <= DECIDES + 1; step++) {
+        if (cln_exposure_due(&e, step)) {
+            cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
+            assert_int_equal(cln_exposure_update(&e, scene, step, &model), CLN_OK);
+        }
+        assert_true(!model.exposed || step >= DECIDES);
+        make_targets(scene, gain, step, &batch);
+        cln_exposure_apply(&e, &model, &batch, step, RAYS);
+        for (int i = 0; i < RAYS; i++)
+            results[step % 2][i] = (cln_ray_result){.r = (float)colour(step, i, 0),
+                                                    .g = (float)colour(step, i, 1),
+                                                    .b = (float)colour(step, i, 2),
+                                                    .share = 1};
+        for (int i = 1; i < RAYS && !model.exposed; i++) /* as they are */
+            for (int c = 0; c < 3 && i % 7; c++)
+                assert_true(batch.targets[i][c] ==
+                            (float)(colour(step, i, c) * gain[i % VIEWS][c]));
+        if (step > 0 && !cln_exposure_due(&e, step))
+            cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
+    }
+    exposed = model.exposed;
+    assert_true(exposed == (model.exposure != NULL));
+    if (exposed) /* brightness between photos is gone */
+        assert_true(fabs(batch.targets[1][0] / colour(DECIDES + 1, 1, 0) /
+                             (batch.targets[2][0] / colour(DECIDES + 1, 2, 0)) -
+                         1) < 0.1);
+    cln_exposure_free(&e);
+    cln_batch_free(&batch);
+    cln_model_free(&model);
+    return exposed;
+}
+
+/* By itself there are gains where photos differ, and follow each other. */
+static void test_auto(void **state)
+{
+    static const photo_gains alike = {{1, 1, 1}, {1.01, 1, 1}, {1, 1.02, 1}, {0.99, 1, 1}},
+                             clouds = {
+                                 {0.6, 0.6, 0.7}, {0.8, 0.8, 0.9}, {1.1, 1.1, 1}, {1.4, 1.4, 1.2}};
+    cln_scene *scene = photos(*state);
+
+    assert_true(decides(scene, clouds, 0));
+    assert_false(decides(scene, alike, 0));
+    assert_false(decides(scene, gains, 0)); /* those around tell nothing */
+    assert_false(decides(scene, clouds, 65));
+    cln_scene_free(scene);
+}
+
 /* No gains without the option, and no gains of another number of photos. */
 static void test_no_gains(void **state)
 {
@@ -126,21 +189,24 @@ static void test_no_gains(void **state)
     cln_model model = {.config = default_config()};
     cln_exposure e = {0};
 
+    model.config.exposure = CLN_EXPOSURE_NO;
     assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
     assert_true(!model.exposure && !cln_exposure_due(&e, 64));
     cln_exposure_apply(&e, &model, NULL, 0, RAYS);
-    cln_exposure_divide(&e, &model, NULL, RAYS);
+    cln_exposure_divide(&e, &model, 0, NULL);
     cln_exposure_add(&e, NULL, 0, RAYS, &model);
-    model.config.exposure = model.has_alpha = true;
+    model.config.exposure = CLN_EXPOSURE_YES;
+    model.has_alpha = true;
     assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
     assert_null(model.exposure);
     model.has_alpha = false;
     assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
     cln_exposure_free(&e);
-    model.exposure_views = VIEWS + 1;
-    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_CHECKPOINT);
-    assert_non_null(strstr(cln_error_text(), "--no-exposure"));
-    cln_clear_error();
+    model.exposure[0][0] = 2;
+    model.exposure_views = VIEWS - 1;
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    assert_true(model.exposure_views == VIEWS && model.exposure[0][0] == 1);
+    cln_exposure_free(&e);
     cln_model_free(&model);
     cln_scene_free(scene);
 }
@@ -149,6 +215,7 @@ int test_group_exposure(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_gains, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_auto, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_no_gains, scratch_make, scratch_remove),
     };
 
