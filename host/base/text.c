@@ -121,17 +121,26 @@ const char *cln_shell_quote(const char *text, char *out, size_t bytes)
     return out;
 }
 
-char *cln_trim(char *line)
+char *cln_trim_blanks(char *line)
 {
     char *end = NULL;
 
     line += strspn(line, " \t\r");
-    for (end = line; *end && !(*end == '#' && (end == line || strchr(" \t", end[-1]))); end++)
-        ;
+    end = line + strlen(line);
     while (end > line && strchr(" \t\r", end[-1]))
         end--;
     *end = 0;
     return line;
+}
+
+char *cln_trim(char *line)
+{
+    char *end = line;
+
+    while (*end && !(*end == '#' && (end == line || strchr(" \t", end[-1]))))
+        end++;
+    *end = 0;
+    return cln_trim_blanks(line);
 }
 
 bool cln_ends_with(const char *text, const char *end)

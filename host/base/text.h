@@ -21,8 +21,11 @@ bool cln_utf8_valid(const char *text);
 enum { CLN_QUOTED_BYTES = 4096 };
 const char *cln_shell_quote(const char *text, char *out, size_t bytes);
 
-/* Ends a line of a text file before a comment (a `#` first or after a blank), a carriage return and
- * blanks, and returns where it begins behind blanks. */
+/* Ends a line of a text file before blanks and a carriage return, and returns where it begins
+ * behind blanks. */
+char *cln_trim_blanks(char *line);
+
+/* The same, and before a comment (a `#` first or after a blank). */
 char *cln_trim(char *line);
 
 /* Does the text end with these characters? */

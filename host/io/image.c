@@ -621,6 +621,39 @@ done:
     return st;
 }
 
+bool cln_image_alike(int width, int height, int other_width, int other_height)
+{
+    const double a = (double)width * other_height, b = (double)height * other_width;
+
+    return fabs(a - b) < fmax(fmax(width, height), fmax(other_width, other_height));
+}
+
+cln_status cln_image_fit(int to_width, int to_height, int *width, int *height, int channels,
+                         uint8_t **pixels)
+{
+    cln_status st = CLN_OK;
+    const size_t step = (size_t)channels;
+    uint8_t *out = NULL;
+
+    if (*width == to_width && *height == to_height)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&out, (size_t)to_width * (size_t)to_height, step, "a mask"));
+    for (int y = 0; y < to_height; y++)
+        for (int x = 0; x < to_width; x++) {
+            const int64_t column = (2 * (int64_t)x + 1) * *width / (2 * (int64_t)to_width);
+            const int64_t row = (2 * (int64_t)y + 1) * *height / (2 * (int64_t)to_height);
+
+            memcpy(out + step * ((size_t)y * (size_t)to_width + (size_t)x),
+                   *pixels + step * (size_t)(row * *width + column), step);
+        }
+    free(*pixels);
+    *pixels = out;
+    *width = to_width;
+    *height = to_height;
+done:
+    return st;
+}
+
 cln_status cln_image_put_alpha(size_t count, const uint8_t *alpha, int alpha_channels,
                                int *channels, uint8_t **pixels)
 {

@@ -46,6 +46,14 @@ cln_status cln_image_check_ends(const char *path);
  * reallocated. */
 cln_status cln_image_downscale(int n, int *width, int *height, int channels, uint8_t **pixels);
 
+/* Whether two pictures have the same shape, to less than a pixel of the smaller. */
+bool cln_image_alike(int width, int height, int other_width, int other_height);
+
+/* Brings a mask to another size, by the nearest pixel of each; nothing to do at that size.
+ * CLN_MEMORY. */
+cln_status cln_image_fit(int to_width, int to_height, int *width, int *height, int channels,
+                         uint8_t **pixels);
+
 /* Turns an image as an EXIF orientation says; from 5 on, width and height change places. *pixels is
  * replaced. CLN_MEMORY. */
 cln_status cln_image_turn(int orientation, int *width, int *height, int channels, uint8_t **pixels);

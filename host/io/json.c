@@ -116,21 +116,33 @@ static void blank_trailing_commas(char *text, size_t bytes)
     }
 }
 
+static const char *const no_numbers[] = {"NaN", "Infinity", "-Infinity", "inf", "-inf"};
+enum { NO_NUMBERS = sizeof no_numbers / sizeof *no_numbers };
+
+const char *cln_json_not_finite(const json_t *value)
+{
+    const char *text = json_string_value(value);
+
+    for (int i = 0; i < NO_NUMBERS && text; i++)
+        if (strlen(text) + 2 == strlen(no_numbers[i]) &&
+            strncasecmp(text, no_numbers[i] + 1, strlen(text)) == 0)
+            return no_numbers[i];
+    return NULL;
+}
+
 /* NaN and infinities, which Python writes and JSON does not have, become strings of the same
  * length: the reader of the value then says where it stands and that it is not a number. */
 static void quote_no_numbers(char *text, size_t bytes)
 {
-    static const char *const words[] = {"nan", "infinity", "-infinity", "inf", "-inf"};
-
     for (size_t at = 0; at < bytes; at++) {
         if (text[at] == '"') {
             at = skip_string(text, bytes, at) - 1;
             continue;
         }
-        for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
-            const size_t n = strlen(words[i]);
+        for (int i = 0; i < NO_NUMBERS; i++) {
+            const size_t n = strlen(no_numbers[i]);
 
-            if (n > bytes - at || strncasecmp(text + at, words[i], n) != 0 ||
+            if (n > bytes - at || strncasecmp(text + at, no_numbers[i], n) != 0 ||
                 (at + n < bytes && !strchr(",]} \t\r\n", text[at + n])))
                 continue;
             text[at] = text[at + n - 1] = '"';

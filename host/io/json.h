@@ -21,6 +21,9 @@ const char *cln_json_text(const json_t *object, const char *key);
  * reason". The caller owns *out. */
 cln_status cln_json_read(const char *path, bool relaxed, json_t **out);
 
+/* "NaN", "-Infinity", ...: what a relaxed reading made this value of; else NULL. */
+const char *cln_json_not_finite(const json_t *value);
+
 /* The same, not relaxed, of files larger than the 512 MiB that it takes: `most` bytes. */
 cln_status cln_json_read_large(const char *path, size_t most, json_t **out);
 

@@ -1,10 +1,12 @@
 /* See run_history.h. A start is {"step", "started", "command", "changed"}; `changed` has, by field
- * name, an array of the value before and the one since. */
+ * name, an array of the value before and the one since, and by `scene` the digests. */
 #include "io/run_history.h"
 
 #include <stdio.h>
 #include <string.h>
 #include "base/number.h"
+
+#define SCENE "scene" /* no setting is called so */
 
 /* What is only measured or written does not change the model. */
 static bool shapes_model(const cln_config_row *row)
@@ -42,7 +44,7 @@ done:
 
 cln_status cln_history_add(const json_t *before, int64_t step, const char *command,
                            const char *started, const cln_config *saved, const cln_config *now,
-                           json_t **out)
+                           const char *const scenes[2], json_t **out)
 {
     cln_status st = CLN_OK;
     json_t *history = json_array(), *changed = json_object(), *start = NULL;
@@ -50,6 +52,8 @@ cln_status cln_history_add(const json_t *before, int64_t step, const char *comma
     *out = NULL;
     if (saved)
         CLN_TRY(compare(saved, now, changed));
+    if (saved && scenes[0] && scenes[1] && strcmp(scenes[0], scenes[1]) != 0)
+        json_object_set_new(changed, SCENE, json_pack("[s, s]", scenes[0], scenes[1]));
     for (size_t i = 0; i < json_array_size(before); i++) {
         json_t *earlier = json_array_get(before, i);
 
@@ -75,7 +79,7 @@ bool cln_history_changed(const json_t *start)
     for (int i = 0; i < cln_config_row_count; i++)
         if (shapes_model(&cln_config_rows[i]) && json_object_get(changed, cln_config_rows[i].field))
             return true;
-    return false;
+    return json_object_get(changed, SCENE) != NULL;
 }
 
 static void write_value(const json_t *value, char *out, size_t bytes)
@@ -91,6 +95,7 @@ static void write_value(const json_t *value, char *out, size_t bytes)
 void cln_history_text(const json_t *start, char out[CLN_HISTORY_BYTES])
 {
     const json_t *changed = json_object_get(start, "changed");
+    const json_t *scenes = json_object_get(changed, SCENE);
     char text[CLN_HISTORY_BYTES] = "";
     size_t used = 0;
 
@@ -108,4 +113,9 @@ void cln_history_text(const json_t *start, char out[CLN_HISTORY_BYTES])
     }
     cln_format(out, CLN_HISTORY_BYTES, "resumed at step %lld with %s%s", (long long)step_of(start),
                *text ? "other settings: " : "the same settings", text);
+    if (scenes)
+        cln_format(out + strlen(out), CLN_HISTORY_BYTES - strlen(out),
+                   "%s other photos or poses: scene %s -> %s", *text ? ", and" : ", but",
+                   json_string_value(json_array_get(scenes, 0)),
+                   json_string_value(json_array_get(scenes, 1)));
 }

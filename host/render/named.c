@@ -7,6 +7,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/unicode.h"
 #include "render/quality.h"
 
 enum { LISTED = 3, NAME_BYTES = 512 };
@@ -70,8 +71,7 @@ static const char *name_of(cln_split split)
     return split == CLN_SPLITS ? "all" : cln_split_names[split];
 }
 
-/* Marks the split's views of this name, and returns how many it has. */
-static int mark(const cln_scene *scene, cln_split split, const char *name, bool *chosen)
+static int mark_as_written(const cln_scene *scene, cln_split split, const char *name, bool *chosen)
 {
     int found = 0;
 
@@ -81,6 +81,21 @@ static int mark(const cln_scene *scene, cln_split split, const char *name, bool 
         found++;
         if (chosen)
             chosen[i] = true;
+    }
+    return found;
+}
+
+/* Marks the split's views of this name, and returns how many it has. Letters with marks may be in
+ * another form than in the names. */
+static int mark(const cln_scene *scene, cln_split split, const char *name, bool *chosen)
+{
+    int found = mark_as_written(scene, split, name, chosen);
+
+    for (int composed = 0; composed < 2 && found == 0; composed++) {
+        char *form = cln_unicode_form(name, composed);
+
+        found = form ? mark_as_written(scene, split, form, chosen) : 0;
+        free(form);
     }
     return found;
 }

@@ -127,38 +127,46 @@ static bool is_there(const char *path)
     return (cln_is_dir(path) && !run) || cln_is_file(path);
 }
 
-/* Where the run's scene is now, for a training that resumes it or another command; `place` says how
- * it was found, NULL for where run.json has it. */
+/* Where a run's scene may be: where run.json has it, and in two places that go with the run. */
+enum { PLACES = 3 };
+
+/* *path: the place, NULL if the run does not tell it; *how: as words, NULL for the first. */
+static cln_status tell_place(const char *run, const json_t *dataset, int which, char **path,
+                             const char **how)
+{
+    const char *saved = text_of(dataset, "path"), *from_run = text_of(dataset, "path_from_run");
+    const char *slash = strrchr(saved, '/');
+
+    *path = NULL;
+    *how = NULL;
+    if (which == 0)
+        return cln_strdup(path, saved);
+    *how = which == 1 ? "where it was, seen from the run" : "beside the run, by its name";
+    if (which == 1)
+        return from_run ? cln_path_join(path, run, from_run) : CLN_OK;
+    return cln_asprintf(path, "%s/../%s", run, slash ? slash + 1 : saved);
+}
+
+/* The first place where something is, for a training that resumes the run or another command. */
 static cln_status find_scene(const char *run, const json_t *dataset, bool resumes, char **path,
-                             const char **place)
+                             const char **how)
 {
     cln_status st = CLN_OK;
-    const char *saved = text_of(dataset, "path"), *from_run = text_of(dataset, "path_from_run");
-    const char *slash = saved ? strrchr(saved, '/') : NULL;
     char quoted[CLN_QUOTED_BYTES];
 
-    *place = NULL;
-    if (!saved)
+    if (!text_of(dataset, "path"))
         CLN_TRY(cln_fail(CLN_INPUT, "%s/run.json: dataset.path is missing", run));
-    CLN_TRY(cln_strdup(path, saved));
-    if (is_there(*path))
-        goto done;
-    if (from_run) {
-        free(*path);
-        CLN_TRY(cln_path_join(path, run, from_run));
-        *place = "where it was, seen from the run";
-        if (is_there(*path))
+    for (int i = 0; i < PLACES; i++) {
+        CLN_TRY(tell_place(run, dataset, i, path, how));
+        if (*path && is_there(*path))
             goto done;
+        free(*path);
+        *path = NULL;
     }
-    free(*path);
-    CLN_TRY(cln_asprintf(path, "%s/../%s", run, slash ? slash + 1 : saved));
-    *place = "beside the run, by its name";
-    if (is_there(*path))
-        goto done;
     CLN_TRY(cln_fail(CLN_INPUT,
                      "%s: the scene of %s is not there, nor beside the run; say where it is now "
                      "%s%s SCENE",
-                     saved, cln_shell_quote(run, quoted, sizeof quoted),
+                     text_of(dataset, "path"), cln_shell_quote(run, quoted, sizeof quoted),
                      resumes ? "by train --resume " : "with --scene", resumes ? quoted : ""));
 done:
     return st;
@@ -229,24 +237,82 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
 {
     cln_status st = CLN_OK;
     cln_since since = {0};
-    char far[CLN_TEXT_BYTES];
+    char far[2 * CLN_SINCE_BYTES], text[CLN_SINCE_BYTES];
 
-    if (kept)
-        CLN_TRY(cln_scene_moved_since(scene, kept, &since));
-    if (!since.elsewhere)
+    if (!kept)
         return CLN_OK;
-    snprintf(far, sizeof far,
-             "%d of %d photos of %s have other poses than when it began (in the median %.0f "
-             "degrees and %.2g times the cameras' distance from their middle off)",
-             since.moved, since.known, run, since.degrees, since.shift);
+    CLN_TRY(cln_scene_moved_since(scene, kept, &since));
+    if (!since.elsewhere) {
+        cln_since_text(&since, text);
+        cln_info("scene: since it began %s",
+                 *text ? text : "photos, masks or lenses of the same names have changed");
+        return CLN_OK;
+    }
+    if (since.known > 0)
+        snprintf(far, sizeof far,
+                 "%d of %d photos of %s have other poses than when it began (in the median %.2g "
+                 "degrees and %.2g times the cameras' distance from their middle off), as if they "
+                 "had been found anew",
+                 since.moved, since.known, run, since.degrees, since.shift);
+    else
+        snprintf(far, sizeof far,
+                 "none of its %d photos is one of the %d that %s began with, nor are its cameras "
+                 "where those were",
+                 scene->view_count, kept->view_count, run);
     if (resumes)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: %s, as if they had been found anew, so what it learnt is elsewhere: "
-                         "nothing is trained; restore the poses, or train a new run (-o NEW "
-                         "--settings-of %s)",
-                         scene->folder, far, run));
+                         "%s: %s, so what it learnt is elsewhere: nothing is trained; restore the "
+                         "%s, or train a new run (-o NEW --settings-of %s)",
+                         scene->folder, far, since.known > 0 ? "poses" : "scene", run));
     cln_warn("%s: %s, so what it learnt is elsewhere", scene->folder, far);
 done:
+    return st;
+}
+
+static bool is_same(const json_t *dataset, const cln_scene *scene)
+{
+    const char *saved = text_of(dataset, "digest");
+    char digest[CLN_DIGEST_TEXT];
+
+    cln_digest_text(scene->digest, digest);
+    return saved && strcmp(saved, digest) == 0;
+}
+
+/* Another scene is where the run's was: takes the run's in its stead, if that went with the run. */
+static cln_status look_elsewhere(const char *run, const json_t *dataset,
+                                 const cln_scene_desc *given, cln_scene **scene)
+{
+    cln_status st = CLN_OK;
+    cln_scene_desc desc = *given;
+    cln_scene *other = NULL;
+    const char *how = NULL;
+    char *path = NULL;
+
+    for (int i = 1; i < PLACES && !is_same(dataset, *scene); i++) {
+        free(path);
+        CLN_TRY(tell_place(run, dataset, i, &path, &how));
+        if (!path || !is_there(path))
+            continue;
+        desc.path = path;
+        st = cln_scene_load(&desc, &other);
+        if (st == CLN_SIGINT || st == CLN_SIGTERM || st == CLN_MEMORY)
+            goto done;
+        if (st != CLN_OK) {
+            cln_clear_error();
+            st = CLN_OK;
+        } else if (is_same(dataset, other)) {
+            cln_warn("%s: another scene is there now than %s began with; %s is that one, and read "
+                     "(%s)",
+                     (*scene)->folder, run, other->path, how);
+            cln_scene_free(*scene);
+            *scene = other;
+        } else {
+            cln_scene_free(other);
+        }
+        other = NULL;
+    }
+done:
+    free(path);
     return st;
 }
 
@@ -257,7 +323,7 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
     char digest[CLN_DIGEST_TEXT];
 
     cln_digest_text(scene->digest, digest);
-    *same = saved && strcmp(saved, digest) == 0;
+    *same = is_same(dataset, scene);
     if (*same && place)
         cln_info("scene: %s is not there; %s is the same one, and read (%s)",
                  text_of(dataset, "path"), scene->path, place);
@@ -345,6 +411,8 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     if (st != CLN_OK && st != CLN_SIGINT && st != CLN_SIGTERM && !given->path)
         cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
     CLN_TRY(st);
+    if (!given->path && !place)
+        CLN_TRY(look_elsewhere(run, dataset, &desc, scene));
     keep_background(document, &config, *scene);
     CLN_TRY(compare(run, dataset, *scene, place, same));
     if (!*same && !given->path) /* one that is given may be another capture of the same names */
@@ -396,12 +464,12 @@ cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
     dataset = json_object_get(document, "dataset");
     saved = json_object_get(dataset, "missing");
     if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)
-        CLN_TRY(
-            cln_fail(CLN_INPUT,
-                     "%s: %d image%s left out now, %d when %s began; a resumed run must see the "
-                     "same ones: restore them, or start a new run",
-                     scene->folder, scene->missing, cln_plural(scene->missing, " is", "s are"),
-                     (int)json_integer_value(saved), run));
+        cln_warn("%s: %d image%s left out now, %d when %s began; it goes on without %s "
+                 "(--missing fail: it does not)",
+                 scene->folder, scene->missing, cln_plural(scene->missing, " is", "s are"),
+                 (int)json_integer_value(saved), run, cln_plural(scene->missing, "it", "them"));
+    if (json_is_object(json_object_get(dataset, "masks")) && scene->mask_count == 0)
+        cln_warn("%s: its photos had masks when %s began, and have none now", scene->folder, run);
     saved = json_object_get(dataset, "downscale");
     least = json_object_get(dataset, "downscale_least");
     least = least ? least : saved;

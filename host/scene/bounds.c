@@ -426,10 +426,11 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
         sane = sane && fabs(space->centre[i]) <= HALF_MAX; /* false for NaN, too */
     if (!sane)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: absurd scene cube, centre (%g, %g, %g) and half side %g (%s); give "
-                         "a box with --bbox",
+                         "%s: absurd scene cube, centre (%g, %g, %g) and half side %g (%s); half "
+                         "sides of %g to %g units are taken: rescale the scene, or, if wrong poses "
+                         "make it so (or all cameras stand in one point), give a box with --bbox",
                          scene->folder, space->centre[0], space->centre[1], space->centre[2],
-                         space->half, scene->bounds_rule));
+                         space->half, scene->bounds_rule, HALF_MIN, HALF_MAX));
 done:
     return st;
 }

@@ -480,8 +480,9 @@ static cln_status add_mask(cln_view *view, bool wanted, uint64_t *digest)
     if (!wanted)
         goto done;
     CLN_TRY(cln_image_turn(view->mask_turn, &width, &height, channels, &mask));
-    if (width != view->file_width || height != view->file_height)
+    if (!cln_image_alike(width, height, view->file_width, view->file_height))
         CLN_TRY(changed(view->mask_path));
+    CLN_TRY(cln_image_fit(view->file_width, view->file_height, &width, &height, channels, &mask));
     CLN_TRY(cln_alloc(&kept, (count + 7) / 8, 1, view->mask_path));
     for (size_t i = 0; i < count; i++) {
         const int x = (int)(i % (size_t)view->camera.width);

@@ -36,14 +36,14 @@ bool cln_dataset_is_mask(const char *name)
     return stem > tail && strncmp(name + stem - tail, TAIL, (size_t)tail) == 0;
 }
 
-/* Masks with another size than their photo's; the first, as a clause. */
+/* Masks with another shape than their photo's; the first, as a clause. */
 typedef struct other_sizes {
     int count;
     char first[320];
 } other_sizes;
 
-/* Takes the file, if it is there, as the view's mask, unless its sides are others than the photo's,
- * stored or turned. */
+/* Takes the file, if it is there, as the view's mask, unless its shape is another than the photo's,
+ * stored or turned: one that is smaller or larger alone is brought to its size. */
 static bool take(char *path, cln_view *view, other_sizes *other)
 {
     int size[2] = {0}, photo[2] = {0}, channels = 0;
@@ -53,8 +53,8 @@ static bool take(char *path, cln_view *view, other_sizes *other)
     if (cln_image_info(path, &size[0], &size[1], &channels) != CLN_OK ||
         cln_image_info(view->path, &photo[0], &photo[1], &channels) != CLN_OK)
         cln_clear_error(); /* the photo is missing, or the mask damaged: what reads them says so */
-    else if (!(size[0] == photo[0] && size[1] == photo[1]) &&
-             !(size[0] == photo[1] && size[1] == photo[0])) {
+    else if (!cln_image_alike(size[0], size[1], photo[0], photo[1]) &&
+             !cln_image_alike(size[0], size[1], photo[1], photo[0])) {
         if (!other->count++)
             snprintf(other->first, sizeof other->first, "%s has %d x %d pixels, its photo %d x %d",
                      path, size[0], size[1], photo[0], photo[1]);
@@ -237,6 +237,24 @@ void cln_dataset_tell_masks(const cln_reader_result *result, char text[64])
         snprintf(text, 64, ", %d of them with a mask", result->mask_count);
 }
 
+/* Masks in formats that are not read. */
+static cln_status tell_unread(const char *masks)
+{
+    cln_status st = CLN_OK;
+    char *first = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_dataset_unread(masks, NULL, &count, &first));
+    if (first)
+        cln_warn("%s: %d mask%s not read, as %s neither PNG nor JPEG, for example '%s': convert "
+                 "%s to PNG (mogrify -format png, of ImageMagick)",
+                 masks, count, cln_plural(count, " is", "s are"),
+                 cln_plural(count, "it is", "they are"), first, cln_plural(count, "it", "them"));
+done:
+    free(first);
+    return st;
+}
+
 cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -268,11 +286,13 @@ cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_rea
         found += result->views[i].mask_path != NULL;
     result->mask_count = found;
     if (other.count)
-        cln_warn("%s: %d mask%s not read, as %s not the size of %s photo%s: %s",
+        cln_warn("%s: %d mask%s not read, as %s not the shape of %s photo%s: %s",
                  masks ? masks : images, other.count, cln_plural(other.count, " is", "s are"),
                  cln_plural(other.count, "it has", "they have"),
                  cln_plural(other.count, "its", "their"), cln_plural(other.count, "", "s"),
                  other.first);
+    if (masks && found + other.count < result->view_count)
+        CLN_TRY(tell_unread(masks));
     if (found && found + other.count < result->view_count)
         cln_warn("%s: %d of %d photos have a mask, the others are used whole",
                  masks ? masks : images, found, result->view_count);

@@ -397,7 +397,7 @@ static cln_status move_views(cln_moved *moved, rule how, cln_reader_result *resu
         cln_view *view = &result->views[i];
         char *found = NULL;
 
-        if (cln_is_file(view->path) ||
+        if ((cln_is_file(view->path) && !cln_dataset_is_unread(view->path)) ||
             (how == BY_NAMES && !view->leads_out && !(moved->bare && !strchr(view->name, '/'))))
             continue;
         CLN_TRY(cln_moved_find(moved, view->name, how != BY_ENDS, &found));

@@ -194,15 +194,21 @@ typedef struct cln_scene_desc {
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
 void cln_scene_free(cln_scene *scene); /* accepts NULL */
 
-/* Poses since a run began: of its views that the scene still has by name, how many moved by more
- * than a twentieth of the cameras' median distance from their middle, or turned by more than 3
- * degrees; the medians of both, that distance being 1, and whether these are beyond it. */
+/* What became of a run's views, by name: how many the scene still has (known), has besides, and
+ * lacks. Of the known ones how many moved by more than a hundredth of the cameras' median distance
+ * from their middle, or turned by more than a degree, about ten pixels; and the medians of both,
+ * that distance being 1. elsewhere: these are beyond it, or no view is known, by its name or, of
+ * most, by its place. */
 typedef struct cln_since {
-    int known, moved;
+    int known, fresh, gone, moved;
     double shift, degrees;
     bool elsewhere;
 } cln_since;
 cln_status cln_scene_moved_since(const cln_scene *scene, const cln_scene *kept, cln_since *out);
+
+/* That as text: "2 photos are new, 1 is gone"; empty if none of it is so. */
+enum { CLN_SINCE_BYTES = 240 };
+void cln_since_text(const cln_since *since, char out[CLN_SINCE_BYTES]);
 
 /* The folder of a scene given as folder or file; the caller frees *out. */
 cln_status cln_scene_folder(const char *path, char **out);

@@ -13,8 +13,9 @@
 #include "base/text.h"
 #include "base/unicode.h"
 
-static const double FAR = 0.05;   /* of the cameras' median distance from their middle */
-static const double TURNED = 3.0; /* degrees */
+static const double FAR = 0.01;   /* of the cameras' median distance from their middle */
+static const double TURNED = 1.0; /* degrees */
+static const double SAME = 0.01;  /* of these: as they were, but for digits */
 static const double GROWN = 0.5;  /* of the fewer views that both have, for a scene that grew */
 
 /* ---- the run's views by name ---- */
@@ -118,10 +119,30 @@ done:
     return st;
 }
 
+/* How many of the scene's cameras are where the run had one: photos may have other names. */
+static int count_in_place(const cln_scene *scene, const cln_scene *kept, double spread)
+{
+    int count = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const double *to = scene->views[i].camera.c2w;
+        bool found = false;
+
+        for (int k = 0; k < kept->view_count && !found; k++) {
+            const double *from = kept->views[k].camera.c2w;
+
+            found = distance(from, to) <= FAR * spread && degrees_between(from, to) <= TURNED;
+        }
+        count += found;
+    }
+    return count;
+}
+
 cln_status cln_scene_moved_since(const cln_scene *scene, const cln_scene *kept, cln_since *out)
 {
     cln_status st = CLN_OK;
     const cln_view **was = NULL;
+    const int fewer = kept->view_count < scene->view_count ? kept->view_count : scene->view_count;
     double *shift = NULL, *turn = NULL, spread = 0;
 
     *out = (cln_since){0};
@@ -146,12 +167,34 @@ cln_status cln_scene_moved_since(const cln_scene *scene, const cln_scene *kept, 
         out->shift = shift[out->known / 2];
         out->degrees = turn[out->known / 2];
     }
-    out->elsewhere = out->shift > FAR || out->degrees > TURNED;
+    out->fresh = scene->view_count - out->known;
+    out->gone = kept->view_count - out->known > 0 ? kept->view_count - out->known : 0;
+    out->elsewhere = out->shift > FAR || out->degrees > TURNED ||
+                     (out->known == 0 && count_in_place(scene, kept, spread) < GROWN * fewer);
 done:
     free(was);
     free(shift);
     free(turn);
     return st;
+}
+
+void cln_since_text(const cln_since *since, char out[CLN_SINCE_BYTES])
+{
+    char fresh[64] = "", gone[64] = "";
+
+    if (since->fresh > 0)
+        snprintf(fresh, sizeof fresh, "%d photo%s new", since->fresh,
+                 cln_plural(since->fresh, " is", "s are"));
+    if (since->gone > 0)
+        snprintf(gone, sizeof gone, "%s%d%s gone", *fresh ? ", " : "", since->gone,
+                 *fresh ? cln_plural(since->gone, " is", " are")
+                        : cln_plural(since->gone, " photo is", " photos are"));
+    snprintf(out, CLN_SINCE_BYTES, "%s%s", fresh, gone);
+    if (since->shift > SAME * FAR || since->degrees > SAME * TURNED)
+        snprintf(out + strlen(out), CLN_SINCE_BYTES - strlen(out),
+                 "%sthe %d that it knows have other poses, in the median %.2g degrees and %.2g "
+                 "times the cameras' distance from their middle off",
+                 *out ? ", and " : "", since->known, since->degrees, since->shift);
 }
 
 /* ---- the split ---- */

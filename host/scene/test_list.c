@@ -14,6 +14,7 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
+#include "base/unicode.h"
 
 enum { MOST_BYTES = 1 << 26, NAMED = 3, ALIASES = 8, WORDS = 1024 };
 
@@ -126,6 +127,25 @@ static int find(const table *t, const char *name, int *level, int views[NAMED])
     return count;
 }
 
+/* The same of a name as it stands in a list: from Windows, or from a system that writes letters
+ * with marks in another form. */
+static int find_written(const cln_scene *scene, const table *t, char *name, int *level,
+                        int views[NAMED])
+{
+    int found = find(t, path_in(scene->folder, name), level, views);
+
+    if (found == 0 && cln_turn_slashes(name))
+        found = find(t, path_in(scene->folder, name), level, views);
+    for (int composed = 0; composed < 2 && found == 0; composed++) {
+        char *form = cln_unicode_form(name, composed);
+
+        if (form)
+            found = find(t, path_in(scene->folder, form), level, views);
+        free(form);
+    }
+    return found;
+}
+
 /* ---- the list ---- */
 
 /* What a list has that is of no photo, or of several: how many names, and the first in words. */
@@ -179,13 +199,15 @@ static cln_status take_lines(cln_scene *scene, const table *t, const char *file,
         if (next)
             *next++ = 0;
         line++;
-        name = cln_trim(at);
+        name = cln_trim_blanks(at);
+        found = find_written(scene, t, name, &level, views); /* names may have a # */
+        if (found == 0)
+            name = cln_trim(name);
         if (!*name)
             continue;
         ++*names;
-        found = find(t, path_in(scene->folder, name), &level, views);
-        if (found == 0 && cln_turn_slashes(name))
-            found = find(t, path_in(scene->folder, name), &level, views);
+        if (found == 0)
+            found = find_written(scene, t, name, &level, views);
         if (found == 1)
             scene->views[views[0]].split = CLN_SPLIT_TEST;
         if (found > 1 && several.count == 0) {

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "io/image.h"
+#include "io/json.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
 #include "scene/moved.h"
@@ -35,6 +36,9 @@ cln_status cln_transforms_number(const char *where, const json_t *object, const 
     *found = value && !json_is_null(value);
     if (!*found)
         return CLN_OK;
+    if (cln_json_not_finite(value))
+        return cln_fail(CLN_INPUT, "%s: %s must be a finite number, not %s", where, key,
+                        cln_json_not_finite(value));
     if (json_is_string(value))
         return cln_fail(CLN_INPUT, "%s: %s must be a number, not a text in quotes (\"%s\")", where,
                         key, json_string_value(value));

@@ -158,14 +158,15 @@ static cln_status told_by_mask(const cln_view *v, const char *path, int *told, b
     char other[64] = "";
 
     CLN_TRY(cln_image_read_head(path, &head));
-    stored = head.width == width && head.height == height;
-    turned = quarter ? head.width == height && head.height == width : stored;
+    stored = cln_image_alike(head.width, head.height, width, height);
+    turned = quarter ? cln_image_alike(head.width, head.height, height, width) : stored;
     if (quarter)
         snprintf(other, sizeof other, ", turned as its EXIF data say %d x %d", height, width);
     if (!stored && !turned)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: the mask has %d x %d pixels, its image %d x %d%s; make them equal",
-                         path, head.width, head.height, width, height, other));
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: the mask has %d x %d pixels, its image %d x %d%s; give it the same shape",
+                     path, head.width, head.height, width, height, other));
     *jpeg = head.jpeg;
     *told = stored != turned ? (turned ? 1 : -1) : head.orientation == v->orientation ? -1 : 0;
 done:

@@ -183,12 +183,15 @@ cln_status cln_record_start(cln_trainer *t)
     json_t *history = NULL;
     json_t *config = NULL, *scene = NULL, *plan = NULL, *host_plan = NULL, *before = NULL;
     const char *preset = t->desc->resume ? NULL : t->desc->settings->preset;
-    char now[32], tune[CLN_TUNE_TEXT];
+    const char *was = NULL;
+    char now[32], tune[CLN_TUNE_TEXT], digest[CLN_DIGEST_TEXT];
     cln_orbit_frame frame;
 
     if (t->desc->resume)
         CLN_TRY(cln_run_read(t->desc->run, &before));
     take_result(t, json_object_get(before, "result"));
+    was = text_of(json_object_get(before, "dataset"), "digest", NULL);
+    cln_digest_text(t->scene->digest, digest);
     if (!preset)
         preset = text_of(before, "preset", "");
     CLN_TRY(cln_config_to_json(&t->model.config, &config));
@@ -202,7 +205,8 @@ cln_status cln_record_start(cln_trainer *t)
     cln_utc_now(now);
     CLN_TRY(cln_history_add(json_object_get(before, "history"), t->model.step,
                             t->desc->command ? t->desc->command : "", now,
-                            t->desc->resume ? &t->trained : NULL, &t->model.config, &history));
+                            t->desc->resume ? &t->trained : NULL, &t->model.config,
+                            (const char *const[2]){was, digest}, &history));
     if (t->desc->resume)
         CLN_TRY(take_processor_seconds(t, json_object_get(before, "result")));
     cln_tune_text(&t->pipeline.tune, tune);

@@ -196,10 +196,68 @@ section_twice() {
     for ((i = 2; i < 10; i++)); do
         cp "$s/images/frame_0000$i.png" "$s/images/frame_0000${i}_mask.png"
     done
-    "$make_scene" "$work/small" --format nerfstudio --size 16 --train 1 --test 0 >/dev/null
-    cp "$work/small/images/frame_00001.png" "$s/images/frame_00001_mask.png"
-    expect "a mask of another size, and none" 0 \
+    "$make_scene" "$work/wide" --held 1 --format nerfstudio --size 32 --train 1 --test 0 >/dev/null
+    cp "$work/wide/images/frame_00001.png" "$s/images/frame_00001_mask.png"
+    expect "a mask of another shape, and none" 0 \
         "~1.mask.is.not.read ~8.of.10.photos.have.a.mask" "$cln" info "$s"
 }
 
-run_sections "edges limits windows flights twice" "$@"
+# A scene's folder that has another object by now, photos and poses that changed since.
+section_reused() {
+    local s=$work/current r="$work/vault/first run"
+    mkdir -p "$work/vault"
+    "$make_scene" "$s" --format colmap --size 32 --train 20 --test 4 >/dev/null
+    run "$cln" train "$s" -o "$r" "${small[@]}" --steps 3
+    cp -r "$s" "$work/vault/current"
+    rm -r "$s"
+    "$make_scene" "$s" --kind room --format colmap --size 32 --train 12 --test 4 >/dev/null
+    for file in "$s"/images/*; do
+        mv "$file" "$s/images/other_$(basename "$file")"
+    done
+    sed -i 's/frame_/other_frame_/' "$s/sparse/0/images.txt"
+    cp -r "$r" "$work/first alone"
+    expect "the run's own scene went with it" 0 "~another.scene.is.there ~vault/.*current" \
+        "$cln" eval "$r" --no-save-images --json
+    check "it is read" [ "$(json split)" = test ]
+    expect "and trained on" 0 "~another.scene.is.there" "$cln" train --resume "$r" \
+        --skip-selftest --progress none --steps +1
+    expect "none of the run's photos is in the folder" 3 "~none.of.its.16.photos" \
+        "$cln" train --resume "$work/first alone" --skip-selftest --progress none --steps +1
+    rm -r "$s"
+    cp -r "$work/vault/current" "$s"
+    rm "$s/images/frame_00003.png"
+    expect "a photo that is gone" 0 "~1.image.is.left.out.now ~1.photo.is.gone" "$cln" train \
+        --resume "$work/first alone" --skip-selftest --progress none --steps +1
+    expect "the run tells that its photos changed" 0 "" "$cln" info "$work/first alone"
+    check "with both digests" printed "and other photos or poses: scene "
+    expect "unless none may be missing" 3 "frame_00003" "$cln" train --resume "$work/first alone" \
+        --skip-selftest --progress none --steps +1 --missing fail
+}
+
+# Masks in another format or size than their photos; names in another form.
+section_forms() {
+    local s=$work/forms i
+    "$make_scene" "$s" --format colmap --size 32 --train 10 --test 2 >/dev/null
+    "$make_scene" "$work/half size" --format nerfstudio --size 16 --train 10 --test 2 --masks >/dev/null
+    cp -r "$work/half size/masks" "$s"
+    expect "masks of half the size" 0 "" "$cln" info "$s" --json
+    check "they count" [ "$(json masks.views)" = 12 ]
+    for i in 1 2 3; do
+        mv "$s/masks/frame_0000$i.png" "$s/masks/frame_0000$i.tif"
+    done
+    expect "masks that are TIFF" 0 "~3.masks.are.not.read.*frame_00001.tif.*PNG" "$cln" info "$s"
+    rm -r "$s/masks"
+    mv "$s/images/frame_00001.png" "$s/images/u"$'\xcc\x88'" #1.png"
+    mv "$s/images/frame_00002.png" "$s/images/b.png"
+    : >"$s/images/b.tif"
+    sed -i 's/frame_00002.png/b.tif/; s/frame_00001.png/u'$'\xcc\x88'' #1.png/' \
+        "$s/sparse/0/images.txt"
+    printf '# some\n\xc3\xbc #1.png\nframe_00004.png # a remark\n' >"$s/list.txt"
+    expect "names with a # and in another form" 0 "~views:.10.train,.2.test" "$cln" train "$s" \
+        -o "$work/forms run" "${small[@]}" --test-views "$s/list.txt" --steps 3
+    expect "in --views, too" 0 "" "$cln" eval "$work/forms run" --views $'\xc3\xbc #1.png' \
+        --no-save-images
+    check "a photo beside its TIFF is read" eval '! grep -q "left out" "$work/err"'
+}
+
+run_sections "edges limits windows flights twice reused forms" "$@"

@@ -364,7 +364,9 @@ static void add_start(json_t **history, int64_t step, const cln_config *saved,
 {
     json_t *longer = NULL;
 
-    assert_int_equal(cln_history_add(*history, step, "train", "today", saved, now, &longer),
+    static const char *const same[2] = {"12ab", "12ab"};
+
+    assert_int_equal(cln_history_add(*history, step, "train", "today", saved, now, same, &longer),
                      CLN_OK);
     json_decref(*history);
     *history = longer;

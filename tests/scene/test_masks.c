@@ -299,6 +299,34 @@ static void test_jpeg_masks(void **state)
     cln_scene_free(scene);
 }
 
+/* A mask of half the size, or of twice, is brought to the photo's, by the nearest pixels. */
+static void test_masks_of_other_sizes(void **state)
+{
+    const char *folder = *state;
+
+    for (int twice = 0; twice < 2; twice++) {
+        const int width = twice ? 2 * FORMAT_WIDTH : FORMAT_WIDTH / 2;
+        const int height = twice ? 2 * FORMAT_HEIGHT : FORMAT_HEIGHT / 2;
+        uint8_t *mask = calloc((size_t)width * (size_t)height, 3);
+        char path[512];
+        cln_scene *scene = NULL;
+
+        assert_non_null(mask);
+        for (int i = 0; i < width * height; i++)
+            memset(mask + 3 * i, i % width * 4 >= width ? 255 : 0, 3); /* from a quarter on */
+        format_images(folder, 1);
+        put_mask(folder, "dynamic_mask_view_01.png", 10, 3);
+        put_text(folder, "transforms.json", MASK_SCENE);
+        snprintf(path, sizeof path, "%s/m.png", folder);
+        assert_int_equal(cln_image_write_png(path, width, height, 3, mask), CLN_OK);
+        scene = load(folder, plain());
+        for (int x = 0; x < FORMAT_WIDTH; x++)
+            assert_int_equal(cln_view_keeps(scene->views, x, 3), x >= FORMAT_WIDTH / 4);
+        cln_scene_free(scene);
+        free(mask);
+    }
+}
+
 static void test_broken_masks(void **state)
 {
     static const struct {
@@ -360,6 +388,7 @@ int test_group_masks(void)
         cmocka_unit_test_setup_teardown(test_masks_in_folder, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_masks_of_other_sizes, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
     };
 

@@ -249,7 +249,8 @@ static void test_moved(void **state)
     static const struct {
         double shift, degrees;
         bool elsewhere;
-    } rows[] = {{0, 0, false}, {0.04, 0, false}, {0.06, 0, true}, {0, 2.9, false}, {0, 3.1, true}};
+    } rows[] = {
+        {0, 0, false}, {0.009, 0, false}, {0.011, 0, true}, {0, 0.9, false}, {0, 1.1, true}};
     cln_view were[4] = {{.name = NULL}}, are[5] = {{.name = NULL}};
     const cln_scene kept = {.views = were, .view_count = 4},
                     scene = {.views = are, .view_count = 5};
