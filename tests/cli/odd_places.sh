@@ -238,7 +238,8 @@ section_reused() {
 section_forms() {
     local s=$work/forms i
     "$make_scene" "$s" --format colmap --size 32 --train 10 --test 2 >/dev/null
-    "$make_scene" "$work/half size" --format nerfstudio --size 16 --train 10 --test 2 --masks >/dev/null
+    "$make_scene" "$work/half size" --format nerfstudio --size 16 --train 10 --test 2 \
+        --masks >/dev/null
     cp -r "$work/half size/masks" "$s"
     expect "masks of half the size" 0 "" "$cln" info "$s" --json
     check "they count" [ "$(json masks.views)" = 12 ]
