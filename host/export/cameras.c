@@ -252,38 +252,15 @@ done:
     return st;
 }
 
-/* The pose from the world to the camera: unit quaternion w, x, y, z and translation. The largest of
- * the four is found first, so that no division is by a small number. */
+/* The pose from the world to the camera: unit quaternion w, x, y, z and translation. */
 static void pose_of(const double c2w[12], double q[4], double t[3])
 {
-    double r[3][3], sums[4], most = 0;
-    int k = 0;
-
+    cln_pose_quaternion(c2w, q);
     for (int i = 0; i < 3; i++) {
+        q[i + 1] = -q[i + 1];
         t[i] = 0;
-        for (int j = 0; j < 3; j++) {
-            r[i][j] = c2w[4 * j + i];
-            t[i] -= r[i][j] * c2w[4 * j + 3];
-        }
-    }
-    sums[0] = r[0][0] + r[1][1] + r[2][2];
-    for (int i = 0; i < 3; i++)
-        sums[i + 1] = 2 * r[i][i] - sums[0];
-    for (int i = 1; i < 4; i++)
-        k = sums[i] > sums[k] ? i : k;
-    most = sqrt(1 + sums[k]) / 2;
-    q[k] = most;
-    if (k == 0) {
-        for (int i = 0; i < 3; i++)
-            q[i + 1] = (r[(i + 2) % 3][(i + 1) % 3] - r[(i + 1) % 3][(i + 2) % 3]) / (4 * most);
-        return;
-    }
-    k--;
-    q[0] = (r[(k + 2) % 3][(k + 1) % 3] - r[(k + 1) % 3][(k + 2) % 3]) / (4 * most);
-    for (int i = 1; i < 3; i++) {
-        const int other = (k + i) % 3;
-
-        q[other + 1] = (r[k][other] + r[other][k]) / (4 * most);
+        for (int j = 0; j < 3; j++)
+            t[i] -= c2w[4 * j + i] * c2w[4 * j + 3];
     }
 }
 

@@ -26,6 +26,7 @@ cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *c
 #include <string.h>
 #include "base/memory.h"
 #include "export/crowded.h"
+#include "export/triangles.h"
 
 cln_status cln_mesh_reduce_possible(void)
 {
@@ -39,21 +40,10 @@ static cln_status drop_unused(cln_mesh *mesh)
     uint32_t *to = NULL;
     size_t kept = 0;
 
-    CLN_TRY(cln_alloc(&to, mesh->vertices, sizeof *to, "vertices"));
-    for (size_t f = 0; f < mesh->faces; f++)
-        for (int k = 0; k < 3; k++)
-            to[mesh->face[f][k]] = 1;
-    for (size_t v = 0; v < mesh->vertices; v++) {
-        if (!to[v])
-            continue;
-        memmove(mesh->at[kept], mesh->at[v], sizeof mesh->at[0]);
-        memmove(mesh->normal[kept], mesh->normal[v], sizeof mesh->normal[0]);
-        memmove(mesh->colour[kept], mesh->colour[v], sizeof mesh->colour[0]);
-        to[v] = (uint32_t)kept++;
-    }
-    for (size_t f = 0; f < mesh->faces; f++)
-        for (int k = 0; k < 3; k++)
-            mesh->face[f][k] = to[mesh->face[f][k]];
+    CLN_TRY(cln_faces_renumber(mesh->faces, mesh->face, mesh->vertices, &kept, &to));
+    cln_keep_vertices(mesh->vertices, to, sizeof mesh->at[0], mesh->at);
+    cln_keep_vertices(mesh->vertices, to, sizeof mesh->normal[0], mesh->normal);
+    cln_keep_vertices(mesh->vertices, to, sizeof mesh->colour[0], mesh->colour);
     mesh->vertices = kept;
 done:
     free(to);

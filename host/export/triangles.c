@@ -57,6 +57,36 @@ cln_status cln_surface_grow_faces(cln_surface *surface)
                             sizeof *surface->face, "triangles");
 }
 
+cln_status cln_faces_renumber(size_t faces, uint32_t (*face)[3], size_t vertices, size_t *kept,
+                              uint32_t **to)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_alloc(to, vertices, sizeof **to, "vertices"));
+    memset(*to, 0xff, vertices * sizeof **to);
+    for (size_t f = 0; f < faces; f++)
+        for (int k = 0; k < 3; k++)
+            (*to)[face[f][k]] = 0;
+    *kept = 0;
+    for (size_t v = 0; v < vertices; v++)
+        if ((*to)[v] != CLN_NO_VERTEX)
+            (*to)[v] = (uint32_t)(*kept)++;
+    for (size_t f = 0; f < faces; f++)
+        for (int k = 0; k < 3; k++)
+            face[f][k] = (*to)[face[f][k]];
+done:
+    return st;
+}
+
+void cln_keep_vertices(size_t vertices, const uint32_t *to, size_t bytes, void *values)
+{
+    char *at = values;
+
+    for (size_t v = 0; v < vertices && at; v++)
+        if (to[v] != CLN_NO_VERTEX)
+            memmove(at + to[v] * bytes, at + v * bytes, bytes);
+}
+
 cln_status cln_surface_drop_unused(cln_surface *surface)
 {
     cln_status st = CLN_OK;
@@ -64,25 +94,11 @@ cln_status cln_surface_drop_unused(cln_surface *surface)
     uint32_t *to = NULL;
     size_t kept = 0;
 
-    CLN_TRY(cln_alloc(&to, s->vertices, sizeof *to, "vertices"));
-    for (size_t f = 0; f < s->faces; f++)
-        for (int k = 0; k < 3; k++)
-            to[s->face[f][k]] = 1;
-    for (size_t v = 0; v < s->vertices; v++) {
-        if (!to[v])
-            continue;
-        memmove(s->at[kept], s->at[v], sizeof s->at[0]);
-        if (s->normal)
-            memmove(s->normal[kept], s->normal[v], sizeof s->normal[0]);
-        if (s->towards)
-            memmove(s->towards[kept], s->towards[v], sizeof s->towards[0]);
-        if (s->colour)
-            memmove(s->colour[kept], s->colour[v], sizeof s->colour[0]);
-        to[v] = (uint32_t)kept++;
-    }
-    for (size_t f = 0; f < s->faces; f++)
-        for (int k = 0; k < 3; k++)
-            s->face[f][k] = to[s->face[f][k]];
+    CLN_TRY(cln_faces_renumber(s->faces, s->face, s->vertices, &kept, &to));
+    cln_keep_vertices(s->vertices, to, sizeof s->at[0], s->at);
+    cln_keep_vertices(s->vertices, to, sizeof s->normal[0], s->normal);
+    cln_keep_vertices(s->vertices, to, sizeof s->towards[0], s->towards);
+    cln_keep_vertices(s->vertices, to, sizeof s->colour[0], s->colour);
     s->vertices = kept;
 done:
     free(to);

@@ -25,6 +25,15 @@ cln_status cln_surface_grow(void *pointer, size_t *room, size_t count, size_t ro
 cln_status cln_surface_grow_vertices(cln_surface *surface);
 cln_status cln_surface_grow_faces(cln_surface *surface);
 
+/* Numbers the vertices that faces have, in their order, from 0 on, in the faces, too: (*to)[v] is
+ * the new number of vertex v, of `kept`, or CLN_NO_VERTEX. The caller frees *to, also after a
+ * failure. CLN_MEMORY. */
+#define CLN_NO_VERTEX UINT32_MAX
+cln_status cln_faces_renumber(size_t faces, uint32_t (*face)[3], size_t vertices, size_t *kept,
+                              uint32_t **to);
+/* Moves the values of such vertices, of so many bytes each, to their places; NULL: there are none. */
+void cln_keep_vertices(size_t vertices, const uint32_t *to, size_t bytes, void *values);
+
 /* Drops vertices that no face has; the others keep their order. Arrays may be NULL. */
 cln_status cln_surface_drop_unused(cln_surface *surface);
 

@@ -18,33 +18,6 @@ typedef struct key {
     double at, part[PARTS], slope[PARTS];
 } key;
 
-/* Finds the largest of the four first, so that nothing is divided by a small number. */
-static void quaternion_of(const double c2w[12], double q[4])
-{
-    const double m[3] = {c2w[0], c2w[5], c2w[10]};
-    double sums[4] = {m[0] + m[1] + m[2], 0, 0, 0}, most = 0;
-    int k = 0;
-
-    for (int i = 1; i < 4; i++)
-        sums[i] = 2 * m[i - 1] - sums[0];
-    for (int i = 1; i < 4; i++)
-        k = sums[i] > sums[k] ? i : k;
-    most = sqrt(1 + sums[k]) / 2;
-    q[k] = most;
-    for (int a = 0; a < 3; a++) {
-        const int b = (a + 1) % 3, c = (a + 2) % 3;
-        const double odd = c2w[4 * c + b] - c2w[4 * b + c];  /* 4 q0 q(a + 1) */
-        const double even = c2w[4 * b + c] + c2w[4 * c + b]; /* 4 q(b + 1) q(c + 1) */
-
-        if (k == 0)
-            q[a + 1] = odd / (4 * most);
-        else if (k == a + 1)
-            q[0] = odd / (4 * most);
-        else
-            q[k == b + 1 ? c + 1 : b + 1] = even / (4 * most);
-    }
-}
-
 static void rotation_of(const double q[4], double c2w[12])
 {
     for (int i = 0; i < 3; i++) {
@@ -192,7 +165,7 @@ static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *aroun
             square += away * away;
         }
         keys[i].part[DISTANCE] = sqrt(square);
-        quaternion_of(c2w, keys[i].part + 3);
+        cln_pose_quaternion(c2w, keys[i].part + 3);
         for (int a = 3; a < DISTANCE && i > 0; a++)
             cosine += keys[i].part[a] * keys[i - 1].part[a];
         for (int a = 3; a < DISTANCE && cosine < 0; a++) /* the shorter way round */

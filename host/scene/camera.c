@@ -105,6 +105,33 @@ void cln_camera_resize(cln_camera *camera, int width, int height, double x, doub
     camera->cy /= y;
 }
 
+/* Finds the largest of the four first, so that nothing is divided by a small number. */
+void cln_pose_quaternion(const double c2w[12], double q[4])
+{
+    const double m[3] = {c2w[0], c2w[5], c2w[10]};
+    double sums[4] = {m[0] + m[1] + m[2], 0, 0, 0}, most = 0;
+    int k = 0;
+
+    for (int i = 1; i < 4; i++)
+        sums[i] = 2 * m[i - 1] - sums[0];
+    for (int i = 1; i < 4; i++)
+        k = sums[i] > sums[k] ? i : k;
+    most = sqrt(1 + sums[k]) / 2;
+    q[k] = most;
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+        const double odd = c2w[4 * c + b] - c2w[4 * b + c];  /* 4 q0 q(a + 1) */
+        const double even = c2w[4 * b + c] + c2w[4 * c + b]; /* 4 q(b + 1) q(c + 1) */
+
+        if (k == 0)
+            q[a + 1] = odd / (4 * most);
+        else if (k == a + 1)
+            q[0] = odd / (4 * most);
+        else
+            q[k == b + 1 ? c + 1 : b + 1] = even / (4 * most);
+    }
+}
+
 /* The rotation nearest to r (row-major 3x3), by Newton's iteration for the polar decomposition,
  * X <- (X + X^-T) / 2. Needs det(r) > 0. */
 static void nearest_rotation(double r[9])

@@ -46,6 +46,9 @@ unsigned cln_camera_lenses(const cln_camera *camera);
  * camera in the sentence. CLN_INPUT. */
 cln_status cln_camera_check(cln_camera *camera, const char *frame);
 
+/* The unit quaternion w, x, y, z of a pose's rotation (c2w: 3x4, row-major). */
+void cln_pose_quaternion(const double c2w[12], double q[4]);
+
 /* Makes it EQUIRECTANGULAR, its image (width x height) spanning the whole sphere. */
 void cln_camera_span_sphere(cln_camera *camera);
 
