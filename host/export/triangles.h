@@ -31,7 +31,7 @@ cln_status cln_surface_grow_faces(cln_surface *surface);
 #define CLN_NO_VERTEX UINT32_MAX
 cln_status cln_faces_renumber(size_t faces, uint32_t (*face)[3], size_t vertices, size_t *kept,
                               uint32_t **to);
-/* Moves the values of such vertices, of so many bytes each, to their places. NULL: nothing to do. */
+/* Moves the values of such vertices, of so many bytes each, to their places, unless it is NULL. */
 void cln_keep_vertices(size_t vertices, const uint32_t *to, size_t bytes, void *values);
 
 /* Drops vertices that no face has; the others keep their order. Arrays may be NULL. */

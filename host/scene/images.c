@@ -422,9 +422,10 @@ cln_status cln_view_add_alpha(const cln_view *view, int width, int height, uint6
 
     CLN_TRY(decode(view->alpha_path, true, digest, &across, &down, &alpha_channels, &alpha));
     CLN_TRY(cln_image_turn(view->alpha_turn, &across, &down, alpha_channels, &alpha));
-    if (across != width || down != height)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: its size is not the photo's any more; put the file back",
+    if (!cln_image_alike(across, down, width, height))
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: its shape is not the photo's any more; put the file back",
                          view->alpha_path));
+    CLN_TRY(cln_image_fit(width, height, &across, &down, alpha_channels, &alpha));
     if (view->alpha_mask)
         cln_mask_to_alpha(alpha, count, alpha_channels, view->mask_least > 1);
     for (size_t i = 0; i < count * (size_t)alpha_channels && view->alpha_black; i++)

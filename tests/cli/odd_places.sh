@@ -243,6 +243,10 @@ section_forms() {
     cp -r "$work/half size/masks" "$s"
     expect "masks of half the size" 0 "" "$cln" info "$s" --json
     check "they count" [ "$(json masks.views)" = 12 ]
+    for i in alpha ignore; do
+        expect "and are trained with, as $i" 0 "" "$cln" train "$s" -o "$work/$i run" \
+            "${small[@]}" --masks $i --steps 3
+    done
     for i in 1 2 3; do
         mv "$s/masks/frame_0000$i.png" "$s/masks/frame_0000$i.tif"
     done
