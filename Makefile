@@ -23,8 +23,9 @@
 #            CC AR OBJCOPY PKG_CONFIG CPPFLAGS CFLAGS LDFLAGS, as usual; HOSTPROG: see below
 #            MPI=1: build/mpi/cl-nascent and library, for training by several processes
 #            (docs/scale-out.md; libopenmpi-dev)
-# Packagers: LCMS2= MICROHTTPD= MESHOPTIMIZER= UTF8PROC= leave these libraries out, whether they are
-# there or not; each by itself, too. Else they are used if they are found, which `version -v` tells.
+# Packagers: EXPAT= LCMS2= MICROHTTPD= MESHOPTIMIZER= UTF8PROC= leave these libraries out, whether
+# they are there or not; each by itself, too. Else they are used if they are found, which `version
+# -v` tells.
 
 # GNU's spelling (make install prefix=/usr) is taken, too.
 $(foreach name,prefix:PREFIX bindir:BINDIR libdir:LIBDIR includedir:INCLUDEDIR datadir:DATADIR \
@@ -61,7 +62,9 @@ MICROHTTPD := $(shell $(PKG_CONFIG) --exists libmicrohttpd && echo libmicrohttpd
 LCMS2 := $(shell $(PKG_CONFIG) --exists lcms2 && echo lcms2)
 # for names of files in the other Unicode form, as of a Mac; without it they are not found
 UTF8PROC := $(shell $(PKG_CONFIG) --exists libutf8proc && echo libutf8proc)
-PKGS := OpenCL jansson zlib $(MICROHTTPD) $(LCMS2) $(UTF8PROC)
+# for Metashape's cameras.xml; without it such a file is refused, with a way out
+EXPAT := $(shell $(PKG_CONFIG) --exists expat && echo expat)
+PKGS := OpenCL jansson zlib $(MICROHTTPD) $(LCMS2) $(UTF8PROC) $(EXPAT)
 # for export --mesh --triangles; without it that option says what is missing. It has no pkg-config.
 # A header alone may be another machine's: a cross compiler looks into /usr/include, too.
 MESHOPTIMIZER := $(shell echo 'int main(void) { return 0; }' | $(CC) -include meshoptimizer.h \
@@ -84,6 +87,7 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(if $(MESHOPTIMIZER),-DCLN_WITH_MESHOPTIMIZER) \
              $(if $(LCMS2),-DCLN_WITH_LCMS2) \
              $(if $(UTF8PROC),-DCLN_WITH_UTF8PROC) \
+             $(if $(EXPAT),-DCLN_WITH_EXPAT) \
              -ffile-prefix-map="$(CURDIR)"=. $(shell $(PKG_CONFIG) --cflags $(PKGS)) \
              $(CPPFLAGS) $(CFLAGS)
 LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(if $(UTF8PROC),-lutf8proc )\
@@ -324,7 +328,7 @@ $B/commit: FORCE
 	@mkdir -p $(@D)
 	@echo '$(COMMIT)' | cmp -s - $@ || echo '$(COMMIT)' > $@
 
-OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER) $(LCMS2) $(UTF8PROC)
+OPTIONAL := $(MICROHTTPD) $(MESHOPTIMIZER) $(LCMS2) $(UTF8PROC) $(EXPAT)
 $B/optional: FORCE
 	@mkdir -p $(@D)
 	@echo '$(OPTIONAL)' | cmp -s - $@ || echo '$(OPTIONAL)' > $@

@@ -4,10 +4,11 @@
 # the first. On other systems it only names the required packages.
 set -eu
 
-build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libjansson-dev liblcms2-dev
-    libmeshoptimizer-dev libmicrohttpd-dev libstb-dev libutf8proc-dev zlib1g-dev pkg-config|pkgconf"
+build="ocl-icd-opencl-dev opencl-headers pocl-opencl-icd libexpat1-dev libjansson-dev
+    liblcms2-dev libmeshoptimizer-dev libmicrohttpd-dev libstb-dev libutf8proc-dev zlib1g-dev
+    pkg-config|pkgconf"
 # the program is built without these, too
-optional=" liblcms2-dev libmeshoptimizer-dev libmicrohttpd-dev libutf8proc-dev "
+optional=" libexpat1-dev liblcms2-dev libmeshoptimizer-dev libmicrohttpd-dev libutf8proc-dev "
 test="curl libcmocka-dev glpk-utils oclgrind openmpi-bin libopenmpi-dev"
 fuzz="clang-14|clang libclang-rt-14-dev"
 lint="clang-14|clang clang-format-14|clang-format"

@@ -68,6 +68,7 @@ warnings() {
            $([ -e /usr/include/meshoptimizer.h ] && echo -DCLN_WITH_MESHOPTIMIZER)
            $(pkg-config --exists lcms2 && echo -DCLN_WITH_LCMS2)
            $(pkg-config --exists libutf8proc && echo -DCLN_WITH_UTF8PROC)
+           $(pkg-config --exists expat && echo -DCLN_WITH_EXPAT)
            $(pkg-config --exists ompi-c && echo -DCLN_WITH_MPI "$(pkg-config \
                --cflags-only-I ompi-c)")"
     # shellcheck disable=SC2086

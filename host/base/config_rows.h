@@ -69,6 +69,7 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMAT_NEUS,
        CLN_FORMAT_NSVF,
        CLN_FORMAT_OPENSFM,
+       CLN_FORMAT_METASHAPE,
        CLN_FORMATS
 };
 enum { CLN_EXPOSURE_NO, CLN_EXPOSURE_YES, CLN_EXPOSURE_AUTO };
@@ -367,7 +368,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints",                \
          .flags = CLN_ROW_SECONDS)                                                                 \
     ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO,                                       \
-         "auto|transforms|colmap|llff|neus|nsvf|opensfm",                                          \
+         "auto|transforms|colmap|llff|neus|nsvf|opensfm|metashape",                                \
          "what the scene is read as; auto: the first of the others that is there",                 \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     INT(downscale, "downscale", 0, 0, 0, CLN_MOST_DOWNSCALE,                                       \

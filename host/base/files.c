@@ -45,6 +45,13 @@ static bool holds(const char *folder, const char *name, bool (*is_kind)(const ch
     return has;
 }
 
+bool cln_is_same_file(const char *a, const char *b)
+{
+    struct stat x, y;
+
+    return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
 bool cln_has_file(const char *folder, const char *name)
 {
     return holds(folder, name, cln_is_file);

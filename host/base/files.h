@@ -12,6 +12,7 @@ bool cln_is_file(const char *path);
 bool cln_is_dir(const char *path);
 
 /* Has the folder a file, or a folder, of this name? */
+bool cln_is_same_file(const char *a, const char *b); /* or folder, by whatever paths */
 bool cln_has_file(const char *folder, const char *name);
 bool cln_has_dir(const char *folder, const char *name);
 

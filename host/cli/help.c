@@ -131,7 +131,8 @@ static void put_row(FILE *to, const cln_config_row *row, const cln_config preset
 
     text_of_values(presets, row, values, sizeof values);
     if (cln_config_is_switch(row))
-        snprintf(left, sizeof left, "  --[no-]%s", row->option);
+        snprintf(left, sizeof left, "  --[no-]%s%s%s", row->option, row->words ? "=" : "",
+                 row->words ? row->words : "");
     else
         snprintf(left, sizeof left, "  --%s %s", row->option,
                  row->type == CLN_ROW_ENUM   ? row->words
@@ -303,7 +304,12 @@ const char *cln_built_with(void)
 #else
 #define WITH_NAMES "without utf8proc (names of files in one Unicode form alone)"
 #endif
-    return "built " WITH_VIEW ", " WITH_TRIANGLES ", " WITH_COLOURS ", " WITH_NAMES;
+#ifdef CLN_WITH_EXPAT
+#define WITH_XML "with expat (cameras of Metashape)"
+#else
+#define WITH_XML "without expat (no cameras of Metashape in XML)"
+#endif
+    return "built " WITH_VIEW ", " WITH_TRIANGLES ", " WITH_COLOURS ", " WITH_NAMES ", " WITH_XML;
 }
 
 void cln_version_print(FILE *to, bool verbose)

@@ -82,10 +82,12 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     json_t *config = NULL, *document = NULL;
     json_error_t why;
     char data_hex[CLN_DIGEST_TEXT], model_hex[CLN_DIGEST_TEXT], hex[CLN_DIGEST_TEXT];
+    char exposure_hex[CLN_DIGEST_TEXT];
 
     CLN_TRY(cln_config_to_json(&model->config, &config));
     cln_digest_text(data_digest, data_hex);
     cln_digest_text(model_digest, model_hex);
+    cln_digest_text(model->exposure_of, exposure_hex);
     document = json_pack_ex(
         &why, 0,
         "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
@@ -109,6 +111,8 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         json_object_set_new(document, "averaged", json_integer(cln_model_antialias(model))) != 0 ||
         (model->in_parts && json_object_set_new(document, "in_parts", json_true()) != 0) ||
         (model->exposed && json_object_set_new(document, "exposed", json_true()) != 0) ||
+        (model->exposure &&
+         json_object_set_new(document, "exposure_of", json_string(exposure_hex)) != 0) ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
                                                      forward_json(&model->space)) != 0) ||
         (model->space.shell &&
@@ -173,6 +177,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     const json_t *alpha = json_object_get(document, "has_alpha");
     const json_t *distortion = json_object_get(document, "has_distortion");
     const json_t *measured = json_object_get(document, "measured");
+    const char *exposure_of = json_string_value(json_object_get(document, "exposure_of"));
     int64_t rays = 0, level = 0, decisions = 0, averaged = 1;
     double channel = 0;
 
@@ -187,8 +192,6 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
         CLN_TRY(get_int(document, path, "averaged", 1, 4, &averaged));
     out->averaged = averaged > 1;
     out->in_parts = json_is_true(json_object_get(document, "in_parts"));
-    out->exposed = json_is_true(json_object_get(document, "exposed")) ||
-                   out->config.exposure == CLN_EXPOSURE_YES;
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
                      &out->train_seconds));
     CLN_TRY(get_int(measured, path, "rays", 0, INT64_MAX, &out->sum_rays));
@@ -217,6 +220,9 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     out->level = (int)level;
     out->decisions = (int)decisions;
     CLN_TRY(cln_config_from_json(json_object_get(document, "config"), &out->config));
+    out->exposed = json_is_true(json_object_get(document, "exposed")) ||
+                   out->config.exposure == CLN_EXPOSURE_YES; /* older ones do not tell it */
+    out->exposure_of = exposure_of ? strtoull(exposure_of, NULL, 16) : 0;
     CLN_TRY(cln_network_layout(&out->config, &out->net));
 done:
     return st;

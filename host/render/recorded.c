@@ -278,32 +278,35 @@ static bool is_same(const json_t *dataset, const cln_scene *scene)
     return saved && strcmp(saved, digest) == 0;
 }
 
-/* Another scene is where the run's was: takes the run's in its stead, if that went with the run. */
+/* Another scene, or none, is at `first`, where the run's was: takes the run's in its stead, if that
+ * went with the run. *scene: what is there, NULL if it cannot be read. */
 static cln_status look_elsewhere(const char *run, const json_t *dataset,
-                                 const cln_scene_desc *given, cln_scene **scene)
+                                 const cln_scene_desc *given, const char *first, cln_scene **scene)
 {
     cln_status st = CLN_OK;
     cln_scene_desc desc = *given;
     cln_scene *other = NULL;
     const char *how = NULL;
     char *path = NULL;
+    bool found = *scene && is_same(dataset, *scene);
 
-    for (int i = 1; i < PLACES && !is_same(dataset, *scene); i++) {
+    for (int i = 1; i < PLACES && !found; i++) {
         free(path);
         CLN_TRY(tell_place(run, dataset, i, &path, &how));
-        if (!path || !is_there(path))
+        if (!path || !is_there(path) || cln_is_same_file(path, first))
             continue;
         desc.path = path;
         st = cln_scene_load(&desc, &other);
         if (st == CLN_SIGINT || st == CLN_SIGTERM || st == CLN_MEMORY)
             goto done;
-        if (st != CLN_OK) {
+        if (st != CLN_OK)
             cln_clear_error();
-            st = CLN_OK;
-        } else if (is_same(dataset, other)) {
-            cln_warn("%s: another scene is there now than %s began with; %s is that one, and read "
-                     "(%s)",
-                     (*scene)->folder, run, other->path, how);
+        found = st == CLN_OK && is_same(dataset, other);
+        st = CLN_OK;
+        if (found) {
+            cln_warn("%s: %s is there now; %s is the scene that %s began with, and read (%s)",
+                     first, *scene ? "another scene" : "no scene that can be read", other->path,
+                     run, how);
             cln_scene_free(*scene);
             *scene = other;
         } else {
@@ -378,7 +381,7 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     cln_config config = *given->config;
     cln_scene_desc desc = *given;
     const char *place = NULL;
-    char *path = NULL;
+    char *path = NULL, why[4096] = "";
     cln_scene *kept = NULL;
 
     *scene = NULL;
@@ -410,9 +413,15 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     st = cln_scene_load(&desc, scene);
     if (st != CLN_OK && st != CLN_SIGINT && st != CLN_SIGTERM && !given->path)
         cln_note("reading the scene that %s was trained on (--scene tells where it is now)", run);
+    if (!given->path && !place && (st == CLN_OK || st == CLN_INPUT)) {
+        if (st != CLN_OK)
+            snprintf(why, sizeof why, "%s", cln_error_text());
+        cln_clear_error();
+        CLN_TRY(look_elsewhere(run, dataset, &desc, path, scene));
+        if (!*scene)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s", why));
+    }
     CLN_TRY(st);
-    if (!given->path && !place)
-        CLN_TRY(look_elsewhere(run, dataset, &desc, scene));
     keep_background(document, &config, *scene);
     CLN_TRY(compare(run, dataset, *scene, place, same));
     if (!*same && !given->path) /* one that is given may be another capture of the same names */
@@ -464,10 +473,11 @@ cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
     dataset = json_object_get(document, "dataset");
     saved = json_object_get(dataset, "missing");
     if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)
-        cln_warn("%s: %d image%s left out now, %d when %s began; it goes on without %s "
-                 "(--missing fail: it does not)",
-                 scene->folder, scene->missing, cln_plural(scene->missing, " is", "s are"),
-                 (int)json_integer_value(saved), run, cln_plural(scene->missing, "it", "them"));
+        cln_warn("%s: %d image%s left out now, %d when %s began%s", scene->folder, scene->missing,
+                 cln_plural(scene->missing, " is", "s are"), (int)json_integer_value(saved), run,
+                 scene->missing > json_integer_value(saved)
+                     ? "; it goes on without (--missing fail: it does not)"
+                     : "");
     if (json_is_object(json_object_get(dataset, "masks")) && scene->mask_count == 0)
         cln_warn("%s: its photos had masks when %s began, and have none now", scene->folder, run);
     saved = json_object_get(dataset, "downscale");

@@ -30,9 +30,9 @@ static const struct {
     {"checkpoint/latest", "a run without its run.json", "copy the run again, all of it"},
 };
 
-#define METASHAPE                                                                              \
-    "export from Metashape what is read: File > Export > Export Cameras, type Colmap (2.2 or " \
-    "later)"
+#define METASHAPE                                                                               \
+    "export from Metashape what is read: File > Export > Export Cameras, type Agisoft XML, or " \
+    "Colmap (2.2 or later)"
 #define REALITY "export its registration from there in COLMAP's format, which is read"
 
 /* Files of other programs, by the endings of names and by what they hold near the beginning (NULL:
@@ -41,12 +41,12 @@ static const struct {
     const char *endings, *holds, *what, *advice;
 } programs[] = {
     {" psx psz ", NULL, "a project of Metashape", METASHAPE},
-    {" xml ", "<chunk", "cameras of Metashape", METASHAPE},
+    {" xml ", "<chunk", "cameras of Metashape",
+     "give that file, or call it cameras.xml, beside the photos"},
     {" rcproj rsproj ", NULL, "a project of RealityCapture", REALITY},
     {" csv ", "#name,x,y,alt", "cameras of RealityCapture", REALITY},
     {" out txt ", "# Bundle file", "cameras in Bundler's format",
-     "export them in COLMAP's, which is read; Metashape has File > Export > Export Cameras, type "
-     "Colmap (2.2 or later)"},
+     "export them in COLMAP's, which is read; " METASHAPE},
     {" txt ", "Omega, Phi, Kappa", "angles of Metashape's cameras", METASHAPE},
     {" json ", "\"sfm_data_version\"", "a scene of OpenMVG",
      "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read"},
@@ -54,7 +54,7 @@ static const struct {
 
 #define GIVE_SCENE                                                                            \
     "give the folder of a scene: photos with their poses, as a transforms.json or COLMAP's, " \
-    "LLFF's, NeuS's, NSVF's or OpenSfM's files"
+    "LLFF's, NeuS's, NSVF's, OpenSfM's or Metashape's files"
 
 enum { ENDING_BYTES = 16, HEAD_BYTES = 4096 };
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };

@@ -333,13 +333,6 @@ static bool is_beside(const char *name)
     return is;
 }
 
-static bool is_same_folder(const char *a, const char *b)
-{
-    struct stat x, y;
-
-    return stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
-}
-
 cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -358,7 +351,7 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
     if (!slash)
         return CLN_OK;
     CLN_TRY(cln_asprintf(&folder, "%.*s", (int)length, first));
-    if (is_same_folder(folder, scene))
+    if (cln_is_same_file(folder, scene))
         goto done;
     st = cln_dataset_images_of(folder, true, &there);
     if (st == CLN_INPUT) { /* what cannot be listed is not told */

@@ -74,6 +74,7 @@ extern const cln_reader cln_reader_llff;       /* reader_llff.c */
 extern const cln_reader cln_reader_neus;       /* reader_neus.c */
 extern const cln_reader cln_reader_nsvf;       /* reader_nsvf.c */
 extern const cln_reader cln_reader_opensfm;    /* reader_opensfm.c */
+extern const cln_reader cln_reader_metashape;  /* reader_metashape.c */
 
 /* readers.c: the reader of the setting `format`, or the first that detects its format at `path`. A
  * phrase in *others names the formats that are there besides, for --format; NULL if there are none,

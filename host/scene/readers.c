@@ -17,6 +17,7 @@ static const cln_reader *const readers[CLN_FORMATS] = {
     [CLN_FORMAT_NEUS] = &cln_reader_neus,
     [CLN_FORMAT_NSVF] = &cln_reader_nsvf,
     [CLN_FORMAT_OPENSFM] = &cln_reader_opensfm,
+    [CLN_FORMAT_METASHAPE] = &cln_reader_metashape,
 };
 
 bool cln_reader_detects(const char *path)

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "render/exposure_guess.h"
@@ -42,6 +43,7 @@ cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *m
 {
     cln_status st = CLN_OK;
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    uint64_t names = CLN_DIGEST_START;
 
     memset(out, 0, sizeof *out);
     if (!is_wanted(model)) {
@@ -49,14 +51,19 @@ cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *m
         return CLN_OK;
     }
     model->exposed = model->exposed || model->config.exposure == CLN_EXPOSURE_YES;
-    if (model->exposure && model->exposure_views != views) {
+    for (int i = 0; i < views; i++) {
+        const char *name = cln_scene_training_view(scene, i)->name;
+
+        names = cln_digest(names, name, strlen(name) + 1);
+    }
+    if (model->exposure &&
+        (model->exposure_views != views || (model->exposure_of && model->exposure_of != names))) {
         if (model->exposed)
-            cln_warn("exposure: the checkpoint has gains of %d training photos, and the scene has "
-                     "%d: gains begin anew",
-                     model->exposure_views, views);
+            cln_warn("exposure: training photos have come or gone, so gains begin anew");
         free(model->exposure);
         model->exposure = NULL;
     }
+    model->exposure_of = names;
     for (int k = 0; k < 2; k++) {
         cln_exposure_rays *r = &out->rays[k];
 

@@ -32,7 +32,7 @@ typedef struct cln_exposure {
 
 /* Makes gains of 1 for every training view, if the model has none yet and training is to have them
  * or to measure them. If not, and if the images have alpha, there are none, and the functions below
- * do nothing. Gains of another number of views begin anew. */
+ * do nothing. Gains of other photos begin anew. */
 cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *model,
                               cln_exposure *out);
 void cln_exposure_free(cln_exposure *exposure); /* accepts a zeroed one */

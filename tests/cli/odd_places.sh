@@ -176,6 +176,9 @@ section_twice() {
     check "it counts in both" eval '
         [ "$(json splits.train) $(json splits.val) $(json splits.test)" = "6 2 3" ]'
     run "$cln" train "$s" -o "$r" "${small[@]}" --steps 3
+    expect "a switch with a word behind it" 0 "" "$cln" train --exposure auto "$s" \
+        -o "$work/word run" "${small[@]}" --steps 3
+    check "is that" [ "$("$query" config.exposure <"$work/word run/run.json")" = auto ]
     mkdir "$work/again"
     expect "its cameras" 0 "" "$cln" export "$r" --cameras "$work/again/transforms.json"
     check "each is written once" printed ": 10 cameras, "

@@ -222,6 +222,15 @@ static void make_opensfm(void)
     format_opensfm_tracks(".", true, points, 2);
 }
 
+static void make_metashape(void)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    make_photos("images");
+    format_metashape(".", cameras);
+}
+
 static void make_ply(void)
 {
     format_ply(".", "text.ply", false, points, 2);
@@ -700,6 +709,7 @@ static const target targets[] = {
     {"neus", {"cameras_sphere.npz"}, make_neus, read_scene, 2},
     {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
     {"opensfm", {"reconstruction.json", "tracks.csv"}, make_opensfm, read_scene, 2},
+    {"metashape", {"cameras.xml"}, make_metashape, read_scene, 2},
     {"cameras", {"cameras.json"}, make_cameras, read_cameras, 1},
     {"poses", {"path.json", "transforms.json"}, make_poses, read_poses, 4},
     {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},

@@ -601,6 +601,31 @@ static inline void format_ply(const char *folder, const char *name, bool binary,
     fclose(f);
 }
 
+/* cameras.xml of a chunk with a local coordinate system, scaled by 2, with a sensor for all. */
+static inline void format_metashape(const char *folder, const cln_camera *cameras)
+{
+    FILE *f = format_open(folder, "cameras.xml");
+
+    fprintf(f,
+            "<document><chunk><sensors><sensor id=\"0\" type=\"frame\"><resolution width=\"%d\" "
+            "height=\"%d\"/><calibration class=\"adjusted\"><f>20</f><cx>1</cx><k1>0.01</k1>"
+            "</calibration></sensor></sensors><components><component id=\"0\"><transform>"
+            "<scale>2</scale></transform></component></components><cameras>",
+            FORMAT_WIDTH, FORMAT_HEIGHT);
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        fprintf(f,
+                "<camera id=\"%d\" sensor_id=\"0\" component_id=\"0\" label=\"view_%02d\">"
+                "<transform>",
+                v, v);
+        for (int i = 0; i < 12; i++)
+            fprintf(f, "%.17g ", cameras[v].c2w[i]);
+        fprintf(f, "0 0 0 1</transform></camera>");
+    }
+    fprintf(f, "</cameras><reference>LOCAL_CS</reference><region><center>0 0 0</center>"
+               "<size>2 2 2</size><R>1 0 0 0 1 0 0 0 1</R></region></chunk></document>");
+    fclose(f);
+}
+
 /* reconstruction.json: an empty reconstruction, then that of the cameras, one camera per view;
  * `type`: brown or perspective. */
 static inline void format_opensfm(const char *folder, const cln_camera *cameras, const char *type,
