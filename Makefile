@@ -92,7 +92,8 @@ CFLAGS_ALL = -std=c11 -D_GNU_SOURCE $(OPT) $(WARN) -fPIC -fvisibility=hidden \
              $(CPPFLAGS) $(CFLAGS)
 LIBS_PRIVATE = $(if $(MICROHTTPD),-lmicrohttpd )$(if $(UTF8PROC),-lutf8proc )\
                $(MESHOPTIMIZER:%=-l% )-lm -lpthread
-LDLIBS_ALL = $(shell $(PKG_CONFIG) --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
+LDLIBS_ALL = -ffile-prefix-map="$(CURDIR)"=. \
+             $(shell $(PKG_CONFIG) --libs $(PKGS) $(MPI_PKG)) $(MESHOPTIMIZER:%=-l%) \
              -lm -lpthread $(if $(SANITIZE),-fsanitize=$(SANITIZE)) $(LDFLAGS)
 
 LIB_SRC := $(filter-out host/cli/%,$(wildcard host/*/*.c))
@@ -317,11 +318,13 @@ $B/pages_embed.c: $(PAGES) Makefile
 
 # Compiled anew when their libraries come or go.
 $(addprefix $B/obj/,host/view/server.o host/view/server_none.o host/export/reduce.o \
-    host/cli/help.o host/io/colour.o host/base/unicode.o \
-    tests/export/test_reduce.o tests/io/test_colour.o): $B/optional
+    host/cli/help.o host/io/colour.o host/base/unicode.o host/scene/metashape.o \
+    tests/export/test_reduce.o tests/io/test_colour.o tests/scene/test_metashape.o): $B/optional
 # The program names its commit: git's, or that of the archive.
-COMMIT = $(or $(shell if [ -e .git ]; then git describe --always --dirty --abbrev=12 2>/dev/null; \
-                      else sed '/Format/d' packaging/commit; fi),unknown)
+# Of another account's clone, too, as `make install` by root reads it: else all would be made anew.
+COMMIT = $(or $(shell if [ -e .git ]; then git -c safe.directory='*' describe --always --dirty \
+                              --abbrev=12 2>/dev/null; \
+                      else sed '/Format/d' packaging/commit | cut -c1-12; fi),unknown)
 $B/obj/host/base/commit.o: override CFLAGS += -DCLN_COMMIT='"$(COMMIT)"'
 $B/obj/host/base/commit.o: $B/commit
 $B/commit: FORCE
@@ -487,8 +490,8 @@ dist:
 deb: all
 	@MAKE="$(MAKE)" packaging/deb.sh
 
-clean:
-	rm -rf build
+clean: # B=FOLDER: that one alone
+	rm -rf "$(if $(filter command,$(firstword $(origin B))),$B,build)"
 
 -include $(ALL_SRC:%.c=$B/obj/%.d) $B/obj/mpi/ranks.d
 .DELETE_ON_ERROR:

@@ -82,12 +82,12 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     json_t *config = NULL, *document = NULL;
     json_error_t why;
     char data_hex[CLN_DIGEST_TEXT], model_hex[CLN_DIGEST_TEXT], hex[CLN_DIGEST_TEXT];
-    char exposure_hex[CLN_DIGEST_TEXT];
+    char names_hex[CLN_DIGEST_TEXT];
 
     CLN_TRY(cln_config_to_json(&model->config, &config));
     cln_digest_text(data_digest, data_hex);
     cln_digest_text(model_digest, model_hex);
-    cln_digest_text(model->exposure_of, exposure_hex);
+    cln_digest_text(model->training_names, names_hex);
     document = json_pack_ex(
         &why, 0,
         "{s:s, s:s, s:I, s:I, s:I, s:f, s:i, s:i, s:b, s:i, s:i, s:{s:[f,f,f], s:f}, s:[f,f,f],"
@@ -111,8 +111,8 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
         json_object_set_new(document, "averaged", json_integer(cln_model_antialias(model))) != 0 ||
         (model->in_parts && json_object_set_new(document, "in_parts", json_true()) != 0) ||
         (model->exposed && json_object_set_new(document, "exposed", json_true()) != 0) ||
-        (model->exposure &&
-         json_object_set_new(document, "exposure_of", json_string(exposure_hex)) != 0) ||
+        (model->training_names &&
+         json_object_set_new(document, "training_names", json_string(names_hex)) != 0) ||
         (model->space.forward && json_object_set_new(json_object_get(document, "cube"), "ndc",
                                                      forward_json(&model->space)) != 0) ||
         (model->space.shell &&
@@ -177,7 +177,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     const json_t *alpha = json_object_get(document, "has_alpha");
     const json_t *distortion = json_object_get(document, "has_distortion");
     const json_t *measured = json_object_get(document, "measured");
-    const char *exposure_of = json_string_value(json_object_get(document, "exposure_of"));
+    const char *training_names = json_string_value(json_object_get(document, "training_names"));
     int64_t rays = 0, level = 0, decisions = 0, averaged = 1;
     double channel = 0;
 
@@ -222,7 +222,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     CLN_TRY(cln_config_from_json(json_object_get(document, "config"), &out->config));
     out->exposed = json_is_true(json_object_get(document, "exposed")) ||
                    out->config.exposure == CLN_EXPOSURE_YES; /* older ones do not tell it */
-    out->exposure_of = exposure_of ? strtoull(exposure_of, NULL, 16) : 0;
+    out->training_names = training_names ? strtoull(training_names, NULL, 16) : 0;
     CLN_TRY(cln_network_layout(&out->config, &out->net));
 done:
     return st;

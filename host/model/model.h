@@ -50,12 +50,12 @@ typedef struct cln_model {
      * rendered times photographed colour and of rendered colour squared; NULL without. */
     float (*exposure)[CLN_EXPOSURE]; /* [exposure_views] */
     int exposure_views;
-    uint64_t exposure_of; /* digest of these photos' names, in order; 0: not known */
-    bool exposed;         /* photos are divided by the gains; else these are only measured so far */
+    bool exposed; /* photos are divided by the gains; else these are only measured so far */
     /* Corrections of the training cameras' poses (scene/motion.h), in the split's order; NULL
      * without --refine-poses. A model that only renders has them, too. */
     float (*motions)[CLN_MOTION]; /* [motion_views] */
     int motion_views;
+    uint64_t training_names; /* of exposure's and motions' views (cln_scene_training_names); or 0 */
 } cln_model;
 
 /* n x n rays make a pixel at an edge, in training and in pictures: 1 until --antialias-after. */

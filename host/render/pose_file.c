@@ -138,6 +138,13 @@ static cln_status read_station(const film *f, const json_t *entry, int i, cln_ca
                 cln_fail(CLN_INPUT, "%s: camera_to_world must be 16 numbers, row by row", where));
         m[k] = json_number_value(value);
     }
+    for (int k = 0; k < 4; k++)
+        if (fabs(m[12 + k] - (k == 3)) > 1e-6)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: the last row of camera_to_world must be 0 0 0 1%s",
+                             where,
+                             m[3] == 0 && m[7] == 0 && m[11] == 0
+                                 ? "; its numbers stand column by column: transpose it"
+                                 : ""));
     for (int k = 0; k < 12; k++)
         camera->c2w[k] = k % 4 == 1 || k % 4 == 2 ? -m[k] : m[k];
     if (camera->lens != CLN_LENS_EQUIRECTANGULAR) {
@@ -242,6 +249,31 @@ done:
     return st;
 }
 
+/* Keys that are not read may be of another camera than is rendered. */
+static cln_status tell_ignored(const char *path, const json_t *root, const json_t *frames)
+{
+    cln_status st = CLN_OK;
+    json_t *keys = NULL, *frame = NULL, *key = NULL;
+    char names[512] = "";
+    size_t i = 0;
+
+    CLN_TRY(cln_transforms_ignored(root, false, &keys));
+    json_array_foreach((json_t *)frames, i, frame)
+        CLN_TRY(cln_transforms_ignored(frame, true, &keys));
+    json_array_foreach(keys, i, key)
+    {
+        const size_t used = strlen(names);
+
+        snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "",
+                 json_string_value(key));
+    }
+    if (*names)
+        cln_info("%s: keys that are not used: %s", path, names);
+done:
+    json_decref(keys);
+    return st;
+}
+
 static cln_status read_frames(const char *path, const json_t *root, int width, int height,
                               cln_frames *out)
 {
@@ -263,6 +295,7 @@ static cln_status read_frames(const char *path, const json_t *root, int width, i
         CLN_TRY(cln_transforms_camera(folder, path, root, i, &names[i], camera));
     }
     CLN_TRY(name_frames(path, names, from_root, out));
+    CLN_TRY(tell_ignored(path, root, frames));
 done:
     for (int i = 0; names && i < out->count; i++)
         free(names[i]);

@@ -250,7 +250,7 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
     }
     if (since.known > 0)
         snprintf(far, sizeof far,
-                 "%d of %d photos of %s have other poses than when it began (in the median %.2g "
+                 "%d of %d photos of %s have other poses than when it began (in the median %.3g "
                  "degrees and %.2g times the cameras' distance from their middle off), as if they "
                  "had been found anew",
                  since.moved, since.known, run, since.degrees, since.shift);
@@ -382,6 +382,7 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     cln_scene_desc desc = *given;
     const char *place = NULL;
     char *path = NULL, why[4096] = "";
+    cln_since since = {0};
     cln_scene *kept = NULL;
 
     *scene = NULL;
@@ -417,7 +418,10 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
         if (st != CLN_OK)
             snprintf(why, sizeof why, "%s", cln_error_text());
         cln_clear_error();
-        CLN_TRY(look_elsewhere(run, dataset, &desc, path, scene));
+        if (*scene && kept)
+            CLN_TRY(cln_scene_moved_since(*scene, kept, &since));
+        if (!*scene || !kept || since.elsewhere) /* one that grew is the run's */
+            CLN_TRY(look_elsewhere(run, dataset, &desc, path, scene));
         if (!*scene)
             CLN_TRY(cln_fail(CLN_INPUT, "%s", why));
     }

@@ -235,6 +235,7 @@ cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_B
 {
     cln_status st = CLN_OK;
     const double few = 0.25, most = 0.5; /* of the photos: reversed ones, and sound ones */
+    const double all = 0.9;
     names reversed = {"", 0};
     uint8_t *shapes = NULL;
     int views = 0, sound = 0;
@@ -256,6 +257,14 @@ cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_B
                  "and white are exchanged there: invert %s",
                  reversed.count, views, scene->masks_alpha ? "the mask hides" : "alpha hides",
                  reversed.text, scene->masks_alpha ? "these masks" : "it");
+    else if (views > 2 && reversed.count >= all * views)
+        snprintf(text, CLN_EMPTY_BYTES,
+                 "%s one part around the middle of %s %d photos, and shows what is around it. "
+                 "Likely black and white are exchanged: invert %s",
+                 scene->masks_alpha ? "the mask hides" : "alpha hides",
+                 reversed.count == views ? "all" : "nearly all", views,
+                 scene->masks_alpha ? "the masks (--masks inverted reads them so)"
+                                    : "alpha (mogrify -channel A -negate, of ImageMagick)");
 done:
     free(shapes);
     return st;
@@ -279,7 +288,7 @@ static bool is_multiplied(const cln_view *view, double *soft, int *brightest)
     return true;
 }
 
-void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings)
+bool cln_scene_is_multiplied(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
 {
     double soft = 0;
     int brightest = 0, views = 0;
@@ -291,13 +300,12 @@ void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings)
             continue;
         views++;
         if (!is_multiplied(view, &soft, &brightest))
-            return;
+            return false;
     }
-    if (views > 0 && soft >= SOFT * (double)views && brightest >= BRIGHT)
-        cln_found_fault(findings, "alpha", false, NULL,
-                        "no colour exceeds its pixel's alpha in any of %d photos, as if colours "
-                        "were multiplied by it. They are read as straight alpha: edges get dark "
-                        "rims if they were. Divide them by alpha, or save them without "
-                        "premultiplication",
-                        views);
+    snprintf(text, CLN_EMPTY_BYTES,
+             "no colour exceeds its pixel's alpha in any of %d photos, as if colours were "
+             "multiplied by it. They are read as straight alpha: edges get dark rims if they were. "
+             "Divide them by alpha, or save them without premultiplication",
+             views);
+    return views > 0 && soft >= SOFT * (double)views && brightest >= BRIGHT;
 }

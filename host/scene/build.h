@@ -133,9 +133,6 @@ cln_status cln_scene_check_seen(const cln_scene *scene);
 /* doubts.c: of fewer training photos, nothing is known of what lies how far. */
 enum { CLN_LEAST_PHOTOS = 3 };
 
-/* alpha.c: adds to the findings that colours look as if they were multiplied by alpha. */
-void cln_scene_tell_multiplied(const cln_scene *scene, json_t *findings);
-
 /* Tells if most rays through opaque pixels of training photos with alpha miss the cube, and names a
  * box around what they show. Counts loaded photos alone. */
 void cln_scene_tell_missed(const cln_scene *scene, json_t *findings);

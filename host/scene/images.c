@@ -301,8 +301,9 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
     if (reading > room)
         return cln_fail(CLN_MEMORY,
                         "%s: reading its largest images needs %s of host memory, but %s is %s; "
-                        "make smaller copies of them, or raise --host-mem",
-                        scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have);
+                        "make smaller copies of them%s",
+                        scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have,
+                        limit > 0 ? ", or raise --host-mem" : "");
     if (images == 0) /* all are other ranks' */
         return CLN_OK;
     scene->cached = room / 8;
@@ -785,6 +786,8 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     }
     say_masks(scene);
     if (cln_scene_is_empty(scene, empty) || cln_scene_is_whole(scene, empty))
+        cln_warn("%s: %s", scene->folder, empty);
+    if (scene->has_alpha && cln_scene_is_multiplied(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);
     CLN_TRY(cln_scene_find_reversed(scene, empty));
     if (empty[0])

@@ -568,7 +568,8 @@ static void check_files(cln_inspection *in)
 static bool is_of_camera(const char *key)
 {
     static const char *const words[] = {"camera", "distort", "intrinsic", "focal", "lens",
-                                        "matrix", "pose",    "rotation",  "fov"};
+                                        "matrix", "pose",    "fov",       "shift", "aspect",
+                                        "ortho",  "sensor",  "principal"};
 
     for (size_t i = 0; i < sizeof words / sizeof *words; i++)
         if (strcasestr(key, words[i]))
@@ -592,7 +593,8 @@ static void check_keys(cln_inspection *in)
         cln_found_fault(in->findings, "keys", false, NULL,
                         "keys of the scene's files that are not used: %s. Focal lengths are read "
                         "as fl_x and fl_y, the middle as cx and cy, the lens as camera_model with "
-                        "k1, k2, p1, p2 ..., poses as transform_matrix (docs/formats.md)",
+                        "k1, k2, p1, p2 ..., poses as transform_matrix (docs/formats.md): shifts "
+                        "belong into cx and cy, pixels that are not square into camera_angle_y",
                         cln_findings_names(keys, names, sizeof names));
     json_decref(keys);
 }
@@ -682,7 +684,8 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     CLN_TRY(cln_scene_check_pixels(scene));
     cln_scene_tell_doubts(scene, in.findings);
     cln_scene_tell_turns(scene, &in.agreement, in.findings);
-    cln_scene_tell_multiplied(scene, in.findings);
+    if (cln_scene_is_multiplied(scene, empty))
+        cln_found_fault(in.findings, "alpha", false, NULL, "%s", empty);
     cln_scene_tell_missed(scene, in.findings);
     if (cln_scene_is_empty(scene, empty))
         cln_found_fault(in.findings, "alpha", true, NULL, "%s", empty);

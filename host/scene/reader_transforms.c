@@ -78,6 +78,42 @@ done:
     return st;
 }
 
+/* One camera_angle_x for photos of which none has another focal length counts over each one's
+ * width: what was cut off at a side, or stands upright, had another angle there. */
+static void tell_angle(const char *file, const json_t *root, const cln_view *views, int count)
+{
+    static const char *const others[] = {"fl_x", "fl_y", "camera_angle_y", "w", "h"};
+    const cln_view *differs = NULL;
+    int upright = 0;
+
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        for (int k = -1; k < count; k++)
+            if (json_object_get(k < 0 ? root
+                                      : json_array_get(json_object_get(root, "frames"), (size_t)k),
+                                others[i]))
+                return;
+    for (int i = 0; i < count && json_object_get(root, "camera_angle_x"); i++) {
+        const cln_camera *c = &views[i].camera;
+
+        if (!differs && views[0].camera.width > 0 && c->width > 0 &&
+            !cln_camera_has_shape(&views[0].camera, c->width, c->height))
+            differs = &views[i];
+        upright += c->height > c->width;
+    }
+    if (differs)
+        cln_warn("%s: its photos have several shapes ('%s' has %d x %d pixels, '%s' %d x %d), but "
+                 "one camera_angle_x, which counts over each one's width; give each frame its own, "
+                 "or fl_x, cx and cy",
+                 file, views[0].name, views[0].camera.width, views[0].camera.height, differs->name,
+                 differs->camera.width, differs->camera.height);
+    else if (count > 0 && upright == count)
+        cln_warn(
+            "%s: its photos are upright, and camera_angle_x counts over their width; Blender's "
+            "angle (sensor fit Auto) is over the longer side: if it is that, call it "
+            "camera_angle_y",
+            file);
+}
+
 /* Finds images that are elsewhere, then what is read with them of the frames of each document, in
  * the order in which they were appended. */
 static cln_status finish_frames(const char *folder, char *const *files, json_t *const *roots,
@@ -107,6 +143,12 @@ static cln_status finish_frames(const char *folder, char *const *files, json_t *
             "%s: instant-ngp's alpha files beside %d images ('%s'%s) are not read; name each as "
             "its frame's alpha_path, whose brightness is alpha as it stands",
             folder, unread, first, unread > 1 ? ", ..." : "");
+    for (int d = 0, first_view = 0; d < count; d++) {
+        const int frames = (int)json_array_size(json_object_get(roots[d], "frames"));
+
+        tell_angle(files[d], roots[d], result->views + first_view, frames);
+        first_view += frames;
+    }
 done:
     cln_moved_free(&moved);
     return st;

@@ -197,6 +197,9 @@ typedef struct cln_scene_desc {
 cln_status cln_scene_load(const cln_scene_desc *desc, cln_scene **out);
 void cln_scene_free(cln_scene *scene); /* accepts NULL */
 
+/* Digest of the training views' names, in order. */
+uint64_t cln_scene_training_names(const cln_scene *scene);
+
 /* What became of a run's views, by name: how many the scene still has (known), has besides, and
  * lacks. Of the known ones how many moved by more than a hundredth of the cameras' median distance
  * from their middle, or turned by more than a degree, about ten pixels; and the medians of both,
@@ -249,6 +252,9 @@ bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 /* Likewise: does alpha, or a mask that is alpha, hide the object in a few of them, and show what is
  * around it? *text is empty if not. CLN_MEMORY. */
 cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
+
+/* Likewise: do colours look as if they were multiplied by alpha? */
+bool cln_scene_is_multiplied(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 
 /* Gives views that count as training views, as the scene names none, their own splits again. */
 void cln_scene_return_splits(cln_scene *scene);

@@ -18,6 +18,18 @@ static const double TURNED = 1.0; /* degrees */
 static const double SAME = 0.01;  /* of these: as they were, but for digits */
 static const double GROWN = 0.5;  /* of the fewer views that both have, for a scene that grew */
 
+uint64_t cln_scene_training_names(const cln_scene *scene)
+{
+    uint64_t names = CLN_DIGEST_START;
+
+    for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++) {
+        const char *name = cln_scene_training_view(scene, i)->name;
+
+        names = cln_digest(names, name, strlen(name) + 1);
+    }
+    return names;
+}
+
 /* ---- the run's views by name ---- */
 
 typedef struct row {
@@ -192,7 +204,7 @@ void cln_since_text(const cln_since *since, char out[CLN_SINCE_BYTES])
     snprintf(out, CLN_SINCE_BYTES, "%s%s", fresh, gone);
     if (since->shift > SAME * FAR || since->degrees > SAME * TURNED)
         snprintf(out + strlen(out), CLN_SINCE_BYTES - strlen(out),
-                 "%sthe %d that it knows have other poses, in the median %.2g degrees and %.2g "
+                 "%sthe %d that it knows have other poses, in the median %.3g degrees and %.2g "
                  "times the cameras' distance from their middle off",
                  *out ? ", and " : "", since->known, since->degrees, since->shift);
 }

@@ -76,6 +76,7 @@ static cln_status read_focal(const source *src, cln_camera *camera, int angle[2]
     cln_status st = CLN_OK;
     const json_t *const objects[2] = {src->frame, src->root};
     const char *const keys[4] = {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"};
+    const char *type = json_string_value(value_of(src, "camera_type"));
     double value[4] = {0};
     bool found[4] = {false};
 
@@ -96,6 +97,11 @@ static cln_status read_focal(const source *src, cln_camera *camera, int angle[2]
         found[k] = true;
         angle[k] = k + 1;
     }
+    if (type && strncasecmp(type, "ortho", 5) == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: camera_type is %s: orthographic cameras are not traced; give a "
+                         "perspective from far away",
+                         src->where, type));
     if (!found[0] && !found[1])
         CLN_TRY(cln_fail(CLN_INPUT, "%s: no focal length; add fl_x or camera_angle_x", src->where));
     camera->fx = found[0] ? value[0] : value[1];

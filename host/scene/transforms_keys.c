@@ -52,6 +52,7 @@ static const struct {
             {"transform_matrix", false, true},
             {"mask_path", true, true},
             {"alpha_path", false, true},
+            {"camera_type", true, true},
             {"camera_angle_x", true, true},
             {"camera_angle_y", true, true},
             {"fl_x", true, true},

@@ -43,7 +43,7 @@ cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *m
 {
     cln_status st = CLN_OK;
     const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    uint64_t names = CLN_DIGEST_START;
+    const uint64_t names = cln_scene_training_names(scene);
 
     memset(out, 0, sizeof *out);
     if (!is_wanted(model)) {
@@ -51,19 +51,14 @@ cln_status cln_exposure_start(const cln_scene *scene, int capacity, cln_model *m
         return CLN_OK;
     }
     model->exposed = model->exposed || model->config.exposure == CLN_EXPOSURE_YES;
-    for (int i = 0; i < views; i++) {
-        const char *name = cln_scene_training_view(scene, i)->name;
-
-        names = cln_digest(names, name, strlen(name) + 1);
-    }
-    if (model->exposure &&
-        (model->exposure_views != views || (model->exposure_of && model->exposure_of != names))) {
+    if (model->exposure && (model->exposure_views != views ||
+                            (model->training_names && model->training_names != names))) {
         if (model->exposed)
             cln_warn("exposure: training photos have come or gone, so gains begin anew");
         free(model->exposure);
         model->exposure = NULL;
     }
-    model->exposure_of = names;
+    model->training_names = names;
     for (int k = 0; k < 2; k++) {
         cln_exposure_rays *r = &out->rays[k];
 

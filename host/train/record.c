@@ -12,6 +12,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/settings.h"
 #include "io/run_history.h"
 #include "ranks/ranks.h"
@@ -117,7 +118,7 @@ cln_status cln_record_left_out(const cln_trainer *t, json_t **out)
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         if (!rows[i].left_out)
             continue;
-        snprintf(text, sizeof text, rows[i].what, rows[i].first, rows[i].second);
+        cln_format(text, sizeof text, rows[i].what, rows[i].first, rows[i].second);
         json_array_append_new(*out, json_string(text));
     }
     return CLN_OK;

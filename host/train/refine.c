@@ -42,14 +42,17 @@ cln_status cln_refine_start(cln_trainer *t)
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
     const int views = cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN);
+    const uint64_t names = cln_scene_training_names(t->scene);
 
     if (!m->config.refine_poses)
         return CLN_OK;
-    if (m->motions && m->motion_views != views)
+    if (m->motions &&
+        (m->motion_views != views || (m->training_names && m->training_names != names)))
         CLN_TRY(cln_fail(CLN_CHECKPOINT,
                          "the checkpoint has corrections of %d training poses, and the scene has "
-                         "%d: resume with the same photos",
-                         m->motion_views, views));
+                         "%s%d: resume with the same photos",
+                         m->motion_views, m->motion_views == views ? "others, " : "", views));
+    m->training_names = names;
     if (!m->motions)
         CLN_TRY(cln_alloc(&m->motions, (size_t)views, sizeof *m->motions, "poses"));
     m->motion_views = views;

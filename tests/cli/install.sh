@@ -209,7 +209,7 @@ if git rev-parse HEAD >/dev/null 2>&1 && command -v xz >/dev/null; then
         diff <(git ls-tree -r --name-only HEAD | sed "s|^|cl-nascent-$version/|" | sort) \
         "$work/out"
     check "it names the commit" [ "$(tar -xOf "build/cl-nascent-$version.tar.xz" \
-        "cl-nascent-$version/packaging/commit")" = "$(git log -1 --format=%h)" ]
+        "cl-nascent-$version/packaging/commit")" = "$(git log -1 --format=%H)" ]
 else
     skip "make dist" "no git, or no xz"
 fi

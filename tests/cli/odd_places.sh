@@ -268,4 +268,27 @@ section_forms() {
     check "a photo beside its TIFF is read" eval '! grep -q "left out" "$work/err"'
 }
 
-run_sections "edges limits windows flights twice reused forms" "$@"
+# Cameras of engines and of Blender that would become others.
+section_engines() {
+    local s=$work/engines r="$work/engines run" pose
+    "$make_scene" "$s" --size 32 --train 8 --test 2 >/dev/null
+    run "$cln" train "$s" -o "$r" "${small[@]}" --steps 3
+    pose='1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,4,1'
+    printf '{"render_height":8,"render_width":8,"camera_path":[{"fov":50,%s:[%s]}]}' \
+        '"camera_to_world"' "$pose" >"$work/columns.json"
+    expect "a matrix by columns" 3 "~last.row ~column.by.column" "$cln" render "$r" \
+        --poses "$work/columns.json" -o "$work/columns"
+    sed 's/"camera_angle_x"/"shift_x":0.1,&/' "$s/transforms_test.json" >"$work/shift.json"
+    expect "a key of poses that is not used" 0 "~not.used:.*shift_x" "$cln" render "$r" \
+        --poses "$work/shift.json" -o "$work/shift"
+    sed 's/"camera_angle_x"/"camera_type":"ORTHO",&/' "$s/transforms_test.json" >"$work/flat.json"
+    expect "an orthographic camera" 3 "~orthographic.cameras.are.not.traced" "$cln" render "$r" \
+        --poses "$work/flat.json" -o "$work/flat"
+    "$make_scene" "$work/upright" --format nerfstudio --held 1 --size 32 --train 4 --test 0 \
+        >/dev/null
+    cp "$work/upright/images/frame_00001.png" "$s/train/r_001.png"
+    expect "photos of several shapes under one angle" 0 "~several.shapes ~r_001.*32.x.24" \
+        "$cln" info "$s"
+}
+
+run_sections "edges limits windows flights twice reused forms engines" "$@"

@@ -261,7 +261,7 @@ static void multiplied_colours_are_told(void **state)
 
     (void)state;
     for (int which = 0; which < 4; which++) {
-        json_t *findings = json_array();
+        char text[CLN_EMPTY_BYTES];
 
         around(&c, 1.5, 4, 360);
         for (int i = 0; i < CAMERAS; i++) {
@@ -278,9 +278,7 @@ static void multiplied_colours_are_told(void **state)
         }
         if (which == 1)
             pixels[7][2][0] = 1 + pixels[7][2][3];
-        cln_scene_tell_multiplied(&c.scene, findings);
-        assert_int_equal(json_array_size(findings), which == 0);
-        json_decref(findings);
+        assert_int_equal(cln_scene_is_multiplied(&c.scene, text), which == 0);
     }
 }
 

@@ -209,7 +209,7 @@ static void test_no_gains(void **state)
     cln_exposure_free(&e);
     for (int other = 0; other < 2; other++) { /* as many, but others */
         model.exposure[0][0] = 2;
-        model.exposure_of += (uint64_t)other;
+        model.training_names += (uint64_t)other;
         assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
         assert_true(model.exposure[0][0] == (other ? 1 : 2));
         cln_exposure_free(&e);
