@@ -2,7 +2,8 @@
  *   chunk > sensors > sensor (id, type) > resolution, calibration (type, class) > f cx cy ...
  *   chunk > cameras > [group >] camera (label, sensor_id, component_id, enabled) > transform
  *   chunk > components > component (id) > transform > rotation translation scale
- *   chunk > transform > ..., chunk > region > center size R, chunk > reference
+ *   chunk > transform > ..., chunk > [components > component >] region > center size R
+ *   chunk > reference
  * Text is read at the end of its element; what stands elsewhere is passed. */
 #include "scene/metashape.h"
 
@@ -188,13 +189,11 @@ static void XMLCALL begin(void *data, const XML_Char *name, const XML_Char **att
 static void XMLCALL add_text(void *data, const XML_Char *text, int length)
 {
     reader *r = data;
+    const size_t room = TEXT - 1 - r->used, bytes = (size_t)length < room ? (size_t)length : room;
 
-    if (r->full || r->used + (size_t)length >= TEXT) {
-        r->full = true;
-        return;
-    }
-    memcpy(r->text + r->used, text, (size_t)length);
-    r->used += (size_t)length;
+    memcpy(r->text + r->used, text, bytes);
+    r->used += bytes;
+    r->full = r->full || bytes < (size_t)length;
 }
 
 /* The text's numbers, with blanks between them. */
@@ -246,7 +245,7 @@ static void end_transform(reader *r, const char *name)
         t->has_scale = numbers(r, 1, &t->scale);
 }
 
-static void end_region(reader *r, const char *name)
+static void end_region(reader *r, int component, const char *name)
 {
     cln_metashape *m = r->out;
 
@@ -256,6 +255,7 @@ static void end_region(reader *r, const char *name)
         (void)numbers(r, 3, m->region_size);
     else if (strcmp(name, "R") == 0)
         m->has_region = numbers(r, 9, m->region_turn);
+    m->region_component = component;
 }
 
 /* A chunk without aligned cameras is as if it were not there. */
@@ -293,7 +293,9 @@ static void XMLCALL end(void *data, const XML_Char *name)
                m->transform_count > 0) {
         end_transform(r, name);
     } else if (is_within(r, "region", "chunk")) {
-        end_region(r, name);
+        end_region(r, -1, name);
+    } else if (is_within(r, "region", "component") && !m->has_region && m->transform_count > 0) {
+        end_region(r, m->transforms[m->transform_count - 1].component, name);
     } else if (strcmp(name, "reference") == 0 && strcmp(above(r, 1), "chunk") == 0) {
         snprintf(m->reference, sizeof m->reference, "%.*s", (int)r->used, r->text);
     }

@@ -45,6 +45,7 @@ typedef struct cln_metashape {
     cln_metashape_camera *cameras;
     cln_metashape_transform *transforms;
     bool has_region;
+    int region_component; /* id of the component that it is of; -1: of all */
     double region_centre[3], region_size[3], region_turn[9]; /* in the chunk's coordinates */
     char reference[CLN_METASHAPE_BYTES]; /* "LOCAL_CS[...", "GEOGCS[...": begins so; or "" */
 } cln_metashape;

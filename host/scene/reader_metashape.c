@@ -122,11 +122,12 @@ static void choose_frame(const cln_metashape *m, int component, const char **wha
 }
 
 /* The box around the region. */
-static cln_status set_box(const cln_metashape *m, const frame *f, cln_reader_result *result)
+static cln_status set_box(const cln_metashape *m, int component, const frame *f,
+                          cln_reader_result *result)
 {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
 
-    if (!m->has_region ||
+    if (!m->has_region || (m->region_component >= 0 && m->region_component != component) ||
         !(m->region_size[0] > 0 && m->region_size[1] > 0 && m->region_size[2] > 0))
         return CLN_OK;
     for (int corner = 0; corner < 8; corner++) {
@@ -362,7 +363,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(add_views(file, &m, component, &f, result));
     if (result->view_count == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: all its aligned cameras are disabled; enable some", file));
-    CLN_TRY(set_box(&m, &f, result));
+    CLN_TRY(set_box(&m, component, &f, result));
     CLN_TRY(
         cln_dataset_find_images(file, folder, (const char *const[1]){folder}, 1, result, &images));
     result->dialect = "Metashape";

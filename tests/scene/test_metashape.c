@@ -39,6 +39,9 @@ static const char lens[] = "<f>20</f><cx>-0.75</cx><cy>0.5</cy><k1>-0.05</k1><k2
 static void put_cameras(const char *folder, const cln_camera *cameras, const char *transform,
                         const char *reference, const char *type, const char *calibration)
 {
+    static const char region[] = "<region><center>1 2 3</center><size>2 4 6</size>"
+                                 "<R>1 0 0 0 1 0 0 0 1</R></region>";
+    const bool of_component = strcmp(type, "fisheye") == 0; /* as newer ones have it */
     FILE *f = format_open(folder, "cameras.xml");
 
     fprintf(f, "<?xml version=\"1.0\"?>\n<document><chunk label=\"none\"><cameras>"
@@ -52,9 +55,10 @@ static void put_cameras(const char *folder, const cln_camera *cameras, const cha
                 "height=\"1\"/>%s</calibration></sensor>\n",
                 s, type, FORMAT_WIDTH, FORMAT_HEIGHT, calibration);
     fprintf(f,
-            "</sensors><components><component id=\"0\"><transform>%s</transform></component>"
-            "</components><cameras>\n",
-            transform);
+            "</sensors><components><component id=\"0\"><transform>%s</transform>%s</component>"
+            "<component id=\"1\"><region><center>9 9 9</center><size>1 1 1</size>"
+            "<R>1 0 0 0 1 0 0 0 1</R></region></component></components><cameras>\n",
+            transform, of_component ? region : "");
     for (int v = 0; v < FORMAT_VIEWS + 3; v++) {
         double pose[12];
 
@@ -68,10 +72,8 @@ static void put_cameras(const char *folder, const cln_camera *cameras, const cha
         fprintf(f, "%s<reference x=\"1\"/></camera>%s\n",
                 v != FORMAT_VIEWS ? " 0 0 0 1</transform>" : "", v == 4 ? "</group>" : "");
     }
-    fprintf(f,
-            "</cameras><reference>%s</reference><region><center>1 2 3</center><size>2 4 6"
-            "</size><R>1 0 0 0 1 0 0 0 1</R></region></chunk></document>\n",
-            reference);
+    fprintf(f, "</cameras><reference>%s</reference>%s</chunk></document>\n", reference,
+            of_component ? "" : region);
     fclose(f);
 }
 
@@ -194,12 +196,14 @@ static void test_on_earth(void **state)
                                      sin(lat)};
     cln_camera cameras[FORMAT_VIEWS];
     double middle[3] = {0};
+    char reference[3000] = "";
     cln_scene *scene = NULL;
 
     format_cameras(cameras);
     format_images(scratch_path(folder, "photos"), 1);
-    put_cameras(folder, cameras, transform_of(east_north_up, origin), "GEOGCS[\"WGS 84\",...]",
-                "frame", lens);
+    memset(reference, 'x', sizeof reference - 1); /* as long as some are */
+    memcpy(reference, "PROJCS[", 7);
+    put_cameras(folder, cameras, transform_of(east_north_up, origin), reference, "frame", lens);
     scene = load(folder, plain());
     assert_non_null(strstr(scene->because, "metres east, north and up"));
     for (int v = 0; v < FORMAT_VIEWS; v++) {
