@@ -52,9 +52,9 @@ static const struct {
      "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read"},
 };
 
-#define GIVE_SCENE                                                                            \
-    "give the folder of a scene: photos with their poses, as a transforms.json or COLMAP's, " \
-    "LLFF's, NeuS's, NSVF's, OpenSfM's or Metashape's files"
+#define GIVE_SCENE                                                                           \
+    "give the folder of a scene: photos with their poses, as a transforms.json or files of " \
+    "COLMAP, LLFF, NeuS, NSVF, OpenSfM or Metashape"
 
 enum { ENDING_BYTES = 16, HEAD_BYTES = 4096 };
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };

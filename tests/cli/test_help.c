@@ -60,8 +60,10 @@ static void help_names_every_option_with_its_defaults(void **state)
         }
         for (int i = 0; i < cln_config_row_count; i++) {
             const cln_config_row *row = &cln_config_rows[i];
-            snprintf(wanted, sizeof wanted, "--%s%s ", row->type == CLN_ROW_BOOL ? "[no-]" : "",
-                     row->option);
+            const bool is_switch = cln_config_is_switch(row);
+
+            snprintf(wanted, sizeof wanted, "--%s%s%s", is_switch ? "[no-]" : "", row->option,
+                     is_switch && row->words ? "=" : " ");
             if (cln_command_takes_row(command, row) && !strstr(text, wanted))
                 fail_msg("help %s: no %s", command->name, wanted);
         }

@@ -494,7 +494,7 @@ static void test_mask_fits_neither(void **state)
     put_picture(folder, "mask", 0, 48, 64, 0, 0);
     assert_refused(folder, plain(),
                    (const char *const[3]){"mask_00.jpg: the mask has 48 x 64", "its image 64 x 48",
-                                          "make them equal"},
+                                          "give it the same shape"},
                    "swapped sides without EXIF data");
 }
 
