@@ -41,8 +41,7 @@ static const struct {
     const char *endings, *holds, *what, *advice;
 } programs[] = {
     {" psx psz ", NULL, "a project of Metashape", METASHAPE},
-    {" xml ", "<chunk", "cameras of Metashape",
-     "give that file, or call it cameras.xml, beside the photos"},
+    {" xml ", "<chunk", "cameras of Metashape", "give that file, or the folder that it is in"},
     {" rcproj rsproj ", NULL, "a project of RealityCapture", REALITY},
     {" csv ", "#name,x,y,alt", "cameras of RealityCapture", REALITY},
     {" out txt ", "# Bundle file", "cameras in Bundler's format",

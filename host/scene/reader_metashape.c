@@ -10,10 +10,12 @@
  * Coordinates: a chunk with a local coordinate system keeps that; one that lies on the earth is
  * brought to metres, east, north and up from the middle of its cameras; another keeps its own
  * scale. The region, if there is one, becomes the box of the scene. */
+#include <dirent.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -302,7 +304,8 @@ static bool is_metashape(const char *path)
 {
     enum { HEAD = 4096 };
     char text[HEAD + 1];
-    FILE *file = cln_ends_with(path, ".xml") && cln_is_file(path) ? fopen(path, "rb") : NULL;
+    const char *dot = strrchr(path, '.');
+    FILE *file = dot && !strcasecmp(dot, ".xml") && cln_is_file(path) ? fopen(path, "rb") : NULL;
 
     if (!file)
         return false;
@@ -311,20 +314,34 @@ static bool is_metashape(const char *path)
     return strstr(text, "<chunk") != NULL;
 }
 
-/* The file, or the first in the folder; *out is NULL if there is none. */
+/* The file, or that in the folder, the first of several by name; *out is NULL if there is none. */
 static cln_status find_file(const char *path, char **out)
 {
     cln_status st = CLN_OK;
+    char *file = NULL;
+    DIR *dir = NULL;
 
     *out = NULL;
     if (!cln_is_dir(path))
         return is_metashape(path) ? cln_strdup(out, path) : CLN_OK;
-    CLN_TRY(cln_path_join(out, path, "cameras.xml"));
-    if (is_metashape(*out))
-        return CLN_OK;
-    free(*out);
-    *out = NULL;
+    dir = opendir(path);
+    for (struct dirent *entry = NULL; dir && (entry = readdir(dir));) {
+        const char *dot = strrchr(entry->d_name, '.');
+
+        if (!dot || strcasecmp(dot, ".xml") != 0)
+            continue;
+        free(file);
+        CLN_TRY(cln_path_join(&file, path, entry->d_name));
+        if (is_metashape(file) && (!*out || strcmp(file, *out) < 0)) {
+            free(*out);
+            *out = file;
+            file = NULL;
+        }
+    }
 done:
+    if (dir)
+        closedir(dir);
+    free(file);
     return st;
 }
 
@@ -382,7 +399,7 @@ done:
 
 const cln_reader cln_reader_metashape = {
     .name = "the Metashape reader",
-    .wants = "a folder with cameras.xml, or an .xml file of Metashape's cameras",
+    .wants = "an .xml file of Metashape's cameras, or a folder with it",
     .detect = detect,
     .read = read_scene,
 };
