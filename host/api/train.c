@@ -574,8 +574,8 @@ static cln_status build(cln_trainer *t, const cln_config *config)
     CLN_TRY(cln_batch_create(t->scene, config, &t->batch));
     CLN_TRY(cln_alloc(&t->results, (size_t)cln_config_most_rays(config), sizeof *t->results,
                       "ray results"));
+    CLN_TRY(cln_refine_start(t)); /* before gains, which take over other photos */
     CLN_TRY(cln_exposure_start(t->scene, cln_config_most_rays(config), &t->model, &t->exposure));
-    CLN_TRY(cln_refine_start(t));
     cln_info("device: %s (%s, %d compute unit%s)", t->device->info.name, t->device->info.platform,
              t->device->info.compute_units, cln_plural(t->device->info.compute_units, "", "s"));
     CLN_TRY(

@@ -235,6 +235,11 @@ section_reused() {
     check "with both digests" printed "and other photos or poses: scene "
     expect "unless none may be missing" 3 "frame_00003" "$cln" train --resume "$work/first alone" \
         --skip-selftest --progress none --steps +1 --missing fail
+    run "$cln" train "$s" -o "$work/corrected" "${small[@]}" --refine-poses --exposure --steps 3
+    mv "$s/images/frame_00005.png" "$s/images/frame_00005b.png"
+    sed -i 's/frame_00005.png/frame_00005b.png/' "$s/sparse/0/images.txt"
+    expect "as many corrected poses, but of other photos" 8 "~corrections.of.*has.others" \
+        "$cln" train --resume "$work/corrected" --skip-selftest --progress none --steps +1
 }
 
 # Masks in another format or size than their photos; names in another form.
