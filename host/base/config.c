@@ -215,6 +215,11 @@ bool cln_config_is_switch(const cln_config_row *row)
     return row->type == CLN_ROW_BOOL || row->flags & CLN_ROW_SWITCH;
 }
 
+bool cln_config_is_word(const cln_config_row *row, const char *text)
+{
+    return row->words && word_index(row->words, text) >= 0;
+}
+
 bool cln_config_named(const cln_config_row *row, const char *name, size_t length)
 {
     const char *const names[] = {row->option, row->alias};

@@ -35,6 +35,9 @@ bool cln_config_named(const cln_config_row *row, const char *name, size_t length
 /* Returns whether the option may stand without a value, and as --no-option. */
 bool cln_config_is_switch(const cln_config_row *row);
 
+/* Returns whether the text is one of the row's words (ENUM). */
+bool cln_config_is_word(const cln_config_row *row, const char *text);
+
 /* The row of an option name or alias ("rays", without dashes), or of a key of run.json
  * ("view_width"), or NULL; and for misspelt names the
  * nearest option, or NULL if none is near. */

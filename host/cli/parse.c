@@ -218,17 +218,6 @@ static void put_aside(parser *p, const cln_config_row *row, const char *text)
     p->settings[p->setting_count++] = (setting){row, text};
 }
 
-/* Is the text one of these words, "a|b|c"? */
-static bool is_word(const char *words, const char *text)
-{
-    const size_t length = strlen(text);
-
-    for (; *words; words += strcspn(words, "|"), words += *words == '|')
-        if (strcspn(words, "|") == length && strncmp(words, text, length) == 0)
-            return true;
-    return false;
-}
-
 /* ---- one argument ---- */
 
 static cln_status parse_long(parser *p, const char *argument)
@@ -245,7 +234,7 @@ static cln_status parse_long(parser *p, const char *argument)
     if (arg) {
         CLN_TRY(apply_arg(p, arg, attached));
     } else if (row && cln_config_is_switch(row)) {
-        if (!attached && row->words && p->at < p->argc && is_word(row->words, p->argv[p->at]))
+        if (!attached && p->at < p->argc && cln_config_is_word(row, p->argv[p->at]))
             attached = p->argv[p->at++]; /* --exposure auto: no scene is called so */
         put_aside(p, row, attached ? attached : "yes");
     } else if (row) {

@@ -79,8 +79,8 @@ done:
 }
 
 /* One camera_angle_x for photos of which none has another focal length counts over each one's
- * width: what was cut off at a side, or stands upright, had another angle there. */
-static void tell_angle(const char *file, const json_t *root, const cln_view *views, int count)
+ * width: what was cut off at a side, or stands upright, had another angle there. Was that told? */
+static bool tell_angle(const char *file, const json_t *root, const cln_view *views, int count)
 {
     static const char *const others[] = {"fl_x", "fl_y", "camera_angle_y", "w", "h"};
     const cln_view *differs = NULL;
@@ -91,7 +91,7 @@ static void tell_angle(const char *file, const json_t *root, const cln_view *vie
             if (json_object_get(k < 0 ? root
                                       : json_array_get(json_object_get(root, "frames"), (size_t)k),
                                 others[i]))
-                return;
+                return false;
     for (int i = 0; i < count && json_object_get(root, "camera_angle_x"); i++) {
         const cln_camera *c = &views[i].camera;
 
@@ -112,6 +112,7 @@ static void tell_angle(const char *file, const json_t *root, const cln_view *vie
             "angle (sensor fit Auto) is over the longer side: if it is that, call it "
             "camera_angle_y",
             file);
+    return differs || (count > 0 && upright == count);
 }
 
 /* Finds images that are elsewhere, then what is read with them of the frames of each document, in
@@ -143,11 +144,13 @@ static cln_status finish_frames(const char *folder, char *const *files, json_t *
             "%s: instant-ngp's alpha files beside %d images ('%s'%s) are not read; name each as "
             "its frame's alpha_path, whose brightness is alpha as it stands",
             folder, unread, first, unread > 1 ? ", ..." : "");
-    for (int d = 0, first_view = 0; d < count; d++) {
+    view = 0;
+    for (int d = 0; d < count; d++) { /* of several alike, one is told */
         const int frames = (int)json_array_size(json_object_get(roots[d], "frames"));
 
-        tell_angle(files[d], roots[d], result->views + first_view, frames);
-        first_view += frames;
+        if (tell_angle(files[d], roots[d], result->views + view, frames))
+            break;
+        view += frames;
     }
 done:
     cln_moved_free(&moved);
