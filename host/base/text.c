@@ -194,3 +194,24 @@ int cln_natural_compare(const char *a, const char *b)
         return (unsigned char)*a < (unsigned char)*b ? -1 : 1;
     return strcmp(first, second); /* "r_1" and "r_01" */
 }
+
+size_t cln_folder_length(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+
+    return slash ? (size_t)(slash - path) : 0;
+}
+
+const char *cln_last_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+
+    return slash ? slash + 1 : path;
+}
+
+const char *cln_without_dot(const char *path)
+{
+    while (path[0] == '.' && path[1] == '/')
+        path += 2 + strspn(path + 2, "/");
+    return path;
+}

@@ -52,4 +52,11 @@ void cln_text_plain(char *text);
  * strcmp. */
 int cln_natural_compare(const char *a, const char *b);
 
+/* Bytes of a path before its last slash, 0 if it has none; and where the name after that begins. */
+size_t cln_folder_length(const char *path);
+const char *cln_last_name(const char *path);
+
+/* The path without "./" before it. */
+const char *cln_without_dot(const char *path);
+
 #endif

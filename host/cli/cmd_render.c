@@ -20,8 +20,7 @@
  * which may be that of a split; "-path" is added for a path through poses. */
 static cln_status standard_folder(const cln_options *options, char **out)
 {
-    const char *slash = options->poses ? strrchr(options->poses, '/') : NULL;
-    const char *name = slash ? slash + 1 : options->poses;
+    const char *name = options->poses ? cln_last_name(options->poses) : NULL;
     const char *dot = name ? strrchr(name, '.') : NULL;
     const int length = dot && dot > name ? (int)(dot - name) : name ? (int)strlen(name) : 0;
 

@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "export/export.h"
 #include "io/disk.h"
 #include "scene/transforms_write.h"
@@ -178,13 +179,11 @@ static const char *const names[FILES] = {"cameras.txt", "images.txt", "points3D.
  * be a path of another machine. */
 static cln_status name_of(const cln_scene *scene, const cln_view *view, char **name)
 {
-    const char *last = strrchr(view->name, '/'), *file = strrchr(view->path, '/');
+    const char *last = cln_last_name(view->name), *file = cln_last_name(view->path);
     size_t bytes = 0;
 
     if (view->leads_out)
         return cln_scene_path_from(scene, view->path, name);
-    last = last ? last + 1 : view->name;
-    file = file ? file + 1 : view->path;
     bytes = strlen(last);
     return cln_asprintf(name, "%s%s", view->name,
                         strncmp(last, file, bytes) == 0 ? file + bytes : "");

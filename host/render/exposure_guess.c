@@ -16,25 +16,18 @@ typedef struct place {
     double gain[3], around[3]; /* logs: its own, if it was trained on; its neighbours' mean */
 } place;
 
-static size_t folder_length(const cln_view *view)
-{
-    const char *slash = strrchr(view->name, '/');
-
-    return slash ? (size_t)(slash - view->name) : 0;
-}
-
 static bool same_folder(const cln_view *a, const cln_view *b)
 {
-    const size_t length = folder_length(a);
+    const size_t length = cln_folder_length(a->name);
 
-    return length == folder_length(b) && strncmp(a->name, b->name, length) == 0;
+    return length == cln_folder_length(b->name) && strncmp(a->name, b->name, length) == 0;
 }
 
 /* By folder, then by name. */
 static int by_place(const void *a, const void *b)
 {
     const cln_view *x = ((const place *)a)->view, *y = ((const place *)b)->view;
-    const size_t n = folder_length(x), m = folder_length(y);
+    const size_t n = cln_folder_length(x->name), m = cln_folder_length(y->name);
     const int order = strncmp(x->name, y->name, n < m ? n : m);
 
     if (order != 0 || n != m)

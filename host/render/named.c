@@ -14,27 +14,13 @@ enum { LISTED = 3, NAME_BYTES = 512 };
 
 /* ---- one name ---- */
 
-static const char *base_of(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-
-    return slash ? slash + 1 : path;
-}
-
-static const char *without_dot(const char *path)
-{
-    while (path[0] == '.' && path[1] == '/')
-        path += 2;
-    return path;
-}
-
 /* Is `name` this file, with or without its ending? */
 static bool is_file(const char *name, const char *file)
 {
-    const char *dot = strrchr(base_of(file), '.');
+    const char *dot = strrchr(cln_last_name(file), '.');
 
     return strcmp(name, file) == 0 ||
-           (dot && dot != base_of(file) && strncmp(name, file, (size_t)(dot - file)) == 0 &&
+           (dot && dot != cln_last_name(file) && strncmp(name, file, (size_t)(dot - file)) == 0 &&
             name[dot - file] == 0);
 }
 
@@ -47,16 +33,16 @@ static const char *path_in(const cln_scene *scene, const cln_view *view)
         return view->name;
     if (strncmp(view->path, scene->folder, n) != 0 || view->path[n] != '/')
         return view->path;
-    return without_dot(view->path + n + 1);
+    return cln_without_dot(view->path + n + 1);
 }
 
 static bool is_named(const cln_scene *scene, const cln_view *view, const char *name)
 {
-    const char *own = without_dot(view->name), *path = path_in(scene, view);
+    const char *own = cln_without_dot(view->name), *path = path_in(scene, view);
 
-    name = without_dot(name);
-    return is_file(name, own) || is_file(name, path) || is_file(name, base_of(own)) ||
-           is_file(name, base_of(path)) || strcmp(name, view->file) == 0 ||
+    name = cln_without_dot(name);
+    return is_file(name, own) || is_file(name, path) || is_file(name, cln_last_name(own)) ||
+           is_file(name, cln_last_name(path)) || strcmp(name, view->file) == 0 ||
            (view->path && strcmp(name, view->path) == 0);
 }
 
@@ -106,7 +92,7 @@ static int mark(const cln_scene *scene, cln_split split, const char *name, bool 
  * the ending only where that is nearer. */
 static int distance(const cln_view *view, const char *name)
 {
-    const char *own = strchr(name, '/') ? without_dot(view->name) : base_of(view->name);
+    const char *own = strchr(name, '/') ? cln_without_dot(view->name) : cln_last_name(view->name);
     const char *dot = strrchr(own, '.');
     const int whole = cln_edit_distance(name, own);
     char plain[NAME_BYTES];
@@ -133,7 +119,7 @@ static void list_names(const cln_scene *scene, cln_split split, const char *name
 
             if (is_in(v, split) && (!name || distance(v, name) == edits))
                 snprintf(out + used, bytes - used, "%s'%s'", listed++ ? ", " : "",
-                         without_dot(v->name));
+                         cln_without_dot(v->name));
         }
 }
 

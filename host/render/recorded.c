@@ -135,7 +135,6 @@ static cln_status tell_place(const char *run, const json_t *dataset, int which, 
                              const char **how)
 {
     const char *saved = text_of(dataset, "path"), *from_run = text_of(dataset, "path_from_run");
-    const char *slash = strrchr(saved, '/');
 
     *path = NULL;
     *how = NULL;
@@ -144,7 +143,7 @@ static cln_status tell_place(const char *run, const json_t *dataset, int which, 
     *how = which == 1 ? "where it was, seen from the run" : "beside the run, by its name";
     if (which == 1)
         return from_run ? cln_path_join(path, run, from_run) : CLN_OK;
-    return cln_asprintf(path, "%s/../%s", run, slash ? slash + 1 : saved);
+    return cln_asprintf(path, "%s/../%s", run, cln_last_name(saved));
 }
 
 /* The first place where something is, for a training that resumes the run or another command. */

@@ -25,6 +25,7 @@
 #include <string.h>
 #include "base/config.h"
 #include "base/memory.h"
+#include "scene/vectors.h"
 
 enum { GRID = 33, LATTICE = 9 };
 
@@ -97,23 +98,6 @@ static double smallest_eigenvalue(const double m[9])
     return mean + 2 * p * cos(acos(fmax(-1, fmin(1, half_det))) / 3 + 2.0943951023931957);
 }
 
-static void solve3(const double m[9], const double right[3], double out[3])
-{
-    const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
-                       m[2] * (m[3] * m[7] - m[4] * m[6]);
-
-    for (int k = 0; k < 3; k++) { /* Cramer: column k replaced */
-        double n[9];
-
-        memcpy(n, m, sizeof n);
-        for (int i = 0; i < 3; i++)
-            n[3 * i + k] = right[i];
-        out[k] = (n[0] * (n[4] * n[8] - n[5] * n[7]) - n[1] * (n[3] * n[8] - n[5] * n[6]) +
-                  n[2] * (n[3] * n[7] - n[4] * n[6])) /
-                 det;
-    }
-}
-
 /* Radius of what a camera sees around its axis at depth 1: the farthest corner. At most 1 for
  * lenses that are not perspective: they may see a half-space and more, which says nothing about the
  * scene. */
@@ -136,7 +120,7 @@ static bool nearest_point(const axes *mean, double point[3])
 {
     if (!(smallest_eigenvalue(mean->matrix) > PARALLEL))
         return false;
-    solve3(mean->matrix, mean->right, point);
+    cln_solve3(mean->matrix, mean->right, point);
     return true;
 }
 

@@ -189,7 +189,7 @@ cln_status cln_dataset_images_of(const char *folder, bool shallow, cln_names *ou
 cln_status cln_dataset_unread(const char *folder, const char *name, int *count, char **first)
 {
     cln_status st = CLN_OK;
-    const char *slash = name ? strrchr(name, '/') : NULL, *base = slash ? slash + 1 : name;
+    const char *base = name ? cln_last_name(name) : NULL;
     const size_t stem = !base                        ? 0
                         : cln_dataset_is_image(base) ? (size_t)(strrchr(base, '.') - base)
                                                      : strlen(base);
@@ -204,8 +204,7 @@ cln_status cln_dataset_unread(const char *folder, const char *name, int *count, 
     CLN_TRY(st);
     *count = names.count;
     for (int i = 0; i < names.count && !*first; i++) {
-        const char *last = strrchr(names.name[i], '/'), *file = last ? last + 1 : names.name[i];
-
+        const char *file = cln_last_name(names.name[i]);
         const size_t length = (size_t)(strrchr(file, '.') - file);
 
         if (!base || ((length == stem || length == strlen(base)) && /* x.tif, x.jpg.tif of x.jpg */

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "scene/build.h"
+#include "scene/vectors.h"
 
 /* exp(w): Rodrigues' formula, r row-major 3x3. */
 static void rotation_of(const double w[3], double r[9])
@@ -65,26 +66,6 @@ void cln_motion_between(const double from[12], const double to[12], double out[C
     vector_of(r, out);
 }
 
-/* Solves a symmetric positive 3x3 system by Cramer's rule; 0 if it has no solution. */
-static void solve3(const double m[9], const double b[3], double x[3])
-{
-    double cofactor[9], det = 0;
-
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            const int i1 = (i + 1) % 3, i2 = (i + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
-
-            cofactor[3 * i + j] = m[3 * i1 + j1] * m[3 * i2 + j2] - m[3 * i1 + j2] * m[3 * i2 + j1];
-        }
-    for (int i = 0; i < 3; i++)
-        det += m[i] * cofactor[i];
-    for (int i = 0; i < 3; i++) {
-        x[i] = 0;
-        for (int j = 0; j < 3 && det > 0; j++)
-            x[i] += cofactor[3 * j + i] * b[j] / det;
-    }
-}
-
 /* The rotation vector from one pose to another, in the scene's axes. */
 static void turn_of(const double from[12], const double to[12], double turn[3])
 {
@@ -125,7 +106,7 @@ void cln_motion_hold(int count, const double (*from)[12], double reach, double (
             m[4 * i] += reach * reach + x[0] * x[0] + x[1] * x[1] + x[2] * x[2];
         }
     }
-    solve3(m, b, turn);
+    cln_solve3(m, b, turn);
     scale = square > 0 ? along / square : 0;
     for (int a = 0; a < 3; a++)
         turn[a] = -turn[a];

@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "base/unicode.h"
 
 bool cln_path_leads_out(const char *path)
@@ -22,13 +23,6 @@ bool cln_path_leads_out(const char *path)
         p += length + (p[length] != 0);
     }
     return false;
-}
-
-static const char *base_of(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-
-    return slash ? slash + 1 : path;
 }
 
 /* Length of a path without the ending of an image file. */
@@ -48,7 +42,7 @@ static int compare_stems(const char *a, const char *b)
 static int by_stem(const void *a, const void *b)
 {
     const char *x = *(char *const *)a, *y = *(char *const *)b;
-    const int order = compare_stems(base_of(x), base_of(y));
+    const int order = compare_stems(cln_last_name(x), cln_last_name(y));
 
     return order ? order : strcmp(x, y);
 }
@@ -93,9 +87,9 @@ done:
 
 static bool in_one_folder(const char *a, const char *b)
 {
-    const size_t length = (size_t)(base_of(a) - a);
+    const size_t length = (size_t)(cln_last_name(a) - a);
 
-    return length == (size_t)(base_of(b) - b) && strncmp(a, b, length) == 0;
+    return length == (size_t)(cln_last_name(b) - b) && strncmp(a, b, length) == 0;
 }
 
 /* Puts the files of other scenes into `apart`. Those of a folder mostly follow each other. */
@@ -174,7 +168,7 @@ static int first_like(const cln_names *files, const char *base)
     while (low < high) {
         const int middle = low + (high - low) / 2;
 
-        if (compare_stems(base_of(files->name[middle]), base) < 0)
+        if (compare_stems(cln_last_name(files->name[middle]), base) < 0)
             low = middle + 1;
         else
             high = middle;
@@ -185,8 +179,8 @@ static int first_like(const cln_names *files, const char *base)
 /* Is the file called like `base`, but for case, and for the ending if that has none? */
 static bool is_like(const char *file, const char *base)
 {
-    return compare_stems(base_of(file), base) == 0 &&
-           (!cln_dataset_is_image(base) || strcasecmp(base_of(file), base) == 0);
+    return compare_stems(cln_last_name(file), base) == 0 &&
+           (!cln_dataset_is_image(base) || strcasecmp(cln_last_name(file), base) == 0);
 }
 
 /* The length of the end of `name` that is the path of the file, but for case; 0 if none is. *same:
@@ -228,7 +222,7 @@ bool cln_moved_is_aside(const char *file)
 static cln_status find_form(cln_moved *moved, const char *name, bool leads_out, char **out)
 {
     cln_status st = CLN_OK;
-    const char *base = base_of(name), *best = NULL, *like = NULL;
+    const char *base = cln_last_name(name), *best = NULL, *like = NULL;
     size_t longest = 0;
     bool exact = false, tie = false;
     int likes = 0, first = CLN_IMAGE_FOLDERS;
@@ -240,7 +234,7 @@ static cln_status find_form(cln_moved *moved, const char *name, bool leads_out, 
         bool same = false;
         size_t end = 0;
 
-        if (compare_stems(base_of(file), base) != 0)
+        if (compare_stems(cln_last_name(file), base) != 0)
             break;
         if (!is_like(file, base))
             continue;
@@ -308,7 +302,7 @@ static int agreement(const char *a, const char *b)
 
 void cln_moved_meant(const cln_names *names, const char *name, const char *found[2])
 {
-    const char *base = base_of(name);
+    const char *base = cln_last_name(name);
     int best = 0;
 
     found[0] = found[1] = NULL;
@@ -316,7 +310,7 @@ void cln_moved_meant(const cln_names *names, const char *name, const char *found
         const char *candidate = names->name[i];
         const int agrees = agreement(candidate, name);
 
-        if (compare_stems(base_of(candidate), base) != 0)
+        if (compare_stems(cln_last_name(candidate), base) != 0)
             break;
         if (!agrees || agrees < best || (found[0] && strcmp(candidate, found[0]) == 0))
             continue;
@@ -503,14 +497,14 @@ done:
 cln_status cln_moved_apart(cln_moved *moved, const char *name, char **out)
 {
     cln_status st = CLN_OK;
-    const char *base = base_of(name);
+    const char *base = cln_last_name(name);
     size_t length = 0;
     int i = 0;
 
     *out = NULL;
     CLN_TRY(list(moved));
     i = first_like(&moved->apart, base);
-    if (i < moved->apart.count && compare_stems(base_of(moved->apart.name[i]), base) == 0) {
+    if (i < moved->apart.count && compare_stems(cln_last_name(moved->apart.name[i]), base) == 0) {
         CLN_TRY(cln_moved_scene(moved, moved->apart.name[i], &length));
         CLN_TRY(cln_asprintf(out, "%.*s", (int)length, moved->apart.name[i]));
     }
@@ -521,7 +515,7 @@ done:
 cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
 {
     cln_status st = CLN_OK;
-    const char *base = base_of(name), *first = NULL, *other = NULL;
+    const char *base = cln_last_name(name), *first = NULL, *other = NULL;
     char *unread = NULL, *path = NULL, *apart = NULL;
     int likes = 0, unread_count = 0;
 
@@ -529,7 +523,7 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
     for (int i = first_like(&moved->files, base); i < moved->files.count; i++) {
         const char *file = moved->files.name[i];
 
-        if (compare_stems(base_of(file), base) != 0)
+        if (compare_stems(cln_last_name(file), base) != 0)
             break;
         other = other ? other : file;
         if (!is_like(file, base))

@@ -220,7 +220,7 @@ static void drop_names(cln_names *names, bool (*is)(const char *name))
  * files of several flights without their folders. Returns how many there are. */
 static int folders_with(const cln_names *there, const char *name, char folders[2][256])
 {
-    const char *slash = strrchr(name, '/'), *base = slash ? slash + 1 : name;
+    const char *base = cln_last_name(name);
     int found = 0;
 
     for (int i = 0; i < there->count; i++) {

@@ -10,6 +10,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "scene/colmap.h"
 #include "scene/dataset.h"
 #include "scene/placing.h"
@@ -43,35 +44,27 @@ static int find_place(const char *path, const char **missing)
     return PLACES;
 }
 
-/* Where the last name of a path begins. */
-static char *last_name(char *path)
-{
-    char *slash = strrchr(path, '/');
-
-    return slash ? slash + 1 : path;
-}
-
 /* Finds the folder that `path` is in, from its text if that is enough, else from the whole path of
  * it. The caller frees *out. */
 static cln_status parent(const char *path, char **out)
 {
     cln_status st = CLN_OK;
     size_t length = strlen(path);
-    char *last = NULL;
+    const char *last = NULL;
 
     while (length > 1 && path[length - 1] == '/')
         length--;
     CLN_TRY(cln_asprintf(out, "%.*s", (int)length, path));
-    last = last_name(*out);
+    last = cln_last_name(*out);
     if (!strcmp(last, ".") || !strcmp(last, "..") || last == *out) {
         free(*out);
         *out = realpath(path, NULL);
         if (!*out)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: its whole path cannot be found: %s; give that instead",
                              path, strerror(errno)));
-        last = last_name(*out);
+        last = cln_last_name(*out);
     }
-    last[last - *out > 1 ? -1 : 0] = 0; /* "/x" is in "/" */
+    (*out)[last - *out - (last - *out > 1)] = 0; /* "/x" is in "/" */
 done:
     return st;
 }

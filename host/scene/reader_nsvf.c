@@ -118,9 +118,7 @@ done:
 /* "0_x" -> 0; -1 for another name. */
 static int prefix_of(const char *name)
 {
-    const char *slash = strrchr(name, '/');
-
-    name = slash ? slash + 1 : name;
+    name = cln_last_name(name);
     return name[0] >= '0' && name[0] <= '2' && name[1] == '_' ? name[0] - '0' : -1;
 }
 

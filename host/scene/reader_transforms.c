@@ -450,7 +450,6 @@ static void warn_other_names(const char *folder)
 static cln_status read_blender(const char *folder, const char *given, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    const char *slash = strrchr(given, '/');
     json_t *roots[CLN_SPLITS] = {NULL};
     char *files[CLN_SPLITS] = {NULL}, *name = NULL;
 
@@ -460,7 +459,7 @@ static cln_status read_blender(const char *folder, const char *given, cln_reader
     else
         CLN_TRY(cln_asprintf(&result->because,
                              "%s is one of the files of its splits, which are read together",
-                             slash ? slash + 1 : given));
+                             cln_last_name(given)));
     warn_other_names(folder);
     for (int s = 0; s < CLN_SPLITS; s++) {
         free(name);

@@ -48,33 +48,19 @@ static int by_text(const void *a, const void *b)
     return x->level != y->level ? x->level - y->level : x->view - y->view;
 }
 
-static const char *without_dot(const char *path)
-{
-    while (path[0] == '.' && path[1] == '/')
-        path += 2 + strspn(path + 2, "/");
-    return path;
-}
-
 /* The path from the folder, if it is one into it, without "./". */
 static const char *path_in(const char *folder, const char *path)
 {
     const size_t length = strlen(folder);
 
-    return without_dot(strncmp(path, folder, length) == 0 && path[length] == '/' ? path + length + 1
-                                                                                 : path);
-}
-
-static const char *base_of(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-
-    return slash ? slash + 1 : path;
+    return cln_without_dot(
+        strncmp(path, folder, length) == 0 && path[length] == '/' ? path + length + 1 : path);
 }
 
 /* Adds a path at `level`, and without its ending at `without`. */
 static void add(table *t, const char *path, int level, int without, int view)
 {
-    const char *base = base_of(path), *dot = strrchr(base, '.');
+    const char *base = cln_last_name(path), *dot = strrchr(base, '.');
 
     t->row[t->count++] = (alias){path, strlen(path), level, view};
     if (dot && dot != base)
@@ -90,10 +76,10 @@ static cln_status make_table(const cln_scene *scene, table *t)
         const cln_view *view = &scene->views[i];
         const char *path = view->path ? view->path : view->name;
 
-        add(t, without_dot(view->name), 0, 2, i);
+        add(t, cln_without_dot(view->name), 0, 2, i);
         add(t, path_in(scene->folder, path), 1, 3, i);
-        add(t, base_of(view->name), 4, 5, i);
-        add(t, base_of(path), 4, 5, i);
+        add(t, cln_last_name(view->name), 4, 5, i);
+        add(t, cln_last_name(path), 4, 5, i);
     }
     qsort(t->row, t->count, sizeof *t->row, by_text);
 done:
@@ -273,7 +259,7 @@ cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept)
     CLN_TRY(make_table(scene, &t));
     for (int i = 0; i < kept->view_count; i++)
         if (kept->views[i].split == CLN_SPLIT_TEST &&
-            find(&t, without_dot(kept->views[i].name), &level, views) == 1 && level == 0)
+            find(&t, cln_without_dot(kept->views[i].name), &level, views) == 1 && level == 0)
             scene->views[views[0]].split = CLN_SPLIT_TEST;
 done:
     free(t.row);

@@ -10,6 +10,7 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "io/image.h"
 #include "io/json.h"
 #include "scene/build.h"
@@ -475,8 +476,7 @@ done:
 static cln_status find_masks(const source *src, cln_moved *moved, cln_view *view)
 {
     cln_status st = CLN_OK;
-    const char *slash = strrchr(view->path, '/');
-    const char *name = slash ? slash + 1 : view->path, *dot = strrchr(name, '.');
+    const char *name = cln_last_name(view->path), *dot = strrchr(name, '.');
     const int folder = (int)(name - view->path),
               stem = (int)(dot ? dot - name : (long)strlen(name));
     char *path = NULL;

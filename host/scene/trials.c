@@ -177,13 +177,6 @@ void cln_try_readings(const cln_scene *scene, cln_agreement *out)
 
 /* ---- focal lengths of some ---- */
 
-static size_t folder_length(const char *name)
-{
-    const char *slash = strrchr(name, '/');
-
-    return slash ? (size_t)(slash - name) : 0;
-}
-
 static int by_name(const void *a, const void *b)
 {
     const cln_view *const *left = a, *const *right = b;
@@ -213,8 +206,8 @@ static bool mark_part(const cln_scene *scene, const cln_view **order, int which,
     int folders = 0, marked = 0;
 
     for (int i = 0; i < count; i++) {
-        const size_t length = folder_length(order[i]->name);
-        const bool same = i && folder_length(order[i - 1]->name) == length &&
+        const size_t length = cln_folder_length(order[i]->name);
+        const bool same = i && cln_folder_length(order[i - 1]->name) == length &&
                           memcmp(order[i - 1]->name, order[i]->name, length) == 0;
 
         folders += !same;
