@@ -195,7 +195,7 @@ static void put_headline(FILE *to, const cln_report_data *data)
     } else if (isfinite(test)) {
         put_psnr_card(to, test, "test PSNR, some views, while training", true);
     }
-    put_psnr_card(to, last_finite(r->count, r->smooth), "train PSNR, smoothed", false);
+    put_psnr_card(to, last_finite(r->count, r->psnr_train), "train PSNR, of rays", false);
     open_card(to, false);
     cln_format_duration(seconds, text);
     fputs(text, to);

@@ -146,13 +146,14 @@ static int by_seconds(const void *a, const void *b)
     return x->images != y->images ? x->images - y->images : x->order - y->order;
 }
 
-/* Smoothed train PSNR of the last row up to a time. */
+/* Train PSNR of the last row up to a time, as it was measured: a smoothed one would be another
+ * number once the run goes on. */
 static double train_at(const cln_report_rows *r, double seconds)
 {
     double psnr = NAN;
 
     for (int i = 0; i < r->count && r->seconds[i] <= seconds + 1e-6; i++)
-        psnr = isfinite(r->smooth[i]) ? r->smooth[i] : psnr;
+        psnr = isfinite(r->psnr_train[i]) ? r->psnr_train[i] : psnr;
     return psnr;
 }
 
@@ -243,7 +244,7 @@ cln_status cln_report_curves(FILE *to, const cln_report_data *data)
     put_small(to, data, "Rays per second", r->rays_per_s, CLN_SERIES_LINE, CLN_AXIS_COUNT);
     put_small(to, data, "Samples per ray", r->samples_per_ray, CLN_SERIES_LINE, CLN_AXIS_NUMBER);
     fputs("</div>\n<p class=soft>Train PSNR is that of each batch of training rays: pale as "
-          "measured, dark smoothed, as in the table. The mean of whole training photos, which "
+          "measured, as in the table, dark smoothed. The mean of whole training photos, which "
           "<code>eval --split train</code> measures, is another number, mostly higher. Dashed "
           "lines: the tree grew by a level.",
           to);

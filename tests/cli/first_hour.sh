@@ -342,9 +342,10 @@ section_scenes() {
         > "$work/odd/metashape/Cameras.XML"
     cp "$s/train/r_000.png" "$work/odd/metashape/a.png"
     printf '#name,x,y,alt,heading,pitch,roll\na.png,0,0,0,0,0,0\n' > "$work/odd/reality/r.csv"
-    expect "cameras of Metashape, cut off" 3 "Cameras.XML ~export.the.cameras.again" \
-        "$cln" info "$work/odd/metashape"
-    expect "their file" 3 "Cameras.XML ~export.the.cameras.again" \
+    local cut="~export.the.cameras.again"
+    "$cln" version -v | grep -q "with expat" || cut="~built.without.expat"
+    expect "cameras of Metashape, cut off" 3 "Cameras.XML $cut" "$cln" info "$work/odd/metashape"
+    expect "their file" 3 "Cameras.XML $cut" \
         "$cln" info "$work/odd/metashape/Cameras.XML"
     expect "cameras of RealityCapture" 3 "~cameras.of.RealityCapture r.csv COLMAP" \
         "$cln" info "$work/odd/reality"
