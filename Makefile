@@ -20,6 +20,8 @@
 #   make deps | clean       install what the build needs; remove build/
 #   make help               this text
 # Variables: SANITIZE=address,undefined  DEBUG=1  WERROR=1  V=1 (show the commands)
+#            B=FOLDER: for what is built, in place of build; also of clean. Objects are not
+#            built anew when flags change: give other flags another folder
 #            CC AR OBJCOPY PKG_CONFIG CPPFLAGS CFLAGS LDFLAGS, as usual; HOSTPROG: see below
 #            MPI=1: build/mpi/cl-nascent and library, for training by several processes
 #            (docs/scale-out.md; libopenmpi-dev)

@@ -85,6 +85,8 @@ let version = 0, moved = 0, busy = false, abort = null, flight = null;
 let keyframes = [], playing = 0;
 let training = null;    /* how it stands, as the server told it last */
 let ended = false;
+let server = null;      /* the name of the one that the page is of */
+let left = false;       /* another one has its address */
 
 const gone = () => facts.training ? 'The training has ended, or the way to it is cut. ' +
   `What it has made is shown by: cl-nascent view ${facts.run}` :
@@ -162,13 +164,30 @@ function cameraQuery(f) {
 /* What a picture looks like, besides its camera. */
 const looks = () => ({show: $('show').value, background: background().join(',')});
 
+/* Requests name the server that the page is of: the port may be another viewer's by now. */
+async function request(path, options = {}) {
+  const headers = {...options.headers, ...(server ? {'X-Server': server} : {})};
+  const answer = await fetch(path, {...options, headers});
+  if (answer.status === 410) leave();
+  return answer;
+}
+
 function ask(path, query, name, signal) {
-  return fetch(path + '?' + new URLSearchParams(query), {headers: {'X-Viewer': name}, signal});
+  return request(path + '?' + new URLSearchParams(query), {headers: {'X-Viewer': name}, signal});
 }
 
 function post(path, query, more) {
-  return fetch(path + '?' + new URLSearchParams(query),
+  return request(path + '?' + new URLSearchParams(query),
     {method: 'POST', headers: {'X-Viewer': viewer}, ...more});
+}
+
+/* The page stays as it is, for what was not saved, and asks for nothing any more. */
+function leave() {
+  left = true;
+  for (const id of ['pause', 'checkpoint', 'stop']) $(id).disabled = true;
+  if (facts.training) $('training-state').textContent = 'ended';
+  say(`This page is of ${facts.run}, whose viewer has ended; another one has its address. ` +
+    'Reload the page to see what that shows.', true);
 }
 
 const underWay = () => training !== null && !ended && training.state !== 'paused';
@@ -191,7 +210,7 @@ const isNew = () => !(training && training.step > last.step) && !isRough() &&
 async function pump() {
   if (busy || !facts) return;
   busy = true;
-  for (;;) {
+  while (!left) {
     await seen();
     const now = version, refining = last !== null && last.version === now;
     if (refining && isNew()) break;
@@ -204,6 +223,7 @@ async function pump() {
       await fetchPicture(now, nextMs(refining), refining);
     } catch (error) {
       if (error.name === 'AbortError') continue;
+      if (left) break;
       say(error.refused || gone());
       await new Promise((done) => setTimeout(done, 1500));
     }
@@ -576,7 +596,8 @@ function listCameras() {
     for (const entry of entries) {
       if (!entry.isIntersecting) continue;
       pictures.unobserve(entry.target);
-      entry.target.src = `/photo?view=${entry.target.dataset.view}&side=128`;
+      entry.target.src =
+        `/photo?view=${entry.target.dataset.view}&side=128&server=${server}`;
     }
   });
   facts.cameras.forEach((c, i) => {
@@ -634,7 +655,7 @@ function fetchPhoto() {
     coming = null;
     $('camera-name').textContent = `${facts.cameras[at].name} (no photo here)`;
   };
-  image.src = `/photo?view=${at}&side=1600&background=${colour}`;
+  image.src = `/photo?view=${at}&side=1600&background=${colour}&server=${server}`;
 }
 
 function refreshPhoto() {
@@ -811,7 +832,8 @@ function showTraining() {
 async function watch() {
   await seen();
   try {
-    const answer = await fetch('/training');
+    const answer = await request('/training');
+    if (left) return;
     if (!answer.ok) throw new Error();
     training = await answer.json();
     if (ended) say('');
@@ -830,7 +852,7 @@ async function watch() {
 async function order(what) {
   try {
     const answer = await post('/' + what, {});
-    if (!answer.ok) say((await answer.text()).trim());
+    if (!answer.ok && !left) say((await answer.text()).trim());
   } catch (error) {
     say(gone());
   }
@@ -840,7 +862,9 @@ async function order(what) {
 async function lookForNewer() {
   await seen();
   try {
-    const {newer} = await (await fetch('/newest')).json();
+    const answer = await request('/newest');
+    if (left) return;
+    const {newer} = await answer.json();
     const text = newer === null ? '' : `The run has another model by now, of step ` +
       `${newer.toLocaleString('en')}; to see it, start view again.`;
     if ($('newer').textContent !== text) say(text);
@@ -871,6 +895,7 @@ async function begin() {
   const answer = await fetch('/facts');
   if (!answer.ok) throw new Error((await answer.text()).trim());
   facts = await answer.json();
+  server = answer.headers.get('X-Server');
   document.title = `${facts.run} – cl-nascent`;
   $('title').textContent = `${facts.run}, step ${facts.step.toLocaleString('en')}`;
   setBackground(facts.background);

@@ -71,6 +71,7 @@ struct cln_server {
     bool training;
     char *pages[PAGES]; /* their texts */
     char cookie[32];    /* its name */
+    char id[17];        /* of this server, among those that the port had and will have */
     struct MHD_Daemon *daemon;
     double tended_at;     /* the painting thread's, as the next one */
     bool small_before;    /* the piece painted before was a small request */
@@ -171,6 +172,7 @@ static enum MHD_Result send_response(cln_server *s, struct MHD_Connection *conne
     MHD_add_response_header(response, "Referrer-Policy", "no-referrer");
     MHD_add_response_header(response, "Cross-Origin-Resource-Policy", "same-origin");
     MHD_add_response_header(response, "Cache-Control", "no-store");
+    MHD_add_response_header(response, "X-Server", s->id);
     set_deadline(s, connection, SEND_SECONDS + (double)bytes / SEND_RATE);
     sent = MHD_queue_response(connection, (unsigned)status, response);
     MHD_destroy_response(response);
@@ -381,7 +383,7 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
 {
     const char *token = s->listener->token;
     const char *mode = header_of(connection, "Sec-Fetch-Mode");
-    const char *reason = NULL;
+    const char *named = header_of(connection, "X-Server"), *reason = NULL;
     const unsigned order = order_of(s, path);
     /* a link on another page may lead here; what it leads to sees nothing of that page */
     const bool page = strcmp(path, "/") == 0 && mode && strcmp(mode, "navigate") == 0;
@@ -398,6 +400,12 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
             return answer(s, connection, 403,
                           "open the whole address that cl-nascent printed, with its token");
     }
+    if (!named)
+        named = query_value(connection, "server"); /* of pictures that the page has by address */
+    if (named && strcmp(named, s->id) != 0)
+        return answer(
+            s, connection, 410,
+            "another viewer has this address by now: reload the page to see what it shows");
     if (order)
         return take_order(s, connection, order);
     for (int i = 0; i < PAGES; i++)
@@ -654,6 +662,16 @@ done:
     return st;
 }
 
+/* Of the clock and the process: no two servers of a machine have the same. */
+static void make_id(char id[17])
+{
+    struct timespec now = {0};
+
+    clock_gettime(CLOCK_REALTIME, &now);
+    snprintf(id, 17, "%08x%08x", (unsigned)now.tv_sec ^ (unsigned)getpid() << 16,
+             (unsigned)now.tv_nsec);
+}
+
 cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
 {
     cln_status st = CLN_OK;
@@ -672,6 +690,7 @@ cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
     pthread_condattr_destroy(&monotonic);
     pthread_mutex_init(&s->lock, NULL);
     snprintf(s->cookie, sizeof s->cookie, "cl-nascent-%d", desc->listener->port);
+    make_id(s->id);
     for (int i = 0; i < PAGES; i++)
         CLN_TRY(join(pages[i].lines, &s->pages[i]));
     CLN_TRY(start(s));

@@ -14,7 +14,10 @@
  *   GET /film?film=NAME                  the whole film
  *   GET /newest                          {"newer": null}, or the step of the model that the run has
  *                                        by now
- * and for a training, instead of that:
+ * Every answer names its server, X-Server: ID. A request that names another one, in that header or
+ * by server=ID, gets 410: a page that outlives its viewer mixes no two runs, and does not order
+ * about the next training.
+ * For a training, instead of /newest:
  *   GET /training                        its progress (train/watch.h)
  *   POST /pause /continue /save /stop    orders; with X-Viewer, too */
 #ifndef CLN_SERVER_H

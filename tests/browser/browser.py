@@ -3,7 +3,8 @@
     browser.py ADDRESS RENDERED FOLDER PAGES
 
 RENDERED is the PNG that `render` made of the first test view, or "training": ADDRESS is that of a
-training, which is steered and stopped; or "documents": ADDRESS is a folder with report.html and
+training, which is steered and stopped, and then that of another viewer, which the arguments after
+PAGES start (a port is added); or "documents": ADDRESS is a folder with report.html and
 check.html. Screenshots go to FOLDER. PAGES: names, with spaces. A line per check on standard
 output, "ok" or "FAILED".
 """
@@ -17,7 +18,7 @@ import time
 import urllib.error
 import urllib.request
 
-ADDRESS, RENDERED, FOLDER, PAGES = sys.argv[1:]
+ADDRESS, RENDERED, FOLDER, PAGES, *NEXT = sys.argv[1:]
 TEST_VIEW = 20  # after 20 training views
 MEAN = """
     const b = last.box, c = new OffscreenCanvas(64, 64), p = c.getContext('2d');
@@ -855,6 +856,26 @@ def steer(page, last):
         page.js('$("stop").click()')
         page.check('it shows the end', wait_for(page, 'ended'))
         page.shot('ended')
+        outlive(page)
+
+
+def outlive(page):
+    """Another viewer gets the address of one that has ended: the page stays that of the former."""
+    before = page.js('return [document.title, last.step, $("title").textContent]')
+    port = ADDRESS.rstrip('/').split(':')[2]
+    viewer = subprocess.Popen(NEXT + ['--port', port], stdout=subprocess.DEVNULL,
+                              stderr=subprocess.DEVNULL)
+    page.check('a page notes that its address is another viewer\'s', wait_for(page, 'left', 60))
+    page.check('and says what to do', 'Reload the page' in
+               page.js('return $("message").textContent'))
+    page.js('touch(true)')
+    time.sleep(2)
+    page.check('it stays what it was', before ==
+               page.js('return [document.title, last.step, $("title").textContent]'))
+    page.check('its buttons are off', page.js('return $("stop").disabled && $("pause").disabled'))
+    page.shot('left')
+    viewer.terminate()
+    viewer.wait()
 
 
 def watch(driver):

@@ -31,7 +31,7 @@ for page in $pages; do
     esac
 done
 
-# drive RENDERED: the checks of browser.py at the server's address
+# drive RENDERED [NEXT...]: the checks of browser.py at the server's address
 drive() {
     local rc
     touch "$work/log"
@@ -40,7 +40,7 @@ drive() {
         sed -n 's/.*in a browser: //p' "$work/log" >"$work/address"
         sleep 0.2
     done
-    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser "$pages" \
+    python3 tests/browser/browser.py "$(cat "$work/address")" "$1" build/browser "$pages" "${@:2}" \
         >"$work/checks" 2>"$work/err"
     rc=$?
     cat "$work/checks"
@@ -76,7 +76,7 @@ esac
 "$cln" train "$work/photos" -o "$work/watched" --time-limit 10m --skip-selftest --view \
     >"$work/out" 2>"$work/log" &
 server=$!
-drive training
+drive training "$cln" view "$work/run"
 wait $server
 check "the training was stopped" [ $? = 130 ]
 server=0

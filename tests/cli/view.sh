@@ -569,7 +569,7 @@ section_silence() {
 }
 
 section_training() {
-    local digest step pictures=0 large psnr curve
+    local digest id step pictures=0 large psnr curve
     local long=("${tiny[@]}" --level-at 2:0.5 --steps 1500 --eval-every 500 \
         --log-every 100)
     [ $server = 0 ] || stop TERM
@@ -584,7 +584,13 @@ section_training() {
     orders "an order without X-Viewer" 403 /pause
     orders "an order from another Origin" 403 /pause "${me[@]}" -H "Origin: http://evil.example"
     orders "an order of another site" 403 /pause "${me[@]}" -H "Sec-Fetch-Site: cross-site"
-    orders "pause" 202 /pause "${me[@]}"
+    get /facts
+    id=$(sed -n 's/^x-server: *\([0-9a-f]*\).*/\1/Ip' "$work/headers")
+    check "the server has a name" [ ${#id} = 16 ]
+    orders "an order of another viewer's page" 410 /stop "${me[@]}" -H "X-Server: ${id%?}x"
+    gets "a photo of another viewer's page" 410 "/photo?view=1&side=64&server=${id%?}x"
+    gets "a photo of its own page" 200 "/photo?view=1&side=64&server=$id"
+    orders "pause" 202 /pause "${me[@]}" -H "X-Server: $id"
     check "the training pauses" until_told state paused
     step=$(json step)
     check "it pauses in the middle" [ "$step" -gt 0 -a "$step" -lt 1500 ]
