@@ -75,6 +75,13 @@ static json_t *forward_json(const cln_space *space)
     return json_pack("{s:o, s:o}", "axes", reals(space->axes, 9), "scale", reals(space->scale, 2));
 }
 
+static json_t *row_json(const cln_row_sums *row)
+{
+    return json_pack("{s:I, s:I, s:I, s:f, s:f, s:f}", "steps", (json_int_t)row->steps, "rays",
+                     (json_int_t)row->rays, "samples", (json_int_t)row->samples, "loss", row->loss,
+                     "square", row->square, "began", row->began);
+}
+
 static cln_status make_document(const cln_model *model, const char *tensors, uint64_t data_digest,
                                 uint64_t model_digest, json_t **out)
 {
@@ -106,7 +113,7 @@ static cln_status make_document(const cln_model *model, const char *tensors, uin
     if (!document && json_error_code(&why) == json_error_numeric_overflow)
         CLN_TRY(cln_fail(CLN_INTERNAL, "checkpoint of step %" PRId64 ": a setting is not finite",
                          model->step));
-    if (!document ||
+    if (!document || json_object_set_new(document, "row", row_json(&model->row)) != 0 ||
         json_object_set_new(document, "drawn", json_integer((json_int_t)model->drawn)) != 0 ||
         json_object_set_new(document, "averaged", json_integer(cln_model_antialias(model))) != 0 ||
         (model->in_parts && json_object_set_new(document, "in_parts", json_true()) != 0) ||
@@ -152,6 +159,24 @@ static cln_status get_real(const json_t *value, const char *path, const char *ke
     return CLN_OK;
 }
 
+/* row: NULL in older checkpoints. */
+static cln_status read_row(const json_t *row, const char *path, cln_row_sums *out)
+{
+    cln_status st = CLN_OK;
+
+    *out = (cln_row_sums){0};
+    if (!row)
+        goto done;
+    CLN_TRY(get_int(row, path, "steps", 0, INT64_MAX, &out->steps));
+    CLN_TRY(get_int(row, path, "rays", 0, INT64_MAX, &out->rays));
+    CLN_TRY(get_int(row, path, "samples", 0, INT64_MAX, &out->samples));
+    CLN_TRY(get_real(json_object_get(row, "loss"), path, "loss", &out->loss));
+    CLN_TRY(get_real(json_object_get(row, "square"), path, "square", &out->square));
+    CLN_TRY(get_real(json_object_get(row, "began"), path, "began", &out->began));
+done:
+    return st;
+}
+
 static cln_status read_forward(const json_t *ndc, const char *path, cln_space *out)
 {
     cln_status st = CLN_OK;
@@ -190,6 +215,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
         CLN_TRY(get_int(document, path, "drawn", 0, INT64_MAX, &out->drawn));
     if (json_object_get(document, "averaged"))
         CLN_TRY(get_int(document, path, "averaged", 1, 4, &averaged));
+    CLN_TRY(read_row(json_object_get(document, "row"), path, &out->row));
     out->averaged = averaged > 1;
     out->in_parts = json_is_true(json_object_get(document, "in_parts"));
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",

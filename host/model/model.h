@@ -13,6 +13,13 @@
 
 enum { CLN_EXPOSURE = 9 }; /* numbers of a photo's exposure, below */
 
+/* Steps since the last row of metrics.jsonl: what the next one has of them so far. */
+typedef struct cln_row_sums {
+    int64_t steps, rays, samples;
+    double loss, square; /* sums of the steps' means */
+    double began;        /* train_seconds at its start */
+} cln_row_sums;
+
 typedef struct cln_model {
     cln_config config;
     cln_network net;
@@ -32,11 +39,12 @@ typedef struct cln_model {
     int64_t refresh_step; /* step of the last stage-1 refresh */
     int64_t growth_step;  /* step of the last growth of the tree */
     double train_seconds; /* budget used so far */
-    int rays;             /* adapted batch size of the next step */
-    int level;            /* growth reached so far */
-    int64_t drawn;        /* pixels of the photos that training has drawn */
-    bool averaged;        /* pixels at edges are means of several rays by now */
-    bool in_parts;        /* its device has arrays P in parts, and keeps them so (pipeline.h) */
+    cln_row_sums row;
+    int rays;      /* adapted batch size of the next step */
+    int level;     /* growth reached so far */
+    int64_t drawn; /* pixels of the photos that training has drawn */
+    bool averaged; /* pixels at edges are means of several rays by now */
+    bool in_parts; /* its device has arrays P in parts, and keeps them so (pipeline.h) */
     /* Measures of the structure optimisation (method.md 12.3); kept with the training state. */
     float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
     int32_t *met;       /* [slot] samples since the last decision */

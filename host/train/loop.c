@@ -292,14 +292,14 @@ static double guess_evaluation(const cln_trainer *t)
  * directly after a row there are none. */
 static void keep_window(cln_trainer *t)
 {
-    const double spent = t->model.train_seconds - t->window.began_seconds;
+    const double spent = t->model.train_seconds - t->model.row.began;
 
-    if (t->window.steps == 0 || t->window.rays == 0 || !(spent > 0))
+    if (t->model.row.steps == 0 || t->model.row.rays == 0 || !(spent > 0))
         return;
-    t->shown.rays_per_s = (double)t->window.rays / spent;
-    t->shown.samples_per_ray = (double)t->window.samples / (double)t->window.rays;
-    t->shown.loss = t->window.loss / t->window.steps;
-    t->shown.psnr_train = cln_psnr(t->window.square / t->window.steps);
+    t->shown.rays_per_s = (double)t->model.row.rays / spent;
+    t->shown.samples_per_ray = (double)t->model.row.samples / (double)t->model.row.rays;
+    t->shown.loss = t->model.row.loss / t->model.row.steps;
+    t->shown.psnr_train = cln_psnr(t->model.row.square / t->model.row.steps);
 }
 
 static void report_progress(cln_trainer *t, double fraction)
@@ -344,8 +344,8 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
     char peak[32], limit[32];
 
     keep_window(t);
-    t->psnr_train = cln_psnr(t->window.square / t->window.steps);
-    t->psnr_train_steps = (int)t->window.steps;
+    t->psnr_train = cln_psnr(t->model.row.square / t->model.row.steps);
+    t->psnr_train_steps = (int)t->model.row.steps;
     CLN_TRY(cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated));
     if (!t->said.host_full && cln_peak_rss() > t->host_plan.limit) {
         cln_format_bytes(cln_peak_rss(), peak);
@@ -353,10 +353,7 @@ static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
         cln_warn("host memory: %s at its peak, more than the %s of --host-mem", peak, limit);
         t->said.host_full = true;
     }
-    t->window.steps = 0;
-    t->window.rays = t->window.samples = 0;
-    t->window.loss = t->window.square = 0;
-    t->window.began_seconds = t->model.train_seconds;
+    t->model.row = (cln_row_sums){.began = t->model.train_seconds};
 done:
     return st;
 }
@@ -556,7 +553,9 @@ cln_status cln_loop_run(cln_trainer *t)
     t->start_seconds = cln_now() - t->began;
     t->from_step = t->model.step;
     CLN_TRY(cln_watch_start(t));
-    t->window.began_seconds = t->looked_seconds = t->model.train_seconds;
+    t->looked_seconds = t->model.train_seconds;
+    if (t->model.row.steps == 0)
+        t->model.row.began = t->model.train_seconds;
     t->window.waits = t->device->waits;
     t->window.ranked_seconds[CLN_STAGES] = cln_ranks_sent().seconds;
     t->saved_at = cln_now();

@@ -297,14 +297,14 @@ static void add_balance(cln_trainer *t, json_t *row)
     if (p->stretches_all > t->window.stretches_all) {
         const double stretches = p->stretches_all - t->window.stretches_all;
 
-        json_object_set_new(row, "stretches", json_real(stretches / t->window.steps));
+        json_object_set_new(row, "stretches", json_real(stretches / t->model.row.steps));
         json_object_set_new(row, "own_stretches",
                             json_real((p->stretches_own - t->window.stretches_own) / stretches));
     }
     if (p->intervals_all > t->window.intervals_all)
         json_object_set_new(
             row, "intervals",
-            json_real((p->intervals_all - t->window.intervals_all) / t->window.steps));
+            json_real((p->intervals_all - t->window.intervals_all) / t->model.row.steps));
     t->window.intervals_all = p->intervals_all;
     t->window.stretches_own = p->stretches_own;
     t->window.stretches_all = p->stretches_all;
@@ -347,7 +347,7 @@ static json_t *find_ends(cln_trainer *t, double photos[2], double device[2])
 cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
 {
     cln_status st = CLN_OK;
-    const double spent = t->model.train_seconds - t->window.began_seconds;
+    const double spent = t->model.train_seconds - t->model.row.began;
     const double waits = (double)(t->device->waits - t->window.waits);
     double leaf_samples = 0, padding = 0, photos[2] = {0}, device[2] = {0};
     json_t *stages = NULL, *row = NULL;
@@ -368,10 +368,10 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         "{s:I, s:f, s:o, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
         (json_int_t)t->model.step, "seconds", t->model.train_seconds, "cpu_seconds",
         cln_json_real(t->cpu_seconds), "wall_seconds", cln_now() - t->began, "from_step",
-        (json_int_t)t->from_step, "loss", cln_json_real(t->window.loss / t->window.steps),
+        (json_int_t)t->from_step, "loss", cln_json_real(t->model.row.loss / t->model.row.steps),
         "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
-        cln_json_real((double)t->window.rays / spent), "samples_per_ray",
-        cln_json_real((double)t->window.samples / (double)t->window.rays), "leaves",
+        cln_json_real((double)t->model.row.rays / spent), "samples_per_ray",
+        cln_json_real((double)t->model.row.samples / (double)t->model.row.rays), "leaves",
         t->pipeline.leaves, "params", cln_network_learned(&t->pipeline.net, t->pipeline.leaves),
         "host_mem", cln_peak_rss(), "dev_mem", (double)t->device->allocated, "host_waits", waits,
         "stages", stages);

@@ -101,11 +101,11 @@ static cln_status account(cln_trainer *t)
             "training diverged: the loss of step %lld is not finite; the last checkpoint is "
             "kept, resume from it with a lower --lr",
             (long long)t->owed.step);
-    t->window.steps++;
-    t->window.loss += loss;
-    t->window.square += square / rays;
-    t->window.rays += t->owed.rays;
-    t->window.samples += t->owed.samples;
+    t->model.row.steps++;
+    t->model.row.loss += loss;
+    t->model.row.square += square / rays;
+    t->model.row.rays += t->owed.rays;
+    t->model.row.samples += t->owed.samples;
     return CLN_OK;
 }
 

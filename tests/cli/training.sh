@@ -219,7 +219,7 @@ section_regrow() {
 }
 
 section_resume() {
-    local r=$work/stopped
+    local r=$work/stopped key
     baseline
     start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
     wait_for 60 rows_of "$r" 30
@@ -242,13 +242,21 @@ section_resume() {
         [ "$(step_rows "$r" | "$query" -l from_step | sort -u | wc -l)" = 2 ]
 
     r=$work/terminated
-    start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps
-    wait_for 60 rows_of "$r" 60
+    expect "rows of seven steps" 0 "" "$cln" train "$work/blender" -o "$work/sevens" \
+        "${small[@]}" --steps $steps --log-every 7
+    start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps --log-every 7
+    wait_for 60 rows_of "$r" 8
     kill -TERM "$child"
     finish
     check "SIGTERM: exit code 143" [ $rc = 143 ]
     expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "terminated and resumed = not interrupted" is_whole "$r"
+    for key in loss psnr_train samples_per_ray; do
+        check "a row that the end cut in two is of all its steps: $key" [ \
+            "$(step_rows "$r" | "$query" -l $key)" = \
+            "$(step_rows "$work/sevens" | "$query" -l $key)" ]
+    done
+    check "rows have it" [ "$(step_rows "$r" | "$query" -l loss | wc -l)" -gt 20 ]
 
     r=$work/killed
     start "$cln" train "$work/blender" -o "$r" "${small[@]}" --steps $steps

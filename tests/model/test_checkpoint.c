@@ -70,6 +70,7 @@ static void same_model(const cln_model *a, const cln_model *b, bool training)
     assert_int_equal(a->sum_rays, b->sum_rays);
     assert_true(a->sum_square == b->sum_square && a->last_square == b->last_square);
     assert_int_equal(a->decisions, b->decisions);
+    assert_memory_equal(&a->row, &b->row, sizeof a->row);
 }
 
 /* ---- round trips ---- */

@@ -78,6 +78,7 @@ static inline void make_model(int64_t step, cln_model *model)
     model->sum_square = 1.0 / 7;
     model->last_square = 2.0 / 7;
     model->decisions = 5;
+    model->row = (cln_row_sums){3, 3 * 64, 3 * 640, 0.1, 0.3, 1.0 / 3};
     model->tree.strikes[model->tree.leaf[0]] = 1;
     model->space.centre[0] = 0.1 + 0.2;
     model->space.centre[1] = -1.0 / 3;
