@@ -99,9 +99,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
                              char **place)
 {
     cln_status st = CLN_OK;
-    const cln_split s = opened->scene->views[views[0]].split;
-    const int all = strcmp(split, "all") == 0 ? opened->scene->view_count
-                                              : cln_scene_split_count(opened->scene, s);
+    int *whole = NULL, all = 0;
     char *evals = NULL, *plain = NULL, *why = NULL, finer[24] = "", choice[CLN_DIGEST_TEXT];
 
     if (!desc->out && !opened->same_scene)
@@ -109,6 +107,10 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
                          "%s: not the scene of %s, so its figures do not go into the run; name a "
                          "folder for them with -o",
                          opened->scene->folder, desc->run));
+    CLN_TRY(cln_quality_choose(opened->scene,
+                               strcmp(split, "all") == 0 ? CLN_SPLITS
+                                                         : opened->scene->views[views[0]].split,
+                               0, &whole, &all));
     CLN_TRY(cln_path_join(&evals, desc->run, "eval"));
     CLN_TRY(cln_record_place(desc->out ? desc->out : evals, opened->model.step, split, count, all,
                              &plain));
@@ -135,6 +137,7 @@ static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *open
     }
 done:
     free(evals);
+    free(whole);
     free(plain);
     free(why);
     return st;

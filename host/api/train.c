@@ -132,12 +132,14 @@ static void say_what_runs(cln_trainer *t)
 {
     const cln_scene *scene = t->scene;
     const char *rows = t->desc->device.tune_file; /* the user's */
-    char text[1024], device[32], host[32], device_limit[32], host_limit[32];
+    char text[1024], device[32], host[32], device_limit[32], host_limit[32], val[32] = "";
     json_t *list = NULL;
     size_t left_out = 0;
 
     cln_info("scene: %s, read as %s, because %s", scene->folder, scene->dialect, scene->because);
-    cln_info("views: %d train, %d test (%s)", cln_scene_split_count(scene, CLN_SPLIT_TRAIN),
+    if (cln_scene_split_count(scene, CLN_SPLIT_VAL) > 0)
+        snprintf(val, sizeof val, "%d val, ", cln_scene_split_count(scene, CLN_SPLIT_VAL));
+    cln_info("views: %d train, %s%d test (%s)", cln_scene_split_count(scene, CLN_SPLIT_TRAIN), val,
              cln_scene_split_count(scene, CLN_SPLIT_TEST), scene->split_rule);
     if (scene->masks_rule)
         cln_info("masks: %s", scene->masks_rule);

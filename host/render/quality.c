@@ -34,17 +34,57 @@ void cln_eval_free(cln_eval_result *result)
     memset(result, 0, sizeof *result);
 }
 
+static int by_path(const void *a, const void *b)
+{
+    const cln_view *x = *(const cln_view *const *)a, *y = *(const cln_view *const *)b;
+    const int order = strcmp(x->path, y->path);
+
+    return order ? order : (x > y) - (x < y);
+}
+
+static int by_place(const void *a, const void *b)
+{
+    const int x = *(const int *)a, y = *(const int *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* The views of all splits, in their order: of a photo that is in several the first one. */
+static cln_status list_photos(const cln_scene *scene, int **views, int *count)
+{
+    cln_status st = CLN_OK;
+    const size_t total = (size_t)scene->view_count;
+    const cln_view **order = NULL;
+
+    CLN_TRY(cln_alloc(views, total, sizeof **views, "views"));
+    CLN_TRY(cln_alloc(&order, total, sizeof *order, "views"));
+    for (size_t i = 0; i < total; i++)
+        order[i] = &scene->views[i];
+    qsort(order, total, sizeof *order, by_path);
+    *count = 0;
+    for (size_t i = 0; i < total; i++)
+        if (i == 0 || strcmp(order[i]->path, order[i - 1]->path) != 0)
+            (*views)[(*count)++] = (int)(order[i] - scene->views);
+    qsort(*views, (size_t)*count, sizeof **views, by_place);
+done:
+    free(order);
+    return st;
+}
+
 cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most, int **views,
                               int *count)
 {
     cln_status st = CLN_OK;
     const bool all = split == CLN_SPLITS;
-    const int total = all ? scene->view_count : cln_scene_split_count(scene, split);
+    int total = all ? 0 : cln_scene_split_count(scene, split);
 
+    if (all)
+        CLN_TRY(list_photos(scene, views, &total));
     *count = most > 0 && most < total ? most : total;
-    CLN_TRY(cln_alloc(views, (size_t)*count, sizeof **views, "views"));
+    if (!all)
+        CLN_TRY(cln_alloc(views, (size_t)*count, sizeof **views, "views"));
     for (int i = 0; i < *count; i++)
-        (*views)[i] = all ? (int)((int64_t)i * total / *count)
+        (*views)[i] = all ? (*views)[(int64_t)i * total / *count] /* never before place i */
                           : cln_scene_spread_view(scene, split, i, *count);
 done:
     return st;

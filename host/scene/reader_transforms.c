@@ -387,6 +387,18 @@ done:
  * writes 32 by itself, as its grid has finer levels in the middle. */
 static const double NARROW = 4;
 
+/* Keys that nerfstudio writes and instant-ngp does not. */
+static bool of_nerfstudio(const json_t *root)
+{
+    static const char *const keys[] = {"applied_transform", "applied_scale", "train_filenames",
+                                       "ply_file_path"};
+
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
+        if (json_object_get(root, keys[i]))
+            return true;
+    return false;
+}
+
 /* instant-ngp maps a point p of the file to p * scale + offset, in a box of side aabb_scale around
  * 0.5; its change of axes after that leaves a cube where it is. In the file's own coordinates:
  *   centre = (0.5 - offset) / scale, half = aabb_scale / (2 scale)
@@ -400,8 +412,13 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
 
     CLN_TRY(cln_transforms_number(file, root, "aabb_scale", &aabb_scale, &has_size));
     CLN_TRY(cln_transforms_number(file, root, "scale", &scale, &has_scale));
-    if (!has_size && !has_scale && !offset && !aabb)
+    if (!has_size && !offset && !aabb && (!has_scale || of_nerfstudio(root))) {
+        if (has_scale)
+            cln_note("%s: scale %g is not used: of a file with nerfstudio's keys it is no cube of "
+                     "instant-ngp's, which has aabb_scale beside it",
+                     file, scale);
         goto done;
+    }
     if (offset)
         CLN_TRY(read_vector3(file, "offset", offset, shift));
     if (!(aabb_scale > 0) || !(scale > 0))

@@ -238,7 +238,7 @@ async function fetchPicture(now, ms, refining) {
   abort = new AbortController();
   abort.refining = refining;
   const edges = Number(refining && isRough());
-  const answer = await ask('/picture', {...cameraQuery(f), ms, edges, ...looks()}, viewer,
+  const answer = await ask('picture', {...cameraQuery(f), ms, edges, ...looks()}, viewer,
     abort.signal);
   if (answer.status === 409) return;
   if (!answer.ok) throw Object.assign(new Error(), {refused: (await answer.text()).trim()});
@@ -311,7 +311,7 @@ function drawDifference(b) {
 async function savePicture() {
   say('Rendering…', true);
   try {
-    const answer = await ask('/picture', {...cameraQuery(frame()), ...looks(), edges: 1,
+    const answer = await ask('picture', {...cameraQuery(frame()), ...looks(), edges: 1,
       format: 'png'}, viewer + '-s');
     if (!answer.ok) throw new Error((await answer.text()).trim());
     download(await answer.blob(), `${facts.run.split('/').filter(Boolean).pop()}.png`);
@@ -431,7 +431,7 @@ async function focus(x, y) {
     if (px < 0 || py < 0 || px >= box.width || py >= box.height) return;
   }
   try {
-    const answer = await ask('/point', {...query, x: px, y: py}, viewer);
+    const answer = await ask('point', {...query, x: px, y: py}, viewer);
     if (!answer.ok) return;
     const found = await answer.json();
     if (found.opacity < 0.3) {
@@ -597,7 +597,7 @@ function listCameras() {
       if (!entry.isIntersecting) continue;
       pictures.unobserve(entry.target);
       entry.target.src =
-        `/photo?view=${entry.target.dataset.view}&side=128&server=${server}`;
+        `photo?server=${server}&view=${entry.target.dataset.view}&side=128`;
     }
   });
   facts.cameras.forEach((c, i) => {
@@ -655,7 +655,7 @@ function fetchPhoto() {
     coming = null;
     $('camera-name').textContent = `${facts.cameras[at].name} (no photo here)`;
   };
-  image.src = `/photo?view=${at}&side=1600&background=${colour}&server=${server}`;
+  image.src = `photo?server=${server}&view=${at}&side=1600&background=${colour}`;
 }
 
 function refreshPhoto() {
@@ -832,7 +832,7 @@ function showTraining() {
 async function watch() {
   await seen();
   try {
-    const answer = await request('/training');
+    const answer = await request('training');
     if (left) return;
     if (!answer.ok) throw new Error();
     training = await answer.json();
@@ -851,7 +851,7 @@ async function watch() {
 
 async function order(what) {
   try {
-    const answer = await post('/' + what, {});
+    const answer = await post(what, {});
     if (!answer.ok && !left) say((await answer.text()).trim());
   } catch (error) {
     say(gone());
@@ -862,7 +862,7 @@ async function order(what) {
 async function lookForNewer() {
   await seen();
   try {
-    const answer = await request('/newest');
+    const answer = await request('newest');
     if (left) return;
     const {newer} = await answer.json();
     const text = newer === null ? '' : `The run has another model by now, of step ` +
@@ -892,7 +892,7 @@ function openPanel(open = document.body.classList.contains('closed')) {
 }
 
 async function begin() {
-  const answer = await fetch('/facts');
+  const answer = await fetch('facts');
   if (!answer.ok) throw new Error((await answer.text()).trim());
   facts = await answer.json();
   server = answer.headers.get('X-Server');
@@ -905,6 +905,7 @@ async function begin() {
   camera = copy(home);
   makeCrop();
   listCameras();
+  takePath();
   $('training').hidden = !facts.training;
   if (facts.training) {
     $('cameras-part').open = false;

@@ -102,6 +102,47 @@ function stopPlaying() {
   drawLines();
 }
 
+/* What the page has besides the model lasts when it is loaded again: the camera and the path. */
+function keepPath() {
+  if (!camera) return;
+  try {
+    sessionStorage.setItem('path', JSON.stringify({run: facts.run, camera, keyframes,
+      seconds: seconds(), fps: perSecond(), cycle: $('cycle').checked}));
+  } catch (error) {
+    /* a browser that keeps nothing */
+  }
+}
+
+function takePath() {
+  try {
+    const kept = JSON.parse(sessionStorage.getItem('path'));
+    if (!kept || kept.run !== facts.run) return;
+    camera = copy(kept.camera);
+    keyframes = kept.keyframes.map(copy);
+    $('seconds').value = kept.seconds;
+    $('fps').value = kept.fps;
+    $('cycle').checked = kept.cycle;
+    listKeys();
+  } catch (error) {
+    /* of another version: begin as usual */
+  }
+}
+
+/* Says what a file of cameras does not have of what the page shows. */
+function tellLost(name) {
+  const lost = [], options = [], numbers = (list) => list.map((v) => Number(v.toPrecision(5)));
+  if (isCropped()) {
+    lost.push('the crop box');
+    options.push(isTurned() ? '--poses camera_path.json' : `--crop=${numbers(cropSides())}`);
+  }
+  if (background().some((v, i) => Math.abs(v - facts.background[i]) > 0.003)) {
+    lost.push('the background');
+    options.push(`--background ${numbers(background())}`);
+  }
+  if (lost.length)
+    say(`${name} has no place for ${lost.join(' and ')}: give render ${options.join(' ')}.`);
+}
+
 /* nerfstudio's: camera to world 4x4, row-major, OpenGL's axes (right, up, back); vertical fov. */
 function toNerfstudio(c) {
   const m = toPose(c);
@@ -197,6 +238,7 @@ function savePath() {
     camera_path: path.map((c) => ({camera_to_world: toNerfstudio(c), fov: vertical(c), aspect})),
     crop: cropOfPath(), poses_in: 'scene', // not in nerfstudio's frame
   }, 'camera_path.json');
+  if (!isCropped()) tellLost('camera_path.json without a crop box');
 }
 
 /* As `render --poses` and other programs read it; without the views that the path goes through. */
@@ -209,6 +251,7 @@ function saveTransforms() {
     frames: path.map((c, i) => ({file_path: `path_${String(i).padStart(4, '0')}`, fl_x: focal(c),
       fl_y: focal(c), transform_matrix: rows4(toNerfstudio(c))})),
   }, 'transforms.json');
+  tellLost('transforms.json');
 }
 
 /* The vertical field of view of a frame of transforms JSON, in degrees. */
@@ -347,37 +390,41 @@ async function makeFilm() {
   $('make-film').textContent = 'Cancel';
   tell('begins');
   try {
-    const made = await posted('/film/begin', {width, height, fps: perSecond(),
+    const made = await posted('film/begin', {width, height, fps: perSecond(),
       frames: path.length});
     state.name = made.film;
     for (let i = 0; i < path.length && !state.cancelled; i++) {
       const c = path[i], focal = Math.min(width, height) / 2 / Math.tan(c.fov * Math.PI / 360);
       $('film-bar').value = i / path.length;
-      await posted('/film/frame', {film: state.name, pose: toPose(c).join(','), focal, width,
+      await posted('film/frame', {film: state.name, pose: toPose(c).join(','), focal, width,
         height, ...shared});
       const left = (performance.now() - began) / 1000 / (i + 1) * (path.length - i - 1);
       tell(`frame ${i + 1} of ${path.length}, ${duration(left)} left`);
     }
     if (state.cancelled) {
-      await post('/film/drop', {film: state.name});
+      await post('film/drop', {film: state.name});
       tell('cancelled');
     } else {
       tell('being completed');
-      const whole = await posted('/film/end', {film: state.name});
+      const whole = await posted('film/end', {film: state.name});
       $('film-bar').value = 1;
       tell(`${path.length} frames, ${(whole.bytes / 1e6).toFixed(1)} MB`);
-      $('film-link').href = `/film?film=${state.name}`;
+      $('film-link').href = `film?film=${state.name}`;
       $('film-link').download = whole.file;
       $('film-link').hidden = false;
     }
   } catch (error) {
     tell(`No film: ${error.message}`);
-    if (state.name) post('/film/drop', {film: state.name}).catch(() => {});
+    if (state.name) post('film/drop', {film: state.name}).catch(() => {});
   }
   film = null;
   $('make-film').textContent = 'Render film';
 }
 
+addEventListener('beforeunload', (event) => {
+  if (film) event.preventDefault(); // the browser asks whether to leave
+});
 addEventListener('pagehide', () => {
-  if (film && film.name) post('/film/drop', {film: film.name}, {keepalive: true});
+  keepPath();
+  if (film && film.name) post('film/drop', {film: film.name}, {keepalive: true});
 });

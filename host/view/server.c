@@ -349,7 +349,7 @@ static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
     snprintf(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict", s->cookie,
              s->listener->token);
     MHD_add_response_header(response, "Set-Cookie", text);
-    MHD_add_response_header(response, "Location", "/");
+    MHD_add_response_header(response, "Location", "./");
     return send_response(s, connection, 303, "text/plain", 0, response);
 }
 

@@ -452,6 +452,29 @@ def make_path(page):
     page.check('it plays to the end', moved(page.pose(), page.js('return toPose(along(1))')) < 1e-9)
 
 
+def come_back(page):
+    """A page that is loaded again has its camera and its path; what files lack is said."""
+    told = page.later("""
+        const real = download, looked = $('background').value;
+        download = () => {};
+        $('background').value = '#ff8000';
+        savePath();
+        const path = $('message').textContent;
+        saveTransforms();
+        download = real;
+        $('background').value = looked;
+        done([path, $('message').textContent]);""")
+    page.check('a file without the background says so',
+               all('--background 1,0.50196,0' in text for text in told), told)
+    before = page.js('return [keyframes.length, $("seconds").value]'), page.pose()
+    page.js('location.reload()')
+    page.check('the page comes back', wait_for(page, 'document.readyState === "complete" && '
+                                                     'typeof last !== "undefined" && last'))
+    after = page.js('return [keyframes.length, $("seconds").value]'), page.pose()
+    page.check('with its path', after[0] == before[0], [before[0], after[0]])
+    page.check('and its camera', moved(after[1], before[1]) < 1e-9)
+
+
 def stop_path(page):
     """Whatever else moves the camera, or changes the path, ends a path that plays."""
     page.js('$("seconds").value = 20; document.activeElement.blur()')
@@ -679,7 +702,7 @@ def be_quiet(page):
     page.check('nothing is newer', page.js('return $("newer").textContent') == '')
     page.js("""
         window.realFetch = fetch;
-        fetch = (path, ...more) => path === '/newest' ? Promise.resolve(new Response(
+        fetch = (path, ...more) => path === 'newest' ? Promise.resolve(new Response(
           '{"newer": 700}')) : realFetch(path, ...more)""")
     page.check('it tells of a newer model', wait_for(
         page, '$("newer").textContent.includes("step 700")', 15))
@@ -936,6 +959,7 @@ def main():
             see_cameras(page)
             make_path(page)
             make_film(page)
+            come_back(page)
             stop_path(page)
             fly_on(page)
             tap(page)

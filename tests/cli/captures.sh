@@ -197,6 +197,13 @@ section_measured() {
         --max-images 5 -o "$work/all" --progress none
     check "have a name of their own" [ -e "$work/all/00000020-all-5.json" ]
     check "and a sentence" grep -q '^5 images of all splits at step 20' "$work/out"
+    local two='["train\/r_001", "train\/r_002"]'
+    sed "s/\"camera_angle_x\"/\"train_filenames\": [\"train\/r_003\"], \"val_filenames\": $two, \
+        \"test_filenames\": $two, &/" "$s/transforms_train.json" >"$list"
+    expect "photos that are in two splits" 0 "" "$cln" eval "$work/run" --scene "$list" \
+        --split all -o "$work/twice" --progress none --json
+    check "count once" [ "$(json images.2.name)" -a ! "$(json images.3.name 2>/dev/null)" ]
+    check "and are all" [ -e "$work/twice/00000020-all.json" ]
     rm "$list"
 }
 

@@ -93,6 +93,8 @@ section_page() {
     check "the page is HTML" has_header '^content-type: text/html'
     check "the page may load only from here" \
         has_header "^content-security-policy: default-src 'none';"
+    check "its addresses hold behind a path, too" sh -c '! grep -qE "(href|src)=\"/" "$1"' - \
+        "$work/out"
     check "the page links nowhere else" sh -c '! grep -qE "https?://" "$1"' - "$work/out"
     check "the page is the source's" cmp -s "$work/out" host/view/page.html
     gets "the page's style" 200 /view.css

@@ -420,6 +420,8 @@ static void test_points_of_transforms(void **state)
         {"\"ply_file_path\": \"./binary.ply\",", "1008 sparse points", true, true},
         {"\"ply_file_path\": \"gone.ply\",", "optical axes", true, false},
         {"\"ply_file_path\": \"text.ply\", \"aabb_scale\": 4,", "aabb_scale 4", false, false},
+        {"\"ply_file_path\": \"text.ply\", \"scale\": 1,", "1008 sparse points", true, true},
+        {"\"scale\": 0.1,", "scale and offset in instant-ngp's unit box", false, false},
     };
     const char *folder = *state;
     cln_point points[1100];
