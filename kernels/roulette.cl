@@ -54,13 +54,10 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
         return;
     const cln_slice slice = slices[group];
 
-    if (slice.count == 0u || end[slice.slot] - begin[slice.slot] < min_samples) {
-        if (lid == 0u)
-            chosen_counts[group] = 0u;
-        return;
-    }
-    for (uint first = 0; first < slice.count; first += SEGMENT) {
-        const uint count = min((uint)SEGMENT, slice.count - first), at = slice.start + first;
+    const uint all = end[slice.slot] - begin[slice.slot] < min_samples ? 0u : slice.count;
+
+    for (uint first = 0; first < all; first += SEGMENT) {
+        const uint count = min((uint)SEGMENT, all - first), at = slice.start + first;
         const uint each = (count + STEP_N - 1) / STEP_N * VW; /* per work-item, in a row */
         const uint from = min(lid * each, count), upto = min(from + each, count);
         float sum = 0.0f, least = 0.0f;
@@ -132,10 +129,10 @@ roulette(const __global cln_slice *restrict slices, /* [slice] */
             used += counts[l];
     }
     if (lid == 0u) {
-        if (used == 0u) { /* none has a gradient */
+        if (all > 0u && used == 0u) { /* none has a gradient */
             chosen[slice.start] = 0u;
             heads[slice.start] = (float4)(0.0f);
         }
-        chosen_counts[group] = max(used, 1u);
+        chosen_counts[group] = all > 0u ? max(used, 1u) : 0u;
     }
 }

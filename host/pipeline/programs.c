@@ -108,6 +108,8 @@ static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
     while (tune->sg > 1 &&
            ((size_t)tune->sg > device->max_group || sort_local(tune, *line_bits) > local))
         tune->sg /= 2;
+    if (tune->sg == 2) /* PoCL 3.1 for AVX-512 sorts wrong with two, and nothing has such groups */
+        tune->sg = 1;
     while (*line_bits > 4 && sort_local(tune, *line_bits) > local)
         --*line_bits;
     while (tune->db > 4 && sort_local(tune, *line_bits) > local)

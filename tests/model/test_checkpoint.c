@@ -49,8 +49,14 @@ static void same_model(const cln_model *a, const cln_model *b, bool training)
     assert_int_equal(a->has_alpha, b->has_alpha);
     assert_int_equal(a->has_distortion, b->has_distortion);
     assert_true(a->step == b->step && a->refresh_step == b->refresh_step);
+    assert_int_equal(a->growth_step, b->growth_step);
     assert_int_equal(a->rays, b->rays);
     assert_int_equal(a->level, b->level);
+    assert_int_equal(a->drawn, b->drawn);
+    assert_int_equal(a->averaged, b->averaged);
+    assert_int_equal(a->in_parts, b->in_parts);
+    assert_int_equal(a->exposed, b->exposed);
+    assert_true(a->training_names == b->training_names);
     assert_true(cln_model_digest(a) == cln_model_digest(b));
     same_bytes(a->params, b->params, floats);
     if (!training) {
@@ -66,6 +72,7 @@ static void same_model(const cln_model *a, const cln_model *b, bool training)
     same_bytes(a->density, b->density, leaves * N1 * N1 * N1 * 2);
     same_bytes(a->sums, b->sums, leaves * CLN_MEASURES * 2 * sizeof(float));
     same_bytes(a->met, b->met, leaves * 4);
+    same_bytes(a->error, b->error, leaves * 4);
     same_bytes(a->saved, b->saved, leaves * 4);
     assert_int_equal(a->sum_rays, b->sum_rays);
     assert_true(a->sum_square == b->sum_square && a->last_square == b->last_square);

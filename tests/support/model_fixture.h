@@ -51,6 +51,7 @@ static inline void make_model(int64_t step, cln_model *model)
     config.bands = 2;
     config.n1 = N1;
     config.lr = 1.0 / 3;
+    config.antialias = 2;
     config.moments = step % 2 ? CLN_MOMENTS_FLOAT32 : CLN_MOMENTS_BFLOAT16;
     snprintf(config.background, sizeof config.background, "0.1,0.2,0.7");
     assert_int_equal(cln_model_create(&config, model), CLN_OK);
@@ -93,6 +94,12 @@ static inline void make_model(int64_t step, cln_model *model)
     model->has_distortion = true;
     model->step = step;
     model->refresh_step = step - 1;
+    model->growth_step = step / 2;
+    model->drawn = 3 * step + 1;
+    model->averaged = step % 2;
+    model->in_parts = step % 2;
+    model->exposed = step % 2;
+    model->training_names = step % 2 ? 0xfedcba9876543210 : 0;
     model->train_seconds = 1234.5678901234567;
     model->rays = 4711;
     model->level = 2;
