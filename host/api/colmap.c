@@ -373,30 +373,13 @@ cln_status cln_colmap_match(cln_colmap *c, bool ordered)
                                      c->matching, "0", c->blocks ? BLOCK : NULL, block, NULL});
 }
 
-/* Number of images of a model: the first number of images.bin, which may have gigabytes. */
-static int images_of(const char *model)
-{
-    char *path = NULL;
-    FILE *f = NULL;
-    uint64_t count = 0;
-
-    if (cln_path_join(&path, model, "images.bin") == CLN_OK)
-        f = fopen(path, "rb");
-    if (f && fread(&count, sizeof count, 1, f) != 1)
-        count = 0;
-    if (f)
-        fclose(f);
-    cln_clear_error();
-    free(path);
-    return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
-}
-
 /* COLMAP writes a model for each group of photos that overlap: the largest becomes number 0. */
 static cln_status choose_model(cln_colmap *c)
 {
     cln_status st = CLN_OK;
-    char *model[2] = {0}, *kept = NULL, *final = NULL, most_text[64] = "";
+    char *model[2] = {0}, *kept = NULL, *final = NULL, most_text[64] = "", counts[128] = "";
     int best = -1, most = 0, models = 0;
+    size_t used = 0;
 
     for (int i = 0; i < MODELS; i++) {
         char name[16];
@@ -406,8 +389,11 @@ static cln_status choose_model(cln_colmap *c)
         free(model[0]);
         model[0] = NULL;
         CLN_TRY(cln_path_join(&model[0], c->sparse, name));
-        count = images_of(model[0]);
+        count = cln_colmap_images(model[0]);
         models += count > 0;
+        if (count > 0 && used < sizeof counts - 1)
+            used += (size_t)snprintf(counts + used, sizeof counts - used, "%s%d", used ? ", " : "",
+                                     count);
         if (count > most) {
             most = count;
             best = i;
@@ -425,9 +411,9 @@ static cln_status choose_model(cln_colmap *c)
                          c->lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
                          c->log_path));
     if (models > 1)
-        cln_warn("the photos fall into %d groups that share nothing: the largest is used; the "
-                 "others are beside it in sparse",
-                 models);
+        cln_warn("the photos fall into %d groups that share nothing, of %s photos: the largest is "
+                 "used. Where they show two things, each group is a scene of its own: %s/sparse/1",
+                 models, counts, c->desc->out);
     if (best > 0) {
         char name[16];
 

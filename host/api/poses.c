@@ -4,7 +4,7 @@
  *   SCENE/images/       hard links to the photos (copies on another disk), or the video's frames
  *                       (photo_folder.c)
  *   SCENE/sparse/0/     the largest model, which readers take
- *   SCENE/colmap.db     COLMAP's features and matches
+ *   SCENE/colmap.db     COLMAP's features and matches, and colmap.stamp, of which photos they are
  *   SCENE/colmap.log    every command with its output
  *
  * Photos of one size and, by EXIF data, focal length are one camera's (photo_cameras.c), all with
@@ -47,6 +47,7 @@ typedef struct work {
     cln_poses_result *result;
     cln_film film; /* where the photos come from a video */
     cln_colmap colmap;
+    char *stamp; /* of which photos the features are */
 } work;
 
 /* ---- photos ---- */
@@ -280,15 +281,73 @@ static int remove_one(const char *path, const struct stat *info, int kind, struc
     return remove(path);
 }
 
-/* Removes what an earlier attempt left, which found no poses: features of other photos, and models
- * that would be taken for this one's. */
-static cln_status remove_rest(const cln_colmap *c)
+/* Removes the models that an earlier attempt left, which would be taken for this one's. */
+static cln_status remove_models(const cln_colmap *c)
 {
     enum { OPEN = 8 };
+
+    if (cln_is_dir(c->sparse) && nftw(c->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS) != 0)
+        return cln_fail(CLN_OUTPUT,
+                        "%s: of an earlier attempt, and cannot be removed: %s; remove it, or give "
+                        "another folder with -o",
+                        c->sparse, strerror(errno));
+    return CLN_OK;
+}
+
+/* A digest of what features and matches are of: the photos, and what was asked for. */
+static cln_status tell_photos(const work *w, char text[CLN_DIGEST_TEXT])
+{
+    cln_status st = CLN_OK;
+    const cln_colmap *c = &w->colmap;
+    const bool frames = cln_photos_are_video(w->desc->photos); /* files are written anew */
+    uint64_t d = CLN_DIGEST_START;
+    char *path = NULL, *line = NULL;
+
+    CLN_TRY(cln_asprintf(&line, "%s %s", c->lens ? c->lens->name : "auto",
+                         w->desc->match ? w->desc->match : "auto"));
+    d = cln_digest(d, line, strlen(line) + 1);
+    for (int i = 0; i < c->photos.count; i++) {
+        struct stat info = {0};
+
+        free(path);
+        free(line);
+        path = line = NULL;
+        CLN_TRY(cln_path_join(&path, c->images, c->photos.name[i]));
+        if (stat(path, &info) != 0)
+            CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path, strerror(errno)));
+        CLN_TRY(cln_asprintf(&line, "%s %lld %lld.%09ld", c->photos.name[i],
+                             (long long)info.st_size, frames ? 0 : (long long)info.st_mtim.tv_sec,
+                             frames ? 0 : info.st_mtim.tv_nsec));
+        d = cln_digest(d, line, strlen(line) + 1);
+    }
+    cln_digest_text(d, text);
+done:
+    free(path);
+    free(line);
+    return st;
+}
+
+/* Goes on with the features and matches of an earlier attempt by the same photos and the same
+ * words, which may be the work of hours: COLMAP does what is missing. Removes those of others. */
+static cln_status keep_features(work *w)
+{
     static const char *const beside[] = {"", "-wal", "-shm", "-journal"}; /* SQLite's */
     cln_status st = CLN_OK;
-    char *path = NULL;
+    const cln_colmap *c = &w->colmap;
+    char *path = NULL, *kept = NULL, text[CLN_DIGEST_TEXT];
+    size_t bytes = 0;
 
+    CLN_TRY(tell_photos(w, text));
+    CLN_TRY(cln_path_join(&w->stamp, w->desc->out, "colmap.stamp"));
+    if (cln_is_file(w->stamp) && cln_is_file(c->database)) {
+        CLN_TRY(cln_read_file(w->stamp, 4096, &kept, &bytes));
+        if (bytes == strlen(text) && memcmp(kept, text, bytes) == 0) {
+            cln_info("poses: goes on with the features and matches of the attempt before (%s; "
+                     "remove it to begin anew)",
+                     c->database);
+            goto done;
+        }
+    }
     for (size_t i = 0; i < sizeof beside / sizeof *beside; i++) {
         free(path);
         path = NULL;
@@ -299,13 +358,10 @@ static cln_status remove_rest(const cln_colmap *c)
                              "give another folder with -o",
                              path, strerror(errno)));
     }
-    if (cln_is_dir(c->sparse) && nftw(c->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT,
-                         "%s: of an earlier attempt, and cannot be removed: %s; remove it, or give "
-                         "another folder with -o",
-                         c->sparse, strerror(errno)));
+    CLN_TRY(cln_write_file(w->stamp, text, strlen(text)));
 done:
     free(path);
+    free(kept);
     return st;
 }
 
@@ -323,7 +379,7 @@ static cln_status set_up(work *w)
     if (!cln_photos_are_video(
             w->desc->photos)) /* before the log, which means an attempt was here */
         CLN_TRY(cln_photos_link(w->desc->photos, c->images));
-    CLN_TRY(remove_rest(c));
+    CLN_TRY(remove_models(c));
     framed = cln_photos_were_framed(c->log_path); /* by the log that is written over now */
     c->log = fopen(c->log_path, "w");
     if (!c->log)
@@ -335,6 +391,7 @@ static cln_status set_up(work *w)
     w->result->photos = c->photos.count;
     if (c->photos.count < CLN_POSES_LEAST) /* of a video */
         CLN_TRY(fail_few(w->desc->photos, c->photos.count, NULL));
+    CLN_TRY(keep_features(w));
 done:
     return st;
 }
@@ -418,9 +475,13 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(count_registered(&w));
 done:
     if (st == CLN_SIGINT || st == CLN_SIGTERM)
-        cln_note("finding poses; the same command begins anew");
+        cln_note(
+            "finding poses; the same command goes on with the features and matches that are there");
+    else if (st != CLN_OK && w.stamp) /* what is there may be the cause */
+        (void)unlink(w.stamp);
     if (w.colmap.log)
         fclose(w.colmap.log);
+    free(w.stamp);
     cln_dataset_free_names(&w.colmap.photos);
     free(w.colmap.images);
     free(w.colmap.database);

@@ -331,6 +331,28 @@ done:
 
 /* ---- both ---- */
 
+int cln_colmap_images(const char *folder)
+{
+    const bool binary = cln_has_file(folder, "images.bin");
+    static const char says[] = "# Number of images: ";
+    char *path = NULL, head[512] = "";
+    const char *said = NULL;
+    uint64_t count = 0;
+    FILE *f = NULL;
+
+    if (cln_path_join(&path, folder, binary ? "images.bin" : "images.txt") == CLN_OK)
+        f = fopen(path, "rb");
+    if (f && binary && fread(&count, sizeof count, 1, f) != 1)
+        count = 0;
+    if (f && !binary && fread(head, 1, sizeof head - 1, f) > 0 && (said = strstr(head, says)))
+        count = strtoull(said + sizeof says - 1, NULL, 10);
+    if (f)
+        fclose(f);
+    cln_clear_error();
+    free(path);
+    return count > (uint64_t)CLN_MAX_VIEWS ? 0 : (int)count;
+}
+
 bool cln_colmap_is_model(const char *folder, const char **missing)
 {
     const bool cameras[2] = {cln_has_file(folder, "cameras.bin"),

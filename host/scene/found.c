@@ -55,6 +55,8 @@ static const struct {
     "give the folder of a scene: photos with their poses, as a transforms.json or files of " \
     "COLMAP, LLFF, NeuS, NSVF, OpenSfM or Metashape"
 
+#define IMAGE_ALONE GIVE_SCENE "; of photos without poses find these first, " WITH_POSES
+
 enum { ENDING_BYTES = 16, HEAD_BYTES = 4096 };
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };
 
@@ -308,7 +310,7 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
         if (program >= 0)
             known = programs[program].advice;
         else
-            known = kind == IMAGE ? kinds[FOLDER].advice : kinds[kind].advice;
+            known = kind == IMAGE ? IMAGE_ALONE : kinds[kind].advice;
         if (!*advice)
             CLN_TRY(cln_strdup(advice, known));
         goto done;
@@ -323,6 +325,11 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     else if (known == kinds[JSON].advice && found.count[JSON] == 1)
         CLN_TRY(cln_asprintf(advice, "if its frames are in that, give the file: '%s/%s'", path,
                              found.first[JSON]));
+    else if (known == kinds[IMAGE].advice && cln_dataset_is_unread(found.first[IMAGE]))
+        CLN_TRY(cln_asprintf(advice,
+                             "photos such as '%s' are not read: make JPEG or PNG of them%s, then "
+                             "find their poses, " WITH_POSES,
+                             found.first[IMAGE], cln_dataset_converter(found.first[IMAGE])));
     else
         CLN_TRY(cln_strdup(advice, known));
 done:

@@ -97,8 +97,11 @@ static void check_overlap(cln_inspection *in)
             cln_plural(lone, "its", "their"), cln_findings_names(alone, names, sizeof names),
             cln_plural(lone, "it", "they"), cln_plural(lone, "shows", "show"),
             lone > ALONE_DOUBT * a->looked_at ? "Take more photos, at most 20 degrees apart"
-            : lone == 1                       ? "Photos between it and the others would help"
-                                              : "Photos between them and the others would help");
+            : lone == 1
+                ? "Look at it: of something else, turned, or with a wrong pose, it is better left "
+                  "out; else photos between it and the others would help"
+                : "Look at them: of something else, turned, or with wrong poses, they are better "
+                  "left out; else photos between them and the others would help");
     if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS)
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "only %d training photos: surfaces that fewer than three of them show are "

@@ -76,6 +76,10 @@ extern const cln_reader cln_reader_nsvf;       /* reader_nsvf.c */
 extern const cln_reader cln_reader_opensfm;    /* reader_opensfm.c */
 extern const cln_reader cln_reader_metashape;  /* reader_metashape.c */
 
+/* colmap_model.c: number of images of the model in a folder, by its first bytes, as its file may
+ * have gigabytes; 0 if there is none. */
+int cln_colmap_images(const char *folder);
+
 /* readers.c: the reader of the setting `format`, or the first that detects its format at `path`. A
  * phrase in *others names the formats that are there besides, for --format; NULL if there are none,
  * and the caller frees it. CLN_INPUT if there is no such format: the sentence says what lies there

@@ -242,6 +242,46 @@ done:
     return st;
 }
 
+/* COLMAP writes a model for each group of photos that overlap, mostly the largest first. */
+static cln_status tell_others(const char *read, int images)
+{
+    enum { MODELS = 100 };
+    cln_status st = CLN_OK;
+    char *around = NULL, *other = NULL, *largest = NULL;
+    int others = 0, most = 0;
+
+    CLN_TRY(parent(read, &around));
+    for (int i = 1; i < MODELS; i++) {
+        char name[16];
+        int count = 0;
+
+        snprintf(name, sizeof name, "%d", i);
+        free(other);
+        other = NULL;
+        CLN_TRY(cln_path_join(&other, around, name));
+        count = cln_colmap_images(other);
+        others += count > 0;
+        if (count <= most)
+            continue;
+        most = count;
+        free(largest);
+        largest = other;
+        other = NULL;
+    }
+    if (most > images)
+        cln_warn("%s is read, which has %d images; %s has %d: give that folder in place of the "
+                 "scene's, if those are the ones",
+                 read, images, largest, most);
+    else if (others)
+        cln_info("%s: %d other model%s beside it, of at most %d images, %s not read", read, others,
+                 cln_plural(others, "", "s"), most, cln_plural(others, "is", "are"));
+done:
+    free(around);
+    free(other);
+    free(largest);
+    return st;
+}
+
 static cln_status read_scene(const char *path, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -263,11 +303,8 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s%s",
                          cln_dataset_within(path, folder), cln_dataset_within(path, images),
                          masks));
-    if (places[place].depth > 1 &&
-        (cln_has_dir(path, "sparse/1") || cln_has_dir(path, "colmap/sparse/1")))
-        cln_warn("%s: there are other models beside it, which are not read; give the folder of one "
-                 "of them, if it has more images",
-                 folder);
+    if (places[place].depth > 1)
+        CLN_TRY(tell_others(folder, model.image_count));
 done:
     free(folder);
     free(images);

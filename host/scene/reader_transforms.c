@@ -414,7 +414,7 @@ static cln_status read_bounds(const char *file, const json_t *root, cln_reader_r
     CLN_TRY(cln_transforms_number(file, root, "scale", &scale, &has_scale));
     if (!has_size && !offset && !aabb && (!has_scale || of_nerfstudio(root))) {
         if (has_scale)
-            cln_note("%s: scale %g is not used: of a file with nerfstudio's keys it is no cube of "
+            cln_info("%s: scale %g is not used: of a file with nerfstudio's keys it is no cube of "
                      "instant-ngp's, which has aabb_scale beside it",
                      file, scale);
         goto done;

@@ -322,4 +322,43 @@ section_room() {
         -o "$work/small/posed" --progress none
 }
 
-run_sections "photos room" "$@"
+# What was found before an interruption lasts, if the photos and what was asked for are the same.
+section_interrupted() {
+    local path=$work/bin:$PATH s=$work/begun before i
+    mkdir -p "$work/bin"
+    cp tests/support/colmap "$work/bin/colmap"
+    "$make_scene" "$work/shots" --size 24 --train 8 --test 1 >/dev/null || bad "make-scene"
+    env PATH="$path" STAND_IN=slow "$cln" poses "$work/shots/train" -o "$s" --progress none \
+        >"$work/out" 2>"$work/err" &
+    for ((i = 0; i < 100; i++)); do
+        grep -q "Matching block .2/2, 2/2" "$s/colmap.log" 2>/dev/null && break
+        sleep 0.1
+    done
+    kill -TERM $!
+    wait $!
+    check "a signal: exit code 143" [ $? = 143 ]
+    check "it is said that the work lasts" said "~same.command.goes.on"
+    before=$(stat -c %i "$s/colmap.db")
+    expect "the same command goes on" 0 "~goes.on.with.the.features.*colmap.db" env PATH="$path" \
+        "$cln" poses "$work/shots/train" -o "$s" --progress none --json
+    check "with the same database" [ "$(stat -c %i "$s/colmap.db")" = "$before" ]
+    check "which has each photo once" [ "$(sort "$s/colmap.db" | uniq -d | wc -l)" = 0 ]
+    check "and gives poses" [ "$(json registered)" = 7 ]
+    s=$work/other
+    for i in first second; do
+        [ $i = first ] || touch "$work/shots/train/r_003.png"
+        env PATH="$path" STAND_IN=slow timeout 2 "$cln" poses "$work/shots/train" -o "$s" \
+            --progress none >"$work/out" 2>"$work/err"
+    done
+    check "of a photo that has changed it begins anew" eval '! said "goes.on.with"'
+    expect "so it does with other words" 0 "" env PATH="$path" "$cln" poses "$work/shots/train" \
+        -o "$s" --match next --progress none
+    check "without a word of the attempt before" eval '! said "goes.on.with"'
+    expect "after a failure, too" 1 "" env PATH="$path" STAND_IN=nothing "$cln" poses \
+        "$work/shots/train" -o "$work/failed" --progress none
+    expect "which may be the features'" 0 "" env PATH="$path" "$cln" poses "$work/shots/train" \
+        -o "$work/failed" --progress none
+    check "likewise" eval '! said "goes.on.with"'
+}
+
+run_sections "photos interrupted room" "$@"
