@@ -381,8 +381,8 @@ static cln_status check_settings(cln_trainer *t, cln_config *config, cln_config 
     if (t->desc->resume) { /* cln_begin_model asks the checkpoint, but this is before the photos */
         CLN_TRY(cln_begin_check_saved(saved, config));
     }
-    CLN_TRY(cln_config_eval_points(config, CLN_EVAL_POINTS, t->point_seconds, t->point_steps,
-                                   &t->point_count));
+    CLN_TRY(cln_config_points("eval-at", config->eval_at, &t->eval_at));
+    CLN_TRY(cln_config_points("save-at", config->save_at, &t->save_at));
 done:
     return st;
 }
@@ -535,17 +535,16 @@ static void keep_budget(cln_trainer *t, cln_config *config, const cln_config *sa
     t->model.config.time_limit = config->time_limit;
 }
 
-/* Warns of points of --eval-at that no step comes to. A number alone is a step. */
-static void warn_points(const cln_trainer *t, const cln_config *c)
+/* Warns of points that no step comes to. A number alone is a step. */
+static void warn_points(const char *option, const cln_points *at, const cln_config *c)
 {
-    for (int i = 0; i < t->point_count; i++) {
-        if (c->steps > 0 && t->point_steps[i] > c->steps)
-            cln_warn("--eval-at %d has no effect: it is a step, beyond --steps %d; "
-                     "seconds end in s",
-                     t->point_steps[i], c->steps);
-        else if (c->time_limit > 0 && t->point_seconds[i] > c->time_limit)
-            cln_warn("--eval-at %gs has no effect: it is beyond --time-limit %gs",
-                     t->point_seconds[i], c->time_limit);
+    for (int i = 0; i < at->count; i++) {
+        if (c->steps > 0 && at->steps[i] > c->steps)
+            cln_warn("--%s %d has no effect: it is a step, beyond --steps %d; seconds end in s",
+                     option, at->steps[i], c->steps);
+        else if (c->time_limit > 0 && at->seconds[i] > c->time_limit)
+            cln_warn("--%s %gs has no effect: it is beyond --time-limit %gs", option,
+                     at->seconds[i], c->time_limit);
     }
 }
 
@@ -565,7 +564,8 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
     if (!resume)
         cln_scene_warn_wide(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
-    warn_points(t, config);
+    warn_points("eval-at", &t->eval_at, config);
+    warn_points("save-at", &t->save_at, config);
 }
 
 /* Makes what holds batches, the programs, and the memory plans. */

@@ -121,10 +121,13 @@ cln_status cln_config_levels(const cln_config *config, double fraction[CLN_LEVEL
 /* out = those of "2:0.067,3:0.133" whose level is above `above` and at most `most`. */
 void cln_config_keep_levels(const char *level_at, int above, int most, char out[CLN_TEXT_BYTES]);
 
-/* "60s,2m,5000" -> up to max points in the given, ascending order; seconds[i] > 0 or steps[i] >
- * 0. */
-cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
-                                  int *count);
+/* "60s,2m,5000" -> points in the given, ascending order; seconds[i] > 0 or steps[i] > 0. */
+enum { CLN_POINTS = 32 };
+typedef struct cln_points {
+    int count, steps[CLN_POINTS];
+    double seconds[CLN_POINTS];
+} cln_points;
+cln_status cln_config_points(const char *option, const char *text, cln_points *out);
 
 /* "auto", "mean", "white", "black" or "r,g,b"; rgb is white for the first two. */
 typedef enum cln_background_kind {

@@ -132,15 +132,14 @@ void cln_config_keep_levels(const char *level_at, int above, int most, char out[
     }
 }
 
-cln_status cln_config_eval_points(const cln_config *config, int max, double *seconds, int *steps,
-                                  int *count)
+cln_status cln_config_points(const char *option, const char *text, cln_points *out)
 {
-    const char *at = config->eval_at;
+    const char *at = text;
     char part[CLN_TEXT_BYTES];
     double last_seconds = 0;
-    int last_step = 0, used = 0;
+    int last_step = 0;
 
-    *count = 0;
+    *out = (cln_points){0};
     while (next_part(&at, part)) {
         long long step = 0;
         double time = 0;
@@ -153,24 +152,21 @@ cln_status cln_config_eval_points(const cln_config *config, int max, double *sec
             right = cln_integer_read(part, &step) && step > last_step && step <= 2000000000;
         if (!right)
             return cln_fail(CLN_USAGE,
-                            "--eval-at: '%s' in '%s' is not a time (60s, 2m, 1h) or a step that is "
+                            "--%s: '%s' in '%s' is not a time (60s, 2m, 1h) or a step that is "
                             "above 0 and later than the one before it",
-                            part, config->eval_at);
-        if (used == max)
-            return cln_fail(CLN_USAGE, "--eval-at: '%s' has more than %d points; give fewer",
-                            config->eval_at, max);
-        seconds[used] = has_unit ? time : 0;
-        steps[used] = has_unit ? 0 : (int)step;
+                            option, part, text);
+        if (out->count == CLN_POINTS)
+            return cln_fail(CLN_USAGE, "--%s: '%s' has more than %d points; give fewer", option,
+                            text, CLN_POINTS);
+        out->seconds[out->count] = has_unit ? time : 0;
+        out->steps[out->count++] = has_unit ? 0 : (int)step;
         if (has_unit)
             last_seconds = time;
         else
             last_step = (int)step;
-        used++;
     }
     if (*at)
-        return cln_fail(CLN_USAGE, "--eval-at: '%s' has an empty part; write 60s,2m,5000",
-                        config->eval_at);
-    *count = used;
+        return cln_fail(CLN_USAGE, "--%s: '%s' has an empty part; write 60s,2m,5000", option, text);
     return CLN_OK;
 }
 
@@ -296,9 +292,8 @@ static cln_status check_adaptive(const cln_config *config, const double fraction
 cln_status cln_config_check(const cln_config *config)
 {
     cln_status st = CLN_OK;
-    enum { MAX_POINTS = CLN_TEXT_BYTES };
-    double fraction[CLN_LEVELS], seconds[MAX_POINTS];
-    int steps[MAX_POINTS], count = 0;
+    double fraction[CLN_LEVELS];
+    cln_points points;
     float rgb[3];
     cln_background_kind background = CLN_BACKGROUND_GIVEN;
 
@@ -315,7 +310,8 @@ cln_status cln_config_check(const cln_config *config)
                         config->lr);
     CLN_TRY(cln_config_levels(config, fraction));
     CLN_TRY(check_adaptive(config, fraction));
-    CLN_TRY(cln_config_eval_points(config, MAX_POINTS, seconds, steps, &count));
+    CLN_TRY(cln_config_points("eval-at", config->eval_at, &points));
+    CLN_TRY(cln_config_points("save-at", config->save_at, &points));
     CLN_TRY(cln_config_background(config, &background, rgb));
     CLN_TRY(check_bbox(config->bbox));
     if (config->holdout > 0 && config->holdout_from >= config->holdout)

@@ -367,6 +367,9 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(eval_images, "eval-images", 8, 8, 1, 1000000, "test images for it, evenly chosen")         \
     REAL(save_every, "save-every", 300, 300, 1, 1e9, "seconds between checkpoints",                \
          .flags = CLN_ROW_SECONDS)                                                                 \
+    TEXT(save_at, "save-at", "", "",                                                               \
+         "keeps the model at these points, each as a run in RUN/at: 60s,2m,5m or steps",           \
+         .flags = CLN_ROW_LATER | CLN_ROW_NONE)                                                    \
     ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO,                                       \
          "auto|transforms|colmap|llff|neus|nsvf|opensfm|metashape",                                \
          "what the scene is read as; auto: the first of the others that is there",                 \

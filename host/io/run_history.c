@@ -12,7 +12,7 @@
 static bool shapes_model(const cln_config_row *row)
 {
     return strncmp(row->option, "eval-", 5) != 0 && strcmp(row->option, "log-every") != 0 &&
-           strcmp(row->option, "save-every") != 0;
+           strcmp(row->option, "save-every") != 0 && strcmp(row->option, "save-at") != 0;
 }
 
 static json_int_t step_of(const json_t *start)

@@ -183,7 +183,8 @@ static bool are_finite(const float *values, size_t count)
     return true;
 }
 
-static cln_status checkpoint(cln_trainer *t)
+/* Writes a checkpoint into a run's folder. */
+static cln_status write_checkpoint(cln_trainer *t, const char *run)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
@@ -202,16 +203,24 @@ static cln_status checkpoint(cln_trainer *t)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     t->model.in_parts = p->parts > 1;
     if (p->ranks > 1)
-        CLN_TRY(
-            cln_checkpoint_write_parts(t->desc->run, &t->model, p->rank_first, &digest, &written));
+        CLN_TRY(cln_checkpoint_write_parts(run, &t->model, p->rank_first, &digest, &written));
     t->parts_digest = written ? digest : 0;
     if (!written && p->ranks > 1)
         cln_pipeline_collect(p, &t->model, true);
     if (!written && t->writes)
-        CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
-    t->saved_at = cln_now();
-    t->saved_step = t->model.step;
+        CLN_TRY(cln_checkpoint_write(run, &t->model));
     cln_watch_say(t, "training");
+done:
+    return st;
+}
+
+static cln_status checkpoint(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(write_checkpoint(t, t->desc->run));
+    t->checkpoint_at = cln_now();
+    t->saved_step = t->model.step;
 done:
     return st;
 }
@@ -221,7 +230,7 @@ static bool watches_target(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
 
-    return c->target_psnr > 0 && c->eval_every == 0 && t->point_count == 0;
+    return c->target_psnr > 0 && c->eval_every == 0 && t->eval_at.count == 0;
 }
 
 /* Number of evaluations for --target-psnr up to a step: the first one is after TARGET_STEP steps,
@@ -236,20 +245,27 @@ static int target_looks(double step)
     return count;
 }
 
+/* Returns whether the newest step came to one of the points. */
+static bool come_to(const cln_trainer *t, const cln_points *at)
+{
+    const double before = t->looked_seconds, now = t->model.train_seconds;
+    bool due = false;
+
+    for (int i = 0; i < at->count; i++)
+        due |= at->steps[i] > 0 ? t->model.step == at->steps[i]
+                                : before < at->seconds[i] && now >= at->seconds[i];
+    return due;
+}
+
 /* Returns whether an evaluation is due: at points in seconds or steps, every N steps, or, for a
  * target PSNR, as target_looks has it. */
-static bool evaluation_due(cln_trainer *t)
+static bool evaluation_due(const cln_trainer *t)
 {
     const cln_config *c = &t->model.config;
-    const double before = t->looked_seconds, now = t->model.train_seconds;
-    bool due = c->eval_every > 0 && t->model.step % c->eval_every == 0;
+    bool due = (c->eval_every > 0 && t->model.step % c->eval_every == 0) || come_to(t, &t->eval_at);
 
-    for (int i = 0; i < t->point_count; i++)
-        due |= t->point_steps[i] > 0 ? t->model.step == t->point_steps[i]
-                                     : before < t->point_seconds[i] && now >= t->point_seconds[i];
     if (watches_target(t))
         due |= target_looks((double)t->model.step - 1) < target_looks((double)t->model.step);
-    t->looked_seconds = now;
     return due;
 }
 
@@ -263,10 +279,10 @@ static int evaluations_left(const cln_trainer *t, double fraction)
 
     if (t->eval_count == 0)
         return 0;
-    for (int i = 0; i < t->point_count; i++)
-        count += t->point_steps[i] > 0
-                     ? t->point_steps[i] > step && t->point_steps[i] <= end_step
-                     : t->point_seconds[i] > seconds && t->point_seconds[i] <= end_seconds;
+    for (int i = 0; i < t->eval_at.count; i++)
+        count += t->eval_at.steps[i] > 0
+                     ? t->eval_at.steps[i] > step && t->eval_at.steps[i] <= end_step
+                     : t->eval_at.seconds[i] > seconds && t->eval_at.seconds[i] <= end_seconds;
     if (c->eval_every > 0)
         count += floor(end_step / c->eval_every) - floor(step / c->eval_every);
     if (watches_target(t))
@@ -454,6 +470,22 @@ static cln_status wait_for_step(cln_trainer *t)
     return st;
 }
 
+/* Keeps the model as a run of its own, with which all commands do what they do with any. */
+static cln_status keep_model(cln_trainer *t)
+{
+    cln_status st = CLN_OK;
+    char *run = NULL;
+
+    CLN_TRY(cln_asprintf(&run, "%s/at/%08lld", t->desc->run, (long long)t->model.step));
+    CLN_TRY(wait_for_step(t));
+    CLN_TRY(write_checkpoint(t, run));
+    CLN_TRY(cln_record_keep(t, run));
+    cln_info("step %lld stays as %s", (long long)t->model.step, run);
+done:
+    free(run);
+    return st;
+}
+
 /* Runs a step as the last one will be, with all that begins later, and undoes it: drivers compile a
  * kernel at its first launch, and those seconds are not training time. */
 static cln_status warm_up(cln_trainer *t)
@@ -525,7 +557,7 @@ static void tell(cln_trainer *t)
     double *told = t->pipeline.told;
 
     told[CLN_TOLD_CLOCK] = t->writes ? t->clock : 0;
-    told[CLN_TOLD_SAVE] = t->writes && cln_now() - t->saved_at >= t->model.config.save_every;
+    told[CLN_TOLD_SAVE] = t->writes && cln_now() - t->checkpoint_at >= t->model.config.save_every;
     told[CLN_TOLD_SIGNAL] = cln_ranks_count() > 1 ? poll_here(t) : 0;
 }
 
@@ -558,12 +590,12 @@ cln_status cln_loop_run(cln_trainer *t)
         t->model.row.began = t->model.train_seconds;
     t->window.waits = t->device->waits;
     t->window.ranked_seconds[CLN_STAGES] = cln_ranks_sent().seconds;
-    t->saved_at = cln_now();
+    t->checkpoint_at = cln_now();
     t->clock = t->from_clock = t->model.train_seconds;
     while (cln_step_fraction(t) < 1 && t->signal == 0) {
         double began = start_clock(t);
         const double fraction = cln_step_fraction(t);
-        bool row = false;
+        bool row = false, due = false, keep = false;
 
         CLN_TRY(cln_maintain(t, fraction));
         CLN_TRY(cln_refine_poses(t, fraction));
@@ -576,7 +608,10 @@ cln_status cln_loop_run(cln_trainer *t)
         report_progress(t, cln_step_fraction(t));
         evaluated = false;
         row = t->model.step % c->log_every == 0 || cln_step_fraction(t) >= 1;
-        if (evaluation_due(t)) {
+        keep = come_to(t, &t->save_at);
+        due = evaluation_due(t);
+        t->looked_seconds = t->model.train_seconds;
+        if (due) {
             CLN_TRY(wait_for_step(t));
             CLN_TRY(evaluate(t, NULL, &evaluated));
         }
@@ -584,6 +619,8 @@ cln_status cln_loop_run(cln_trainer *t)
             CLN_TRY(wait_for_step(t));
             CLN_TRY(log_row(t, fraction, evaluated));
         }
+        if (keep)
+            CLN_TRY(keep_model(t));
         if (evaluated && c->target_psnr > 0 && t->psnr_test >= c->target_psnr) {
             t->hit_target = true;
             break;

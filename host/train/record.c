@@ -243,20 +243,17 @@ uint64_t cln_record_digest(const cln_trainer *t)
     return t->parts_digest ? t->parts_digest : cln_model_digest(&t->model);
 }
 
-cln_status cln_record_end(cln_trainer *t, const char *state)
+/* How the run stands now, into its document. */
+static void put_result(const cln_trainer *t, const char *state, json_t *run)
 {
-    cln_status st = CLN_OK;
-    json_t *plan = NULL;
     char now[32], digest[CLN_DIGEST_TEXT];
 
-    if (!t->run)
-        return CLN_OK;
     cln_utc_now(now);
     cln_digest_text(cln_record_digest(t), digest);
-    json_object_set_new(t->run, "state", json_string(state));
-    json_object_set_new(t->run, "ended", json_string(now));
+    json_object_set_new(run, "state", json_string(state));
+    json_object_set_new(run, "ended", json_string(now));
     json_object_set_new(
-        t->run, "result",
+        run, "result",
         json_pack(
             "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
             (json_int_t)t->model.step, "epochs",
@@ -269,6 +266,47 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
             isfinite(t->psnr_test) ? t->eval_count : 0, "leaves", t->model.tree.leaf_count,
             "params", cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
             (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
+}
+
+/* run.json, the cameras and the rows so far, as of a run that was interrupted here. */
+cln_status cln_record_keep(const cln_trainer *t, const char *run)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL;
+    char *from = NULL, *to = NULL, *rows = NULL;
+    size_t bytes = 0;
+
+    if (!t->run)
+        return CLN_OK;
+    document = json_deep_copy(t->run);
+    if (!document)
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", run));
+    put_result(t, "interrupted", document);
+    CLN_TRY(cln_recorded_place(run, t->scene, json_object_get(document, "dataset")));
+    CLN_TRY(cln_path_join(&from, t->desc->run, "metrics.jsonl"));
+    CLN_TRY(cln_path_join(&to, run, "metrics.jsonl"));
+    if (cln_is_file(from)) {
+        CLN_TRY(cln_read_file(from, SIZE_MAX / 2, &rows, &bytes));
+        CLN_TRY(cln_write_file(to, rows, bytes));
+    }
+    CLN_TRY(cln_cameras_write(run, t->scene, (const double(*)[12])t->refine.given));
+    CLN_TRY(cln_run_write(run, document));
+done:
+    json_decref(document);
+    free(from);
+    free(to);
+    free(rows);
+    return st;
+}
+
+cln_status cln_record_end(cln_trainer *t, const char *state)
+{
+    cln_status st = CLN_OK;
+    json_t *plan = NULL;
+
+    if (!t->run)
+        return CLN_OK;
+    put_result(t, state, t->run);
     CLN_TRY(cln_plan_json(&t->plan, &plan));
     json_object_set_new(t->run, "plan", plan);
     CLN_TRY(cln_plan_json(&t->host_plan, &plan));

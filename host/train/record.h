@@ -25,6 +25,10 @@ uint64_t cln_record_digest(const cln_trainer *t);
 cln_status cln_record_start(cln_trainer *t);
 cln_status cln_record_end(cln_trainer *t, const char *state);
 
+/* Makes the folder `run`, which has a checkpoint of now, a run that was interrupted here: run.json,
+ * the cameras, and the rows so far. */
+cln_status cln_record_keep(const cln_trainer *t, const char *run);
+
 /* Adds a row for the interval that ends now. */
 cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
 

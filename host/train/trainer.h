@@ -4,12 +4,11 @@
 #define CLN_TRAINER_H
 
 #include <jansson.h>
+#include "base/config.h"
 #include "train/batch.h"
 #include "train/exposure.h"
 #include "pipeline/plan.h"
 #include "io/run_folder.h"
-
-enum { CLN_EVAL_POINTS = 32 };
 
 typedef struct cln_refine {
     double (*given)[12]; /* [training view] the scene's poses; NULL without --refine-poses */
@@ -56,7 +55,7 @@ typedef struct cln_trainer {
         bool host_full;          /* host memory exceeds --host-mem */
     } said;
     bool hit_target;              /* --target-psnr */
-    double began, saved_at;       /* monotonic seconds */
+    double began, checkpoint_at;  /* monotonic seconds */
     int64_t from_step;            /* step that this process began after */
     double clock, from_clock;     /* training seconds by this rank's clock; at from_step */
     double cpu_began;             /* this process's, when `clock` last went on */
@@ -75,9 +74,8 @@ typedef struct cln_trainer {
 
     int *eval_views, eval_count; /* test views for evaluations during training */
     char *eval_folder;           /* of the final one */
-    double point_seconds[CLN_EVAL_POINTS];
+    cln_points eval_at, save_at;
     double looked_seconds; /* training seconds when due points were last looked for */
-    int point_steps[CLN_EVAL_POINTS], point_count;
 
     json_t *run; /* run.json */
     cln_metrics *metrics;

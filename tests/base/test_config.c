@@ -435,7 +435,8 @@ static void test_words_and_flags(void **state)
 
 static void test_units(void **state)
 {
-    static const char *const texts[] = {"level-at", "eval-at", "tree-from", "bbox", "test-views"};
+    static const char *const texts[] = {"level-at",  "eval-at", "save-at",
+                                        "tree-from", "bbox",    "test-views"};
     static const struct {
         const char *text;
         double value;
@@ -828,38 +829,36 @@ static void test_level_at(void **state)
     assert_true(f[0] == 9);
 }
 
-static cln_status points(const char *text, int max, double *seconds, int *steps, int *count)
+static void test_points(void **state)
 {
-    cln_config config = preset("fast");
-
-    snprintf(config.eval_at, sizeof config.eval_at, "%s", text);
-    return cln_config_eval_points(&config, max, seconds, steps, count);
-}
-
-static void test_eval_points(void **state)
-{
-    double s[4] = {0};
-    int n[4] = {0}, count = -1;
+    static const char *const wrong[][2] = {
+        {"2m,60s", "--eval-at|'60s'|later"},
+        {"200,100", "--eval-at|'100'"},
+        {"0", "--eval-at"},
+        {"0s", "--eval-at"},
+        {"1.5", "--eval-at|'1.5'"},
+        {"soon", "--eval-at|'soon'"},
+        {"10,", "--eval-at|empty"},
+    };
+    char many[256] = "1";
+    cln_points p;
 
     (void)state;
-    assert_int_equal(points("60s,2m,5000", 4, s, n, &count), CLN_OK);
-    assert_int_equal(count, 3);
-    assert_true(s[0] == 60 && s[1] == 120 && s[2] == 0);
-    assert_true(n[0] == 0 && n[1] == 0 && n[2] == 5000);
-    assert_int_equal(points("100,30s,200,1h", 4, s, n, &count), CLN_OK);
-    assert_int_equal(count, 4);
-    assert_true(n[0] == 100 && s[1] == 30 && n[2] == 200 && s[3] == 3600);
-    assert_int_equal(points("", 4, s, n, &count), CLN_OK);
-    assert_int_equal(count, 0);
-    assert_failed(points("1,2,3,4,5", 4, s, n, &count), CLN_USAGE, "--eval-at|more than 4");
-    assert_failed(points("2m,60s", 4, s, n, &count), CLN_USAGE, "--eval-at|'60s'|later");
-    assert_failed(points("200,100", 4, s, n, &count), CLN_USAGE, "--eval-at|'100'");
-    assert_failed(points("0", 4, s, n, &count), CLN_USAGE, "--eval-at");
-    assert_failed(points("0s", 4, s, n, &count), CLN_USAGE, "--eval-at");
-    assert_failed(points("1.5", 4, s, n, &count), CLN_USAGE, "--eval-at|'1.5'");
-    assert_failed(points("soon", 4, s, n, &count), CLN_USAGE, "--eval-at|'soon'");
-    assert_failed(points("10,", 4, s, n, &count), CLN_USAGE, "--eval-at|empty");
-    assert_int_equal(count, 0);
+    assert_int_equal(cln_config_points("eval-at", "60s,2m,5000", &p), CLN_OK);
+    assert_int_equal(p.count, 3);
+    assert_true(p.seconds[0] == 60 && p.seconds[1] == 120 && p.seconds[2] == 0);
+    assert_true(p.steps[0] == 0 && p.steps[1] == 0 && p.steps[2] == 5000);
+    assert_int_equal(cln_config_points("eval-at", "100,30s,200,1h", &p), CLN_OK);
+    assert_int_equal(p.count, 4);
+    assert_true(p.steps[0] == 100 && p.seconds[1] == 30 && p.steps[2] == 200 &&
+                p.seconds[3] == 3600);
+    assert_int_equal(cln_config_points("eval-at", "", &p), CLN_OK);
+    assert_int_equal(p.count, 0);
+    for (int i = 2; i <= CLN_POINTS + 1; i++)
+        snprintf(many + strlen(many), sizeof many - strlen(many), ",%d", i);
+    assert_failed(cln_config_points("save-at", many, &p), CLN_USAGE, "--save-at|more than 32");
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
+        assert_failed(cln_config_points("eval-at", wrong[i][0], &p), CLN_USAGE, wrong[i][1]);
 }
 
 static cln_status background(const char *text, float rgb[3])
@@ -911,6 +910,7 @@ static void test_check(void **state)
         {"level-at", "3", "--level-at"},
         {"start-level", "4", "--level-at|--start-level 4"},
         {"eval-at", "x", "--eval-at"},
+        {"save-at", "x", "--save-at"},
         {"background", "red", "--background"},
         {"bbox", "0,0,0,1,1", "--bbox|minx"},
         {"bbox", "0,0,0,0,1,1", "--bbox|along x"},
@@ -990,7 +990,7 @@ int test_group_config(void)
         cmocka_unit_test(test_epochs),
         cmocka_unit_test(test_leaf_kinds),
         cmocka_unit_test(test_level_at),
-        cmocka_unit_test(test_eval_points),
+        cmocka_unit_test(test_points),
         cmocka_unit_test(test_background),
         cmocka_unit_test(test_check),
     };

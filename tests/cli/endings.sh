@@ -310,6 +310,33 @@ section_points() {
     check "a step may come" not_said "--eval-at 60 has"
 }
 
+# Models that stay are runs, which go on to the same end.
+section_kept() {
+    local r=$work/keeps digest s=$work/keeps/at/00000020
+    scene
+    expect "--save-at" 0 "~step.20.stays.as.*at/00000020 ~save-at.99.has.no.effect" "$cln" train \
+        "$work/scene" -o "$r" "${tiny[@]}" --steps 40 --save-at 20,30,99 --log-every 4 --json
+    digest=$(json model_digest)
+    check "both are there" [ "$(ls "$r/at" | xargs)" = "00000020 00000030" ]
+    expect "info of one" 0 "" "$cln" info "$s" --json
+    check "it is of that step" [ "$(json step) $(json state)" = "20 interrupted" ]
+    expect "eval of one" 0 "" "$cln" eval "$s" --no-save-images --json
+    check "its figures are of that step" [ "$(json step)" = 20 ]
+    mkdir "$work/elsewhere"
+    cp -r "$s" "$work/elsewhere/copy"
+    expect "a copy is rendered" 0 "" "$cln" render "$work/elsewhere/copy" --orbit 2 --width 16 \
+        --height 16 --progress none
+    expect "one goes on" 0 "" "$cln" train --resume "$s" --skip-selftest --progress none --json
+    check "to the same bits" [ "$(json model_digest)" = "$digest" ]
+    check "with the same rows" [ "$("$query" -l loss <"$s/metrics.jsonl" | sort | uniq)" = \
+        "$("$query" -l loss <"$r/metrics.jsonl" | sort | uniq)" ]
+    expect "and again, with another end" 0 "" "$cln" train --resume "$s" --steps +4 --save-at 43 \
+        --skip-selftest --progress none
+    check "as it is asked for" [ -s "$s/at/00000043/run.json" ]
+    expect "wrong points" 2 "--save-at soon" "$cln" train "$work/scene" -o "$work/wrong" \
+        --save-at soon
+}
+
 # A disk that the largest tree would not fit: a warning that names what fits. In a file system of 48
 # MiB; only root can mount one, in a name space of its own.
 section_disk() {
@@ -527,5 +554,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued reused target points disk cache shared \
-    memory demo" "$@"
+run_sections "killed short doubtful exposure again requeued reused target points kept disk cache \
+    shared memory demo" "$@"

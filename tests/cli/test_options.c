@@ -91,9 +91,13 @@ static int setup(void **state)
 static void other_value(const cln_config_row *row, const char *fast, const char *paper,
                         char out[CLN_TEXT_BYTES])
 {
-    static const char *const texts[][2] = {
-        {"level-at", "4:0.5"},           {"eval-at", "30s"},         {"tree-from", "other/run"},
-        {"test-views", "none/list.txt"}, {"bbox", "-1,-1,-1,1,1,1"}, {"background", "black"}};
+    static const char *const texts[][2] = {{"level-at", "4:0.5"},
+                                           {"eval-at", "30s"},
+                                           {"save-at", "30s"},
+                                           {"tree-from", "other/run"},
+                                           {"test-views", "none/list.txt"},
+                                           {"bbox", "-1,-1,-1,1,1,1"},
+                                           {"background", "black"}};
     char words[CLN_TEXT_BYTES], *save = NULL;
 
     if (row->type == CLN_ROW_TEXT) {

@@ -45,7 +45,8 @@ static cln_scene *photos(const char *folder)
     return load(folder, NULL);
 }
 
-/* A step's rays, dealt to the views in turn; every seventh looks at a pixel that shows nothing. */
+/* A step's rays, dealt to the views in turn; every seventh of the first two views' looks at a pixel
+ * that shows nothing. */
 static void make_targets(const cln_scene *scene, const photo_gains gain, int step, cln_batch *batch)
 {
     for (int i = 0; i < RAYS; i++) {
@@ -55,7 +56,7 @@ static void make_targets(const cln_scene *scene, const photo_gains gain, int ste
         for (int c = 0; c < 3; c++)
             batch->targets[i][c] = (float)(colour(step, i, c) * gain[view][c]);
         batch->targets[i][3] = 1;
-        if (i % 7 == 0)
+        if (i % 7 == 0 && view < 2)
             memset(batch->targets[i], 0, sizeof batch->targets[i]);
     }
 }
