@@ -190,20 +190,15 @@ static void add_point(bench *b, double seconds)
 static cln_status find_points(bench *b)
 {
     cln_status st = CLN_OK;
-    enum { MAX = CLN_TEXT_BYTES };
-    double seconds[MAX];
-    int steps[MAX], count = 0;
-    cln_config config;
+    cln_points at;
 
-    CLN_TRY(cln_config_preset("fast", &config));
     for (int i = 0; i < b->run_count; i++) {
         const json_t *own = json_object_get(b->runs[i].data.run, "config");
 
-        snprintf(config.eval_at, sizeof config.eval_at, "%s", cln_json_text(own, "eval_at"));
-        CLN_TRY(cln_config_eval_points(&config, MAX, seconds, steps, &count));
-        for (int k = 0; k < count; k++) {
-            if (seconds[k] > 0)
-                add_point(b, seconds[k]);
+        CLN_TRY(cln_config_points("eval-at", cln_json_text(own, "eval_at"), &at));
+        for (int k = 0; k < at.count; k++) {
+            if (at.seconds[k] > 0)
+                add_point(b, at.seconds[k]);
         }
     }
 done:
