@@ -51,7 +51,8 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
             view->path, width, height, camera->width, camera->height,
             cln_camera_has_shape(camera, height, width)
                 ? "its sides are swapped, and no EXIF data tell how it is to be turned: "
-                  "turn its pixels, or correct w and h"
+                  "turn its pixels back to what the poses were found by, or correct the size that "
+                  "the scene's files have"
                 : "correct w and h or replace the image");
     if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width)) {
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "

@@ -543,7 +543,11 @@ cln_status cln_moved_hint(cln_moved *moved, const char *name, char **out)
     else if (likes)
         CLN_TRY(cln_asprintf(out, "; %s is there: move it, or correct the dataset", path));
     else if (other)
-        CLN_TRY(cln_asprintf(out, "; %s is there, with another ending: correct the dataset", path));
+        CLN_TRY(cln_asprintf(out,
+                             "; %s is there, with another ending: write '%s' in place of '%s' into "
+                             "the scene's file, or convert the photos",
+                             path, strrchr(path, '.'),
+                             strrchr(base, '.') ? strrchr(base, '.') : ""));
     else if (unread)
         CLN_TRY(cln_asprintf(out,
                              "; %s is there, in a format that is not read: convert it to PNG or "
