@@ -248,19 +248,14 @@ static cln_status copy_file(const char *from, const char *to)
     char *data = NULL, *there = NULL;
     size_t bytes = 0, there_bytes = 0;
 
-    if (linkat(AT_FDCWD, from, AT_FDCWD, to, AT_SYMLINK_FOLLOW) == 0)
-        return CLN_OK;
+    if (!cln_is_file(to))
+        return cln_link_or_copy(from, to);
     CLN_TRY(cln_read_file(from, FILE_MOST, &data, &bytes));
-    if (cln_is_file(to)) {
-        CLN_TRY(cln_read_file(to, FILE_MOST, &there, &there_bytes));
-        if (bytes != there_bytes || memcmp(data, there, bytes) != 0)
-            CLN_TRY(cln_fail(CLN_OUTPUT,
-                             "%s: already there, and is another photo; give an empty folder with "
-                             "-o",
-                             to));
-        goto done;
-    }
-    CLN_TRY(cln_write_file(to, data, bytes));
+    CLN_TRY(cln_read_file(to, FILE_MOST, &there, &there_bytes));
+    if (bytes != there_bytes || memcmp(data, there, bytes) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: already there, and is another photo; give an empty folder with -o",
+                         to));
 done:
     free(data);
     free(there);

@@ -340,7 +340,7 @@ static cln_status keep_features(work *w)
     CLN_TRY(tell_photos(w, text));
     CLN_TRY(cln_path_join(&w->stamp, w->desc->out, "colmap.stamp"));
     if (cln_is_file(w->stamp) && cln_is_file(c->database)) {
-        CLN_TRY(cln_read_file(w->stamp, 4096, &kept, &bytes));
+        CLN_TRY(cln_read_file(w->stamp, SIZE_MAX / 2, &kept, &bytes));
         if (bytes == strlen(text) && memcmp(kept, text, bytes) == 0) {
             cln_info("poses: goes on with the features and matches of the attempt before (%s; "
                      "remove it to begin anew)",
@@ -477,7 +477,7 @@ done:
     if (st == CLN_SIGINT || st == CLN_SIGTERM)
         cln_note(
             "finding poses; the same command goes on with the features and matches that are there");
-    else if (st != CLN_OK && w.stamp) /* what is there may be the cause */
+    else if (st != CLN_OK && st != CLN_OUTPUT && w.stamp) /* what is there may be the cause */
         (void)unlink(w.stamp);
     if (w.colmap.log)
         fclose(w.colmap.log);

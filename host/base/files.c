@@ -409,3 +409,37 @@ void cln_digest_text(uint64_t digest, char out[CLN_DIGEST_TEXT])
 {
     snprintf(out, CLN_DIGEST_TEXT, "%016" PRIx64, digest);
 }
+
+cln_status cln_copy_file(const char *from, const char *to)
+{
+    enum { PIECE = 1 << 20 };
+    cln_status st = CLN_OK;
+    cln_atomic_file *file = NULL;
+    FILE *in = NULL;
+    char *piece = NULL;
+    size_t got = 0;
+
+    CLN_TRY(cln_alloc(&piece, PIECE, 1, to));
+    in = fopen(from, "rb");
+    if (!in)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be copied: %s", from, strerror(errno)));
+    CLN_TRY(cln_atomic_open(to, &file));
+    while ((got = fread(piece, 1, PIECE, in)) > 0)
+        CLN_TRY(cln_atomic_write(file, piece, got));
+    if (ferror(in))
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be copied: %s", from, strerror(errno)));
+    CLN_TRY(cln_atomic_commit(&file));
+done:
+    cln_atomic_abandon(file);
+    if (in)
+        fclose(in);
+    free(piece);
+    return st;
+}
+
+cln_status cln_link_or_copy(const char *from, const char *to)
+{
+    if (linkat(AT_FDCWD, from, AT_FDCWD, to, AT_SYMLINK_FOLLOW) == 0)
+        return CLN_OK;
+    return cln_copy_file(from, to);
+}

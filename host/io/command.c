@@ -8,6 +8,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -45,10 +46,13 @@ static void write_command(FILE *log, const char *const *argv)
     fputc('\n', log);
 }
 
-static void child(const char *const *argv, int out)
+static void child(const char *const *argv, int out, pid_t parent)
 {
     const int null = open("/dev/null", O_RDONLY);
 
+    /* it does not outlive the program, even one that is killed: the next may have its files */
+    if (prctl(PR_SET_PDEATHSIG, SIGTERM) != 0 || getppid() != parent)
+        _exit(127);
     dup2(null, STDIN_FILENO);
     dup2(out, STDOUT_FILENO);
     dup2(out, STDERR_FILENO);
@@ -121,6 +125,7 @@ static void read_output(int from, pid_t pid, lines *l, const cln_command_watch *
 cln_status cln_command_run(const char *const *argv, const cln_command_watch *watch)
 {
     lines l = {.used = 0};
+    const pid_t self = getpid();
     int pipes[2], code = 0, stop = 0;
     pid_t pid = 0;
 
@@ -132,7 +137,7 @@ cln_status cln_command_run(const char *const *argv, const cln_command_watch *wat
         return cln_fail(CLN_FAILED, "%s: cannot make a pipe: %s", argv[0], strerror(errno));
     pid = fork();
     if (pid == 0)
-        child(argv, pipes[1]);
+        child(argv, pipes[1], self);
     close(pipes[1]);
     if (pid < 0) {
         close(pipes[0]);

@@ -248,6 +248,7 @@ static cln_status tell_others(const char *read, int images)
     enum { MODELS = 100 };
     cln_status st = CLN_OK;
     char *around = NULL, *other = NULL, *largest = NULL;
+    const char *unused = NULL;
     int others = 0, most = 0;
 
     CLN_TRY(parent(read, &around));
@@ -260,7 +261,7 @@ static cln_status tell_others(const char *read, int images)
         other = NULL;
         CLN_TRY(cln_path_join(&other, around, name));
         count = cln_colmap_images(other);
-        others += count > 0;
+        others += count > 0 || cln_colmap_is_model(other, &unused);
         if (count <= most)
             continue;
         most = count;
@@ -273,8 +274,8 @@ static cln_status tell_others(const char *read, int images)
                  "scene's, if those are the ones",
                  read, images, largest, most);
     else if (others)
-        cln_info("%s: %d other model%s beside it, of at most %d images, %s not read", read, others,
-                 cln_plural(others, "", "s"), most, cln_plural(others, "is", "are"));
+        cln_info("%s: %d other model%s beside it %s not read", read, others,
+                 cln_plural(others, "", "s"), cln_plural(others, "is", "are"));
 done:
     free(around);
     free(other);

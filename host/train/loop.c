@@ -183,8 +183,7 @@ static bool are_finite(const float *values, size_t count)
     return true;
 }
 
-/* Writes a checkpoint into a run's folder. */
-static cln_status write_checkpoint(cln_trainer *t, const char *run)
+static cln_status checkpoint(cln_trainer *t)
 {
     cln_status st = CLN_OK;
     cln_pipeline *p = &t->pipeline;
@@ -203,24 +202,16 @@ static cln_status write_checkpoint(cln_trainer *t, const char *run)
         t->model.error[s] = t->model.sums[(size_t)s * CLN_MEASURES * 2] / (float)t->model.sum_rays;
     t->model.in_parts = p->parts > 1;
     if (p->ranks > 1)
-        CLN_TRY(cln_checkpoint_write_parts(run, &t->model, p->rank_first, &digest, &written));
+        CLN_TRY(
+            cln_checkpoint_write_parts(t->desc->run, &t->model, p->rank_first, &digest, &written));
     t->parts_digest = written ? digest : 0;
     if (!written && p->ranks > 1)
         cln_pipeline_collect(p, &t->model, true);
     if (!written && t->writes)
-        CLN_TRY(cln_checkpoint_write(run, &t->model));
-    cln_watch_say(t, "training");
-done:
-    return st;
-}
-
-static cln_status checkpoint(cln_trainer *t)
-{
-    cln_status st = CLN_OK;
-
-    CLN_TRY(write_checkpoint(t, t->desc->run));
+        CLN_TRY(cln_checkpoint_write(t->desc->run, &t->model));
     t->checkpoint_at = cln_now();
     t->saved_step = t->model.step;
+    cln_watch_say(t, "training");
 done:
     return st;
 }
@@ -470,7 +461,8 @@ static cln_status wait_for_step(cln_trainer *t)
     return st;
 }
 
-/* Keeps the model as a run of its own, with which all commands do what they do with any. */
+/* Keeps the model as a run of its own, with which all commands do what they do with any. What is
+ * there already may have gone on since. */
 static cln_status keep_model(cln_trainer *t)
 {
     cln_status st = CLN_OK;
@@ -478,9 +470,21 @@ static cln_status keep_model(cln_trainer *t)
 
     CLN_TRY(cln_asprintf(&run, "%s/at/%08lld", t->desc->run, (long long)t->model.step));
     CLN_TRY(wait_for_step(t));
-    CLN_TRY(write_checkpoint(t, run));
-    CLN_TRY(cln_record_keep(t, run));
-    cln_info("step %lld stays as %s", (long long)t->model.step, run);
+    CLN_TRY(checkpoint(t));
+    if (t->writes && cln_has_file(run, "run.json")) {
+        cln_info("%s is there already, and stays as it is", run);
+    } else if (t->writes) {
+        st = cln_record_keep(t, run);
+        if (st == CLN_OK) {
+            cln_info("step %lld stays as %s", (long long)t->model.step, run);
+        } else if (st == CLN_OUTPUT) { /* the training is worth more */
+            cln_warn("--save-at: step %lld is not kept: %s", (long long)t->model.step,
+                     cln_error_text());
+            cln_clear_error();
+            st = CLN_OK;
+        }
+        CLN_TRY(st);
+    }
 done:
     free(run);
     return st;

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/clock.h"
 #include "base/commit.h"
@@ -268,34 +269,62 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
             (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
 }
 
-/* run.json, the cameras and the rows so far, as of a run that was interrupted here. */
+/* The newest checkpoint's files under the names that they have in another run. */
+static cln_status keep_checkpoint(const char *from, int64_t step, const char *run)
+{
+    static const char *const parts[] = {".safetensors", ".json"};
+    cln_status st = CLN_OK;
+    char *here = NULL, *there = NULL, *name = NULL;
+
+    CLN_TRY(cln_path_join(&there, run, "checkpoint"));
+    CLN_TRY(cln_make_dirs(there));
+    for (int i = 0; i < 2; i++) {
+        free(name);
+        free(here);
+        free(there);
+        name = here = there = NULL;
+        CLN_TRY(cln_asprintf(&name, "checkpoint/%08lld%s", (long long)step, parts[i]));
+        CLN_TRY(cln_path_join(&here, from, name));
+        CLN_TRY(cln_path_join(&there, run, name));
+        (void)unlink(there); /* of an attempt that ended before run.json */
+        CLN_TRY(cln_link_or_copy(here, there));
+    }
+    free(name);
+    free(there);
+    name = there = NULL;
+    CLN_TRY(cln_asprintf(&name, "%08lld\n", (long long)step));
+    CLN_TRY(cln_path_join(&there, run, "checkpoint/latest"));
+    CLN_TRY(cln_write_file(there, name, strlen(name)));
+done:
+    free(name);
+    free(here);
+    free(there);
+    return st;
+}
+
 cln_status cln_record_keep(const cln_trainer *t, const char *run)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
-    char *from = NULL, *to = NULL, *rows = NULL;
-    size_t bytes = 0;
+    char *rows = NULL, *copy = NULL;
 
-    if (!t->run)
-        return CLN_OK;
     document = json_deep_copy(t->run);
     if (!document)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", run));
+    CLN_TRY(keep_checkpoint(t->desc->run, t->model.step, run));
     put_result(t, "interrupted", document);
     CLN_TRY(cln_recorded_place(run, t->scene, json_object_get(document, "dataset")));
-    CLN_TRY(cln_path_join(&from, t->desc->run, "metrics.jsonl"));
-    CLN_TRY(cln_path_join(&to, run, "metrics.jsonl"));
-    if (cln_is_file(from)) {
-        CLN_TRY(cln_read_file(from, SIZE_MAX / 2, &rows, &bytes));
-        CLN_TRY(cln_write_file(to, rows, bytes));
-    }
+    CLN_TRY(cln_path_join(&rows, t->desc->run, "metrics.jsonl"));
+    CLN_TRY(cln_path_join(&copy, run, "metrics.jsonl"));
+    (void)unlink(copy);
+    if (cln_is_file(rows))
+        CLN_TRY(cln_copy_file(rows, copy)); /* both go on */
     CLN_TRY(cln_cameras_write(run, t->scene, (const double(*)[12])t->refine.given));
-    CLN_TRY(cln_run_write(run, document));
+    CLN_TRY(cln_run_write(run, document)); /* last: then it is whole */
 done:
     json_decref(document);
-    free(from);
-    free(to);
     free(rows);
+    free(copy);
     return st;
 }
 
@@ -335,14 +364,14 @@ static void add_balance(cln_trainer *t, json_t *row)
     if (p->stretches_all > t->window.stretches_all) {
         const double stretches = p->stretches_all - t->window.stretches_all;
 
-        json_object_set_new(row, "stretches", json_real(stretches / t->model.row.steps));
+        json_object_set_new(row, "stretches", json_real(stretches / t->window.steps));
         json_object_set_new(row, "own_stretches",
                             json_real((p->stretches_own - t->window.stretches_own) / stretches));
     }
     if (p->intervals_all > t->window.intervals_all)
         json_object_set_new(
             row, "intervals",
-            json_real((p->intervals_all - t->window.intervals_all) / t->model.row.steps));
+            json_real((p->intervals_all - t->window.intervals_all) / t->window.steps));
     t->window.intervals_all = p->intervals_all;
     t->window.stretches_own = p->stretches_own;
     t->window.stretches_all = p->stretches_all;
@@ -437,6 +466,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
     CLN_TRY(cln_metrics_add(t->metrics, row));
     memcpy(t->window.stage_seconds, t->device->stage_seconds, sizeof t->window.stage_seconds);
     t->window.waits = t->device->waits;
+    t->window.steps = 0;
 done:
     json_decref(ends);
     json_decref(row);

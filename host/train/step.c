@@ -102,6 +102,7 @@ static cln_status account(cln_trainer *t)
             "kept, resume from it with a lower --lr",
             (long long)t->owed.step);
     t->model.row.steps++;
+    t->window.steps++;
     t->model.row.loss += loss;
     t->model.row.square += square / rays;
     t->model.row.rays += t->owed.rays;

@@ -80,6 +80,7 @@ typedef struct cln_trainer {
     json_t *run; /* run.json */
     cln_metrics *metrics;
     struct { /* since the last row of metrics.jsonl of this process; what lasts: model.row */
+        int steps;
         double stage_seconds[CLN_STAGES];                 /* the device's counter at its start */
         uint64_t waits;                                   /* likewise */
         double samples_own, samples_busiest, samples_all; /* the pipeline's, likewise */

@@ -103,10 +103,13 @@ function stopPlaying() {
 }
 
 /* What the page has besides the model lasts when it is loaded again: the camera and the path. */
+const sceneName = () => JSON.stringify([facts.run, facts.centre, facts.half, facts.start,
+  facts.cameras.map((c) => c.name)]);
+
 function keepPath() {
   if (!camera) return;
   try {
-    sessionStorage.setItem('path', JSON.stringify({run: facts.run, camera, keyframes,
+    sessionStorage.setItem('path', JSON.stringify({scene: sceneName(), camera, keyframes,
       seconds: seconds(), fps: perSecond(), cycle: $('cycle').checked}));
   } catch (error) {
     /* a browser that keeps nothing */
@@ -116,7 +119,7 @@ function keepPath() {
 function takePath() {
   try {
     const kept = JSON.parse(sessionStorage.getItem('path'));
-    if (!kept || kept.run !== facts.run) return;
+    if (!kept || kept.scene !== sceneName()) return;
     camera = copy(kept.camera);
     keyframes = kept.keyframes.map(copy);
     $('seconds').value = kept.seconds;

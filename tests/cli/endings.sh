@@ -333,6 +333,21 @@ section_kept() {
     expect "and again, with another end" 0 "" "$cln" train --resume "$s" --steps +4 --save-at 43 \
         --skip-selftest --progress none
     check "as it is asked for" [ -s "$s/at/00000043/run.json" ]
+    digest=$(json model_digest)
+    cp "$r/at/00000030/run.json" "$work/thirty.json"
+    rm -r "$r/checkpoint"
+    sed -i 's/"state": "done"/"state": "running"/' "$r/run.json" # killed, before a checkpoint
+    expect "a training that comes by again" 0 "~at/00000020.is.there.already" "$cln" train \
+        "$work/scene" -o "$r" "${tiny[@]}" --steps 40 --save-at 20,30,99 --log-every 4 \
+        --resume-or-start
+    expect "leaves alone what has gone on" 0 "" "$cln" info "$s" --json
+    check "it is still at its end" [ "$(json step)" = 44 ]
+    check "and what has not" cmp -s "$r/at/00000030/run.json" "$work/thirty.json"
+    rm -r "$r/at"
+    touch "$r/at"
+    expect "a model that cannot be kept does not end the training" 0 \
+        "~save-at:.step.42.is.not.kept:.*keeps/at" "$cln" train --resume "$r" --steps +4 \
+        --save-at 42 --skip-selftest --progress none
     expect "wrong points" 2 "--save-at soon" "$cln" train "$work/scene" -o "$work/wrong" \
         --save-at soon
 }

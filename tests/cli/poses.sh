@@ -182,6 +182,17 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
         poses "$work/photos/train" -o "$work/parts" --progress none --json
     check "that there are parts is said on the way" said "one start led to 23 of 24 photos"
     check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
+    check "how many photos each has is told" said "of 3, 21 photos"
+    expect "a smaller model beside it is no fault" 0 "" "$cln" info "$work/parts"
+    check "but it is told" said "1 other model beside it is not read"
+    mv "$work/parts/sparse/0" "$work/parts/aside"
+    mv "$work/parts/sparse/1" "$work/parts/sparse/0"
+    mv "$work/parts/aside" "$work/parts/sparse/1"
+    expect "a larger one is told, with its folder" 0 \
+        "~which.has.3.images ~parts/sparse/1.has.21:.give.that.folder" "$cln" info "$work/parts"
+    mv "$work/parts/sparse/0" "$work/parts/aside"
+    mv "$work/parts/sparse/1" "$work/parts/sparse/0"
+    mv "$work/parts/aside" "$work/parts/sparse/1"
     expect "a model of more than 1 GiB is counted" 0 "~2.groups" env PATH="$path" STAND_IN=large \
         "$cln" poses "$work/photos/train" -o "$work/large" --progress none --json
     rm -r "$work/large"
@@ -324,7 +335,7 @@ section_room() {
 
 # What was found before an interruption lasts, if the photos and what was asked for are the same.
 section_interrupted() {
-    local path=$work/bin:$PATH s=$work/begun before i
+    local path=$work/bin:$PATH s=$work/begun i
     mkdir -p "$work/bin"
     cp tests/support/colmap "$work/bin/colmap"
     "$make_scene" "$work/shots" --size 24 --train 8 --test 1 >/dev/null || bad "make-scene"
@@ -338,12 +349,22 @@ section_interrupted() {
     wait $!
     check "a signal: exit code 143" [ $? = 143 ]
     check "it is said that the work lasts" said "~same.command.goes.on"
-    before=$(stat -c %i "$s/colmap.db")
+    echo "what was found" >>"$s/colmap.db"
     expect "the same command goes on" 0 "~goes.on.with.the.features.*colmap.db" env PATH="$path" \
         "$cln" poses "$work/shots/train" -o "$s" --progress none --json
-    check "with the same database" [ "$(stat -c %i "$s/colmap.db")" = "$before" ]
+    check "with the same database" grep -qx "what was found" "$s/colmap.db"
     check "which has each photo once" [ "$(sort "$s/colmap.db" | uniq -d | wc -l)" = 0 ]
     check "and gives poses" [ "$(json registered)" = 7 ]
+    env PATH="$path" STAND_IN=slow "$cln" poses "$work/shots/train" -o "$work/shot" \
+        --progress none >"$work/out" 2>"$work/err" &
+    for ((i = 0; i < 100; i++)); do
+        grep -q "Matching block .2/2, 2/2" "$work/shot/colmap.log" 2>/dev/null && break
+        sleep 0.1
+    done
+    kill -KILL $!
+    wait $! 2>/dev/null
+    sleep 0.5
+    check "COLMAP does not outlive a program that is killed" eval '! pgrep -f "$work/shot/colmap.db"'
     s=$work/other
     for i in first second; do
         [ $i = first ] || touch "$work/shots/train/r_003.png"
