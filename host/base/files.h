@@ -41,8 +41,8 @@ void cln_atomic_abandon(cln_atomic_file *file); /* accepts NULL */
 /* Copies a file, atomically. CLN_OUTPUT. */
 cln_status cln_copy_file(const char *from, const char *to);
 
-/* Makes `to`, which is not there yet, another name of the file `from` (of what a symbolic link leads
- * to), or, on a file system without such names, a copy. CLN_OUTPUT. */
+/* Makes `to`, which is not there yet, another name of the file `from` (of what a symbolic link
+ * leads to), or, on a file system without such names, a copy. CLN_OUTPUT. */
 cln_status cln_link_or_copy(const char *from, const char *to);
 
 /* Turns backslashes of a path that was written on Windows into slashes; false if it has none. */
