@@ -21,7 +21,24 @@ char *cln_unicode_form(const char *text, bool composed)
     return out;
 }
 
+char *cln_unicode_fold(const char *text)
+{
+    utf8proc_uint8_t *out = NULL;
+
+    return utf8proc_map((const utf8proc_uint8_t *)text, 0, &out,
+                        UTF8PROC_NULLTERM | UTF8PROC_STABLE | UTF8PROC_COMPOSE |
+                            UTF8PROC_CASEFOLD) < 0
+               ? NULL
+               : (char *)out;
+}
+
 #else
+
+char *cln_unicode_fold(const char *text)
+{
+    (void)text;
+    return NULL;
+}
 
 char *cln_unicode_form(const char *text, bool composed)
 {

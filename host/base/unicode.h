@@ -10,4 +10,8 @@
  * it. NULL, too, if it is no UTF-8. */
 char *cln_unicode_form(const char *text, bool composed);
 
+/* The text without differences of case, as names of files that a file system may take for one; NULL
+ * if it is no UTF-8, or where that is not known. The caller frees it. */
+char *cln_unicode_fold(const char *text);
+
 #endif

@@ -182,6 +182,7 @@ static cln_status check_file_size(const char *cache)
 static cln_status check_writing(const char *cache, double need)
 {
     cln_status st = CLN_OK;
+    struct statvfs disk;
     char *there = NULL;
     int reason = 0;
 
@@ -194,6 +195,12 @@ static cln_status check_writing(const char *cache, double need)
         CLN_TRY(no_room(cache, need));
     if (reason != 0)
         CLN_TRY(closed(cache, reason));
+    if (statvfs(there, &disk) == 0 && disk.f_flag & ST_NOEXEC)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "PoCL's kernel cache %s%s is on a file system that runs no programs "
+                         "(noexec), and kernels are programs; set POCL_CACHE_DIR to a folder on "
+                         "another one",
+                         cache, source()));
 done:
     free(there);
     return st;

@@ -9,6 +9,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/unicode.h"
 
 /* Bytes of a view's part of a file's name: file systems have 255, of which others add split, kind,
  * ending and what a file is called while it is written. */
@@ -55,14 +56,14 @@ cln_status cln_view_file_name(const char *name, char **out)
     if (dot && dot != base && is_extension(dot))
         *dot = 0;
     for (char *c = *out; *c; c++)
-        *c = strchr("/\\:", *c) ? '_' : *c; /* of Windows' paths, too */
+        *c = strchr("/\\:*?\"<>|", *c) ? '_' : *c; /* of Windows' paths and file systems, too */
 done:
     return st;
 }
 
 typedef struct named {
     const char *name;
-    char *file;
+    char *file, *folded;
     int index;
     bool shared;
 } named;
@@ -70,7 +71,7 @@ typedef struct named {
 static int by_file(const void *a, const void *b)
 {
     const named *x = a, *y = b;
-    const int order = strcmp(x->file, y->file);
+    const int order = strcasecmp(x->folded, y->folded);
 
     return order ? order : strcmp(x->name, y->name);
 }
@@ -83,11 +84,14 @@ cln_status cln_view_file_names(int count, const char *const *names, char **files
     CLN_TRY(cln_alloc(&sorted, (size_t)count, sizeof *sorted, "names of files"));
     for (int i = 0; i < count; i++) {
         CLN_TRY(cln_view_file_name(names[i], &files[i]));
-        sorted[i] = (named){names[i], files[i], i, false};
+        sorted[i] = (named){names[i], files[i], cln_unicode_fold(files[i]), i, false};
+        if (!sorted[i].folded)
+            CLN_TRY(cln_strdup(&sorted[i].folded, files[i]));
     }
     qsort(sorted, (size_t)count, sizeof *sorted, by_file);
     for (int first = 0, end = 0; first < count; first = end) {
-        while (end < count && strcmp(sorted[end].file, sorted[first].file) == 0)
+        /* sticks and other disks take names for one that differ in case alone */
+        while (end < count && strcasecmp(sorted[end].folded, sorted[first].folded) == 0)
             end++;
         for (int i = first; i < end; i++) /* in a group, equal names stand together */
             sorted[i].shared = strcmp(sorted[first].name, sorted[end - 1].name) != 0;
@@ -103,6 +107,8 @@ cln_status cln_view_file_names(int count, const char *const *names, char **files
         free(sorted[i].file);
     }
 done:
+    for (int i = 0; i < count && sorted; i++)
+        free(sorted[i].folded);
     free(sorted);
     return st;
 }

@@ -92,8 +92,11 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
     if (!resume && !cln_is_dir(path))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: holds a run that ended before its first checkpoint, so nothing of "
-                         "it can be used; remove the folder, or choose a new one",
-                         run));
+                         "it can be used; remove the folder, or choose a new one%s",
+                         run,
+                         cln_held_by(run) == CLN_HOLDER_UNKNOWN
+                             ? " (if no process trains it still, which its file system cannot tell)"
+                             : ""));
     if (!resume)
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: already holds a run; continue it with --resume %s, or choose a new "

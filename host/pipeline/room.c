@@ -319,7 +319,8 @@ void cln_room_say_tree(const cln_room_desc *d, const cln_room *room, char out[CL
 
     out[0] = 0;
     if (room->fitting > 0)
-        snprintf(way_out, sizeof way_out, "; --max-leaves %d asks for no more", room->fitting);
+        snprintf(way_out, sizeof way_out, "; --max-leaves %d --max-level %d asks for no more",
+                 room->fitting, usual_depth(d, room->fitting));
     if (room->leaves == 0)
         say_refused(d, room, out);
     else if (!room->whole && room->leaves == d->leaves)

@@ -450,6 +450,11 @@ static void note_run(const side *sides, int which, json_t *notes)
         add_note(notes, "%s: it has no results yet (%s)", s->name, state);
     else if (strcmp(state, "done") != 0)
         add_note(notes, "%s: %s at step %.0f", s->name, state, step);
+    if (json_object_get(s->data.run, "held_back"))
+        add_note(notes,
+                 "%s: memory held its tree back from step %.0f on: with more memory the same "
+                 "settings give another model",
+                 s->name, cln_json_number(json_object_get(s->data.run, "held_back"), "step"));
     if (measured < step)
         add_note(notes, "%s: test figures are of step %.0f; `cl-nascent eval` renews them", s->name,
                  measured);

@@ -14,6 +14,7 @@
 #include "train/grow.h"
 #include "train/measure.h"
 #include "train/plans.h"
+#include "train/record.h"
 #include "train/restructure.h"
 #include "train/step.h"
 
@@ -143,6 +144,8 @@ static cln_status decide(cln_trainer *t, double fraction)
                                      .no_merges = !cln_config_merges(&m->config),
                                      .coarsest = m->space.shell ? 2 : 0};
 
+    if (desc.max_leaves < m->config.max_leaves)
+        CLN_TRY(cln_record_held(t));
     CLN_TRY(cln_measure_leaves(t, fraction, &measures, &children));
     desc.measures = measures;
     CLN_TRY(solve(t, children, &desc, &r, &how));

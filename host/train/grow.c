@@ -15,6 +15,7 @@
 #include "train/change.h"
 #include "train/measure.h"
 #include "train/plans.h"
+#include "train/record.h"
 #include "train/regrow.h"
 #include "train/step.h"
 
@@ -66,6 +67,8 @@ static cln_status room_to_grow(cln_trainer *t, bool *room)
                      text);
     }
     t->next_level.no_room = !*room;
+    if (!*room)
+        CLN_TRY(cln_record_held(t));
 done:
     free(marks);
     return st;

@@ -227,6 +227,8 @@ cln_status cln_record_start(cln_trainer *t)
         goto done;
     }
     CLN_TRY(add_left_out(t));
+    if (json_object_get(before, "held_back"))
+        json_object_set(t->run, "held_back", json_object_get(before, "held_back"));
     CLN_TRY(cln_run_write(t->desc->run, t->run));
     CLN_TRY(cln_cameras_write(t->desc->run, t->scene, (const double(*)[12])t->refine.given));
 done:
@@ -242,6 +244,19 @@ done:
 uint64_t cln_record_digest(const cln_trainer *t)
 {
     return t->parts_digest ? t->parts_digest : cln_model_digest(&t->model);
+}
+
+cln_status cln_record_held(cln_trainer *t)
+{
+    json_t *held = NULL;
+
+    if (!t->run || t->undone || json_object_get(t->run, "held_back"))
+        return CLN_OK;
+    held = json_pack("{s:I, s:i}", "step", (json_int_t)t->model.step, "leaves",
+                     t->model.tree.leaf_count);
+    if (!held || json_object_set_new(t->run, "held_back", held) != 0)
+        return cln_fail(CLN_MEMORY, "run.json: cannot make JSON");
+    return cln_run_write(t->desc->run, t->run);
 }
 
 /* How the run stands now, into its document. */

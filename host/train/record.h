@@ -25,6 +25,10 @@ uint64_t cln_record_digest(const cln_trainer *t);
 cln_status cln_record_start(cln_trainer *t);
 cln_status cln_record_end(cln_trainer *t, const char *state);
 
+/* Notes in run.json, once, that memory holds the tree back: with more of it the same settings give
+ * another model. */
+cln_status cln_record_held(cln_trainer *t);
+
 /* Makes the folder `run`, which has a checkpoint of now, a run that was interrupted here: run.json,
  * the cameras, and the rows so far. */
 cln_status cln_record_keep(const cln_trainer *t, const char *run);

@@ -527,7 +527,8 @@ section_memory() {
     tr -s " \n" " " <"$work/out" >"$work/line"
     check "says which tree has room" grep -qE \
         "room for a tree of about [0-9]+ leaves: growth that would not fit is left out" "$work/line"
-    leaves=$(sed -n 's/.*--max-leaves \([0-9]*\) asks for no more.*/\1/p' "$work/line")
+    leaves=$(sed -n 's/.*--max-leaves \([0-9]*\) --max-level [0-9]* asks for no more.*/\1/p' \
+        "$work/line")
     check "names a --max-leaves" number_above "${leaves:-0}" 64
     check "says where photos are" grep -q "pixels, 512 KiB, stay in memory" "$work/line"
     check "and what the disk has" grep -qE "[KMGT]iB are free here" "$work/line"

@@ -464,6 +464,10 @@ section_memory() {
     check "growth by level stops at the limit" \
         [ "$(json state)" = "done" -a "$(json leaves)" -le 8 ]
     check "growth that stops at the limit warns" grep -q "the tree stays at level 1" "$work/err"
+    check "run.json notes it" [ "$("$query" held_back.leaves <"$work/level/run.json")" = 8 ]
+    run "$cln" info "$work/level" "$work/level"
+    check "so does info of two runs" \
+        grep -q "level: memory held its tree back from step" "$work/out"
     check "the peak is below the limit" number_above "$limit" "$(json device_peak)"
     run "$cln" train "$work/blender" -o "$work/few" "${small[@]}" --steps 1 --level-at ""
     limit=$(awk -v a="$("$query" plan.total <"$work/few/run.json")" \
@@ -472,6 +476,7 @@ section_memory() {
         --cull-from 1 --device-mem "$limit" --max-leaves 4000 --json
     check "the integer program trains on" [ "$(json state)" = "done" ]
     check "its peak is below the limit" number_above "$limit" "$(json device_peak)"
+    check "run.json notes that, too" "$query" held_back.step <"$work/more/run.json"
     check "its budget of leaves is smaller" eval \
         'decision_rows "$work/more" | "$query" -l budget | awk "\$1 >= 4000 { bad = 1 }
             END { exit bad || !NR }"'

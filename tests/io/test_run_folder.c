@@ -338,7 +338,7 @@ static void test_view_file_name(void **state)
                                            {".png", ".png"},
                                            {"v1.5/r_0", "v1.5_r_0"},
                                            {"a\\b.png", "a_b"},
-                                           {"ü (1)*.png", "ü (1)*"}};
+                                           {"ü (1)*.png", "ü (1)_"}};
 
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
@@ -395,6 +395,22 @@ static void test_view_file_names(void **state)
     assert_int_equal(strncmp(files[0], "a_b-", 4), 0);
     assert_int_equal(strlen(files[0]), 12);
     for (int i = 0; i < 7; i++)
+        free(files[i]);
+}
+
+/* Names that a stick takes for one get digests, too; what it does not take becomes "_". */
+static void test_files_on_sticks(void **state)
+{
+    static const char *const names[] = {"Bild 1.png", "bild 1.png", "a?b*c|\"<>.png"};
+    char *files[3] = {NULL};
+
+    (void)state;
+    assert_int_equal(cln_view_file_names(3, names, files), CLN_OK);
+    assert_int_equal(strncmp(files[0], "Bild 1-", 7), 0);
+    assert_int_equal(strncmp(files[1], "bild 1-", 7), 0);
+    assert_true(strcasecmp(files[0], files[1]) != 0);
+    assert_string_equal(files[2], "a_b_c____");
+    for (int i = 0; i < 3; i++)
         free(files[i]);
 }
 
@@ -492,6 +508,7 @@ int test_group_run_folder(void)
         cmocka_unit_test(test_machine),
         cmocka_unit_test(test_view_file_name),
         cmocka_unit_test(test_view_file_names),
+        cmocka_unit_test(test_files_on_sticks),
         cmocka_unit_test(test_long_file_names),
         cmocka_unit_test_setup_teardown(test_disk_check, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_check_new, scratch_make, scratch_remove),
