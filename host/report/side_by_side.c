@@ -440,7 +440,6 @@ static void note_run(const side *sides, int which, json_t *notes)
 {
     const side *s = &sides[which];
     const char *state = cln_run_state(s->run, s->data.run);
-    const char *digest = cln_json_text(json_object_get(s->data.run, "result"), "model_digest");
     const double step = cln_json_number(s->figures, "step");
     const double measured = cln_json_number(s->figures, "eval_step");
 
@@ -458,14 +457,46 @@ static void note_run(const side *sides, int which, json_t *notes)
     if (measured < step)
         add_note(notes, "%s: test figures are of step %.0f; `cl-nascent eval` renews them", s->name,
                  measured);
-    for (int k = 0; k < which; k++) {
-        const json_t *result = json_object_get(sides[k].data.run, "result");
-
+    for (int k = 0; k < which; k++)
         if (strcmp(sides[k].path, s->path) == 0)
             add_note(notes, "%s and %s are the same run", sides[k].name, s->name);
-        else if (*digest && strcmp(digest, cln_json_text(result, "model_digest")) == 0)
-            add_note(notes, "%s and %s ended with the same model, to the bit", sides[k].name,
-                     s->name);
+}
+
+static const char *model_of(const side *s)
+{
+    return cln_json_text(json_object_get(s->data.run, "result"), "model_digest");
+}
+
+/* Notes which runs ended with the same model: a sentence for all of them. */
+static void note_equal(int count, const side *sides, json_t *notes)
+{
+    enum { NAMED = 12 };
+
+    for (int i = 0; i < count; i++) {
+        const char *model = model_of(&sides[i]);
+        int first = 0, equal = 1, last = i;
+        char names[900];
+        size_t used = (size_t)snprintf(names, sizeof names, "%s", sides[i].name);
+
+        while (first < i && strcmp(model_of(&sides[first]), model) != 0)
+            first++;
+        for (int k = i + 1; k < count && *model && first == i; k++)
+            last =
+                strcmp(model_of(&sides[k]), model) == 0 && strcmp(sides[k].path, sides[i].path) != 0
+                    ? k
+                    : last;
+        for (int k = i + 1; k <= last; k++) {
+            if (strcmp(model_of(&sides[k]), model) != 0 ||
+                strcmp(sides[k].path, sides[i].path) == 0)
+                continue;
+            if (equal++ < NAMED && used < sizeof names)
+                used += (size_t)snprintf(names + used, sizeof names - used, "%s%s",
+                                         k == last ? " and " : ", ", sides[k].name);
+        }
+        if (equal > NAMED && used < sizeof names)
+            (void)snprintf(names + used, sizeof names - used, " and %d more", equal - NAMED);
+        if (equal > 1)
+            add_note(notes, "%s ended with the same model, to the bit", names);
     }
 }
 
@@ -514,6 +545,7 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
         note_run(sides, i, notes);
         add_history(&sides[i], json_object_get(document, "resumed"), notes);
     }
+    note_equal(count, sides, notes);
     *out = json_incref(document);
 done:
     for (int i = 0; i < count && sides; i++) {
