@@ -11,8 +11,8 @@ cln_status cln_view_file_name(const char *name, char **out);
 
 /* The same for all views of a scene: files[i] is the file name of names[i]. If different names
  * would share it ("a/b" and "a_b"; "A" and "a"), "-" and eight hex digits of the name's digest are
- * added; also in place of what a name has beyond 180 bytes. Equal names have equal files. On failure
- * files may be partly filled; the caller frees them. */
+ * added; also in place of what a name has beyond 180 bytes. Equal names have equal files. On
+ * failure files may be partly filled; the caller frees them. */
 cln_status cln_view_file_names(int count, const char *const *names, char **files);
 
 #endif
