@@ -56,7 +56,7 @@ cln_status cln_view_file_name(const char *name, char **out)
     if (dot && dot != base && is_extension(dot))
         *dot = 0;
     for (char *c = *out; *c; c++)
-        *c = strchr("/\\:*?\"<>|", *c) ? '_' : *c; /* of Windows' paths and file systems, too */
+        *c = strchr("/\\:", *c) ? '_' : *c; /* of Windows' paths, too */
 done:
     return st;
 }
