@@ -161,10 +161,13 @@ static json_t *describe(const cln_render_job *j)
     const cln_render_desc *d = j->desc;
     char digest[CLN_DIGEST_TEXT];
     json_t *about = NULL, *frames = json_object();
+    json_t *before = json_object_get(j->before, "frames");
+    int lost = before ? json_object_update(frames, before) : 0;
 
-    json_object_update(frames, json_object_get(j->before, "frames"));
     for (int i = 0; i < j->count; i++)
-        json_object_set_new(frames, j->frames[i].name, json_string(j->frames[i].made_from));
+        if (cln_utf8_valid(j->frames[i].name)) /* else it has no place in JSON */
+            lost |=
+                json_object_set_new(frames, j->frames[i].name, json_string(j->frames[i].made_from));
     cln_digest_text(j->model_digest, digest);
     about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s, s:s, s:o}", "schema", SCHEMA, "tool",
                       "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
@@ -172,47 +175,52 @@ static json_t *describe(const cln_render_job *j)
                       "depth_of", d->mean_depth ? "mean" : "median", "poses", j->cameras.poses,
                       "frames", frames);
     if (about)
-        json_object_set_new(about, "background", background_json(j));
+        lost |= json_object_set_new(about, "background", background_json(j));
     if (about && j->earlier > 0)
-        json_object_set_new(about, "earlier_frames", json_integer(j->earlier));
+        lost |= json_object_set_new(about, "earlier_frames", json_integer(j->earlier));
     if (about && d->depth_unit > 0)
-        json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
+        lost |= json_object_set_new(about, "depth_unit", json_real(d->depth_unit));
     if (about && j->antialias > 1)
-        json_object_set_new(about, "antialias", json_integer(j->antialias));
+        lost |= json_object_set_new(about, "antialias", json_integer(j->antialias));
     if (about && d->fast)
-        json_object_set_new(about, "fast", json_true());
+        lost |= json_object_set_new(about, "fast", json_true());
     if (about && d->transparent)
-        json_object_set_new(about, "transparent", json_true());
+        lost |= json_object_set_new(about, "transparent", json_true());
     if (about && d->stereo > 0)
-        json_object_set_new(about, "stereo", json_real(d->stereo));
+        lost |= json_object_set_new(about, "stereo", json_real(d->stereo));
     if (about && j->crop.on)
-        json_object_set_new(about, "crop",
-                            json_pack("[f,f,f,f,f,f]", j->crop.box[0], j->crop.box[1],
-                                      j->crop.box[2], j->crop.box[3], j->crop.box[4],
-                                      j->crop.box[5]));
+        lost |= json_object_set_new(about, "crop",
+                                    json_pack("[f,f,f,f,f,f]", j->crop.box[0], j->crop.box[1],
+                                              j->crop.box[2], j->crop.box[3], j->crop.box[4],
+                                              j->crop.box[5]));
     if (about && cln_crop_is_turned(&j->crop)) {
         json_t *axes = json_array();
 
         for (int i = 0; i < 9; i++)
-            json_array_append_new(axes, json_real(j->crop.turn[i]));
-        json_object_set_new(about, "crop_axes", axes);
+            lost |= json_array_append_new(axes, json_real(j->crop.turn[i]));
+        lost |= json_object_set_new(about, "crop_axes", axes);
     }
     if (about && cln_up_given(d->up))
-        json_object_set_new(about, "up", json_pack("[f,f,f]", d->up[0], d->up[1], d->up[2]));
+        lost |=
+            json_object_set_new(about, "up", json_pack("[f,f,f]", d->up[0], d->up[1], d->up[2]));
     if (about && (d->first_frame > 0 || d->frame_count > 0))
-        json_object_set_new(about, "range",
-                            json_pack("[i,i]", d->first_frame, d->first_frame + j->count - 1));
+        lost |= json_object_set_new(
+            about, "range", json_pack("[i,i]", d->first_frame, d->first_frame + j->count - 1));
     if (about && d->poses)
-        json_object_set_new(about, "file", json_string(d->poses));
+        (void)json_object_set_new(about, "file", json_string(d->poses)); /* UTF-8 alone */
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))
-        json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
+        lost |= json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
     if (about && strcmp(j->cameras.poses, "orbit") == 0)
-        json_object_set_new(
+        lost |= json_object_set_new(
             about, "orbit",
             json_pack("{s:i, s:o, s:f, s:b, s:i, s:i, s:f}", "frames", d->orbit_frames, "elevation",
                       cln_json_real(d->orbit_elevation), "radius", d->orbit_radius, "circle",
                       d->orbit_circle, "width", j->frames[0].camera.width, "height",
                       j->frames[0].camera.height, "fx", j->frames[0].camera.fx));
+    if (lost) {
+        json_decref(about);
+        about = NULL;
+    }
     return about;
 }
 
@@ -450,28 +458,33 @@ static cln_status write_cameras(const cln_render_job *j)
     json_t *document = json_object(), *frames = json_array();
     char *name = NULL;
     bool one_lens = true;
+    int lost = json_object_set_new(document, "frames", frames);
 
-    json_object_set_new(document, "frames", frames);
     if (cln_render_eyes(j) > 1)
         goto done;
     for (int i = 1; i < j->count; i++)
         one_lens = one_lens && j->frames[i].camera.lens == j->frames[0].camera.lens;
     if (one_lens)
-        json_object_set_new(document, "camera_model",
-                            json_string(cln_lens_models[j->frames[0].camera.lens].name));
-    for (int i = 0; i < j->count; i++) {
+        lost |= json_object_set_new(document, "camera_model",
+                                    json_string(cln_lens_models[j->frames[0].camera.lens].name));
+    for (int i = 0; i < j->count && !lost; i++) {
         const cln_camera *c = &j->frames[i].camera;
         json_t *frame = NULL;
 
         free(name);
         name = NULL;
         CLN_TRY(cln_asprintf(&name, "%s.png", j->frames[i].name));
+        if (!cln_utf8_valid(name))
+            continue;
         frame = cln_transforms_new_frame(name, c, 1);
         if (!one_lens)
-            json_object_set_new(frame, "camera_model", json_string(cln_lens_models[c->lens].name));
-        cln_transforms_put_camera(frame, c);
-        json_array_append_new(frames, frame);
+            lost |= json_object_set_new(frame, "camera_model",
+                                        json_string(cln_lens_models[c->lens].name));
+        lost |= !cln_transforms_put_camera(frame, c);
+        lost |= json_array_append_new(frames, frame);
     }
+    if (lost)
+        CLN_TRY(cln_fail(CLN_MEMORY, "transforms.json: cannot make JSON"));
     CLN_TRY(cln_run_write_json(j->desc->out, "transforms.json", document));
 done:
     json_decref(document);
@@ -484,14 +497,16 @@ cln_status cln_render_write_about(const cln_render_job *j, const cln_depth_scale
     cln_status st = CLN_OK;
     const double low = scale ? scale->low : 0, high = scale ? scale->high : 0;
     json_t *about = describe(j);
+    int lost = !about;
 
-    if (!about)
-        CLN_TRY(cln_fail(CLN_MEMORY, "render.json: cannot make JSON"));
     if (scale && low > 0)
-        json_object_set_new(about, "depth_picture",
-                            json_pack("{s:f, s:f}", "near", 1 / high, "far", 1 / low));
+        lost |= json_object_set_new(about, "depth_picture",
+                                    json_pack("{s:f, s:f}", "near", 1 / high, "far", 1 / low));
     if (!scale && j->there == j->count && json_object_get(j->before, "depth_picture"))
-        json_object_set(about, "depth_picture", json_object_get(j->before, "depth_picture"));
+        lost |=
+            json_object_set(about, "depth_picture", json_object_get(j->before, "depth_picture"));
+    if (lost)
+        CLN_TRY(cln_fail(CLN_MEMORY, "render.json: cannot make JSON"));
     CLN_TRY(cln_run_write_json(j->desc->out, "render.json", about));
     CLN_TRY(write_cameras(j));
 done:

@@ -52,11 +52,11 @@ static bool is_again(const cln_scene *scene, int view)
 
 /* ---- transforms JSON ---- */
 
-static void put_intrinsics(json_t *to, const cln_view *view)
+static bool put_intrinsics(json_t *to, const cln_view *view)
 {
     const cln_camera c = camera_of(view);
 
-    cln_transforms_put_camera(to, &c);
+    return cln_transforms_put_camera(to, &c);
 }
 
 static const char *lens_name(const cln_view *view)
@@ -86,7 +86,8 @@ static cln_status put_path(const cln_scene *scene, json_t *frame, const char *ke
     if (!path)
         return CLN_OK;
     CLN_TRY(cln_scene_path_from(scene, path, &name));
-    json_object_set_new(frame, key, json_string(name));
+    if (json_object_set_new(frame, key, json_string(name)) != 0)
+        CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot be put into JSON", path));
 done:
     free(name);
     return st;
@@ -94,7 +95,7 @@ done:
 
 /* nerfstudio refuses a file that has some of the three lists: a split without views gets those of
  * another one, which our reader is told (listed_again). */
-static void fill_lists(json_t *document, const char *const keys[CLN_SPLITS],
+static bool fill_lists(json_t *document, const char *const keys[CLN_SPLITS],
                        json_t *const lists[CLN_SPLITS])
 {
     static const cln_split instead[CLN_SPLITS][2] = {
@@ -102,6 +103,7 @@ static void fill_lists(json_t *document, const char *const keys[CLN_SPLITS],
         [CLN_SPLIT_VAL] = {CLN_SPLIT_TEST, CLN_SPLIT_TRAIN},
         [CLN_SPLIT_TEST] = {CLN_SPLIT_VAL, CLN_SPLIT_TRAIN}};
     json_t *again = json_array();
+    int lost = again == NULL;
 
     for (int split = 0; split < CLN_SPLITS; split++) {
         int from = split;
@@ -109,12 +111,13 @@ static void fill_lists(json_t *document, const char *const keys[CLN_SPLITS],
         for (int i = 0; i < 2 && json_array_size(lists[from]) == 0; i++)
             from = instead[split][i];
         if (from != split)
-            json_array_append_new(again, json_string(keys[split]));
-        json_object_set(document, keys[split], lists[from]);
+            lost |= json_array_append_new(again, json_string(keys[split]));
+        lost |= json_object_set(document, keys[split], lists[from]);
     }
     if (json_array_size(again) > 0)
-        json_object_set(document, "listed_again", again);
+        lost |= json_object_set(document, "listed_again", again);
     json_decref(again);
+    return lost == 0;
 }
 
 static cln_status write_transforms(const cln_export_job *job, const cln_scene *scene)
@@ -127,14 +130,16 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
     char *text = NULL, *name = NULL;
     bool one_lens = false;
     const bool one_camera = have_one_camera(scene, &one_lens);
+    int lost = 0;
 
     for (int split = 0; split < CLN_SPLITS; split++)
         lists[split] = json_array();
     if (one_lens && scene->view_count > 0) /* nerfstudio looks for it nowhere else */
-        json_object_set_new(document, "camera_model", json_string(lens_name(&scene->views[0])));
+        lost |=
+            json_object_set_new(document, "camera_model", json_string(lens_name(&scene->views[0])));
     if (one_camera && scene->view_count > 0)
-        put_intrinsics(document, &scene->views[0]);
-    json_object_set_new(document, "frames", frames);
+        lost |= !put_intrinsics(document, &scene->views[0]);
+    lost |= json_object_set_new(document, "frames", frames);
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         json_t *frame = NULL;
@@ -142,22 +147,29 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
         free(name);
         name = NULL;
         CLN_TRY(cln_scene_path_from(scene, view->path, &name));
-        json_array_append_new(lists[view->split], json_string(name));
+        if (!cln_utf8_valid(name))
+            CLN_TRY(cln_fail(CLN_INPUT,
+                             "%s: its name is no UTF-8, which JSON needs: rename it, or export to "
+                             "COLMAP's files",
+                             view->path));
+        lost |= json_array_append_new(lists[view->split], json_string(name));
         if (is_again(scene, i))
             continue;
         frame = cln_transforms_new_frame(name, &view->camera, job->scale);
         if (!one_lens)
-            json_object_set_new(frame, "camera_model", json_string(lens_name(view)));
+            lost |= json_object_set_new(frame, "camera_model", json_string(lens_name(view)));
         if (!one_camera)
-            put_intrinsics(frame, view);
-        json_array_append_new(frames, frame);
+            lost |= !put_intrinsics(frame, view);
+        lost |= json_array_append_new(frames, frame);
+        if (lost)
+            break;
         CLN_TRY(put_path(scene, frame, view->alpha_mask ? "mask_path" : "alpha_path",
                          view->alpha_path));
         if (!view->mask_black) /* where black counts, no key says so */
             CLN_TRY(put_path(scene, frame, "mask_path", view->mask_path));
     }
-    fill_lists(document, keys, lists);
-    text = document ? json_dumps(document, JSON_INDENT(1)) : NULL;
+    lost |= !fill_lists(document, keys, lists);
+    text = lost ? NULL : json_dumps(document, JSON_INDENT(1));
     if (!text)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", job->desc->file));
     CLN_TRY(cln_write_file(job->desc->file, text, strlen(text)));

@@ -39,12 +39,12 @@ typedef struct cln_model {
     int64_t refresh_step; /* step of the last stage-1 refresh */
     int64_t growth_step;  /* step of the last growth of the tree */
     double train_seconds; /* budget used so far */
-    cln_row_sums row;
-    int rays;      /* adapted batch size of the next step */
-    int level;     /* growth reached so far */
-    int64_t drawn; /* pixels of the photos that training has drawn */
-    bool averaged; /* pixels at edges are means of several rays by now */
-    bool in_parts; /* its device has arrays P in parts, and keeps them so (pipeline.h) */
+    cln_row_sums row;     /* of the metrics so far */
+    int rays;             /* adapted batch size of the next step */
+    int level;            /* growth reached so far */
+    int64_t drawn;        /* pixels of the photos that training has drawn */
+    bool averaged;        /* pixels at edges are means of several rays by now */
+    bool in_parts;        /* its device has arrays P in parts, and keeps them so (pipeline.h) */
     /* Measures of the structure optimisation (method.md 12.3); kept with the training state. */
     float *sums;        /* [slot][CLN_MEASURES][2] since the last decision, with compensation */
     int32_t *met;       /* [slot] samples since the last decision */
