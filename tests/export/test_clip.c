@@ -11,6 +11,7 @@
 #include <string.h>
 #include "export/clip.h"
 #include "export/marching.h"
+#include "export/triangles.h"
 #include "near.h"
 #include "tests.h"
 
@@ -165,10 +166,37 @@ static void zones_of_a_ball(void **state)
     }
 }
 
+/* A vertex on a plane is a corner of what stays, once. */
+static void vertex_on_a_plane(void **state)
+{
+    static const float at[4][3] = {{0, 0, 0}, {1, 0, 1}, {0, 1, -1}, {1, 1, -2}};
+    static const uint32_t face[2][3] = {{0, 1, 2}, {0, 2, 3}};
+    cln_surface s = {0};
+    float planes[6][4];
+
+    (void)state;
+    for (int v = 0; v < 4; v++) {
+        assert_int_equal(cln_surface_grow_vertices(&s), CLN_OK);
+        memcpy(s.at[s.vertices++], at[v], sizeof at[v]);
+    }
+    for (int f = 0; f < 2; f++) {
+        assert_int_equal(cln_surface_grow_faces(&s), CLN_OK);
+        memcpy(s.face[s.faces++], face[f], sizeof face[f]);
+    }
+    make_slab((const double[3]){0, 0, 1}, 0, 5, planes);
+    assert_int_equal(cln_surface_clip(&s, (const float(*)[4])planes), CLN_OK);
+    assert_int_equal(s.vertices, 3);
+    assert_int_equal(s.faces, 1);
+    assert_memory_equal(s.at, at, 2 * sizeof at[0]);
+    assert_true(s.at[2][0] == 0.5f && s.at[2][1] == 0.5f && s.at[2][2] == 0);
+    cln_surface_free(&s);
+}
+
 int test_group_clip(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(zones_of_a_ball),
+        cmocka_unit_test(vertex_on_a_plane),
     };
 
     return cmocka_run_group_tests_name("clip", tests, NULL, NULL);

@@ -413,6 +413,7 @@ static void test_merge(void **state)
         assert_int_equal(cln_octree_can_merge(&tree, s), s >= 2 && s <= 8);
     }
     merge[3] = 1; /* one mark is enough */
+    tree.strikes[tree.parent[tree.leaf[3]]] = tree.strikes[tree.leaf[9]] = 1;
     assert_int_equal(cln_octree_merge(&tree, merge, weight, &change), CLN_OK);
     check_tree(&tree);
     assert_int_equal(tree.leaf_count, 8);
@@ -422,6 +423,7 @@ static void test_merge(void **state)
         assert_int_equal(change.from[s], s < 2 ? s : s == 2 ? 7 : s + 6);
         assert_int_equal(change.octant[s], s == 2 ? CLN_MERGED - 6 : CLN_COPIED);
         assert_int_equal(tree.level[tree.leaf[s]], 1);
+        assert_int_equal(tree.strikes[tree.leaf[s]], s == 3);
     }
     cln_octree_change_free(&change);
     /* up to the root, which has no siblings */
@@ -524,6 +526,7 @@ static void test_regrow(void **state)
     assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
     memset(marks, 1, 8); /* the group at the lowest corner, [-1, 0)^3, which collapses */
     marks[63] = 1;       /* the leaf at the highest corner */
+    tree.strikes[tree.leaf[63]] = tree.strikes[tree.parent[tree.leaf[0]]] = 2;
     assert_int_equal(cln_octree_cull(&tree, marks, &change), CLN_OK);
     cln_octree_change_free(&change);
     assert_int_equal(cln_octree_regrow(&tree, &cells, 3, 3, empty, &change), CLN_OK);

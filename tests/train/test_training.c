@@ -6,6 +6,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include "model/model.h"
 #include "run_fixture.h"
 #include "render/quality.h"
 #include "render/open_run.h"
@@ -468,6 +469,32 @@ static cln_config adaptive_config(void)
     return config;
 }
 
+/* What a later decision and culling need of the last one is in the checkpoint: when many leaves
+ * became others, and what the leaves cost that merged ones replaced. */
+static void check_kept_of_decisions(const char *run)
+{
+    double step[STEPS], leaves[STEPS], kept[STEPS];
+    const int n = column(run, "structure", "step", step, STEPS);
+    int changed = 0, saved = 0;
+    cln_model model;
+
+    assert_int_equal(column(run, "structure", "leaves", leaves, STEPS), n);
+    assert_int_equal(column(run, "structure", "kept", kept, STEPS), n);
+    for (int i = 0; i < n; i++)
+        if (leaves[i] - kept[i] > leaves[i] / 8)
+            changed = (int)step[i];
+    assert_true(changed > 0);
+    assert_ok(cln_checkpoint_read(fixture_path(run), true, &model));
+    assert_int_equal(model.growth_step, changed);
+    for (int s = 0; s < model.tree.leaf_count; s++)
+        if (!isnan(model.saved[s])) {
+            assert_true(model.saved[s] > 0);
+            saved++;
+        }
+    assert_true(saved > 0);
+    cln_model_free(&model);
+}
+
 /* The integer program in training: merges to meet the budget, then splits and merges within it; the
  * same bits when interrupted before, between and after decisions. */
 static void test_adaptive(void **state)
@@ -489,6 +516,7 @@ static void test_adaptive(void **state)
     metrics("adaptive", "leaves", leaves, STEPS);
     assert_int_equal((int)leaves[5], 64);
     assert_true((int)leaves[6] != 64 && leaves[6] <= 90);
+    check_kept_of_decisions("adaptive");
     for (size_t i = 0; i < sizeof stops / sizeof stops[0]; i++) {
         fixture_stop stop = {.signal = SIGINT, .step = stops[i]};
         char run[32];
