@@ -520,7 +520,7 @@ static void test_regrow(void **state)
     cln_marks cells = {0};
     cln_octree tree;
     cln_octree_change change;
-    int fresh = 0;
+    int fresh = 0, back = 0;
 
     (void)state;
     assert_int_equal(cln_octree_create(2, &tree), CLN_OK);
@@ -565,8 +565,14 @@ static void test_regrow(void **state)
     assert_int_equal(cln_marks_add(&cells, 3, (int[3]){2, 0, 0}), CLN_OK);
     cln_marks_order(&cells);
     memset(empty, 0, sizeof empty);
+    for (int i = 0; i < tree.node_count; i++)
+        if (tree.state[i] == CLN_NODE_CULLED)
+            tree.strikes[i] = 2;
     assert_int_equal(cln_octree_regrow(&tree, &cells, 1, 1, empty, &change), CLN_OK);
     assert_int_equal(tree.leaf_count, 60);
+    back = cln_octree_find(&tree, (double[3]){-0.375, -0.875, -0.875});
+    assert_true(back >= 0 && change.octant[back] == CLN_FRESH);
+    assert_int_equal(tree.strikes[tree.leaf[back]], 0);
     check_tree(&tree);
     cln_octree_change_free(&change);
     cln_marks_free(&cells);
