@@ -234,6 +234,34 @@ static bool has_resumed(const json_t *document)
     return false;
 }
 
+/* "PSNR test 27.82 +- 0.73, ..." of runs that differ by their seeds alone. */
+static void print_spread(int columns, const json_t *document)
+{
+    const json_t *spread = json_object_get(document, "over_seeds");
+    char line[512];
+    size_t used =
+        (size_t)snprintf(line, sizeof line, "Over %zu seeds, mean and standard deviation: ",
+                         json_array_size(json_object_get(document, "runs")));
+
+    if (json_object_size(spread) == 0)
+        return;
+    for (size_t i = 0; i < sizeof labels / sizeof labels[0]; i++) {
+        const json_t *row = json_object_get(spread, labels[i].key);
+        char mean[32], deviation[32];
+
+        if (!row)
+            continue;
+        cln_format_real(json_number_value(json_object_get(row, "mean")),
+                        2 + (int)(labels[i].form - REAL_2), mean);
+        cln_format_real(json_number_value(json_object_get(row, "deviation")),
+                        2 + (int)(labels[i].form - REAL_2), deviation);
+        used += (size_t)snprintf(line + used, sizeof line - used, "%s %s +- %s; ", labels[i].label,
+                                 mean, deviation);
+    }
+    line[used - 2] = 0;
+    cln_print_wrapped(0, INDENT, columns, line);
+}
+
 static void print_table(const json_t *document)
 {
     json_t *settings = shown(document, "settings"), *facts = shown(document, "facts");
@@ -275,6 +303,7 @@ static void print_table(const json_t *document)
     if (all_read && json_object_size(settings) == 0)
         puts(has_resumed(document) ? "No setting of the last start differs."
                                    : "No setting differs.");
+    print_spread(t.columns, document);
     for (size_t i = 0; i < json_array_size(notes); i++)
         cln_print_wrapped(0, INDENT, t.columns, json_string_value(json_array_get(notes, i)));
     json_decref(settings);

@@ -367,8 +367,9 @@ static json_t *best_of(const json_t *values, int decimals)
     return best;
 }
 
-/* Adds the rows that any run has a number for, and the best of those of quality. */
-static void add_results(int count, const side *sides, comparable compare, json_t *document)
+/* Adds the rows that any run has a number for, and the best of those of quality. Returns whether
+ * figures of test views are of the same ones. */
+static bool add_results(int count, const side *sides, comparable compare, json_t *document)
 {
     json_t *results = json_object_get(document, "results"),
            *best = json_object_get(document, "best");
@@ -410,6 +411,56 @@ static void add_results(int count, const side *sides, comparable compare, json_t
                                     ? best_of(values, rows[r].quality)
                                     : json_array());
         json_decref(values);
+    }
+    return same_views;
+}
+
+/* Whether runs of one program on one scene and device differ by their seeds alone. */
+static bool is_by_seed(int count, const json_t *document)
+{
+    const json_t *settings = json_object_get(document, "settings");
+    const json_t *seeds = json_object_get(settings, "seed");
+    const json_t *resumed = json_object_get(document, "resumed");
+
+    if (!seeds || json_object_size(settings) > 1 ||
+        json_object_size(json_object_get(document, "facts")) > 0)
+        return false;
+    for (size_t i = 0; i < (size_t)count; i++) {
+        if (!json_is_string(json_array_get(seeds, i)) ||
+            json_array_size(json_array_get(resumed, i)) > 0)
+            return false;
+        for (size_t k = 0; k < i; k++)
+            if (json_equal(json_array_get(seeds, i), json_array_get(seeds, k)))
+                return false;
+    }
+    return true;
+}
+
+/* Adds the mean and the standard deviation (of a sample) of figures of quality that every run
+ * has. */
+static void add_spread(int count, comparable compare, bool same_views, json_t *document)
+{
+    json_t *spread = json_object_get(document, "over_seeds");
+
+    for (int r = 0; r < ROWS && is_by_seed(count, document); r++) {
+        const json_t *values = json_object_get(json_object_get(document, "results"), rows[r].key);
+        double mean = 0, squares = 0;
+        int n = 0;
+
+        if (!rows[r].quality || !(rows[r].test ? compare != NONE && same_views : compare == ALL))
+            continue;
+        for (int i = 0; i < count; i++) {
+            const json_t *value = json_array_get(values, (size_t)i);
+
+            n += json_is_number(value);
+            mean += json_number_value(value) / count;
+        }
+        for (int i = 0; i < count; i++)
+            squares += pow(json_number_value(json_array_get(values, (size_t)i)) - mean, 2);
+        if (n == count)
+            json_object_set_new(
+                spread, rows[r].key,
+                json_pack("{s:f, s:f}", "mean", mean, "deviation", sqrt(squares / (count - 1))));
     }
 }
 
@@ -505,12 +556,12 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
     cln_status st = CLN_OK;
     side *sides = NULL;
     json_t *document =
-        json_pack("{s:s, s:[], s:[], s:[], s:{}, s:[], s:{}, s:{}, s:{}, s:b, s:[]}", "schema",
-                  "cl-nascent.runs/1", "runs", "names", "readable", "settings", "resumed", "facts",
-                  "results", "best", "comparable", false, "notes");
+        json_pack("{s:s, s:[], s:[], s:[], s:{}, s:[], s:{}, s:{}, s:{}, s:{}, s:b, s:[]}",
+                  "schema", "cl-nascent.runs/1", "runs", "names", "readable", "settings", "resumed",
+                  "facts", "results", "best", "over_seeds", "comparable", false, "notes");
     json_t *settings = json_object_get(document, "settings"), *presets = NULL;
     json_t *facts = json_object_get(document, "facts"), *notes = json_object_get(document, "notes");
-    bool same_names = false;
+    bool same_names = false, same_views = false;
     comparable compare = NONE;
 
     *out = NULL;
@@ -540,11 +591,12 @@ cln_status cln_side_by_side(int count, const char *const runs[], json_t **out)
     json_object_set_new(document, "comparable", json_boolean(compare != NONE));
     if (json_object_get(facts, "device"))
         add_note(notes, "Devices or drivers differ, so times do not compare");
-    add_results(count, sides, compare, document);
+    same_views = add_results(count, sides, compare, document);
     for (int i = 0; i < count; i++) {
         note_run(sides, i, notes);
         add_history(&sides[i], json_object_get(document, "resumed"), notes);
     }
+    add_spread(count, compare, same_views, document);
     note_equal(count, sides, notes);
     *out = json_incref(document);
 done:

@@ -269,6 +269,8 @@ section_reused() {
     check "another one" [ "$(json model_digest)" != "$digest" ]
     expect "the runs side by side" 0 "" "$cln" info "$work/first" "$work/third"
     check "differ in the seed" grep -qE '^  seed +7 +2$' "$work/out"
+    check "and have a mean and a deviation" \
+        grep -qE '^Over 2 seeds, .* PSNR train, of rays [0-9.]+ \+- [0-9.]+' "$work/out"
     run "$cln" train "$work/scene" -o "$work/halved" "${tiny[@]}" --steps 1 --downscale 2 --json
     expect "settings that are of the other scene are told" 0 "~taken.over,.too:.--downscale=2$" \
         "$cln" train "$work/scene" -o "$work/halved again" --settings-of "$work/halved" \

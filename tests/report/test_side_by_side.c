@@ -12,6 +12,7 @@
 #include "base/config.h"
 #include "io/run_folder.h"
 #include "io/run_history.h"
+#include "near.h"
 #include "report/side_by_side.h"
 #include "scratch.h"
 #include "tests.h"
@@ -404,6 +405,44 @@ static void resumed_with_other_settings_is_told(void **state)
     json_decref(document);
 }
 
+/* Mean and standard deviation of runs that differ by their seeds alone; nothing of others. */
+static void seeds_have_a_spread(void **state)
+{
+    static const char *const members[] = {"mean", "deviation"};
+    static const double psnr[3] = {27, 28, 30}, wanted[2] = {28.333333, 1.527525};
+    const char *runs[3];
+    json_t *document = NULL, *row = NULL;
+
+    for (int i = 0; i < 3; i++) {
+        const char seed[2] = {(char)('1' + i), 0}, name[2] = {(char)('a' + i), 0};
+        const char *const settings[][2] = {{"seed", seed}, {NULL}};
+
+        runs[i] = put_run(*state, name, "d1", settings);
+        put_eval(runs[i], "00000500-test", 500, 10, psnr[i], false);
+    }
+    assert_int_equal(cln_side_by_side(3, runs, &document), CLN_OK);
+    row = json_object_get(json_object_get(document, "over_seeds"), "psnr_test");
+    for (int k = 0; k < 2; k++)
+        assert_near(json_number_value(json_object_get(row, members[k])), wanted[k], 1e-5);
+    assert_non_null(json_object_get(json_object_get(document, "over_seeds"), "ssim"));
+    assert_null(json_object_get(json_object_get(document, "over_seeds"), "leaves"));
+    json_decref(document);
+    put_eval(runs[1], "00000500-test", 500, 4, 28, false); /* of other views */
+    assert_int_equal(cln_side_by_side(3, runs, &document), CLN_OK);
+    row = json_object_get(document, "over_seeds");
+    assert_null(json_object_get(row, "psnr_test"));
+    assert_non_null(json_object_get(row, "psnr_train"));
+    json_decref(document);
+    runs[1] = runs[0]; /* one seed twice */
+    assert_int_equal(cln_side_by_side(3, runs, &document), CLN_OK);
+    assert_int_equal(json_object_size(json_object_get(document, "over_seeds")), 0);
+    json_decref(document);
+    runs[1] = put_run(*state, "rays", "d1", (const char *const[][2]){{"rays", "1024"}, {NULL}});
+    assert_int_equal(cln_side_by_side(3, runs, &document), CLN_OK);
+    assert_int_equal(json_object_size(json_object_get(document, "over_seeds")), 0);
+    json_decref(document);
+}
+
 int test_group_side_by_side(void)
 {
     const struct CMUnitTest tests[] = {
@@ -418,6 +457,7 @@ int test_group_side_by_side(void)
         cmocka_unit_test_setup_teardown(a_name_that_is_no_utf8, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(resumed_with_other_settings_is_told, scratch_make,
                                         scratch_remove),
+        cmocka_unit_test_setup_teardown(seeds_have_a_spread, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("side by side", tests, NULL, NULL);
