@@ -1,4 +1,5 @@
 /* cln_view_run: opens a run for a browser. host/view answers the requests and paints. */
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -57,25 +58,34 @@ typedef struct newest {
     double looked;
 } newest;
 
-static bool is_replaced(newest *n)
+typedef enum { AS_IT_WAS, REPLACED, GONE } fate;
+
+/* What has become of the file since the last look. */
+static fate look(newest *n)
 {
     const struct stat before = n->file;
 
-    return stat(n->path, &n->file) == 0 &&
-           (n->file.st_ino != before.st_ino || n->file.st_mtim.tv_sec != before.st_mtim.tv_sec ||
-            n->file.st_mtim.tv_nsec != before.st_mtim.tv_nsec);
+    if (stat(n->path, &n->file) != 0) {
+        n->file = (struct stat){0}; /* if it comes back, it is another one */
+        return errno == ENOENT || errno == ENOTDIR ? GONE : AS_IT_WAS;
+    }
+    return n->file.st_ino != before.st_ino || n->file.st_mtim.tv_sec != before.st_mtim.tv_sec ||
+                   n->file.st_mtim.tv_nsec != before.st_mtim.tv_nsec
+               ? REPLACED
+               : AS_IT_WAS;
 }
 
-/* Pages are told of a newer model; the one that is shown stays. newer: its step; negative: none. */
-static cln_status tell(cln_server *server, int64_t newer)
+/* Pages are told of a newer model, or that the run's files are gone; the model that is shown stays.
+ * newer: its step; negative: none. */
+static cln_status tell(cln_server *server, bool gone, int64_t newer)
 {
     cln_status st = CLN_OK;
     char *text = NULL;
 
     if (newer < 0)
-        CLN_TRY(cln_strdup(&text, "{\"newer\": null}"));
+        CLN_TRY(cln_asprintf(&text, "{\"newer\": null, \"gone\": %s}", gone ? "true" : "false"));
     else
-        CLN_TRY(cln_asprintf(&text, "{\"newer\": %lld}", (long long)newer));
+        CLN_TRY(cln_asprintf(&text, "{\"newer\": %lld, \"gone\": false}", (long long)newer));
     cln_server_tell(server, text);
 done:
     return st;
@@ -92,8 +102,15 @@ static cln_status serve(const cln_view_desc *desc, newest *n, cln_server *server
         CLN_TRY(cln_stopped_by(cln_painter_signal(painter, &desc->callbacks), NULL));
         if (cln_now() - n->looked > LOOK_SECONDS) {
             n->looked = cln_now();
-            if (is_replaced(n))
-                CLN_TRY(tell(server, cln_checkpoint_newest(desc->run)));
+            switch (look(n)) {
+            case AS_IT_WAS:
+                break;
+            case REPLACED:
+                CLN_TRY(tell(server, false, cln_checkpoint_newest(desc->run)));
+                break;
+            case GONE:
+                CLN_TRY(tell(server, true, -1));
+            }
         }
         CLN_TRY(cln_server_turn(server, 0.1, &painted));
     }
@@ -148,7 +165,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
         CLN_TRY(cln_listen_open(desc->listen, desc->port, &listener));
     CLN_TRY(open_run(desc, &opened, &frame));
     CLN_TRY(cln_path_join(&last.path, desc->run, "checkpoint/latest"));
-    (void)is_replaced(&last);
+    (void)look(&last);
     CLN_TRY(check_ranks(&opened.model));
     facts.scene = painter.scene = opened.scene;
     CLN_TRY(cln_facts_camera(&frame, &first));
@@ -163,7 +180,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     CLN_TRY(cln_facts_text(&facts, &text));
     CLN_TRY(cln_server_open(
         &(cln_server_desc){.listener = &listener, .painter = &painter, .facts = text}, &server));
-    CLN_TRY(tell(server, -1));
+    CLN_TRY(tell(server, false, -1));
     cln_listen_say(&listener);
     if (desc->ready)
         desc->ready(listener.address, desc->callbacks.user);

@@ -80,7 +80,7 @@ static const char report_style[] =
     ".card b{white-space:normal}.view h3{flex-wrap:wrap}}"
     "@media print{nav{display:none}main{max-width:none;padding:0}h2{margin-top:28px}"
     ".list,.settings{columns:2}"
-    "h2,h3{break-after:avoid}.two,.three,.cards,table{break-inside:avoid}"
+    "h2,h3,.captions,.keys{break-after:avoid}.two,.three,.cards,table{break-inside:avoid}"
     "body{font-size:12px;-webkit-print-color-adjust:exact;print-color-adjust:exact}}";
 /* clang-format on */
 

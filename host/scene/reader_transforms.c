@@ -463,6 +463,20 @@ static void warn_other_names(const char *folder)
         closedir(dir);
 }
 
+/* Warns of a split's folder, as of a scene that is not copied in full. */
+static cln_status warn_folder_alone(const char *folder, const char *split, const char *file)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+
+    CLN_TRY(cln_path_join(&path, folder, split));
+    if (cln_is_dir(path))
+        cln_warn("%s is there, but no %s; frames of the other files alone are read", path, file);
+done:
+    free(path);
+    return st;
+}
+
 /* given: the folder, or one of its files. */
 static cln_status read_blender(const char *folder, const char *given, cln_reader_result *result)
 {
@@ -486,8 +500,10 @@ static cln_status read_blender(const char *folder, const char *given, cln_reader
         if (!cln_is_file(files[s]) && s == CLN_SPLIT_TRAIN)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: No such file or directory; put it beside the others",
                              files[s]));
-        if (!cln_is_file(files[s]))
+        if (!cln_is_file(files[s])) {
+            CLN_TRY(warn_folder_alone(folder, cln_split_names[s], name));
             continue;
+        }
         CLN_TRY(cln_transforms_read(files[s], &roots[s]));
         CLN_TRY(read_frames(folder, files[s], roots[s], (cln_split)s, result));
         if (s == CLN_SPLIT_TRAIN)

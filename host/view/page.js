@@ -864,8 +864,9 @@ async function lookForNewer() {
   try {
     const answer = await request('newest');
     if (left) return;
-    const {newer} = await answer.json();
-    const text = newer === null ? '' : `The run has another model by now, of step ` +
+    const {newer, gone: lost} = await answer.json();
+    const text = lost ? 'The run is no longer in its folder; what is shown is in memory, until ' +
+      'view ends.' : newer === null ? '' : `The run has another model by now, of step ` +
       `${newer.toLocaleString('en')}; to see it, start view again.`;
     if ($('newer').textContent !== text) say(text);
     $('newer').textContent = text;

@@ -188,15 +188,25 @@ static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connectio
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
 }
 
+/* allow: the methods that would do (405), or NULL. */
+static enum MHD_Result answer_with(cln_server *s, struct MHD_Connection *connection, int status,
+                                   const char *sentence, const char *allow)
+{
+    char text[512];
+    struct MHD_Response *response;
+
+    snprintf(text, sizeof text, "%s\n", sentence);
+    response = MHD_create_response_from_buffer(strlen(text), text, MHD_RESPMEM_MUST_COPY);
+    if (response && allow)
+        MHD_add_response_header(response, "Allow", allow);
+    return send_response(s, connection, status, "text/plain; charset=utf-8", strlen(text),
+                         response);
+}
+
 static enum MHD_Result answer(cln_server *s, struct MHD_Connection *connection, int status,
                               const char *sentence)
 {
-    char text[512];
-
-    snprintf(text, sizeof text, "%s\n", sentence);
-    return send_response(
-        s, connection, status, "text/plain; charset=utf-8", strlen(text),
-        MHD_create_response_from_buffer(strlen(text), text, MHD_RESPMEM_MUST_COPY));
+    return answer_with(s, connection, status, sentence, NULL);
 }
 
 static enum MHD_Result send_painting(cln_server *s, struct MHD_Connection *connection, request *r)
@@ -434,9 +444,9 @@ static enum MHD_Result on_request(void *user, struct MHD_Connection *connection,
     (void)version, (void)data, (void)bytes;
     if (!r) {
         if (wants_post(s, path) && strcmp(method, MHD_HTTP_METHOD_POST) != 0)
-            return answer(s, connection, 405, "an order is given by POST");
+            return answer_with(s, connection, 405, "an order is given by POST", "POST");
         if (!wants_post(s, path) && !is_get(method))
-            return answer(s, connection, 405, "only GET and HEAD are answered");
+            return answer_with(s, connection, 405, "only GET and HEAD are answered", "GET, HEAD");
         if ((length && strcmp(length, "0") != 0) || header_of(connection, "Transfer-Encoding"))
             return answer(s, connection, 413, "a request has no body here");
         if (cln_alloc(&r, 1, sizeof *r, "request") != CLN_OK) {

@@ -706,6 +706,11 @@ def be_quiet(page):
           '{"newer": 700}')) : realFetch(path, ...more)""")
     page.check('it tells of a newer model', wait_for(
         page, '$("newer").textContent.includes("step 700")', 15))
+    page.js("""
+        fetch = (path, ...more) => path === 'newest' ? Promise.resolve(new Response(
+          '{"newer": null, "gone": true}')) : realFetch(path, ...more)""")
+    page.check('and that the run is gone', wait_for(
+        page, '$("newer").textContent.includes("no longer in its folder")', 15))
     page.js('fetch = realFetch')
     page.settle()
 

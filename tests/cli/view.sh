@@ -203,6 +203,7 @@ section_refused() {
     gets "a picture's head without X-Viewer" 403 "/picture?view=6" -I
     gets "a film's beginning by HEAD" 405 "/film/begin?width=48&height=48&frames=2" -I "${me[@]}"
     gets "POST" 405 /picture -d x=1
+    check "what would do is told" has_header "Allow: GET, HEAD"
     gets "an order, without a training" 405 /stop -X POST "${me[@]}"
     gets "the progress, without a training" 404 /training
     gets "a body" 413 /facts -X GET -d "$(printf '%01000d' 0)"
@@ -472,6 +473,7 @@ section_newer() {
     get "/picture?view=6&format=png" "${me[@]}"
     check "it goes on showing its own" [ "$(cksum <"$work/out")" = "$digest" ]
     rm -r "$run"
+    check "the viewer tells that the run is gone" until_newer '"gone": true'
     expect "the run is trained anew meanwhile" 0 "" "$cln" train "$work/photos" -o "$run" \
         "${small[@]}"
     check "the viewer tells of a model of the same step" until_newer '"newer": 60'
