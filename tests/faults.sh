@@ -6,7 +6,7 @@
 # that resumes from it to the same weights as an undisturbed one.
 #
 #   tests/faults.sh [SECTION...]   sections: kill disk memory device nan files changing signals
-#                                  clock results small means
+#                                  clock results small means groups
 #   FAULTS=50                      moments for each kind of fault; make test takes 1, all sections
 #   FAULT_SEED=1                   chooses them
 # Every check is one line of the count in the last line; the output of a failed one is shown.
@@ -381,6 +381,30 @@ section_means() {
     [ "$total" -eq 0 ] || each_moment any once full
 }
 
-all="kill disk memory device nan files changing signals clock results small means"
+# Kernels may take smaller groups than the device.
+section_groups() {
+    local digest=$whole preset
+    for preset in fast voxel; do
+        fresh=("$cln" train "$work/scene" -o "$work/run" --preset "$preset" --rays 256 --steps 5
+            --skip-selftest --progress none --tune WG=16)
+        rm -rf "$work/run"
+        run "${fresh[@]}"
+        digest=$(digest "$work/run")
+        rm -rf "$work/run"
+        run env LD_PRELOAD="$shim" FAULT_GROUPS=4 "${fresh[@]}"
+        check "$preset: groups of 4 train" [ "$rc" = 0 ]
+        check "$preset: to the same weights" [ "$(digest "$work/run")" = "$digest" ]
+    done
+    run env LD_PRELOAD="$shim" FAULT_GROUPS=4 "${fresh[@]}" -o "$work/refused" --tune SG=16
+    check "a group that a kernel is built for is refused" \
+        said "takes groups of at most 4 work-items there, not 16"
+    printf '* | * | * | SG=16\n' >"$work/rows"
+    rm -rf "$work/run"
+    run env LD_PRELOAD="$shim" FAULT_GROUPS=4 "${fresh[@]:0:${#fresh[@]}-2}" --tune-file "$work/rows"
+    check "a row of it gives way to plain parameters" said "plain ones are used"
+    check "which train" [ "$rc" = 0 ]
+}
+
+all="kill disk memory device nan files changing signals clock results small means groups"
 whole_run
 run_sections "$all" "$@"

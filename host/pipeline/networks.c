@@ -509,7 +509,7 @@ static cln_status see(cln_pipeline *p, int first, int end)
     const cl_uint n1 = (cl_uint)p->config.n1, views = (cl_uint)p->training_views;
     const cl_uint cells = n1 * n1 * n1, from = (cl_uint)first;
     const cl_uint total = end > first ? (cl_uint)(end - first) * cells : 0;
-    const size_t wg = 64;
+    const size_t wg = (size_t)p->tune.wg;
 
     return CLN_LAUNCH(p->device, p->k.stats_seen, CLN_STAGE_STRUCTURE, cln_groups(total, wg), wg,
                       CLN_ARG(p->cameras.mem), CLN_ARG(p->boxes.mem), CLN_LEAF_ARG(p, seen),

@@ -373,6 +373,30 @@ static void move_programs(cln_pipeline *from, cln_pipeline *to, uint32_t set)
         }
 }
 
+/* A kernel may take smaller groups than its device does, by its registers or local memory. Lowers
+ * WG to what it takes. CLN_BUILD: its group is part of its text (LS, SG). */
+static cln_status fit_kernel(cln_pipeline *p, cl_kernel kernel, const char *name)
+{
+    cln_status st = CLN_OK;
+    const cl_device_id id = p->device->id;
+    size_t most = 0, fixed[3] = {0};
+
+    if (clGetKernelWorkGroupInfo(kernel, id, CL_KERNEL_WORK_GROUP_SIZE, sizeof most, &most, NULL) !=
+            CL_SUCCESS ||
+        most == 0)
+        return CLN_OK; /* its launch will tell */
+    clGetKernelWorkGroupInfo(kernel, id, CL_KERNEL_COMPILE_WORK_GROUP_SIZE, sizeof fixed, fixed,
+                             NULL);
+    if (fixed[0] > most)
+        CLN_TRY(cln_fail(CLN_BUILD,
+                         "kernel %s takes groups of at most %zu work-items there, not %zu", name,
+                         most, fixed[0]));
+    while (fixed[0] == 0 && (size_t)p->tune.wg > most)
+        p->tune.wg /= 2;
+done:
+    return st;
+}
+
 /* Builds the programs and kernels that are needed and missing. */
 static cln_status build(cln_pipeline *p)
 {
@@ -394,8 +418,10 @@ static cln_status build(cln_pipeline *p)
     for (int i = 0; i < KERNELS; i++) {
         const cln_program *program = program_of(p, (int)kernels[i].program);
 
-        if (!*kernel_of(p, i) && program->program && is_true(p, kernels[i].when))
-            CLN_TRY(cln_kernel_create(program, kernels[i].name, kernel_of(p, i)));
+        if (*kernel_of(p, i) || !program->program || !is_true(p, kernels[i].when))
+            continue;
+        CLN_TRY(cln_kernel_create(program, kernels[i].name, kernel_of(p, i)));
+        CLN_TRY(fit_kernel(p, *kernel_of(p, i), kernels[i].name));
     }
 done:
     for (int i = 0; i < TEXTS; i++)

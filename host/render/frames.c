@@ -250,7 +250,7 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
         keys = *out;
         memset(out, 0, sizeof *out);
         CLN_TRY(cln_frames_through(&keys, desc->interpolate,
-                                   seen.to - seen.from >= 360 ? &seen : NULL, out));
+                                   seen.to - seen.from >= 360 ? &seen : NULL, seen.up, out));
         out->poses = "path";
         out->fps = keys.fps;
         out->crop = keys.crop;

@@ -9,10 +9,11 @@
 #include "base/memory.h"
 #include "scene/vectors.h"
 
-/* Numbers of a key: position, unit quaternion w x y z, distance from the target (0 without one).
- * Around a target, the quaternion is relative to a level camera that looks at it from the same
- * position. */
-enum { DISTANCE = 7, PARTS };
+/* Numbers of a key: position, unit quaternion w x y z, distance from the target (0 without one),
+ * the sine and cosine of the roll against a level camera of the same direction, times how far it
+ * looks from straight up or down (0 to 1), where there is no roll. Around a target, the quaternion
+ * is relative to a level camera that looks at it from the same position. */
+enum { DISTANCE = 7, ROLL, PARTS = ROLL + 2 };
 
 typedef struct key {
     double at, part[PARTS], slope[PARTS];
@@ -49,6 +50,50 @@ static void look(const cln_orbit_frame *around, const double c2w[12], double axe
     }
 }
 
+/* The level axes right and down of a camera's direction. Returns the sine of its angle with up, 0 if
+ * there are none. */
+static double level(const double up[3], const double c2w[12], double right[3], double down[3])
+{
+    const double forward[3] = {c2w[2], c2w[6], c2w[10]};
+    double sine = 0;
+
+    cln_cross(forward, up, right);
+    sine = sqrt(cln_dot(right, right));
+    if (!cln_normalise(right))
+        return 0;
+    cln_cross(forward, right, down);
+    return sine;
+}
+
+/* The angle by which a camera's x axis is turned from level to down. */
+static double roll_of(const double c2w[12], const double right[3], const double down[3])
+{
+    const double x[3] = {c2w[0], c2w[4], c2w[8]};
+
+    return atan2(cln_dot(x, down), cln_dot(x, right));
+}
+
+/* Turns a camera about its direction so that its roll is the keys': between directions that are far
+ * apart, the quaternions' straight way rolls level cameras. */
+static void keep_roll(const double up[3], const double roll[2], double c2w[12])
+{
+    double right[3], down[3], turn = 0;
+    const double sine = level(up, c2w, right, down), known = hypot(roll[0], roll[1]);
+    const double weight =
+        fmin(1, 2 * fmin(sine, known)); /* less within 30 degrees of up and down */
+
+    if (!(weight > 1e-6))
+        return;
+    turn = atan2(roll[0], roll[1]) - roll_of(c2w, right, down);
+    turn = weight * remainder(turn, 2 * acos(-1));
+    for (int a = 0; a < 12; a += 4) {
+        const double x = c2w[a], y = c2w[a + 1];
+
+        c2w[a] = cos(turn) * x + sin(turn) * y;
+        c2w[a + 1] = cos(turn) * y - sin(turn) * x;
+    }
+}
+
 /* Turns the rotation R of a pose into one relative to the axes, axes^T R, or back, axes R. */
 static void turn(double axes[3][3], bool back, double c2w[12])
 {
@@ -78,7 +123,7 @@ static cln_status place_keys(int n, key *keys)
             const double d = keys[i].part[a] - keys[i - 1].part[a];
 
             square += a < 3 ? d * d : 0;
-            cosine += a < 3 || a == DISTANCE ? 0 : keys[i].part[a] * keys[i - 1].part[a];
+            cosine += a < 3 || a >= DISTANCE ? 0 : keys[i].part[a] * keys[i - 1].part[a];
         }
         apart[i][0] = sqrt(square);
         apart[i][1] = 2 * acos(fmin(1, fabs(cosine)));
@@ -115,7 +160,7 @@ static void find_slopes(int n, key *keys)
 }
 
 static void pose_at(const key *a, const key *b, double at, const cln_orbit_frame *around,
-                    double c2w[12])
+                    const double *up, double c2w[12])
 {
     const double h = b->at - a->at, u = (at - a->at) / h, v = 1 - u;
     double part[PARTS], axes[3][3], square = 0;
@@ -145,15 +190,43 @@ static void pose_at(const key *a, const key *b, double at, const cln_orbit_frame
         look(around, c2w, axes);
         turn(axes, true, c2w);
     }
+    if (up)
+        keep_roll(up, part + ROLL, c2w);
 }
 
-static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *around, key *keys)
+/* Whether the keys look at what others stand around, as they do not from within a room. */
+static bool look_at_it(const cln_frames *from, const cln_orbit_frame *around)
+{
+    double sum = 0;
+
+    for (int i = 0; i < from->count; i++) {
+        const double *c2w = from->frame[i].camera.c2w;
+        const double forward[3] = {c2w[2], c2w[6], c2w[10]};
+        double to[3];
+
+        for (int a = 0; a < 3; a++)
+            to[a] = around->target[a] - c2w[4 * a + 3];
+        if (cln_normalise(to))
+            sum += cln_dot(to, forward);
+    }
+    return sum > 0.5 * from->count;
+}
+
+static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *around, const double *up,
+                            key *keys)
 {
     for (int i = 0; i < from->count; i++) {
         double cosine = 0, square = 0, axes[3][3], c2w[12];
 
         memcpy(c2w, from->frame[i].camera.c2w, sizeof c2w);
+        if (up) {
+            double right[3], down[3];
+            const double sine = level(up, c2w, right, down);
+            const double roll = sine > 0 ? roll_of(c2w, right, down) : 0;
 
+            keys[i].part[ROLL] = sine * sin(roll);
+            keys[i].part[ROLL + 1] = sine * cos(roll);
+        }
         if (around) {
             look(around, c2w, axes);
             turn(axes, false, c2w);
@@ -174,7 +247,14 @@ static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *aroun
     return place_keys(from->count, keys);
 }
 
-/* The first key's camera; a pinhole if other keys have another lens. */
+/* The shorter one: of keys of another shape as much is seen along it, by square pixels. */
+static double side_of(const cln_camera *c)
+{
+    return c->width < c->height ? c->width : c->height;
+}
+
+/* The first key's camera. If other keys have another lens, a pinhole: the first key's that has
+ * none but a panorama's or, without one, of 90 degrees. */
 static cln_camera lens_of(const cln_frames *keys)
 {
     cln_camera c = keys->frame[0].camera;
@@ -186,24 +266,36 @@ static cln_camera lens_of(const cln_frames *keys)
         same = same && other->lens == c.lens &&
                memcmp(other->distortion, c.distortion, sizeof c.distortion) == 0;
     }
+    for (int i = keys->count - 1; i >= 0 && !same; i--)
+        if (keys->frame[i].camera.lens != CLN_LENS_EQUIRECTANGULAR)
+            c = keys->frame[i].camera;
     if (!same) {
+        if (c.lens == CLN_LENS_EQUIRECTANGULAR)
+            c.fx = c.fy = side_of(&c) / 2;
         c.lens = CLN_LENS_OPENCV;
         memset(c.distortion, 0, sizeof c.distortion);
     }
     return c;
 }
 
-/* The shorter one: of keys of another shape as much is seen along it, by square pixels. */
-static double side_of(const cln_camera *c)
+/* Focal lengths of a key along a path of this lens, over the shorter side: a panorama's is none of
+ * a pinhole. */
+static void focal_of(const cln_camera *of, const cln_camera *path, double focal[2])
 {
-    return c->width < c->height ? c->width : c->height;
+    const bool other =
+        of->lens == CLN_LENS_EQUIRECTANGULAR && path->lens != CLN_LENS_EQUIRECTANGULAR;
+    const cln_camera *from = other ? path : of;
+
+    focal[0] = from->fx / side_of(from);
+    focal[1] = from->fy / side_of(from);
 }
 
 cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit_frame *around,
-                              cln_frames *out)
+                              const double *up, cln_frames *out)
 {
     cln_status st = CLN_OK;
     const int n = from->count;
+    const cln_camera lens = n > 0 ? lens_of(from) : (cln_camera){0};
     key *keys = NULL;
     int segment = 0;
 
@@ -212,25 +304,26 @@ cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit
                          "--interpolate: a path needs at least two poses, not %d; "
                          "choose others with --split or --poses",
                          n));
+    if (around && !look_at_it(from, around))
+        around = NULL;
     CLN_TRY(cln_alloc(&keys, (size_t)n, sizeof *keys, "path"));
-    CLN_TRY(make_keys(from, around, keys));
+    CLN_TRY(make_keys(from, around, up, keys));
     find_slopes(n, keys);
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {
         const double at = count > 1 ? keys[n - 1].at * i / (count - 1) : 0;
-        const cln_camera *a = NULL, *b = NULL;
         cln_camera *c = &out->frame[i].camera;
-        double u = 0;
+        double u = 0, a[2], b[2];
 
         while (segment < n - 2 && keys[segment + 1].at <= at)
             segment++;
-        a = &from->frame[segment].camera;
-        b = &from->frame[segment + 1].camera;
         u = (at - keys[segment].at) / (keys[segment + 1].at - keys[segment].at);
-        *c = lens_of(from);
-        c->fx = side_of(c) * ((1 - u) * a->fx / side_of(a) + u * b->fx / side_of(b));
-        c->fy = side_of(c) * ((1 - u) * a->fy / side_of(a) + u * b->fy / side_of(b));
-        pose_at(&keys[segment], &keys[segment + 1], at, around, c->c2w);
+        *c = lens;
+        focal_of(&from->frame[segment].camera, &lens, a);
+        focal_of(&from->frame[segment + 1].camera, &lens, b);
+        c->fx = side_of(c) * ((1 - u) * a[0] + u * b[0]);
+        c->fy = side_of(c) * ((1 - u) * a[1] + u * b[1]);
+        pose_at(&keys[segment], &keys[segment + 1], at, around, up, c->c2w);
         CLN_TRY(cln_asprintf(&out->frame[i].name, "path_%04d", i));
     }
 done:

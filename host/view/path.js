@@ -9,6 +9,23 @@
 const spline = (a, b, c, d, t) => b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d +
   t * (3 * (b - c) + d - a)));
 
+/* Sine and cosine of a camera's roll against a level one of its direction, times the sine of that
+ * direction's angle with up. */
+function rollOf(r) {
+  const right = cross(r[2], facts.up);
+  return [dot(r[0], cross(r[2], right)), dot(r[0], right)];
+}
+
+/* Turned about its direction so that its roll is the keys': between directions that are far apart,
+ * the quaternions' straight way rolls level cameras. As in render/path.c. */
+function keepRoll(r, roll) {
+  const now = rollOf(r);
+  const weight = Math.min(1, 2 * Math.min(Math.hypot(...now), Math.hypot(...roll)));
+  if (!(weight > 1e-6)) return r;
+  const angle = (Math.atan2(...roll) - Math.atan2(...now)) / (2 * Math.PI);
+  return r.map((v) => turn(v, r[2], weight * 2 * Math.PI * (angle - Math.round(angle))));
+}
+
 /* The path's camera at a share 0..1 of its time. */
 function along(share) {
   const n = keyframes.length, closed = $('cycle').checked, spans = closed ? n : n - 1;
@@ -20,7 +37,8 @@ function along(share) {
     if (turns[k].reduce((sum, v, a) => sum + v * turns[k - 1][a], 0) < 0)
       turns[k] = turns[k].map((v) => -v);
   const mix = (values) => values[0].map((_, a) => spline(...values.map((v) => v[a]), t));
-  return {p: mix(four.map((k) => k.p)), r: fromQuaternion(mix(turns)),
+  return {p: mix(four.map((k) => k.p)),
+    r: keepRoll(fromQuaternion(mix(turns)), mix(four.map((k) => rollOf(k.r)))),
     fov: clamp(mix(four.map((k) => [k.fov]))[0], 1, 170),
     distance: Math.max(mix(four.map((k) => [k.distance]))[0], 1e-4 * facts.distance)};
 }

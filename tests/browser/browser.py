@@ -450,6 +450,25 @@ def make_path(page):
     time.sleep(1)
     page.settle()
     page.check('it plays to the end', moved(page.pose(), page.js('return toPose(along(1))')) < 1e-9)
+    rolls = page.js("""
+        const before = keyframes, start = copy(camera);
+        level();
+        const level0 = copy(camera);
+        keyframes = [0, 2.6, 5].map((angle) => {
+          const c = copy(level0);
+          c.r = c.r.map((v) => turn(v, facts.up, angle));
+          return c;
+        });
+        const at = Array.from({length: 41}, (_, i) => along(i / 40));
+        const least = Math.min(...at.map((c) => size(cross(c.r[2], facts.up))));
+        const most = Math.max(...at.map((c) => Math.abs(dot(c.r[0], facts.up))));
+        const off = Math.max(...[0, 20, 40].map((i, k) =>
+          size(add(at[i].r[0], keyframes[k].r[0], -1))));
+        keyframes = before;
+        camera = start;
+        return [least, most, off]""")
+    page.check('between level views it is level', rolls[0] > 0.5 and rolls[1] < 1e-9, rolls)
+    page.check('and meets them', rolls[2] < 1e-9, rolls)
 
 
 def come_back(page):

@@ -364,7 +364,7 @@ static void read_poses(void)
 
         if (!refused(cln_frames_read(chosen->files[i], 80, 60, &keys))) {
             check_frames(&keys);
-            if (keys.count < 100 && !refused(cln_frames_through(&keys, 7, NULL, &path)))
+            if (keys.count < 100 && !refused(cln_frames_through(&keys, 7, NULL, NULL, &path)))
                 check_frames(&path);
         }
         cln_frames_free(&keys);

@@ -312,7 +312,7 @@ static void test_through(void **state)
         aim(at, to, 0.1 * i, &keys[i].camera);
         keys[i].camera.fx = 50 + i;
     }
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
     assert_int_equal(f.count, COUNT);
     for (int i = 0; i < KEYS; i++)
         assert_true(most_apart(&f.frame[10 * i].camera, &keys[i].camera) < 1e-9);
@@ -329,7 +329,7 @@ static void test_through(void **state)
         keys[i].camera.height = i % 2 ? 32 : 24;
         keys[i].camera.fx = keys[i].camera.fy = 50;
     }
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++) {
         const cln_camera *c = &f.frame[i].camera;
 
@@ -338,12 +338,12 @@ static void test_through(void **state)
     }
     cln_frames_free(&f);
     keys[2].camera = keys[1].camera;
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++)
         assert_rigid(&f.frame[i].camera);
     cln_frames_free(&f);
-    assert_int_equal(cln_frames_through(&(cln_frames){.count = 1, .frame = keys}, 5, NULL, &f),
-                     CLN_USAGE);
+    assert_int_equal(
+        cln_frames_through(&(cln_frames){.count = 1, .frame = keys}, 5, NULL, NULL, &f), CLN_USAGE);
     cln_clear_error();
 }
 
@@ -363,7 +363,7 @@ static void test_turns(void **state)
 
         aim(at, (double[3]){at[0] + sin(turn), at[1] + cos(turn), at[2]}, 0, &keys[i].camera);
     }
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
     assert_true(most_apart(&f.frame[10].camera, &keys[1].camera) < 1e-9);
     for (int i = 1; i < COUNT; i++) {
         const double *before = f.frame[i - 1].camera.c2w, *now = f.frame[i].camera.c2w;
@@ -464,7 +464,7 @@ static void test_around(void **state)
     }
     for (int a = 0; a < 3; a++)
         middle.c2w[4 * a + 3] = around.target[a];
-    assert_int_equal(cln_frames_through(&from, COUNT, &around, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, &around, NULL, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++) {
         const cln_camera *c = &f.frame[i].camera;
         const double away[3] = {1 - c->c2w[3], 2 - c->c2w[7], 3 - c->c2w[11]};
@@ -475,6 +475,82 @@ static void test_around(void **state)
         assert_true(cln_dot(away, axis) / sqrt(17) > 0.99999);
     }
     assert_true(most_apart(&f.frame[COUNT - 1].camera, &keys[KEYS - 1].camera) < 1e-9);
+    cln_frames_free(&f);
+}
+
+/* Level cameras that look around in a room, up to 170 degrees apart and up or down: so does the path
+ * between them, whose keys it meets; one that is rolled, or looks almost straight down, counts as it is. */
+static void test_level(void **state)
+{
+    static const double turn[] = {0, 150, 280, 110, 100, 90}, rise[] = {20, -30, 25, 0, 0, -89};
+    enum { KEYS = sizeof turn / sizeof *turn, COUNT = 101 };
+    static const double up[3] = {0, 0, 1};
+    cln_frame keys[KEYS];
+    cln_frames from = {.count = KEYS - 1, .frame = keys}, f = {0};
+    int rolled = 0;
+
+    (void)state;
+    memset(keys, 0, sizeof keys);
+    for (int i = 0; i < KEYS; i++) {
+        const double at[3] = {0.1 * i, 0, 1}, out = cos(rise[i] * DEGREE);
+        const double to[3] = {at[0] + out * sin(turn[i] * DEGREE), out * cos(turn[i] * DEGREE),
+                              at[2] + sin(rise[i] * DEGREE)};
+
+        aim(at, to, 0, &keys[i].camera);
+    }
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    for (int i = 0; i < COUNT; i++) /* without an up it rolls */
+        rolled += fabs(f.frame[i].camera.c2w[8]) > 0.2;
+    assert_true(rolled > COUNT / 10);
+    cln_frames_free(&f);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, up, &f), CLN_OK);
+    for (int i = 0; i < COUNT; i++) {
+        const double *c2w = f.frame[i].camera.c2w;
+
+        assert_rigid(&f.frame[i].camera);
+        assert_true(fabs(c2w[8]) < 1e-9 || hypot(c2w[2], c2w[6]) < 0.5); /* x is level */
+        assert_true(c2w[9] < 0);                                         /* down is down */
+    }
+    assert_true(most_apart(&f.frame[0].camera, &keys[0].camera) < 1e-9);
+    assert_true(most_apart(&f.frame[COUNT - 1].camera, &keys[KEYS - 2].camera) < 1e-9);
+    cln_frames_free(&f);
+    from.count = KEYS;
+    aim((double[3]){0.3, 0, 1}, (double[3]){1.3, 0, 1}, 0.3, &keys[3].camera);
+    for (int key = 3; key < KEYS; key += 2) { /* the end of a path */
+        from.count = key + 1;
+        assert_int_equal(cln_frames_through(&from, COUNT, NULL, up, &f), CLN_OK);
+        assert_true(most_apart(&f.frame[COUNT - 1].camera, &keys[key].camera) < 1e-9);
+        for (int i = 0; i < COUNT; i++)
+            assert_rigid(&f.frame[i].camera);
+        cln_frames_free(&f);
+    }
+}
+
+/* Keys of a panorama and of pinholes: the path is of the pinholes' focal length. */
+static void test_through_panoramas(void **state)
+{
+    enum { KEYS = 3, COUNT = 9 };
+    cln_frame keys[KEYS];
+    const cln_frames from = {.count = KEYS, .frame = keys};
+    cln_frames f = {0};
+
+    (void)state;
+    memset(keys, 0, sizeof keys);
+    for (int i = 0; i < KEYS; i++)
+        aim((double[3]){i, 0, 0}, (double[3]){i, 1, 0}, 0, &keys[i].camera);
+    keys[0].camera.lens = CLN_LENS_EQUIRECTANGULAR;
+    keys[0].camera.width = 240;
+    keys[0].camera.height = 120;
+    keys[0].camera.fx = keys[0].camera.fy = 240 / (2 * acos(-1));
+    keys[1].camera.fx = keys[1].camera.fy = keys[2].camera.fx = keys[2].camera.fy = 70;
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    for (int i = 0; i < COUNT; i++) {
+        const cln_camera *c = &f.frame[i].camera;
+
+        assert_int_equal(c->lens, CLN_LENS_OPENCV);
+        assert_true(c->width == keys[1].camera.width && c->height == keys[1].camera.height);
+        assert_true(fabs(c->fx - 70) < 1e-9 && fabs(c->fy - 70) < 1e-9);
+    }
     cln_frames_free(&f);
 }
 
@@ -679,6 +755,8 @@ int test_group_frames(void)
                                        ON_DISK(test_path_with_crop),
                                        ON_DISK(test_nerfstudios_frame),
                                        cmocka_unit_test(test_through),
+                                       cmocka_unit_test(test_level),
+                                       cmocka_unit_test(test_through_panoramas),
                                        cmocka_unit_test(test_turns),
                                        cmocka_unit_test(test_around),
                                        cmocka_unit_test(test_orbit_lens),

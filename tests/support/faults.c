@@ -16,6 +16,7 @@
  *                   then on (FAULT_CALL=clock)
  *            tick   the clock stands still, but a second passes in each training step, a hundred
  *                   in the K-th
+ *   FAULT_GROUPS=N  kernels take groups of at most N work-items, and say so
  *   FAULT_SPEED=N   the program's clock runs N times as fast: checkpoints by time come often
  *   FAULT_LOG=FILE  written at the end: "KIND CALLS", of the failed call also its name
  *
@@ -55,6 +56,7 @@ extern void *__libc_memalign(size_t alignment, size_t bytes);
 
 static unsigned wanted;
 static long fault_at, speed = 1;
+static size_t most_group;
 static const char *fault_do = "once";
 static char failed[96];
 static atomic_long calls, ticks;
@@ -96,6 +98,7 @@ __attribute__((constructor)) static void begin(void)
     fault_at = at ? atol(at) : 0;
     fault_do = how ? how : fault_do;
     ticking = strcmp(fault_do, "tick") == 0;
+    most_group = getenv("FAULT_GROUPS") ? (size_t)atol(getenv("FAULT_GROUPS")) : 0;
     speed = getenv("FAULT_SPEED") ? atol(getenv("FAULT_SPEED")) : 1;
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
         if (call && strcmp(call, names[i]) == 0)
@@ -681,6 +684,19 @@ CL_API_ENTRY cl_int CL_API_CALL clSetKernelArg(cl_kernel kernel, cl_uint at, siz
     return real(kernel, at, bytes, value);
 }
 
+CL_API_ENTRY cl_int CL_API_CALL clGetKernelWorkGroupInfo(cl_kernel kernel, cl_device_id device,
+                                                         cl_kernel_work_group_info what,
+                                                         size_t bytes, void *value, size_t *needed)
+{
+    REAL(clGetKernelWorkGroupInfo);
+    const cl_int code = real(kernel, device, what, bytes, value, needed);
+
+    if (code == CL_SUCCESS && what == CL_KERNEL_WORK_GROUP_SIZE && value && most_group &&
+        *(size_t *)value > most_group)
+        *(size_t *)value = most_group;
+    return code;
+}
+
 CL_API_ENTRY cl_int CL_API_CALL clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel,
                                                        cl_uint dims, const size_t *offset,
                                                        const size_t *global, const size_t *local,
@@ -689,10 +705,15 @@ CL_API_ENTRY cl_int CL_API_CALL clEnqueueNDRangeKernel(cl_command_queue queue, c
 {
     cl_int code = CL_SUCCESS;
     bool spoils = false;
+    size_t group = 1;
 
     REAL(clEnqueueNDRangeKernel);
     if (FAILS(DEVICE))
         return CL_OUT_OF_RESOURCES;
+    for (cl_uint i = 0; i < dims; i++)
+        group *= local ? local[i] : 1;
+    if (most_group && group > most_group)
+        return CL_INVALID_WORK_GROUP_SIZE;
     if (ticking)
         tick(kernel);
     spoils = wanted == LAUNCH && args_of(kernel)->count > 0 && FAILS(LAUNCH);
