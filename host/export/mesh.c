@@ -112,10 +112,11 @@ static void tell_cut(cln_export_job *job, const char *what, const double box[6],
         cut = cut || box[a] < core.centre[a] - core.half + 2 * cell ||
               box[3 + a] > core.centre[a] + core.half - 2 * cell;
     if (model->space.shell && cut)
-        cln_warn("%s: it ends at the faces of the cube (half side %.6g), as what lies beyond the "
-                 "cube, in its shell, is left out. A larger one has more of it: train with --space "
-                 "shell and --bbox; `cl-nascent check SCENE` proposes a box",
-                 what, core.half);
+        cln_warn(
+            "%s: it ends at the faces of the cube (half side %.6g), as what lies beyond the "
+            "cube, in its shell, is left out. If it is a surface that ends there, train with a "
+            "larger --bbox; if it is haze behind walls, cut it off with --crop",
+            what, core.half);
     else if (model->space.shell)
         cln_info("%s: what lies beyond the cube, in its shell, is left out", what);
     else if (model->has_alpha && cut)

@@ -121,7 +121,9 @@ cln_status cln_hold(const char *folder, const char *does, const char *instead, i
     do {
         if (file >= 0)
             close(file);
-        file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+        file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
+        if (file < 0 && errno == ELOOP)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s is a link, not a lock; remove it", path));
         if (file < 0)
             CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be written: %s", path, strerror(errno)));
         refused = take_lock(file);

@@ -139,9 +139,39 @@ bool cln_run_is_held(const char *run)
     return cln_held_by(run) == CLN_HOLDER_ANOTHER;
 }
 
+/* Training appends to, replaces and removes these: not what lies elsewhere, as of a run that was
+ * made of links to another. */
+static cln_status refuse_links(const char *run)
+{
+    static const char *const names[] = {"metrics.jsonl", "checkpoint", "eval", "at"};
+    cln_status st = CLN_OK;
+    struct stat info;
+    char *path = NULL;
+
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, run, names[i]));
+        if (lstat(path, &info) == 0 && S_ISLNK(info.st_mode))
+            CLN_TRY(cln_fail(CLN_OUTPUT,
+                             "%s is a link, and training would change what it leads to; put a copy "
+                             "in its place, or link the whole run",
+                             path));
+    }
+done:
+    free(path);
+    return st;
+}
+
 cln_status cln_run_hold(const char *run, int *lock)
 {
-    return cln_hold(run, trains, "", lock);
+    cln_status st = CLN_OK;
+
+    *lock = -1;
+    CLN_TRY(refuse_links(run));
+    CLN_TRY(cln_hold(run, trains, "", lock));
+done:
+    return st;
 }
 
 void cln_run_release(int lock)

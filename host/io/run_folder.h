@@ -17,7 +17,8 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty);
 cln_status cln_run_open(const char *run, bool resume);
 
 /* Holds RUN for this process alone, until cln_run_release or the process ends in any way: by a lock
- * on RUN/lock, which names the process. CLN_OUTPUT names the process that holds it already. Warns
+ * on RUN/lock, which names the process. CLN_OUTPUT names the process that holds it already, or
+ * what of RUN is a link to elsewhere. Warns
  * on a file system without locks. The caller releases *lock. */
 cln_status cln_run_hold(const char *run, int *lock);
 void cln_run_release(int lock); /* accepts a negative one */

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
@@ -189,6 +190,17 @@ static double stray_parameter(const source *src, const listed *list, const char 
     return json_number_value(own);
 }
 
+/* What other programs call a panorama; "" and NULL are none. */
+static bool is_panorama(const char *name)
+{
+    static const char *const names[] = {"SPHERICAL", "EQUIRECT", "PANO", "PANORAMA", "360"};
+
+    for (size_t i = 0; i < sizeof names / sizeof *names && name; i++)
+        if (strncasecmp(name, names[i], strlen(names[i])) == 0)
+            return true;
+    return false;
+}
+
 /* Reads the lens model, OPENCV if none is named, and its parameters; refuses parameters that the
  * model lacks. k, alpha and beta are not looked for: other programs' keys may have these names. */
 static cln_status read_lens(const source *src, cln_camera *camera)
@@ -215,6 +227,11 @@ static cln_status read_lens(const source *src, cln_camera *camera)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: camera_model must be a string", src->where));
         camera->lens = cln_lens_find(json_string_value(named));
     }
+    if (camera->lens == CLN_LENSES && is_panorama(json_string_value(named)))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: camera_model %s is not known; that of a panorama is EQUIRECTANGULAR: "
+                         "write that in its place",
+                         src->where, json_string_value(named)));
     if (camera->lens == CLN_LENSES || value_of(src, "ftheta_p0"))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: cameras of camera_model %s are not read, only %s; undistort the "

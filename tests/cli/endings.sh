@@ -284,6 +284,28 @@ section_reused() {
     rm "$work/scene/cl-nascent.conf"
 }
 
+# A run whose parts are links to another's: training would change that one.
+section_links() {
+    local name
+    scene
+    run "$cln" train "$work/scene" -o "$work/theirs" "${tiny[@]}" --steps 4
+    echo precious >"$work/precious"
+    for name in lock metrics.jsonl checkpoint; do
+        rm -rf "$work/mine"
+        cp -r "$work/theirs" "$work/mine"
+        rm -rf "$work/mine/$name"
+        ln -s "$work/precious" "$work/mine/$name"
+        [ "$name" != checkpoint ] || ln -sfn "$work/theirs/checkpoint" "$work/mine/checkpoint"
+        expect "a $name that is a link" 7 "~mine/$name.is.a.link" \
+            "$cln" train --resume "$work/mine" --steps +4
+    done
+    check "what it leads to is as it was" [ "$(cat "$work/precious")" = precious ]
+    check "of checkpoints, too" [ "$(ls "$work/theirs/checkpoint")" = \
+        "$(printf '%s\n' 00000004.json 00000004.safetensors latest)" ]
+    ln -s theirs "$work/whole"
+    expect "a link to a whole run" 0 "" "$cln" train --resume "$work/whole" --steps +4
+}
+
 # --target-psnr by itself is looked for at steps; and what is measured needs test views.
 section_target() {
     scene
@@ -577,5 +599,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued reused target points kept disk cache \
+run_sections "killed short doubtful exposure again requeued reused links target points kept disk cache \
     shared memory demo" "$@"

@@ -224,7 +224,9 @@ section_scenes() {
     check "it prints no figures" [ ! -s "$work/out" ]
 
     cp -r "$s" "$work/round"
-    sed -i 's/"frames"/"camera_model": "EQUIRECTANGULAR", &/' "$work/round"/transforms_*.json
+    sed -i 's/"frames"/"camera_model": "spherical", &/' "$work/round"/transforms_*.json
+    expect "a panorama by another name" 3 "~is.EQUIRECTANGULAR" "$cln" info "$work/round"
+    sed -i 's/"spherical"/"EQUIRECTANGULAR"/' "$work/round"/transforms_*.json
     expect "check of panoramas" 0 "" "$cln" check "$work/round" --probe 0
     check "their field of view is not spoken of" eval \
         'printed "inside the cube" && ! printed "nan" && ! printed "field of view"'

@@ -478,8 +478,9 @@ static void test_around(void **state)
     cln_frames_free(&f);
 }
 
-/* Level cameras that look around in a room, up to 170 degrees apart and up or down: so does the path
- * between them, whose keys it meets; one that is rolled, or looks almost straight down, counts as it is. */
+/* Level cameras that look around in a room, up to 170 degrees apart and up or down: so does the
+ * path between them, whose keys it meets; one that is rolled, or looks almost straight down, counts
+ * as it is. */
 static void test_level(void **state)
 {
     static const double turn[] = {0, 150, 280, 110, 100, 90}, rise[] = {20, -30, 25, 0, 0, -89};
