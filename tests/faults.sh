@@ -400,7 +400,8 @@ section_groups() {
         said "takes groups of at most 4 work-items there, not 16"
     printf '* | * | * | SG=16\n' >"$work/rows"
     rm -rf "$work/run"
-    run env LD_PRELOAD="$shim" FAULT_GROUPS=4 "${fresh[@]:0:${#fresh[@]}-2}" --tune-file "$work/rows"
+    unset 'fresh[-1]' 'fresh[-1]' # --tune
+    run env LD_PRELOAD="$shim" FAULT_GROUPS=4 "${fresh[@]}" --tune-file "$work/rows"
     check "a row of it gives way to plain parameters" said "plain ones are used"
     check "which train" [ "$rc" = 0 ]
 }

@@ -50,8 +50,8 @@ static void look(const cln_orbit_frame *around, const double c2w[12], double axe
     }
 }
 
-/* The level axes right and down of a camera's direction. Returns the sine of its angle with up, 0 if
- * there are none. */
+/* The level axes right and down of a camera's direction. Returns the sine of its angle with up, 0
+ * if there are none. */
 static double level(const double up[3], const double c2w[12], double right[3], double down[3])
 {
     const double forward[3] = {c2w[2], c2w[6], c2w[10]};

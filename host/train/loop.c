@@ -414,16 +414,27 @@ static void say_how_to_keep(const cln_trainer *t)
                  (long long)kept, run);
 }
 
+/* Seconds that a device has worked; 0 of processors, whose threads are this process's. */
+static double device_seconds(const cln_trainer *t)
+{
+    double sum = 0;
+
+    for (int i = 0; i < CLN_STAGES && strcmp(t->device->info.type, "cpu") != 0; i++)
+        sum += t->device->stage_seconds[i];
+    return sum;
+}
+
 /* The moment from which on time is spent on training. */
 static double start_clock(cln_trainer *t)
 {
     t->cpu_began = cln_processor_seconds();
+    t->device_began = device_seconds(t);
     return cln_now();
 }
 
-/* Of so many seconds of a step, in which processors worked for some: those that this process stood
- * still, as after Ctrl-Z or in a container that was paused. The clock goes on then, but what takes
- * so much longer than the steps before, without work, was none of them. */
+/* Of so many seconds of a step, in which processors or the device worked for some: those that this
+ * process stood still, as after Ctrl-Z or in a container that was paused. The clock goes on then,
+ * but what takes so much longer than the steps before, without work, was none of them. */
 static double stood_still(const cln_trainer *t, double seconds, double worked)
 {
     const double least = 10, steps = (double)(t->model.step - t->from_step) - 1; /* before it */
@@ -439,7 +450,7 @@ static double stood_still(const cln_trainer *t, double seconds, double worked)
 static void spend(cln_trainer *t, double began)
 {
     const double seconds = cln_now() - began, worked = cln_processor_seconds() - t->cpu_began;
-    const double still = stood_still(t, seconds, worked);
+    const double still = stood_still(t, seconds, fmax(worked, device_seconds(t) - t->device_began));
 
     if (still > 0)
         cln_info("the process stood still for %.0f s at step %lld (stopped, or its machine was): "

@@ -59,6 +59,7 @@ typedef struct cln_trainer {
     int64_t from_step;            /* step that this process began after */
     double clock, from_clock;     /* training seconds by this rank's clock; at from_step */
     double cpu_began;             /* this process's, when `clock` last went on */
+    double device_began;          /* the device's, likewise */
     double cpu_seconds;           /* of processors for these; NaN if an earlier start tells none */
     double psnr_train, psnr_test; /* newest, NaN before */
     int psnr_train_steps;         /* steps that psnr_train is of; 0 before */

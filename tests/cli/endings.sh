@@ -599,5 +599,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued reused links target points kept disk cache \
-    shared memory demo" "$@"
+run_sections "killed short doubtful exposure again requeued reused links target points kept disk \
+    cache shared memory demo" "$@"

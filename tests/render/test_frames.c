@@ -372,6 +372,16 @@ static void test_turns(void **state)
         assert_true(fabs(acos(fmin(1, cosine)) - DEGREE) < 0.1 * DEGREE);
     }
     cln_frames_free(&f);
+    for (int i = 0; i < KEYS; i++) /* nearly once round: each turn is the shorter way */
+        aim(at, (double[3]){at[0] + sin(170 * i * DEGREE), at[1] + cos(170 * i * DEGREE), at[2]}, 0,
+            &keys[i].camera);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    for (int i = 1; i < COUNT; i++) {
+        const double *before = f.frame[i - 1].camera.c2w, *now = f.frame[i].camera.c2w;
+
+        assert_true(before[2] * now[6] - before[6] * now[2] < 0); /* all to the right */
+    }
+    cln_frames_free(&f);
 }
 
 /* An orbit's pictures: as wide as --fov says, else as the training views, pixels as they are. */
