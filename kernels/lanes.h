@@ -70,23 +70,25 @@ typedef vh vh_anywhere __attribute__((aligned(2), may_alias));
 
 /* Interleaves the lanes of a's and b's first halves (LO) or second halves (HI), in one instruction;
  * PoCL's shuffle2, .even and .odd take several. */
-#if defined(__x86_64__) || defined(__aarch64__)
-#define V_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
-#else
-#define V_SHUFFLE(a, b, ...) shuffle2(a, b, (vu)(__VA_ARGS__))
-#endif
 #if VW == 2
-#define V_ZIP_LO(a, b) V_SHUFFLE(a, b, 0, 2)
-#define V_ZIP_HI(a, b) V_SHUFFLE(a, b, 1, 3)
+#define V_FIRST  0, 2
+#define V_SECOND 1, 3
 #elif VW == 4
-#define V_ZIP_LO(a, b) V_SHUFFLE(a, b, 0, 4, 1, 5)
-#define V_ZIP_HI(a, b) V_SHUFFLE(a, b, 2, 6, 3, 7)
+#define V_FIRST  0, 4, 1, 5
+#define V_SECOND 2, 6, 3, 7
 #elif VW == 8
-#define V_ZIP_LO(a, b) V_SHUFFLE(a, b, 0, 8, 1, 9, 2, 10, 3, 11)
-#define V_ZIP_HI(a, b) V_SHUFFLE(a, b, 4, 12, 5, 13, 6, 14, 7, 15)
+#define V_FIRST  0, 8, 1, 9, 2, 10, 3, 11
+#define V_SECOND 4, 12, 5, 13, 6, 14, 7, 15
 #elif VW == 16
-#define V_ZIP_LO(a, b) V_SHUFFLE(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23)
-#define V_ZIP_HI(a, b) V_SHUFFLE(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31)
+#define V_FIRST  0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23
+#define V_SECOND 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31
+#endif
+#if defined(__x86_64__) || defined(__aarch64__)
+#define V_ZIP_LO(a, b) __builtin_shufflevector(a, b, V_FIRST)
+#define V_ZIP_HI(a, b) __builtin_shufflevector(a, b, V_SECOND)
+#else
+#define V_ZIP_LO(a, b) shuffle2(a, b, (vu)(V_FIRST))
+#define V_ZIP_HI(a, b) shuffle2(a, b, (vu)(V_SECOND))
 #endif
 
 /* V_IOTA: lane numbers 0 .. VW-1; V_SUM: the sum over lanes in a fixed order. */

@@ -86,8 +86,7 @@ sort_bench() {
 # the same for every build.
 kernel() {
     "$clang" -x cl -cl-std=CL1.2 -Xclang -finclude-default-header -fsyntax-only -Wall -Wextra \
-        -Werror \
-        -Wno-unused-function -Wno-unused-parameter "$@"
+        -Wpedantic -Werror -Wno-unused-function -Wno-unused-parameter "$@"
 }
 
 # Headers of a kernel file, in order: those that its first line names ("needs: leaves network"),

@@ -219,7 +219,7 @@ static cln_status run_shape(cln_device *device, const shape *s, cln_checks *c)
         device->tune_exact = true;
     }
     clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof largest, &largest, NULL);
-    if ((size_t)device->tune.ls > largest || (size_t)device->tune.wg > largest) {
+    if (s->tune && ((size_t)device->tune.ls > largest || (size_t)device->tune.wg > largest)) {
         cln_check_report(c, s->name, false, true, "the device allows no work-groups of this size");
         goto done;
     }

@@ -69,7 +69,9 @@ static cln_status make(cln_device *device, size_t bytes, const char *what, cl_me
         st = code == CL_OUT_OF_RESOURCES
                  ? cln_fail(CLN_MEMORY, "clCreateBuffer: %s (%d)", cln_cl_name(code), (int)code)
                  : cln_cl_failed("clCreateBuffer", code);
-        cln_note("allocating %.0f MiB for %s", (double)bytes / 1048576, what);
+        cln_note("allocating %.0f MiB for %s; if other programs have some of the device's memory, "
+                 "stay under the rest with --device-mem",
+                 (double)bytes / 1048576, what);
         return st;
     }
     device->allocated += bytes;

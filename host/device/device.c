@@ -178,6 +178,19 @@ static int keep_largest(const cl_device_id *ids, int *found, int count)
     return kept;
 }
 
+/* A listed device may be unusable: lost, or without a compiler (embedded profiles). NULL: it is
+ * not. */
+static const char *why_unusable(cl_device_id id)
+{
+    cl_bool available = CL_TRUE, compiler = CL_TRUE;
+
+    clGetDeviceInfo(id, CL_DEVICE_AVAILABLE, sizeof available, &available, NULL);
+    clGetDeviceInfo(id, CL_DEVICE_COMPILER_AVAILABLE, sizeof compiler, &compiler, NULL);
+    return !available  ? "it is not available now"
+           : !compiler ? "it has no OpenCL C compiler"
+                       : NULL;
+}
+
 /* Picks a device that matches: the first one; several ranks of this machine take turns. */
 static cln_status pick(const char *spec, const cl_device_id *ids, int count, int *out)
 {
@@ -193,7 +206,7 @@ static cln_status pick(const char *spec, const cl_device_id *ids, int count, int
                 cln_device_info info;
 
                 cln_device_describe(ids[i], &info);
-                if (strcmp(info.type, preference[p]) == 0)
+                if (strcmp(info.type, preference[p]) == 0 && !why_unusable(ids[i]))
                     found[found_count++] = i;
             }
         if (p == 3 && found_count > 1)
@@ -237,20 +250,15 @@ static cln_status limit_alloc(cln_device *device, const char *text)
     return CLN_OK;
 }
 
-/* A listed device may be unusable: lost, or without a compiler (embedded profiles). */
 static cln_status check_usable(const cln_device *device)
 {
-    cl_bool available = CL_TRUE, compiler = CL_TRUE;
+    const char *why = why_unusable(device->id);
 
-    clGetDeviceInfo(device->id, CL_DEVICE_AVAILABLE, sizeof available, &available, NULL);
-    clGetDeviceInfo(device->id, CL_DEVICE_COMPILER_AVAILABLE, sizeof compiler, &compiler, NULL);
-    if (available && compiler)
-        return CLN_OK;
-    return cln_fail(CLN_NO_DEVICE,
-                    "%s (%s): its driver says that %s; choose another with --device, "
-                    "`cl-nascent devices` lists them",
-                    device->info.name, device->info.platform,
-                    available ? "it has no OpenCL C compiler" : "it is not available now");
+    return !why ? CLN_OK
+                : cln_fail(CLN_NO_DEVICE,
+                           "%s (%s): its driver says that %s; choose another with --device, "
+                           "`cl-nascent devices` lists them",
+                           device->info.name, device->info.platform, why);
 }
 
 cln_status cln_device_check(const cln_device_desc *desc)
@@ -279,6 +287,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     cl_device_id *ids = NULL;
     cln_device *device = NULL;
     cl_ulong local = 0;
+    cl_bool unified = CL_FALSE;
     size_t group = 0;
     cl_int code = CL_SUCCESS;
     int count = 0, index = 0;
@@ -297,6 +306,8 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     clGetDeviceInfo(device->id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof local, &local, NULL);
     clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof group, &group, NULL);
     device->max_group = group ? group : 1;
+    clGetDeviceInfo(device->id, CL_DEVICE_HOST_UNIFIED_MEMORY, sizeof unified, &unified, NULL);
+    device->unified = unified || strcmp(device->info.type, "cpu") == 0;
     device->local_mem = (size_t)local;
     if (desc->max_alloc)
         CLN_TRY(limit_alloc(device, desc->max_alloc));
@@ -311,10 +322,12 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     CLN_TRY(cln_tune_rows_shipped(&device->rows[1]));
     CLN_TRY(cln_strdup(&device->kernel_dir, desc->kernel_dir));
     device->context = clCreateContext(NULL, 1, &device->id, NULL, NULL, &code);
-    CLN_CL(code);
+    if (code != CL_SUCCESS)
+        CLN_TRY(cln_cl_failed("clCreateContext", code));
     device->queue =
         clCreateCommandQueue(device->context, device->id, CL_QUEUE_PROFILING_ENABLE, &code);
-    CLN_CL(code);
+    if (code != CL_SUCCESS)
+        CLN_TRY(cln_cl_failed("clCreateCommandQueue", code));
     cln_debug("device %d: %s (%s, driver %s)", index, device->info.name, device->info.platform,
               device->info.driver);
     *out = device;

@@ -240,7 +240,8 @@ cln_status cln_program_build(cln_device *device, const char *name, const char *d
     s.text[0] = kept;
     out->program =
         clCreateProgramWithSource(device->context, (cl_uint)s.count, s.text, NULL, &code);
-    CLN_CL(code);
+    if (code != CL_SUCCESS)
+        CLN_TRY(cln_cl_failed("clCreateProgramWithSource", code));
     CLN_TRY(cln_cache_ready(device->info.platform, &device->cache_ready));
     CLN_TRY(cln_cache_take_turn(device->info.platform, false, device->callbacks, &device->turn));
     seconds = -cln_processor_seconds();

@@ -460,9 +460,9 @@ static void add_buffers(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
 /* ---- the host ---- */
 
-static bool is_cpu(const cln_plan_desc *d)
+static bool is_unified(const cln_plan_desc *d)
 {
-    return strcmp(d->pipeline->device->info.type, "cpu") == 0;
+    return d->pipeline->device->unified;
 }
 
 /* Bytes per pixel of an evaluated view: render, depth, opacity, truth, rounded, SSIM, PNG. */
@@ -532,7 +532,7 @@ static double most_bytes(const cln_plan_desc *d, const sizes *s, double limit)
 {
     cln_plan host = {.count = 0};
 
-    if (!is_cpu(d))
+    if (!is_unified(d))
         return limit;
     add_host(d, s, &host);
     return fmin(limit, host.limit - host.total);
@@ -584,7 +584,7 @@ static bool host_fits(const cln_plan_desc *d, const cln_plan *device_plan)
     cln_plan host = {.count = 0};
 
     add_host(d, &s, &host);
-    return host.total + (is_cpu(d) ? device_plan->total : 0) <= host.limit;
+    return host.total + (is_unified(d) ? device_plan->total : 0) <= host.limit;
 }
 
 /* Finds half of --batch-samples, and so on, by which the training is within the limits, the host's,
@@ -676,8 +676,8 @@ void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan
 
     memset(out, 0, sizeof *out);
     add_host(d, &s, out);
-    if (is_cpu(d)) {
-        row(out, CLN_PLAN_CPU, device_plan->rows[largest_row(device_plan)].way_out);
+    if (is_unified(d)) {
+        row(out, CLN_PLAN_SHARED, device_plan->rows[largest_row(device_plan)].way_out);
         add(out, device_plan->total);
     }
     if (d->training && out->total > out->limit)

@@ -16,7 +16,7 @@ enum { CLN_PLAN_ROWS = 12 };
 
 /* Purposes of two rows of the host's plan. */
 #define CLN_PLAN_IMAGES "images"
-#define CLN_PLAN_CPU    "the device's, a CPU"
+#define CLN_PLAN_SHARED "the device's, the same memory"
 
 /* Constants of the plans besides the settings. */
 enum {

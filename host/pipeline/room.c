@@ -237,8 +237,8 @@ static const char *largest(const cln_plan *device, const cln_plan *host)
         const int k = of_host ? i : i - host->count;
         const char *purpose = plan->rows[k].purpose;
 
-        if (strcmp(purpose, CLN_PLAN_IMAGES) == 0 || strcmp(purpose, CLN_PLAN_CPU) == 0 ||
-            (!of_host && strcmp(host->rows[host->count - 1].purpose, CLN_PLAN_CPU) != 0))
+        if (strcmp(purpose, CLN_PLAN_IMAGES) == 0 || strcmp(purpose, CLN_PLAN_SHARED) == 0 ||
+            (!of_host && strcmp(host->rows[host->count - 1].purpose, CLN_PLAN_SHARED) != 0))
             continue;
         if (plan->rows[k].bytes > most) {
             most = plan->rows[k].bytes;

@@ -27,6 +27,7 @@ static inline void make_fake(fake *f, const cln_config *config, double max_alloc
     f->device.info.max_alloc = max_alloc;
     f->device.info.global_mem = 8192 * MIB;
     f->device.max_alloc = (size_t)max_alloc;
+    f->device.unified = strcmp(type, "cpu") == 0;
     snprintf(f->device.info.type, sizeof f->device.info.type, "%s", type);
     snprintf(f->device.info.name, sizeof f->device.info.name, "a device");
     f->device.tune =
