@@ -42,7 +42,7 @@ cln_holder cln_held_by(const char *folder)
     int file = -1;
 
     if (cln_path_join(&path, folder, "lock") == CLN_OK)
-        file = open(path, O_RDONLY | O_CLOEXEC);
+        file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     free(path);
     if (file < 0)
         return by;
@@ -73,7 +73,7 @@ cln_status cln_held_refuse(const char *folder, const char *does)
     int file = -1;
 
     CLN_TRY(cln_path_join(&path, folder, "lock"));
-    file = open(path, O_RDONLY | O_CLOEXEC);
+    file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (file >= 0)
         CLN_TRY(refuse(file, folder, does, ""));
 done:
@@ -121,7 +121,7 @@ cln_status cln_hold(const char *folder, const char *does, const char *instead, i
     do {
         if (file >= 0)
             close(file);
-        file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
+        file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
         if (file < 0 && errno == ELOOP)
             CLN_TRY(cln_fail(CLN_OUTPUT, "%s is a link, not a lock; remove it", path));
         if (file < 0)

@@ -739,7 +739,7 @@ the cube" \
     check "info names the checkpoint's space" [ "$(json checkpoint.space)" = shell ]
     expect "points" 0 "" "$cln" export "$run" --points "$work/street.ply" --count 1000
     expect "a mesh of what is in the cube, and the way to more" 0 \
-        "~faces.of.the.cube ~beyond.the.cube.*left.out ~--bbox ~check" \
+        "~faces.of.the.cube ~beyond.the.cube.*left.out ~--bbox ~--crop" \
         "$cln" export "$run" --mesh "$work/street-mesh.ply" --json
     check "its document says so, too" [ "$(json beyond_left_out)" = true ]
     expect "a part of it that ends nowhere near" 0 "~beyond.the.cube.*left.out" \

@@ -302,6 +302,10 @@ section_links() {
     check "what it leads to is as it was" [ "$(cat "$work/precious")" = precious ]
     check "of checkpoints, too" [ "$(ls "$work/theirs/checkpoint")" = \
         "$(printf '%s\n' 00000004.json 00000004.safetensors latest)" ]
+    rm -rf "$work/mine/checkpoint" "$work/mine/lock"
+    cp -r "$work/theirs/checkpoint" "$work/mine"
+    mkfifo "$work/mine/lock"
+    expect "a lock that is a pipe" 0 "" timeout 20 "$cln" info "$work/mine"
     ln -s theirs "$work/whole"
     expect "a link to a whole run" 0 "" "$cln" train --resume "$work/whole" --steps +4
 }
