@@ -71,11 +71,11 @@ cln_status cln_frames_from_nerfstudio(const char *path, const char *poses, const
 /* ---- path.c ---- */
 
 /* A smooth path of `count` frames through the keys, in their order, at an even pace, from the first
- * to the last: cubic splines of positions and quaternions. Size and lens are the first key's, the
- * latter only if all have it (else a pinhole); focal lengths change evenly from key to key, but for
- * panoramas'. around: what the keys stand around, to which the path keeps distance and direction if
- * they look at it; NULL = nothing. up: the direction against which the path rolls as its keys do;
- * NULL = none. CLN_USAGE for fewer than two keys. */
+ * to the last: cubic splines of positions and quaternions. Size and lens are the first key's; if
+ * lenses differ, a pinhole of the first key's size that is no panorama. Focal lengths change evenly
+ * from key to key, but for panoramas'. around: what the keys stand around, to which the path keeps
+ * distance and direction if they look at it; NULL = nothing. up: the direction against which the
+ * path rolls as its keys do; NULL = none. CLN_USAGE for fewer than two keys. */
 cln_status cln_frames_through(const cln_frames *keys, int count, const cln_orbit_frame *around,
                               const double *up, cln_frames *out);
 

@@ -253,8 +253,8 @@ static double side_of(const cln_camera *c)
     return c->width < c->height ? c->width : c->height;
 }
 
-/* The first key's camera. If other keys have another lens, a pinhole: the first key's that has
- * none but a panorama's or, without one, of 90 degrees. */
+/* The first key's camera. If other keys have another lens, a pinhole, of the first key that is no
+ * panorama: one of them is none, as panoramas have one lens. */
 static cln_camera lens_of(const cln_frames *keys)
 {
     cln_camera c = keys->frame[0].camera;
@@ -270,8 +270,6 @@ static cln_camera lens_of(const cln_frames *keys)
         if (keys->frame[i].camera.lens != CLN_LENS_EQUIRECTANGULAR)
             c = keys->frame[i].camera;
     if (!same) {
-        if (c.lens == CLN_LENS_EQUIRECTANGULAR)
-            c.fx = c.fy = side_of(&c) / 2;
         c.lens = CLN_LENS_OPENCV;
         memset(c.distortion, 0, sizeof c.distortion);
     }
