@@ -20,7 +20,8 @@ enum {
     CLN_STREAM_SURFACE = 9,    /* host: exported points of a surface */
     CLN_STREAM_SIGHTS = 10,    /* host: sparse point that a ray is shot at */
     CLN_STREAM_POSES = 11,     /* host: pixels used to refine poses */
-    CLN_STREAM_SPOTS = 12      /* host: where in its pixel a ray goes */
+    CLN_STREAM_SPOTS = 12,     /* host: where in its pixel a ray goes */
+    CLN_STREAM_MERGED = 13     /* host: marks that two parts of a scene share */
 };
 
 /* out[4] = philox4x32-10(counter, key). */

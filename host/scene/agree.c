@@ -14,6 +14,7 @@
 #include "base/text.h"
 #include "scene/brightness.h"
 #include "scene/features.h"
+#include "scene/merged.h"
 #include "scene/trials.h"
 
 /* ASKED: views that are compared with others, each with NEIGHBOURS. STRAYS: photos that are
@@ -606,6 +607,7 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     if (leave_still_out(&w) && out->tie_count >= FEWEST_TO_READ)
         cln_try_readings(scene, out);
     count_agreeing(&w);
+    CLN_TRY(cln_find_merged(scene, w.features, out));
     CLN_TRY(cln_try_parts(scene, out));
     CLN_TRY(cln_try_orders(scene, out));
     count_turned(&w);
@@ -622,6 +624,7 @@ done:
 void cln_agreement_free(cln_agreement *a)
 {
     free(a->part.has);
+    free(a->merged.has);
     free(a->views);
     free(a->ties);
     free(a->points);

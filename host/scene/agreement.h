@@ -53,6 +53,16 @@ typedef struct cln_agree_part {
     double share, given; /* of the ties with them: those that agree exactly with it, without it */
 } cln_agree_part;
 
+/* Photos whose poses fit each other, but are of another frame than most photos' (merged.h). */
+typedef struct cln_agree_merged {
+    bool *has;      /* [view] */
+    int parts;      /* whose frames are others; 0: none is */
+    int marks;      /* that the largest of them and most photos show, */
+    int fitting;    /* and of these, that a similarity takes from one frame to the other */
+    double scale;   /* of that similarity: units of most photos' frame for one of the part's */
+    double degrees; /* its angle */
+} cln_agree_merged;
+
 typedef struct cln_agreement {
     cln_agree_view *views; /* [view_count] */
     int tie_count;
@@ -67,6 +77,7 @@ typedef struct cln_agreement {
     double focal_exact;  /* that share over the one of ties that agree with it at all */
     double strict_share; /* as focal_share, with focal lengths as given */
     cln_agree_part part;
+    cln_agree_merged merged;
     const char *order;   /* "each has the pose that ...": what fits better; NULL: nothing does */
     double order_exact;  /* share of the ties that agree exactly in that order */
     double kept_share;   /* of what agrees, cut away or not: what masks and alpha keep; or NaN */

@@ -28,6 +28,8 @@ static const double SURE = 2, SURE_BEST = 3;
 static const double READING = 0.6;      /* the given reading's share over another's */
 static const double FOCAL_GAIN = 1.15;  /* share with other focal lengths over the given ones' */
 static const double FOCAL_WIDER = 1.15; /* the same of the shares that agree at all */
+/* Factor and degrees by which frames of two parts differ, to be told. */
+static const double FRAME_SCALE = 1.04, FRAME_TURN = 4;
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
 
 /* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
@@ -143,6 +145,49 @@ static void tell_part(cln_inspection *in)
                     100 * part->share, 100 * part->given);
 }
 
+/* To two digits. */
+static double rounded(double value)
+{
+    const double unit = pow(10, floor(log10(value)) - 1);
+
+    return round(value / unit) * unit;
+}
+
+/* Photos of two captures, or of two models of one, put together. */
+static void tell_merged(cln_inspection *in)
+{
+    const cln_agree_merged *merged = &in->agreement.merged;
+    char names[512], differs[128] = "";
+    json_t *views = json_array();
+    int length = 0;
+
+    in->posed = false;
+    for (int i = 0; i < in->scene->view_count; i++)
+        if (merged->has[i])
+            cln_inspect_add(views, in, i);
+    if (fabs(log(merged->scale)) > log(FRAME_SCALE))
+        length = snprintf(differs, sizeof differs, ", about %.6g times as %s",
+                          rounded(fmax(merged->scale, 1 / merged->scale)),
+                          merged->scale > 1 ? "small" : "large");
+    if (merged->degrees > FRAME_TURN)
+        length += snprintf(differs + length, sizeof differs - (size_t)length,
+                           ", turned by %.0f degrees", merged->degrees);
+    if (!length)
+        snprintf(differs, sizeof differs, ", with another origin");
+    cln_found_fault(
+        in->findings, "frames", true, json_incref(views),
+        "%zu of %d photos (%s) have poses of another frame than the others%s: they fit each other, "
+        "but "
+        "of %d marks that both kinds show, %.0f%% lie in one place only once %s frame "
+        "is brought to the others' one. Likely two captures, or two models of one, were put "
+        "together: take poses of all photos that were found together, or one part alone (or the "
+        "two show different things that look alike)",
+        json_array_size(views), in->scene->view_count,
+        cln_findings_names(views, names, sizeof names), differs, merged->marks,
+        100.0 * merged->fitting / merged->marks, merged->parts > 1 ? "a part's" : "their");
+    json_decref(views);
+}
+
 cln_status cln_inspect_poses(cln_inspection *in)
 {
     cln_status st = CLN_OK;
@@ -199,6 +244,10 @@ cln_status cln_inspect_poses(cln_inspection *in)
                         "the photos do not fit the poses as given (%.0f%% of what two photos show "
                         "lies where both poses put it), but fit poses %s (%.0f%%): %s",
                         100 * a->share, reading->name, 100 * a->reading_share, reading->advice);
+        goto done;
+    }
+    if (a->merged.parts) {
+        tell_merged(in);
         goto done;
     }
     if (a->order && a->order_exact > a->focal_share && (judged != RIGHT || a->share < UNSOUND)) {

@@ -421,6 +421,62 @@ static void test_bad_pose(void **state)
     }
 }
 
+/* Photos of one wall in two parts that no pair joins, as those of the second are upside down: a
+ * fault only if its frame is another. */
+static void test_merged(void **state)
+{
+    enum { COUNT = 24, PART = 11 };
+    static const double upside_down[3] = {0, 0, 3.141592653589793};
+    static const struct {
+        double scale, angles[3], shift;
+        double told;      /* of the scale */
+        const char *text; /* NULL: none */
+    } cases[] = {
+        {1, {0}, 0, 0, NULL},
+        {0.001, {0}, 1, 1000, "times as small: they fit"},
+        {3, {1.2, 0, 0}, 5, 3, "times as large, turned by 69 degrees: they"},
+        {1, {0}, 2, 0, "than the others, with another origin: they"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        seen *s = make_seen(COUNT, 0.04, 0.1);
+        char *text = NULL;
+        const char *about = NULL;
+        bool fault = false;
+
+        for (int k = COUNT - PART; k < COUNT; k++) {
+            double *m = s->views[k].camera.c2w, was[12], by[12] = {0}, half[12] = {0};
+
+            memcpy(was, m, sizeof was);
+            turned(upside_down, half);
+            for (int e = 0; e < 9; e++)
+                m[4 * (e / 3) + e % 3] = was[4 * (e / 3) + e % 3] * half[5 * (e % 3)];
+            see(s, k);
+            memcpy(was, m, sizeof was);
+            turned(cases[i].angles, by);
+            for (int e = 0; e < 12; e++) {
+                m[e] = e % 4 == 3 ? cases[i].shift : 0;
+                for (int a = 0; a < 3; a++)
+                    m[e] += by[4 * (e / 4) + a] * was[4 * a + e % 4] *
+                            (e % 4 == 3 ? cases[i].scale : 1);
+            }
+        }
+        memset(s->pixels[COUNT - PART - 1], 128, sizeof s->pixels[0]); /* what names would join */
+        text = told_of(s, "frames", &fault);
+        about = strstr(text, "than the others, about ");
+        if (fault != !!cases[i].text ||
+            (fault && (!strstr(text, cases[i].text) || !strstr(text, "11 of 24 photos (13, 14, "))))
+            fail_msg("case %zu: '%s'", i, text);
+        if (cases[i].told > 0) {
+            assert_non_null(about);
+            assert_true(fabs(atof(about + 23) / cases[i].told - 1) < 0.03);
+        }
+        free(text);
+        free(s);
+    }
+}
+
 int test_group_agree(void)
 {
     const struct CMUnitTest tests[] = {
@@ -431,6 +487,7 @@ int test_group_agree(void)
         cmocka_unit_test(test_moved_w),
         cmocka_unit_test(test_robots_poses),
         cmocka_unit_test(test_bad_pose),
+        cmocka_unit_test(test_merged),
     };
 
     return cmocka_run_group_tests_name("agree", tests, NULL, NULL);
