@@ -434,7 +434,7 @@ static void test_merged(void **state)
     } cases[] = {
         {1, {0}, 0, 0, NULL},
         {0.001, {0}, 1, 1000, "times as small: they fit"},
-        {3, {1.2, 0, 0}, 5, 3, "times as large, turned by 69 degrees: they"},
+        {3, {1.13, 0, 0}, 5, 3, "times as large, turned by 6"},
         {1, {0}, 2, 0, "than the others, with another origin: they"},
     };
 
