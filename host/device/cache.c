@@ -50,6 +50,12 @@ static const char *source(void)
     return is_by_xdg() ? " (by XDG_CACHE_HOME)" : "";
 }
 
+/* By the user, or in the user's home: not a folder that all accounts have. */
+static bool is_chosen(void)
+{
+    return getenv("POCL_CACHE_DIR") || is_by_xdg() || getenv("HOME");
+}
+
 /* PoCL keeps nothing for other processes. */
 static bool is_off(void)
 {
@@ -125,6 +131,27 @@ static cln_status find_closed(const char *cache, bool foreign, char out[PATH + 4
     }
 done:
     return st;
+}
+
+/* Finds a folder of the cache, or the one that it is in, to which another account than this one and
+ * root can write: kernels are programs, so what that account puts there runs as this one. Other
+ * members of a group are trusted, as many systems give each account a group of its own. */
+static bool find_open(const char *cache, char out[PATH + 4])
+{
+    for (int i = -2; i < FOLDERS; i++) {
+        struct stat info;
+
+        if (i >= 0)
+            folder(cache, i, out);
+        else
+            snprintf(out, PATH + 4, "%s", cache);
+        if (i == -2 && strrchr(out, '/') > out)
+            *strrchr(out, '/') = 0;
+        if (lstat(out, &info) == 0 && ((info.st_uid != geteuid() && info.st_uid != 0) ||
+                                       (i > -2 && S_ISDIR(info.st_mode) && info.st_mode & S_IWOTH)))
+            return true;
+    }
+    return false;
 }
 
 static bool is_cold(const char *cache)
@@ -209,11 +236,17 @@ done:
 cln_status cln_cache_check(const char *platform)
 {
     cln_status st = CLN_OK;
-    char cache[PATH];
+    char cache[PATH], path[PATH + 4];
 
     if (!is_pocl(platform))
         return CLN_OK;
     find(cache);
+    if (!is_chosen() && find_open(cache, path))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "PoCL's kernel cache is %s, as HOME is not set, and another account can "
+                         "write to %s: kernels are programs, and those that it puts there would "
+                         "run as this account; set POCL_CACHE_DIR to a folder of your own",
+                         cache, path));
     CLN_TRY(check_writing(cache, is_cold(cache) ? COLD : LEAST));
 done:
     return st;
@@ -239,6 +272,11 @@ static cln_status warn(const char *cache)
                  "(of user %u), and kernels that belong there cannot be built; set POCL_CACHE_DIR "
                  "to a folder of your own, as each account needs one",
                  path, (unsigned)info.st_uid);
+    else if (find_open(cache, path))
+        cln_warn("another account can write to %s, of PoCL's kernel cache: kernels are programs, "
+                 "and those that it puts there run as this account; set POCL_CACHE_DIR to a "
+                 "folder of your own unless you trust it",
+                 path);
 done:
     return st;
 }

@@ -323,6 +323,8 @@ cln_status cln_metrics_open(const char *run, int64_t step, cln_metrics **out)
     CLN_TRY(cln_path_join(&metrics->path, run, "metrics.jsonl"));
     if (cln_is_file(metrics->path))
         CLN_TRY(cut_rows(metrics->path, step));
+    else if (access(metrics->path, F_OK) == 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s is no file; move it away", metrics->path));
     metrics->fd = open(metrics->path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
     if (metrics->fd < 0)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", metrics->path, strerror(errno)));

@@ -340,7 +340,8 @@ int cln_colmap_images(const char *folder)
     uint64_t count = 0;
     FILE *f = NULL;
 
-    if (cln_path_join(&path, folder, binary ? "images.bin" : "images.txt") == CLN_OK)
+    if (cln_path_join(&path, folder, binary ? "images.bin" : "images.txt") == CLN_OK &&
+        cln_is_file(path))
         f = fopen(path, "rb");
     if (f && binary && fread(&count, sizeof count, 1, f) != 1)
         count = 0;

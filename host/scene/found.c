@@ -133,7 +133,7 @@ static int program_of(const char *path)
             continue;
         if (!programs[i].holds)
             return i;
-        file = fopen(path, "rb");
+        file = cln_is_file(path) ? fopen(path, "rb") : NULL; /* a pipe would hold us up */
         if (!file)
             return -1;
         head[fread(head, 1, HEAD_BYTES, file)] = 0;

@@ -5,12 +5,14 @@
 #ifdef CLN_WITH_MICROHTTPD
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <microhttpd.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -23,6 +25,8 @@
 
 enum {
     CONNECTIONS = 64,
+    ONCE = 4,                 /* headers that a request has once, if at all */
+    OF_ADDRESS = 32,          /* of these, from one address: browsers have 6 each */
     HEADER_BYTES = 32 * 1024, /* of a connection, for a request's line and headers */
     HEAD_SECONDS = 10,        /* from connecting to the end of the first request's headers */
     SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
@@ -188,7 +192,8 @@ static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connectio
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
 }
 
-/* allow: the methods that would do (405), or NULL. */
+/* allow: the methods that would do (405), or NULL. A refusal ends its connection, whose place
+ * another may need: who has no token could else hold them all. */
 static enum MHD_Result answer_with(cln_server *s, struct MHD_Connection *connection, int status,
                                    const char *sentence, const char *allow)
 {
@@ -199,6 +204,8 @@ static enum MHD_Result answer_with(cln_server *s, struct MHD_Connection *connect
     response = MHD_create_response_from_buffer(strlen(text), text, MHD_RESPMEM_MUST_COPY);
     if (response && allow)
         MHD_add_response_header(response, "Allow", allow);
+    if (response && status >= 400)
+        MHD_add_response_header(response, "Connection", "close");
     return send_response(s, connection, status, "text/plain; charset=utf-8", strlen(text),
                          response);
 }
@@ -431,6 +438,30 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
     return answer(s, connection, 404, "nothing is here; the page is at /");
 }
 
+static enum MHD_Result count_one(void *user, enum MHD_ValueKind kind, const char *key,
+                                 const char *value)
+{
+    static const char *const once[ONCE] = {"Host", "Content-Length", "Origin", "X-Server"};
+    int *counts = user;
+
+    (void)kind, (void)value;
+    for (int i = 0; i < ONCE; i++)
+        counts[i] += strcasecmp(key, once[i]) == 0;
+    return MHD_YES;
+}
+
+/* Of a header given twice, a proxy and this server may each take another. */
+static bool has_doubles(struct MHD_Connection *connection)
+{
+    int counts[ONCE] = {0};
+    bool doubles = false;
+
+    MHD_get_connection_values(connection, MHD_HEADER_KIND, count_one, counts);
+    for (int i = 0; i < ONCE; i++)
+        doubles = doubles || counts[i] > 1;
+    return doubles;
+}
+
 /* MHD calls this when the headers are there (an answer then ends the connection), next to get the
  * answer, and again when the painter has resumed the connection. */
 static enum MHD_Result on_request(void *user, struct MHD_Connection *connection, const char *path,
@@ -443,6 +474,8 @@ static enum MHD_Result on_request(void *user, struct MHD_Connection *connection,
 
     (void)version, (void)data, (void)bytes;
     if (!r) {
+        if (has_doubles(connection))
+            return answer(s, connection, 400, "a header is given twice");
         if (wants_post(s, path) && strcmp(method, MHD_HTTP_METHOD_POST) != 0)
             return answer_with(s, connection, 405, "an order is given by POST", "POST");
         if (!wants_post(s, path) && !is_get(method))
@@ -653,16 +686,17 @@ done:
 static cln_status start(cln_server *s)
 {
     cln_status st = CLN_OK;
-    const int copy = dup(s->listener->socket); /* MHD closes it */
+    /* MHD closes it; programs that are begun, as a browser, must not hold it */
+    const int copy = fcntl(s->listener->socket, F_DUPFD_CLOEXEC, 0);
 
     if (copy >= 0)
         s->daemon = MHD_start_daemon(
             MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_AUTO | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ITC,
             0, NULL, NULL, on_request, s, MHD_OPTION_LISTEN_SOCKET, copy,
-            MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
-            (size_t)HEADER_BYTES, MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SEND_SECONDS,
-            MHD_OPTION_NOTIFY_CONNECTION, on_connection, s, MHD_OPTION_NOTIFY_COMPLETED,
-            on_completed, s, MHD_OPTION_END);
+            MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS, MHD_OPTION_PER_IP_CONNECTION_LIMIT,
+            (unsigned)OF_ADDRESS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)HEADER_BYTES,
+            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SEND_SECONDS, MHD_OPTION_NOTIFY_CONNECTION,
+            on_connection, s, MHD_OPTION_NOTIFY_COMPLETED, on_completed, s, MHD_OPTION_END);
     if (!s->daemon) {
         if (copy >= 0)
             close(copy);

@@ -306,6 +306,13 @@ section_links() {
     cp -r "$work/theirs/checkpoint" "$work/mine"
     mkfifo "$work/mine/lock"
     expect "a lock that is a pipe" 0 "" timeout 20 "$cln" info "$work/mine"
+    rm "$work/mine/lock" "$work/mine/metrics.jsonl"
+    mkfifo "$work/mine/metrics.jsonl"
+    expect "measurements that are a pipe" 7 "~mine/metrics.jsonl.is.no.file;.move.it.away" \
+        timeout -k 1 60 "$cln" train --resume "$work/mine" --steps +4
+    mkdir "$work/no scene"
+    mkfifo "$work/no scene/x.json" "$work/no scene/images.txt"
+    expect "a folder of pipes" 3 "~no.scene" timeout -k 1 20 "$cln" info "$work/no scene"
     ln -s theirs "$work/whole"
     expect "a link to a whole run" 0 "" "$cln" train --resume "$work/whole" --steps +4
 }
@@ -539,11 +546,21 @@ section_shared() {
         "~warning:.*$work/pocl/AA ~scan.cl:.*error: --kernel-dir" "${as[@]}" train "$work/scene" \
         -o "$work/other/run" "${tiny[@]}" --steps 2 --kernel-dir "$work/other/kernels"
     rm -r "$work/pocl"/*
+    expect "a folder that all can write to, and that was chosen" 4 \
+        "~warning:.another.account.can.write.to.$work/pocl, POCL_CACHE_DIR" "${as[@]}" train \
+        "$work/scene" -o "$work/other/run" "${tiny[@]}" --kernel-dir "$work/other/kernels"
+    rm -r "$work/pocl"/*
     mkdir -m 700 "$work/pocl"/{A..P}{A..P}
     expect "kernels in folders of another account" 7 \
         "~cache.$work/pocl.cannot.be.written ~its.folder.AA.belongs.to.user.0 POCL_CACHE_DIR" \
         "${as[@]}" train "$work/scene" -o "$work/other/run" "${tiny[@]}" --steps 2
     check "nor are plain ones used" not_said "plain ones"
+    [[ $cln != /tmp/* ]] || return 0
+    expect "one of another account, without HOME" 7 \
+        "~as.HOME.is.not.set,.and.another.account.can.write.to./tmp/pocl: POCL_CACHE_DIR" \
+        unshare -m sh -c 'mount -t tmpfs none /tmp && mkdir -p /tmp/pocl/kcache &&
+            chown 54321 /tmp/pocl && unset HOME XDG_CACHE_HOME POCL_CACHE_DIR && "$0" selftest --quick' \
+        "$cln"
 }
 
 # A machine whose memory has no room for all of --max-leaves, but for the photos.

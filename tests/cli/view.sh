@@ -208,6 +208,7 @@ section_refused() {
     gets "the progress, without a training" 404 /training
     gets "a body" 413 /facts -X GET -d "$(printf '%01000d' 0)"
     gets "a chunked body" 413 /facts -X GET -H "Transfer-Encoding: chunked" -d x
+    gets "a header twice" 400 /facts -H "X-Server: a" -H "X-Server: a"
     gets "a long address" 414 "/picture?view=$(printf '%040000d' 0)" "${me[@]}"
     gets "a long header" 431 / -H "X-Long: $(printf '%040000d' 0)"
     gets "a huge picture" 400 "/picture?view=6&width=8192" "${me[@]}"
@@ -371,7 +372,7 @@ section_applied() {
 }
 
 section_token() {
-    local port cookie holder
+    local port cookie holder i slow silent=()
     viewer
     port=${address##*:}
     expect "a port that is taken" 2 "--port $port" "$cln" view "$work/run" --port "$port"
@@ -416,6 +417,13 @@ section_token() {
     gets "its wrong token" 403 "/?token=00000000000000000000000000000000" -H "Host: evil.example"
     gets "its facts" 403 /facts -H "Host: evil.example"
     gets "an Origin of others" 403 / -b "$work/cookies" -H "Origin: http://evil.example"
+    for i in {1..70}; do
+        exec {slow}<>"/dev/tcp/127.0.0.1/${address##*:}"
+        printf 'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n' >&"$slow"
+        silent+=("$slow")
+    done
+    gets "its owner, beside many who have no token and stay" 200 / -b "$work/cookies" -m 5
+    for slow in "${silent[@]}"; do exec {slow}>&-; done
     check "one address is not told twice" eval '! said "is not known"'
     stop INT
     if ! hostname -I 2>/dev/null | grep -q '^[0-9]'; then
