@@ -559,8 +559,8 @@ section_shared() {
     expect "one of another account, without HOME" 7 \
         "~as.HOME.is.not.set,.and.another.account.can.write.to./tmp/pocl: POCL_CACHE_DIR" \
         unshare -m sh -c 'mount -t tmpfs none /tmp && mkdir -p /tmp/pocl/kcache &&
-            chown 54321 /tmp/pocl && unset HOME XDG_CACHE_HOME POCL_CACHE_DIR && "$0" selftest --quick' \
-        "$cln"
+            chown 54321 /tmp/pocl && unset HOME XDG_CACHE_HOME POCL_CACHE_DIR &&
+            "$0" selftest --quick' "$cln"
 }
 
 # A machine whose memory has no room for all of --max-leaves, but for the photos.
