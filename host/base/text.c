@@ -86,11 +86,29 @@ void cln_utf8_repair(char *text)
     }
 }
 
+/* Bytes of the control character that begins here, 0 for another: of ASCII but a tab, of Latin-1
+ * (U+0080..9F: some terminals obey them), or one that ends a line or turns the direction of text
+ * (U+2028..2E, U+2066..69). */
+static int control_bytes(const unsigned char *c)
+{
+    if ((c[0] < 0x20 && c[0] != '\t') || c[0] == 0x7f)
+        return 1;
+    if (c[0] == 0xC2 && c[1] >= 0x80 && c[1] < 0xA0)
+        return 2;
+    if (c[0] == 0xE2 && ((c[1] == 0x80 && c[2] >= 0xA8 && c[2] <= 0xAE) ||
+                         (c[1] == 0x81 && c[2] >= 0xA6 && c[2] <= 0xA9)))
+        return 3;
+    return 0;
+}
+
 void cln_text_plain(char *text)
 {
-    for (; *text; text++)
-        if (((unsigned char)*text < 0x20 && *text != '\n' && *text != '\t') || *text == 0x7f)
-            *text = '?';
+    while (*text) {
+        const int bytes = control_bytes((const unsigned char *)text);
+
+        memset(text, '?', (size_t)bytes);
+        text += bytes ? bytes : 1;
+    }
 }
 
 const char *cln_shell_quote(const char *text, char *out, size_t bytes)

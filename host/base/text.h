@@ -44,8 +44,8 @@ size_t cln_utf8_whole(const char *text, size_t most);
 /* Replaces each byte outside UTF-8 characters by '?'. */
 void cln_utf8_repair(char *text);
 
-/* Makes text safe to print: control characters, which a terminal would obey, become '?', except
- * newlines and tabs. */
+/* Makes a line safe to print: control characters, which a terminal would obey or which would make
+ * lines of their own, become '?', but for tabs. */
 void cln_text_plain(char *text);
 
 /* Order of names, runs of digits by their value: "r_2" before "r_10". Below, at or above 0 as by

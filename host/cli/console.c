@@ -247,15 +247,18 @@ int cln_stdout_columns(int otherwise)
     return has == 0 ? otherwise : has > LEAST ? has : LEAST;
 }
 
-/* Prints so many bytes, which may quote a file: of control characters, which a terminal would obey,
- * only newlines and tabs. */
+/* Prints so many bytes, which may quote a file. */
 static void put_plain(const char *text, size_t bytes)
 {
-    for (size_t i = 0; i < bytes; i++) {
-        char c[2] = {text[i], 0};
+    for (size_t part = 0; bytes > 0; text += part, bytes -= part) {
+        char piece[256];
 
-        cln_text_plain(c);
-        putchar(c[0]);
+        part = cln_utf8_whole(text, bytes < sizeof piece ? bytes : sizeof piece - 1);
+        part = part ? part : 1; /* of no character */
+        memcpy(piece, text, part);
+        piece[part] = 0;
+        cln_text_plain(piece);
+        fputs(piece, stdout);
     }
 }
 

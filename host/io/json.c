@@ -9,6 +9,8 @@
 #include <string.h>
 #include <strings.h>
 #include "base/files.h"
+#include "base/memory.h"
+#include "io/progress.h"
 
 static const size_t MAX_BYTES = (size_t)512 << 20; /* 100,000 frames take about 100 MB */
 
@@ -152,6 +154,30 @@ static void quote_no_numbers(char *text, size_t bytes)
     }
 }
 
+/* What jansson takes at most for a text: a short one of many brackets takes 45 times its size. */
+static double bytes_of_values(const char *text, size_t bytes)
+{
+    enum { VALUE = 48, ARRAY = 128, OBJECT = 400 };
+    double sum = (double)bytes;
+
+    for (size_t i = 0; i < bytes; i++)
+        sum += text[i] == ',' ? VALUE : text[i] == '[' ? ARRAY : text[i] == '{' ? OBJECT : 0;
+    return sum;
+}
+
+static cln_status check_memory(const char *path, const char *text, size_t bytes)
+{
+    static const double SMALL = 64 << 20;
+    const double need = bytes_of_values(text, bytes);
+    char needed[32];
+
+    if (need < SMALL || need < cln_available_memory(""))
+        return CLN_OK;
+    cln_format_bytes(need, needed);
+    return cln_fail(CLN_MEMORY, "%s: its values may take %s of memory, and there is not so much",
+                    path, needed);
+}
+
 static cln_status read_json(const char *path, size_t most, bool relaxed, json_t **out)
 {
     cln_status st = CLN_OK;
@@ -168,6 +194,7 @@ static cln_status read_json(const char *path, size_t most, bool relaxed, json_t 
         blank_trailing_commas(text, bytes);
         quote_no_numbers(text, bytes);
     }
+    CLN_TRY(check_memory(path, text, bytes));
     *out = json_loadb(text, bytes, 0, &error);
     if (!*out && bytes >= 2 && (!memcmp(text, "\xFF\xFE", 2) || !memcmp(text, "\xFE\xFF", 2)))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: is UTF-16; save it as UTF-8", path));

@@ -137,6 +137,9 @@ done:
     return st;
 }
 
+/* More than any training counts; two of them add up without overflow. */
+static const int64_t MOST_COUNT = INT64_MAX / 4;
+
 /* A whole number in low..high, or CLN_CHECKPOINT. */
 static cln_status get_int(const json_t *object, const char *path, const char *key, int64_t low,
                           int64_t high, int64_t *out)
@@ -145,8 +148,9 @@ static cln_status get_int(const json_t *object, const char *path, const char *ke
 
     if (!json_is_integer(value) || json_integer_value(value) < low ||
         json_integer_value(value) > high)
-        return cln_fail(CLN_CHECKPOINT, "%s: \"%s\" is not a whole number from %" PRId64, path, key,
-                        low);
+        return cln_fail(CLN_CHECKPOINT,
+                        "%s: \"%s\" is not a whole number from %" PRId64 " to %" PRId64, path, key,
+                        low, high);
     *out = json_integer_value(value);
     return CLN_OK;
 }
@@ -167,9 +171,9 @@ static cln_status read_row(const json_t *row, const char *path, cln_row_sums *ou
     *out = (cln_row_sums){0};
     if (!row)
         goto done;
-    CLN_TRY(get_int(row, path, "steps", 0, INT64_MAX, &out->steps));
-    CLN_TRY(get_int(row, path, "rays", 0, INT64_MAX, &out->rays));
-    CLN_TRY(get_int(row, path, "samples", 0, INT64_MAX, &out->samples));
+    CLN_TRY(get_int(row, path, "steps", 0, MOST_COUNT, &out->steps));
+    CLN_TRY(get_int(row, path, "rays", 0, MOST_COUNT, &out->rays));
+    CLN_TRY(get_int(row, path, "samples", 0, MOST_COUNT, &out->samples));
     CLN_TRY(get_real(json_object_get(row, "loss"), path, "loss", &out->loss));
     CLN_TRY(get_real(json_object_get(row, "square"), path, "square", &out->square));
     CLN_TRY(get_real(json_object_get(row, "began"), path, "began", &out->began));
@@ -206,13 +210,13 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     int64_t rays = 0, level = 0, decisions = 0, averaged = 1;
     double channel = 0;
 
-    CLN_TRY(get_int(document, path, "step", 0, INT64_MAX, &out->step));
-    CLN_TRY(get_int(document, path, "refresh_step", INT64_MIN, INT64_MAX, &out->refresh_step));
-    CLN_TRY(get_int(document, path, "growth_step", 0, INT64_MAX, &out->growth_step));
+    CLN_TRY(get_int(document, path, "step", 0, MOST_COUNT, &out->step));
+    CLN_TRY(get_int(document, path, "refresh_step", -MOST_COUNT, MOST_COUNT, &out->refresh_step));
+    CLN_TRY(get_int(document, path, "growth_step", 0, MOST_COUNT, &out->growth_step));
     CLN_TRY(get_int(document, path, "rays", 0, INT32_MAX, &rays));
     CLN_TRY(get_int(document, path, "level", 0, CLN_MAX_LEVEL, &level));
     if (json_object_get(document, "drawn")) /* later than the others */
-        CLN_TRY(get_int(document, path, "drawn", 0, INT64_MAX, &out->drawn));
+        CLN_TRY(get_int(document, path, "drawn", 0, MOST_COUNT, &out->drawn));
     if (json_object_get(document, "averaged"))
         CLN_TRY(get_int(document, path, "averaged", 1, 4, &averaged));
     CLN_TRY(read_row(json_object_get(document, "row"), path, &out->row));
@@ -220,7 +224,7 @@ static cln_status read_scalars(const json_t *document, const char *path, cln_mod
     out->in_parts = json_is_true(json_object_get(document, "in_parts"));
     CLN_TRY(get_real(json_object_get(document, "train_seconds"), path, "train_seconds",
                      &out->train_seconds));
-    CLN_TRY(get_int(measured, path, "rays", 0, INT64_MAX, &out->sum_rays));
+    CLN_TRY(get_int(measured, path, "rays", 0, MOST_COUNT, &out->sum_rays));
     CLN_TRY(get_int(measured, path, "decisions", 0, INT32_MAX, &decisions));
     CLN_TRY(get_real(json_object_get(measured, "square"), path, "square", &out->sum_square));
     CLN_TRY(

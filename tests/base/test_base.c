@@ -810,6 +810,33 @@ static void test_available_memory(void **state)
     assert_true(cln_available_memory("") > 1e7);
 }
 
+/* What a terminal would obey, or what would look like a line of ours. */
+static void test_plain(void **state)
+{
+    static const struct {
+        const char *text, *plain;
+    } cases[] = {
+        {"a\tb \xc3\xbc \xe2\x82\xac \xf0\x9f\x98\x80",
+         "a\tb \xc3\xbc \xe2\x82\xac \xf0\x9f\x98\x80"},
+        {"a\nwarning: b\r\x1b[31m\x7f", "a?warning: b??[31m?"},
+        {"\xc2\x80\xc2\x9b\xc2\x9f\xc2\xa0", "??????\xc2\xa0"},
+        {"\xe2\x80\xa7\xe2\x80\xa8\xe2\x80\xae\xe2\x80\xaf", "\xe2\x80\xa7??????\xe2\x80\xaf"},
+        {"\xe2\x81\xa5\xe2\x81\xa6\xe2\x81\xa9\xe2\x81\xaa", "\xe2\x81\xa5??????\xe2\x81\xaa"},
+        {"\xe2", "\xe2"},
+        {"\xe2\x80", "\xe2\x80"},
+        {"\xc2", "\xc2"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[64];
+
+        snprintf(text, sizeof text, "%s", cases[i].text);
+        cln_text_plain(text);
+        assert_string_equal(text, cases[i].plain);
+    }
+}
+
 int test_group_base(void)
 {
     const struct CMUnitTest tests[] = {
@@ -841,6 +868,7 @@ int test_group_base(void)
         cmocka_unit_test(test_digest),
         cmocka_unit_test(test_log),
         cmocka_unit_test(test_utf8),
+        cmocka_unit_test(test_plain),
     };
 
     return cmocka_run_group_tests_name("base", tests, NULL, NULL);

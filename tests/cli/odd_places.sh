@@ -112,6 +112,12 @@ section_limits() {
         "$cln" train "$s" -o "$work/limited" "${small[@]}" --steps 20
     check "has a plan that keeps to them" grep -qE \
         "host about [0-9]+ MiB of [12][.][0-9] GiB" "$work/err"
+    mkdir "$work/brackets"
+    (printf '{"frames": [], "x": [' && yes '[],' | head -n 9000000 && printf '[]]}') \
+        >"$work/brackets/transforms.json"
+    expect "a file of many small values" 5 "~transforms.json:.its.values.may.take.1.5.GiB" \
+        bash -c 'ulimit -v 1400000; exec "$@"' limit "$cln" info "$work/brackets"
+    rm -r "$work/brackets"
     expect "no file may be large enough for kernels" 7 "~no.file.may ~ulimit.-f" \
         bash -c 'ulimit -f 500; exec "$@"' limit "$cln" train "$s" -o "$work/small files" \
         "${small[@]}" --steps 20
