@@ -2,6 +2,7 @@
 #include "scene/scene.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
 #include "io/json.h"
@@ -125,6 +126,34 @@ static json_t *describe_missing(const cln_scene *scene)
     return names;
 }
 
+/* Photos that are not below the scene's folder, as named there or by links: they are not copied with
+ * it, and a scene of someone else's can so name any picture. JSON null: there are none. */
+static json_t *describe_outside(const cln_scene *scene)
+{
+    char *folder = realpath(scene->folder, NULL), *first = NULL;
+    const size_t length = folder ? strlen(folder) : 0;
+    json_t *outside = NULL;
+    int count = 0;
+
+    for (int i = 0; i < scene->view_count && length > 1; i++) {
+        char *photo = realpath(scene->views[i].path, NULL);
+
+        if (photo && (strncmp(photo, folder, length) != 0 || photo[length] != '/')) {
+            count++;
+            if (!first) {
+                first = photo;
+                photo = NULL;
+            }
+        }
+        free(photo);
+    }
+    if (count)
+        outside = json_pack("{s:i, s:s}", "views", count, "first", first);
+    free(folder);
+    free(first);
+    return outside ? outside : json_null(); /* a path that is not UTF-8, too */
+}
+
 static json_t *describe_masks(const cln_scene *scene)
 {
     if (!scene->mask_count)
@@ -162,7 +191,7 @@ static cln_status describe(const cln_scene *scene, json_t **out)
     *out = json_pack(
         "{s:s, s:s, s:s, s:i, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:o, s:b, s:{s:i, s:f}, "
         "s:i, "
-        "s:i, s:o, s:o, s:s, s:s, s:o, s:s, s:s*, s:o, s:o, s:o, s:o, s:o, s:o}",
+        "s:i, s:o, s:o, s:s, s:s, s:o, s:s, s:s*, s:o, s:o, s:o, s:o, s:o, s:o, s:o}",
         "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
         scene->view_count, "missing", scene->missing, "unreadable", scene->unreadable,
         "missing_names", describe_missing(scene), "splits", splits, "split_rule", scene->split_rule,
@@ -175,8 +204,9 @@ static cln_status describe(const cln_scene *scene, json_t **out)
         "digest", digest, "test_digest",
         cln_scene_split_count(scene, CLN_SPLIT_TEST) ? test_digest : NULL, "camera_distance",
         cln_json_real(distance), "cube_share", cln_json_real(scene->cube_share), "spread",
-        cln_json_real(scene->spread), "apart_share", cln_json_real(scene->apart_share),
-        "intrinsics", describe_intrinsics(scene), "cameras", describe_views(scene));
+        cln_json_real(scene->spread), "apart_share", cln_json_real(scene->apart_share), "outside",
+        describe_outside(scene), "intrinsics", describe_intrinsics(scene), "cameras",
+        describe_views(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;

@@ -314,6 +314,14 @@ section_links() {
     mkfifo "$work/no scene/x.json" "$work/no scene/images.txt"
     expect "a folder of pipes" 3 "~no.scene" timeout -k 1 20 "$cln" info "$work/no scene"
     ln -s theirs "$work/whole"
+    cp -r "$work/scene" "$work/linked"
+    mv "$work/linked/train/r_001.png" "$work/elsewhere.png"
+    expect "info of a scene whose photos are all in it" 0 "" "$cln" info "$work/scene" --json
+    check "tells of none outside" [ "$(json outside)" = null ]
+    ln -s ../../elsewhere.png "$work/linked/train/r_001.png"
+    expect "info of one with a photo elsewhere" 0 "" "$cln" info "$work/linked" --json
+    check "counts it" [ "$(json outside.views)" = 1 ]
+    check "and tells where it is" eval '[[ $(json outside.first) = */elsewhere.png ]]'
     expect "a link to a whole run" 0 "" "$cln" train --resume "$work/whole" --steps +4
 }
 
