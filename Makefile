@@ -103,7 +103,7 @@ CLI_SRC := $(wildcard host/cli/*.c)
 DATA_SRC := $(wildcard data/*.c)
 # separate programs and a library, for cli.sh, devices.sh, fuzz.sh and faults.sh
 TEST_OWN := tests/support/json_query.c tests/support/copies.c tests/device/device_cases.c \
-            tests/support/faults.c $(wildcard tests/fuzz/*.c)
+            tests/support/faults.c tests/support/two_threads.c $(wildcard tests/fuzz/*.c)
 TEST_SRC := $(filter-out $(TEST_OWN),$(wildcard tests/*/*.c))
 # bench-table: runs side by side, for the scene benches
 TABLE_SRC := bench/scenes/table.c bench/common/plot.c

@@ -66,9 +66,9 @@ typedef enum cln_status {
 CLN_API int cln_status_exit_code(cln_status st);
 CLN_API const char *cln_status_phrase(cln_status st);
 
-/* This thread's error: sentence ("" if none), status, and clearing. The first failure stays until
- * it is cleared: call cln_clear_error once you have dealt with it. The text lives until this
- * thread's next failure or cln_clear_error. */
+/* This thread's error: sentence ("" if none), status, and clearing. Of several failures the first
+ * stays, until it is cleared: by cln_clear_error, or as the next call begins, but of cln_settings_*
+ * and cln_eval_json, which keep what is there. The text lives until then. */
 CLN_API const char *cln_error_text(void);
 CLN_API cln_status cln_error_status(void);
 CLN_API void cln_clear_error(void);
@@ -193,7 +193,8 @@ typedef struct cln_callbacks {
      * an export's depths, photos that are read (`what` names it). May be NULL. */
     void (*work)(const char *what, int done, int total, void *user);
     /* Polled every step / ray batch: 0 = go on, SIGINT or SIGTERM = write a checkpoint and return
-     * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on. May be NULL. */
+     * CLN_SIGINT / CLN_SIGTERM, SIGUSR1 = write a checkpoint and go on; any other is SIGINT. May be
+     * NULL. */
     int (*interrupted)(void *user);
     void *user;
 } cln_callbacks;
@@ -348,7 +349,8 @@ typedef struct cln_render_desc {
                                the training cameras tell */
     bool orbit_circle;      /* all around, even if the training cameras cover only an arc */
     int width, height;      /* image size; 0 = as the photos, or in their shape */
-    double fov;             /* orbit, spiral: horizontal, degrees; 0 = as the training images */
+    double fov;             /* orbit, spiral, interpolate: horizontal, degrees; 0 = as the training
+                               images, or as the poses that are passed */
     int max_images;         /* file, split: evenly chosen; 0 = all */
     int antialias;          /* n x n rays for pixels at edges, 1..8; 0 = as in training */
     bool fast;              /* fewer samples: less time, a little more error */

@@ -36,6 +36,7 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
     cln_settings_facts facts;
     cln_scene *scene = NULL;
     json_t *document = NULL, *about = NULL, *inspected = NULL;
+    char box[CLN_SETTING_BYTES];
 
     *json = NULL;
     if (config.missing == CLN_MISSING_AUTO)
@@ -43,6 +44,7 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
     CLN_TRY(check_page(desc));
     CLN_TRY(cln_kernel_dir_check(desc->device.kernel_dir));
     CLN_TRY(cln_scene_load(&wanted, &scene));
+    CLN_TRY(cln_scene_narrow_cube(scene, sizeof box, box)); /* as train does */
     facts = cln_needs_facts(scene, &settings->config);
     cln_settings_warn_idle(settings, &facts);
     CLN_TRY(cln_scene_describe(scene, &about));
@@ -78,6 +80,7 @@ cln_status cln_check(const cln_check_desc *desc, char **json)
     const cln_settings *settings = NULL;
     cln_settings *own = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_check", "json", json));
     *json = NULL;
     CLN_TRY(cln_given("cln_check", "desc", desc));

@@ -69,6 +69,7 @@ cln_status cln_devices_list(const cln_device_desc *desc, bool test, cln_device_i
     cl_device_id *ids = NULL;
     cln_device_info *list = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_devices_list", "out", out));
     CLN_TRY(cln_given("cln_devices_list", "count", count));
     *out = NULL;
@@ -97,6 +98,7 @@ cln_status cln_devices_test(const cln_device_desc *desc, int row, const cln_call
     cl_device_id *ids = NULL;
     int count = 0;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_devices_test", "info", info));
     CLN_TRY(cln_device_ids(&ids, &count));
     if (row < 0 || row >= count)

@@ -181,6 +181,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     int *views = NULL, count = 0;
     char *place = NULL, over[16];
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_eval", "result", result));
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_eval", "desc", desc));
@@ -193,6 +194,8 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         CLN_TRY(cln_given_number("cln_eval", "background", (double)desc->background[c], 0, 1));
     for (int s = 0; s < CLN_SPLITS; s++)
         pixels[s] = strcmp(name, cln_split_names[s]) == 0 || strcmp(name, "all") == 0;
+    if (desc->out && !*desc->out)
+        CLN_TRY(cln_fail(CLN_USAGE, "cln_eval: out is empty; give a folder, or NULL"));
     if (desc->out && writes)
         CLN_TRY(cln_disk_check(desc->out, 0, "")); /* before photos are read */
     CLN_TRY(cln_device_check(&desc->device));

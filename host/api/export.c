@@ -293,6 +293,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     const cln_model *model = &job.opened.model;
     json_t *run = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_export", "result", result));
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_export", "desc", desc));

@@ -37,6 +37,7 @@ cln_status cln_field_open(const char *run, const cln_device_desc *device, cln_fi
     const cln_device_desc any = {0};
     cln_field *field = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_field_open", "out", out));
     *out = NULL;
     CLN_TRY(cln_given("cln_field_open", "run", run));
@@ -146,6 +147,7 @@ cln_status cln_field_at(cln_field *field, size_t n, const double (*positions)[3]
     float(*at)[4] = NULL, (*towards)[4] = NULL, (*out)[4] = NULL;
     double(*looks)[3] = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_field_at", "field", field));
     if (n > 0)
         CLN_TRY(cln_given("cln_field_at", "positions", positions));
@@ -362,6 +364,7 @@ cln_status cln_field_render(cln_field *field, const cln_frame_desc *frame, float
     cln_status st = CLN_OK;
     cln_camera camera;
 
+    cln_clear_error();
     CLN_TRY(cln_given(RENDER, "field", field));
     CLN_TRY(cln_given(RENDER, "frame", frame));
     CLN_TRY(read_camera(frame, &camera));

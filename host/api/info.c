@@ -55,6 +55,7 @@ cln_status cln_info_scene(const char *scene, const cln_settings *settings, char 
     const cln_settings *use = NULL;
     cln_settings *own = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_info_scene", "json", json));
     *json = NULL;
     CLN_TRY(cln_given("cln_info_scene", "scene", scene));
@@ -113,6 +114,7 @@ cln_status cln_info_run(const char *run, char **json)
     cln_status st = CLN_OK;
     json_t *about = json_object(), *document = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_info_run", "json", json));
     *json = NULL;
     CLN_TRY(cln_given("cln_info_run", "run", run));

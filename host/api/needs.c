@@ -15,6 +15,7 @@
 #include "base/number.h"
 #include "check/synthetic.h"
 #include "io/disk.h"
+#include "io/json.h"
 #include "pipeline/room.h"
 #include "render/ray_batch.h"
 #include "train/batch.h"
@@ -279,21 +280,21 @@ static cln_status add_memory(json_t *about, cln_device *device, const cln_scene 
     json_object_set_new(about, "device", json_string(device->info.name));
     json_object_set_new(about, "most_leaves", json_integer(desc.leaves));
     json_object_set_new(about, "leaves_that_fit", json_integer(room.leaves));
-    json_object_set_new(about, "device_memory", json_real(room.device.total));
-    json_object_set_new(about, "device_memory_limit", json_real(room.device.limit));
-    json_object_set_new(about, "host_memory", json_real(room.host.total));
-    json_object_set_new(about, "host_memory_limit", json_real(room.host.limit));
-    json_object_set_new(about, "host_memory_needed", json_real(room.needed));
+    json_object_set_new(about, "device_memory", cln_json_whole(room.device.total));
+    json_object_set_new(about, "device_memory_limit", cln_json_whole(room.device.limit));
+    json_object_set_new(about, "host_memory", cln_json_whole(room.host.total));
+    json_object_set_new(about, "host_memory_limit", cln_json_whole(room.host.limit));
+    json_object_set_new(about, "host_memory_needed", cln_json_whole(room.needed));
     if (isfinite(available))
-        json_object_set_new(about, "host_memory_free", json_real(available));
-    json_object_set_new(about, "photo_memory", json_real(desc.photos));
+        json_object_set_new(about, "host_memory_free", cln_json_whole(available));
+    json_object_set_new(about, "photo_memory", cln_json_whole(desc.photos));
     json_object_set_new(about, "photos_in", json_string(room.in_memory ? "memory" : "file"));
     if (cln_checkpoint_room(NULL, c, scene->space.shell, &disk) == CLN_OK)
-        json_object_set_new(about, "disk", json_real(disk));
+        json_object_set_new(about, "disk", cln_json_whole(disk));
     else
         cln_clear_error();
     if (isfinite(disk_free))
-        json_object_set_new(about, "disk_free", json_real(disk_free));
+        json_object_set_new(about, "disk_free", cln_json_whole(disk_free));
     cln_room_say_tree(&desc, &room, text);
     add_text(about, "tree_note", text);
     cln_room_say_photos(&desc, &room, text);

@@ -455,6 +455,7 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     cln_status st = CLN_OK;
     work w = {.desc = desc, .result = result, .colmap.desc = desc};
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_find_poses", "result", result));
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_find_poses", "desc", desc));

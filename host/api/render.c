@@ -516,6 +516,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     cln_status st = CLN_OK;
     cln_render_job j = {.desc = desc, .writes = cln_ranks_me() == 0};
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_render", "result", result));
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_render", "desc", desc));

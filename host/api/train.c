@@ -561,8 +561,6 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
         resume && t->model.step >= config->precrop_steps && t->model.step >= saved->precrop_steps;
     facts.ranks = cln_ranks_count();
     cln_scene_warn_doubts(t->scene);
-    if (!resume)
-        cln_scene_warn_wide(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
     warn_points("eval-at", &t->eval_at, config);
     warn_points("save-at", &t->save_at, config);
@@ -618,6 +616,19 @@ done:
     return st;
 }
 
+/* The box that alpha tells becomes a setting, so that all that follows has the same. */
+static cln_status choose_box(const cln_trainer *t, cln_config *config)
+{
+    cln_status st = CLN_OK;
+    char box[CLN_SETTING_BYTES];
+
+    CLN_TRY(cln_scene_narrow_cube(t->scene, sizeof box, box));
+    if (box[0])
+        snprintf(config->bbox, sizeof config->bbox, "%s", box);
+done:
+    return st;
+}
+
 /* Settings of a new training that its photos decide, if neither the caller nor another run does.
  * Before their one colour a field of any opacity looks right, so that none is asked for. */
 static void choose_by_photos(const cln_trainer *t, cln_config *config)
@@ -654,8 +665,10 @@ static cln_status prepare(cln_trainer *t)
     CLN_TRY(load_scene(t, &config));
     t->device->callbacks = &callbacks;
     CLN_TRY(check_files(t, &config));
-    if (!t->desc->resume)
+    if (!t->desc->resume) {
+        CLN_TRY(choose_box(t, &config));
         choose_by_photos(t, &config);
+    }
     CLN_TRY(cln_begin_model(t, &config));
     if (!t->desc->resume)
         CLN_TRY(fit_budget(t, &config));
@@ -778,6 +791,7 @@ cln_status cln_train(const cln_train_desc *desc, cln_train_result *result)
     cln_train_desc whole;
     cln_settings *own = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_train", "result", result));
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_train", "desc", desc));

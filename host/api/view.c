@@ -155,6 +155,7 @@ cln_status cln_view_run(const cln_view_desc *desc)
     newest last = {0};
     cln_facts facts = {.model = &opened.model, .frame = &frame, .start = &first};
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_view_run", "desc", desc));
     CLN_TRY(cln_given("cln_view_run", "run", desc->run));
     CLN_TRY(cln_up_check("cln_view_run", desc->up));

@@ -12,7 +12,10 @@ void cln_show_work(const cln_callbacks *callbacks, const char *what, int done, i
 
 int cln_poll_signal(const cln_callbacks *callbacks)
 {
-    return callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+    const int value =
+        callbacks && callbacks->interrupted ? callbacks->interrupted(callbacks->user) : 0;
+
+    return value && value != SIGTERM && value != SIGUSR1 ? SIGINT : value; /* 1: "yes" */
 }
 
 cln_status cln_stopped_by(int signal, const char *left)

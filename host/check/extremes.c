@@ -360,6 +360,7 @@ cln_status cln_selftest_extremes(const cln_device_desc *desc, bool quick, cln_ch
     const cln_device_desc any = {0};
     const cln_extremes_plan plan = {.quick = quick, .sink = sink, .user = user};
 
+    cln_clear_error();
     CLN_TRY(cln_device_open(desc ? desc : &any, &device));
     CLN_TRY(cln_selftest_loops(device, sink, user));
     CLN_TRY(cln_extremes_device(device, &plan));

@@ -421,6 +421,7 @@ cln_status cln_selftest(const cln_device_desc *desc, bool quick, cln_check_sink 
     const cln_selftest_plan plan = {
         .shapes = quick ? CLN_SHAPES_QUICK : CLN_SHAPES_ALL, .sink = sink, .user = user};
 
+    cln_clear_error();
     CLN_TRY(cln_device_open(desc ? desc : &any, &device));
     CLN_TRY(cln_selftest_device(device, &plan));
 done:

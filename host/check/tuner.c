@@ -484,6 +484,7 @@ cln_status cln_tune_search(const cln_tune_desc *desc, cln_tune_result *result)
     cln_tune_desc whole;
     cln_settings *own = NULL;
 
+    cln_clear_error();
     CLN_TRY(cln_given("cln_tune_search", "result", result));
     memset(result, 0, sizeof *result);
     CLN_TRY(cln_given("cln_tune_search", "desc", desc));

@@ -30,15 +30,16 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
 
     cln_digest_text(r->digest, digest);
     if (options->json)
-        return cln_print_json(json_pack(
-            "{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:o s:i s:i s:i s:f s:f s:s}", "schema",
-            "cl-nascent.train/1", "run", run, "state", state_of(trained), "step",
-            (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "cpu_seconds",
-            cln_json_real(r->cpu_seconds), "wall_seconds", cln_json_real(r->wall_seconds),
-            "psnr_train", cln_json_real(r->psnr_train), "psnr_test", cln_json_real(r->psnr_test),
-            "psnr_exposed", cln_json_real(r->psnr_exposed), "eval_views", r->eval_views,
-            "test_views", r->test_views, "leaves", r->leaves, "device_peak", r->device_peak,
-            "host_peak", r->host_peak, "model_digest", digest));
+        return cln_print_json(
+            json_pack("{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:o s:i s:i s:i s:o s:o s:s}", "schema",
+                      "cl-nascent.train/1", "run", run, "state", state_of(trained), "step",
+                      (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "cpu_seconds",
+                      cln_json_real(r->cpu_seconds), "wall_seconds", cln_json_real(r->wall_seconds),
+                      "psnr_train", cln_json_real(r->psnr_train), "psnr_test",
+                      cln_json_real(r->psnr_test), "psnr_exposed", cln_json_real(r->psnr_exposed),
+                      "eval_views", r->eval_views, "test_views", r->test_views, "leaves", r->leaves,
+                      "device_peak", cln_json_whole(r->device_peak), "host_peak",
+                      cln_json_whole(r->host_peak), "model_digest", digest));
     cln_format_count((double)r->step, step);
     cln_format_duration(r->seconds, training);
     cln_format_duration(r->wall_seconds, wall);

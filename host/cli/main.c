@@ -76,6 +76,7 @@ int main(int argc, char **argv)
     cln_standard_hold();
     cln_log_to(CLN_LOG_INFO, cln_log_stderr, NULL);
     signal(SIGPIPE, SIG_IGN); /* cln_flush_stdout tells a closed pipe from other errors */
+    signal(SIGCHLD, SIG_DFL); /* ignored by who started us, the ends of ffmpeg would be lost */
     signal(SIGXFSZ, SIG_IGN); /* a write beyond the limit of a file's size then fails */
     CLN_TRY(cln_options_parse(argc, argv, &options));
     cln_log_use_colour(cln_options_colour(&options));

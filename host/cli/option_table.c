@@ -235,8 +235,8 @@ const cln_arg cln_args[] = {
     INT(CLN_RENDER, "height", image_height, "PX", 0, 32768,
          "image height; 0 = as the photos, or by --width", .standard = "0"),
     REAL(CLN_RENDER, "fov", fov, "DEG", 0, 175,
-         "orbit, spiral: horizontal field of view; 0 = that of the training images, along the "
-         "shorter side of the picture", .standard = "0"),
+         "orbit, spiral, interpolate: horizontal field of view; 0 = that of the training images, "
+         "along the shorter side of the picture, or of the path's poses", .standard = "0"),
     TEXT(CLN_RENDER, "frames", frame_range, "A-B",
          "only these of all the frames, counted from 0 as they are listed; A- = to the last one"),
     FLAG(CLN_RENDER, "transparent", transparent,

@@ -661,7 +661,7 @@ static cln_status check_render_output(const parser *p)
 static cln_status check_render(const parser *p)
 {
     static const char *const sources[] = {"orbit", "spiral", "poses", "split"};
-    static const char *const of_path[] = {"radius", "fov"};
+    static const char *const of_path[] = {"fov", "up"};
     static const char *const of_orbit[] = {"elevation", "circle"};
     const cln_options *out = p->out;
     const bool path = out->orbit_frames || out->spiral_frames;
@@ -675,17 +675,18 @@ static cln_status check_render(const parser *p)
                             sources[i]);
         source = sources[i];
     }
+    if (!path && is_given(p, "radius"))
+        return cln_fail(CLN_USAGE, "--radius requires --orbit or --spiral");
     for (size_t i = 0; i < sizeof of_path / sizeof of_path[0]; i++)
-        if (!path && is_given(p, of_path[i]))
-            return cln_fail(CLN_USAGE, "--%s requires --orbit or --spiral", of_path[i]);
+        if (!path && !out->interpolate && is_given(p, of_path[i]))
+            return cln_fail(CLN_USAGE, "--%s requires --orbit, --spiral or --interpolate",
+                            of_path[i]);
     for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++)
         if (!out->orbit_frames && is_given(p, of_orbit[i]))
             return cln_fail(CLN_USAGE, "--%s requires --orbit", of_orbit[i]);
     if (out->views && (path || out->poses))
         return cln_fail(CLN_USAGE,
                         "--views cannot be combined with --%s; it names views of --split", source);
-    if (!path && !out->interpolate && is_given(p, "up"))
-        return cln_fail(CLN_USAGE, "--up requires --orbit, --spiral or --interpolate");
     if (path && out->max_images)
         return cln_fail(CLN_USAGE, "--max-images cannot be combined with --%s; give --%s N", source,
                         source);

@@ -2,6 +2,7 @@
 #include "device/device.h"
 
 #include <ctype.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -78,6 +79,9 @@ static const char *platform_name(cl_platform_id id, char *out, size_t bytes)
     return out;
 }
 
+/* The first question makes a driver begin; PoCL's begins twice if two threads ask at once. */
+static pthread_mutex_t asking = PTHREAD_MUTEX_INITIALIZER;
+
 cln_status cln_device_ids(cl_device_id **out, int *count)
 {
     cln_status st = CLN_OK;
@@ -91,6 +95,7 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
     *out = NULL;
     *count = 0;
     CLN_TRY(cln_alloc(out, 64 * 16, sizeof **out, "device list"));
+    pthread_mutex_lock(&asking);
     if (clGetPlatformIDs(64, ids, &platforms) != CL_SUCCESS)
         platforms = 0;
     for (cl_uint p = 0; p < platforms && p < 64; p++) {
@@ -99,6 +104,7 @@ cln_status cln_device_ids(cl_device_id **out, int *count)
         if (clGetDeviceIDs(ids[p], CL_DEVICE_TYPE_ALL, 16, *out + total, &found) == CL_SUCCESS)
             total += found < 16 ? (int)found : 16;
     }
+    pthread_mutex_unlock(&asking);
     *count = total;
     if (total == 0 && platforms)
         cln_cache_doubt(&doubt);

@@ -122,11 +122,27 @@ static void read_output(int from, pid_t pid, lines *l, const cln_command_watch *
         end_line(l, watch);
 }
 
+static const char unknown_end[] =
+    "%s: how it ended is not known, as this process ignores SIGCHLD or waits for all its children; "
+    "set SIGCHLD to SIG_DFL, and wait for other processes by their numbers";
+
+/* false: its end is lost. */
+static bool wait_for(pid_t pid, int *code)
+{
+    pid_t got = 0;
+
+    do
+        got = waitpid(pid, code, 0);
+    while (got < 0 && errno == EINTR);
+    return got == pid;
+}
+
 cln_status cln_command_run(const char *const *argv, const cln_command_watch *watch)
 {
     lines l = {.used = 0};
     const pid_t self = getpid();
     int pipes[2], code = 0, stop = 0;
+    bool known = false;
     pid_t pid = 0;
 
     if (watch->log) {
@@ -145,13 +161,14 @@ cln_status cln_command_run(const char *const *argv, const cln_command_watch *wat
     }
     read_output(pipes[0], pid, &l, watch, &stop);
     close(pipes[0]);
-    while (waitpid(pid, &code, 0) < 0 && errno == EINTR)
-        ;
+    known = wait_for(pid, &code);
     if (watch->log)
         fflush(watch->log);
     if (stop)
         return cln_fail(stop == SIGINT ? CLN_SIGINT : CLN_SIGTERM, "stopped by a signal in `%s`",
                         argv[0]);
+    if (!known)
+        return cln_fail(CLN_FAILED, unknown_end, argv[0]);
     if (WIFSIGNALED(code))
         return cln_fail(CLN_FAILED, "%s %s: ended by signal %d%s", argv[0], argv[1] ? argv[1] : "",
                         WTERMSIG(code),
@@ -186,9 +203,8 @@ static cln_status reap(cln_command_feed *f, bool early)
     char line[LINE] = "", last[LINE] = "";
     bool wrong = early;
     int code = 0;
+    const bool known = wait_for(f->pid, &code);
 
-    while (waitpid(f->pid, &code, 0) < 0 && errno == EINTR)
-        ;
     f->pid = 0;
     rewind(f->said);
     while (fgets(line, sizeof line, f->said)) {
@@ -198,6 +214,8 @@ static cln_status reap(cln_command_feed *f, bool early)
         if (line[strspn(line, " \t")])
             memcpy(last, line, sizeof last);
     }
+    if (!known)
+        return cln_fail(CLN_FAILED, unknown_end, f->name);
     if (!wrong && WIFEXITED(code) && WEXITSTATUS(code) == 0)
         return CLN_OK;
     return cln_fail(CLN_FAILED, "%s: ended with code %d: %s", f->name,

@@ -19,6 +19,11 @@ json_t *cln_json_real(double value)
     return isfinite(value) ? json_real(value) : json_null();
 }
 
+json_t *cln_json_whole(double value)
+{
+    return isfinite(value) ? json_integer((json_int_t)ceil(value)) : json_null();
+}
+
 double cln_json_digits(float value)
 {
     return round(value * 1e7) / 1e7;

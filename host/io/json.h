@@ -8,6 +8,8 @@
 
 /* A real, or null if it is not finite. */
 json_t *cln_json_real(double value);
+/* A whole number, as of bytes, for readers whose numbers have types; null unless it is finite. */
+json_t *cln_json_whole(double value);
 /* A float of 0..1 to a float's digits: 0.1f is 0.1. */
 double cln_json_digits(float value);
 

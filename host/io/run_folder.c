@@ -87,7 +87,7 @@ cln_status cln_run_check(const char *run, bool resume, bool *empty)
     free(path);
     path = NULL;
     CLN_TRY(cln_path_join(&path, run, "checkpoint"));
-    if (!resume && cln_run_is_held(run))
+    if (!resume && (cln_run_is_held(run) || cln_held_by(run) == CLN_HOLDER_US))
         CLN_TRY(cln_held_refuse(run, trains));
     if (!resume && !cln_is_dir(path))
         CLN_TRY(cln_fail(CLN_OUTPUT,

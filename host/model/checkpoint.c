@@ -24,6 +24,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "cl_nascent.h"
+#include "io/hold.h"
 #include "io/run_folder.h"
 #include "io/safetensors.h"
 
@@ -665,7 +666,7 @@ cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
     CLN_TRY(list_steps(folder, &steps, &count));
     if (count == 0)
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: there is no checkpoint in it%s", run,
-                         cln_run_is_held(run)
+                         cln_run_is_held(run) || (!training && cln_held_by(run) == CLN_HOLDER_US)
                              ? " yet: it is being trained, and --save-every says when the first "
                                "is written"
                              : ": it ended before its first; train again, in a new folder"));

@@ -8,6 +8,7 @@
 
 #include "base/config.h"
 #include "base/memory.h"
+#include "io/json.h"
 #include "io/progress.h"
 #include "pipeline/carry.h"
 #include "pipeline/halo.h"
@@ -773,7 +774,7 @@ cln_status cln_plan_json(const cln_plan *plan, json_t **out)
 {
     *out = json_object();
     for (int i = 0; *out && i < plan->count; i++)
-        json_object_set_new(*out, plan->rows[i].purpose, json_real(plan->rows[i].bytes));
+        json_object_set_new(*out, plan->rows[i].purpose, cln_json_whole(plan->rows[i].bytes));
     if (*out) {
         json_object_set_new(*out, "total", json_real(plan->total));
         json_object_set_new(*out, "limit", json_real(plan->limit));

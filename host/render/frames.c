@@ -220,6 +220,20 @@ static cln_status cut(const cln_render_desc *desc, cln_frames *frames)
     return CLN_OK;
 }
 
+/* Makes pinholes of this horizontal field of view of them. */
+static void take_fov(double fov, cln_frames *frames)
+{
+    for (int i = 0; i < frames->count; i++) {
+        cln_camera *c = &frames->frame[i].camera;
+
+        c->lens = CLN_LENS_OPENCV;
+        memset(c->distortion, 0, sizeof c->distortion);
+        c->fx = c->fy = 0.5 * c->width / tan(fov * M_PI / 360);
+        c->cx = 0.5 * c->width;
+        c->cy = 0.5 * c->height;
+    }
+}
+
 cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, const json_t *run,
                            cln_frames *out)
 {
@@ -251,6 +265,8 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
         memset(out, 0, sizeof *out);
         CLN_TRY(cln_frames_through(&keys, desc->interpolate,
                                    seen.to - seen.from >= 360 ? &seen : NULL, seen.up, out));
+        if (desc->fov > 0)
+            take_fov(desc->fov, out);
         out->poses = "path";
         out->fps = keys.fps;
         out->crop = keys.crop;

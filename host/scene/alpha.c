@@ -19,6 +19,7 @@ static const double WIDE = 0.6; /* share of the cube's side, from which it is wi
 static const double MET = 0.5;  /* share of the object's rays, from which the cube is not beside */
 static const double LOST = 0.005;  /* share of them that may miss it: masks have specks */
 static const double MARGIN = 0.01; /* of a box, to either side */
+static const double SPARE = 0.1;   /* likewise, where it is taken unasked: a mask may lack a part */
 
 /* The box that photos' silhouettes leave of this one, a little wider; false: there is none. */
 static bool narrow(const cln_scene *scene, const double within[6], double box[6])
@@ -50,29 +51,38 @@ bool cln_scene_shown_box(const cln_scene *scene, double box[6])
     return narrow(scene, cube, box);
 }
 
-void cln_scene_warn_wide(const cln_scene *scene)
+cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text)
 {
+    cln_status st = CLN_OK;
+    const double before = scene->space.half;
     double box[6], side = 0, least = INFINITY;
     int n = 0;
 
+    text[0] = 0;
     for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++)
         if (!cln_view_is_loaded(cln_scene_training_view(scene, i)))
-            return;
+            goto done;
     if (!scene->cube_guessed || !cln_scene_shown_box(scene, box))
-        return;
+        goto done;
     for (int a = 0; a < 3; a++) {
+        const double more = SPARE * (box[3 + a] - box[a]);
+
+        box[a] -= more;
+        box[3 + a] += more;
         side = fmax(side, box[3 + a] - box[a]);
         least = fmin(least, box[3 + a] - box[a]);
     }
-    if (side > WIDE * 2 * scene->space.half)
-        return;
+    if (side > WIDE * 2 * before)
+        goto done;
     n = cln_reals_digits(6, box, least);
-    cln_warn("%s: the cube is a guess (half side %g; %s), and what the photos' alpha shows spans "
-             "%.0f%% of its side, so most voxels are empty and the others coarse. A tighter box: "
-             "--bbox=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
-             scene->folder, scene->space.half, scene->bounds_rule,
-             100 * side / (2 * scene->space.half), n, box[0], n, box[1], n, box[2], n, box[3], n,
-             box[4], n, box[5]);
+    snprintf(text, bytes, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
+             box[3], n, box[4], n, box[5]);
+    CLN_TRY(cln_scene_take_box(scene, text));
+    cln_info("%s: a box around what the photos' alpha shows, and a tenth more, as cameras alone "
+             "tell a cube %.2g times as wide: --bbox=%s",
+             scene->folder, before / scene->space.half, text);
+done:
+    return st;
 }
 
 /* Of grid pixels of loaded training photos that are opaque: how many, and how many of their rays
@@ -235,8 +245,8 @@ cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_B
 {
     cln_status st = CLN_OK;
     const double few = 0.25, most = 0.5; /* of the photos: reversed ones, and sound ones */
-    const double all = 0.9;
-    names reversed = {"", 0};
+    const double all = 0.9, known = 0.75;
+    names reversed = {"", 0}, straight = {"", 0};
     uint8_t *shapes = NULL;
     int views = 0, sound = 0;
 
@@ -248,15 +258,28 @@ cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_B
     for (int i = 0; i < scene->view_count; i++) {
         views += shapes[i] != CLN_ALPHA_NONE;
         sound += shapes[i] == CLN_ALPHA_OBJECT;
+        if (shapes[i] == CLN_ALPHA_OBJECT)
+            add_name(&straight, &scene->views[i]);
         if (shapes[i] == CLN_ALPHA_REVERSED)
             add_name(&reversed, &scene->views[i]);
     }
-    if (reversed.count > 0 && reversed.count <= few * views && sound >= most * views)
+    if (reversed.count > 0 &&
+        ((reversed.count <= few * views && sound >= most * views) ||
+         (reversed.count <= sound && reversed.count + sound >= known * views)))
         snprintf(text, CLN_EMPTY_BYTES,
                  "of %d of %d photos %s the object and shows what is around it: %s. Likely black "
                  "and white are exchanged there: invert %s",
                  reversed.count, views, scene->masks_alpha ? "the mask hides" : "alpha hides",
                  reversed.text, scene->masks_alpha ? "these masks" : "it");
+    else if (sound > 0 && reversed.count > sound && reversed.count < all * views &&
+             reversed.count + sound >= known * views)
+        snprintf(text, CLN_EMPTY_BYTES,
+                 "%s what is around the object in %d of %d photos, and the object in %d: %s. "
+                 "Likely black and white are exchanged in the former: invert %s",
+                 scene->masks_alpha ? "the mask shows" : "alpha shows", reversed.count, views,
+                 sound, straight.text,
+                 scene->masks_alpha ? "them, or the latter and read all with --masks inverted"
+                                    : "it there");
     else if (views > 2 && reversed.count >= all * views)
         snprintf(text, CLN_EMPTY_BYTES,
                  "%s one part around the middle of %s %d photos, and shows what is around it. "

@@ -419,6 +419,21 @@ done:
     return st;
 }
 
+cln_status cln_scene_take_box(cln_scene *scene, const char *bbox)
+{
+    cln_status st = CLN_OK;
+    const evidence e = {.scene = scene, .bbox = bbox};
+    char *because = NULL;
+
+    CLN_TRY(given_box(&e, &scene->space, &because));
+    free(scene->bounds_rule);
+    scene->bounds_rule = because;
+    scene->cube_guessed = false;
+    scene->cube_share = cln_scene_cube_share(scene);
+done:
+    return st;
+}
+
 bool cln_scene_focus(const cln_scene *scene, double point[3])
 {
     axes mean;

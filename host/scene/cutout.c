@@ -222,7 +222,8 @@ static bool is_mask(const cln_view *view)
     return view->mask_path && !view->mask_black;
 }
 
-/* Looks at some of `masks` masks, at most until enough of them are not of an object. */
+/* Looks at some of `masks` masks, at most until enough of them are not of an object, nor exchanged:
+ * masks of one ring or one day may be, and they follow each other. */
 static cln_status look(const cln_scene *scene, int masks, const cln_callbacks *callbacks,
                        looks *out)
 {
@@ -239,7 +240,7 @@ static cln_status look(const cln_scene *scene, int masks, const cln_callbacks *c
         next++;
         CLN_TRY(cln_tell_work(callbacks, NULL, 0, 0));
         CLN_TRY(look_at(scene->views[i].mask_path, g, stack, out));
-        if (out->count >= LEAST && out->of[OTHER] > (1 - NEARLY_ALL) * wanted)
+        if (out->count >= LEAST && out->of[OTHER] - out->reversed > (1 - NEARLY_ALL) * wanted)
             break;
     }
 done:
@@ -275,9 +276,11 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
     *doubt = seen->border < HALF * seen->count;
     if (seen->alike == seen->count)
         return "the same for all photos";
-    if (seen->reversed >= NEARLY_ALL * seen->count)
+    /* some may be exchanged: alpha.c tells which */
+    if (seen->of[OBJECT] + seen->reversed >= NEARLY_ALL * seen->count &&
+        seen->reversed > seen->of[OBJECT])
         return REVERSED;
-    if (seen->of[OBJECT] + seen->of[DISC] < NEARLY_ALL * seen->count)
+    if (seen->of[OBJECT] + seen->of[DISC] + seen->reversed < NEARLY_ALL * seen->count)
         return "not clearly of an object";
     if (masks < NEARLY_ALL * scene->view_count)
         return "of an object, but of some of the photos alone";

@@ -126,7 +126,7 @@ static json_t *describe_missing(const cln_scene *scene)
     return names;
 }
 
-/* Photos that are not below the scene's folder, as named there or by links: they are not copied with
+/* Photos that are not in the scene's folder, as named there or by links: they are not copied with
  * it, and a scene of someone else's can so name any picture. JSON null: there are none. */
 static json_t *describe_outside(const cln_scene *scene)
 {

@@ -38,7 +38,7 @@ static const cln_camera *chosen(const cln_scene *scene, int i)
     return &scene->views[i * count / chosen_count(scene)].camera; /* train stands first */
 }
 
-static double cube_share(const cln_scene *scene)
+double cln_scene_cube_share(const cln_scene *scene)
 {
     const int count = chosen_count(scene);
     double met = 0;
@@ -139,7 +139,7 @@ static double before_share(const cln_scene *scene, const cln_reader_result *resu
 void cln_scene_find_doubts(cln_scene *scene, const cln_reader_result *result)
 {
     scene->before_share = before_share(scene, result);
-    scene->cube_share = cube_share(scene);
+    scene->cube_share = cln_scene_cube_share(scene);
     scene->spread = spread(scene);
     scene->apart_share = apart_share(scene);
 }
@@ -212,7 +212,7 @@ static void tell_reversed(const cln_scene *scene, json_t *findings)
 {
     if (scene->masks_reversed)
         cln_found_fault(findings, "masks", false, NULL,
-                        "the masks drop one part around the middle of nearly all photos, and keep "
+                        "the masks drop one part around the middle of most photos, and keep "
                         "what is around it. Likely black is the object: --masks inverted reads "
                         "them so; if it is to be left out, --masks ignore says so");
 }

@@ -183,6 +183,22 @@ done:
     return st;
 }
 
+/* Do hardly any cameras stand in the box, as those in a room do? */
+static bool is_around(const cln_scene *scene, const double low[3], const double high[3])
+{
+    int within = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const double *m = scene->views[i].camera.c2w;
+        bool here = true;
+
+        for (int a = 0; a < 3; a++)
+            here = here && m[4 * a + 3] > low[a] && m[4 * a + 3] < high[a];
+        within += here;
+    }
+    return within < 0.1 * scene->view_count;
+}
+
 /* Compares a cube, plain or a shell's core, with find_middle()'s box, and advises a better one: of
  * photos with alpha that of their silhouettes, as points are rare on thin parts. */
 static void judge_cube(cln_inspection *in, double inside, double low[3], double high[3])
@@ -191,9 +207,11 @@ static void judge_cube(cln_inspection *in, double inside, double low[3], double 
     double span = 0, shown[6];
     char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
     bool tighter = true; /* the box is smaller than the cube, on all axes */
+    /* of a thing that cameras stand around, smooth parts have no marks: a head, legs, a rim */
+    const double share = is_around(in->scene, low, high) ? 0.5 : 0.1;
 
     for (int axis = 0; axis < 3; axis++) {
-        const double margin = 0.1 * (high[axis] - low[axis]); /* a tenth more to either side */
+        const double margin = share * (high[axis] - low[axis]); /* more to either side */
 
         span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
         low[axis] -= margin;

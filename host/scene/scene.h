@@ -236,9 +236,16 @@ cln_status cln_scene_silhouette(const cln_scene *scene, const double box[6], dou
 /* alpha.c: that of the cube, with a margin; false if there is none, or no cube. */
 bool cln_scene_shown_box(const cln_scene *scene, double box[6]);
 
-/* Warns if a cube that was guessed from the cameras is much wider than that, and names a box. Does
- * nothing where training photos are not loaded. */
-void cln_scene_warn_wide(const cln_scene *scene);
+/* If a cube that was guessed from the cameras is much wider than that, takes a box around that
+ * instead, as --bbox does, and says so. text: the box, or "": nothing changed, as where training
+ * photos are not loaded. CLN_MEMORY. */
+cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text);
+
+/* bounds.c: the cube of --bbox in place of what it was, and what follows from it. CLN_USAGE. */
+cln_status cln_scene_take_box(cln_scene *scene, const char *bbox);
+
+/* doubts.c: the share of the training rays that meet the cube. */
+double cln_scene_cube_share(const cln_scene *scene);
 
 /* Of photos that were read: does alpha, or a mask that is alpha, show nothing in some, or is it
  * nowhere above a few of 255, as if labels of 0 and 1 were given as alpha? A sentence about it. */

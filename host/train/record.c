@@ -271,7 +271,7 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
     json_object_set_new(
         run, "result",
         json_pack(
-            "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:f, s:f, s:s}", "step",
+            "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:o, s:o, s:s}", "step",
             (json_int_t)t->model.step, "epochs",
             cln_config_step_epochs(&t->model.config, (double)t->batch.first[t->batch.train_views],
                                    t->model.step),
@@ -281,7 +281,8 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
             cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test), "eval_views",
             isfinite(t->psnr_test) ? t->eval_count : 0, "leaves", t->model.tree.leaf_count,
             "params", cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
-            (double)t->device->peak, "host_peak", cln_peak_rss(), "model_digest", digest));
+            cln_json_whole((double)t->device->peak), "host_peak", cln_json_whole(cln_peak_rss()),
+            "model_digest", digest));
 }
 
 /* The newest checkpoint's files under the names that they have in another run. */
@@ -447,7 +448,7 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
             json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
     }
     row = json_pack(
-        "{s:I, s:f, s:o, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:f, s:f, s:f, s:o}", "step",
+        "{s:I, s:f, s:o, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:o, s:o, s:f, s:o}", "step",
         (json_int_t)t->model.step, "seconds", t->model.train_seconds, "cpu_seconds",
         cln_json_real(t->cpu_seconds), "wall_seconds", cln_now() - t->began, "from_step",
         (json_int_t)t->from_step, "loss", cln_json_real(t->model.row.loss / t->model.row.steps),
@@ -455,21 +456,25 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         cln_json_real((double)t->model.row.rays / spent), "samples_per_ray",
         cln_json_real((double)t->model.row.samples / (double)t->model.row.rays), "leaves",
         t->pipeline.leaves, "params", cln_network_learned(&t->pipeline.net, t->pipeline.leaves),
-        "host_mem", cln_peak_rss(), "dev_mem", (double)t->device->allocated, "host_waits", waits,
-        "stages", stages);
+        "host_mem", cln_json_whole(cln_peak_rss()), "dev_mem",
+        cln_json_whole((double)t->device->allocated), "host_waits", waits, "stages", stages);
     if (!row) {
         st = cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
         goto done;
     }
     if (cln_ranks_count() > 1) {
         json_object_set_new(row, "ranks", json_integer(cln_ranks_count()));
-        json_object_set_new(row, "sent_bytes", json_real(cln_ranks_sent().bytes));
+        json_object_set_new(row, "sent_bytes", cln_json_whole(cln_ranks_sent().bytes));
         json_object_set_new(row, "message_seconds", json_real(cln_ranks_sent().seconds));
         if (cln_leaf_kind_of(t->model.config.encoding)->joined)
-            json_object_set_new(row, "vertex_bytes", json_real(t->pipeline.common.bytes));
+            json_object_set_new(row, "vertex_bytes", cln_json_whole(t->pipeline.common.bytes));
         json_object_set(row, "ranks_stages", ends);
-        json_object_set_new(row, "photo_bytes", json_pack("[f, f]", photos[0], photos[1]));
-        json_object_set_new(row, "device_peaks", json_pack("[f, f]", device[0], device[1]));
+        json_object_set_new(
+            row, "photo_bytes",
+            json_pack("[o, o]", cln_json_whole(photos[0]), cln_json_whole(photos[1])));
+        json_object_set_new(
+            row, "device_peaks",
+            json_pack("[o, o]", cln_json_whole(device[0]), cln_json_whole(device[1])));
         add_balance(t, row);
     }
     if (evaluated) {

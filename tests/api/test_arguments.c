@@ -51,6 +51,20 @@ static void test_missing_descs_and_results(void **state)
     assert_null(json);
 }
 
+/* An error that the caller left there is none of the next call. */
+static void test_error_of_before(void **state)
+{
+    cln_settings *settings = NULL;
+    char *json = NULL;
+
+    (void)state;
+    assert_int_equal(cln_settings_create("nonsense", &settings), CLN_USAGE);
+    assert_int_equal(cln_info_run("none", &json), CLN_INPUT);
+    assert_int_equal(cln_error_status(), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "none: "));
+    cln_clear_error();
+}
+
 static void test_missing_objects(void **state)
 {
     cln_settings *settings = NULL;
@@ -144,6 +158,8 @@ static void test_nothing_given(void **state)
     assert_fails(cln_view_run(&(cln_view_desc){.run = "r", .port = -5}), CLN_USAGE, "port -5");
     assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .antialias = 99}, &measured), CLN_USAGE,
                  "antialias is 99; give 0 to 8");
+    assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .out = ""}, &measured), CLN_USAGE,
+                 "out is empty");
     assert_fails(cln_eval(&(cln_eval_desc){.run = "r", .max_images = -1}, &measured), CLN_USAGE,
                  "max_images");
     assert_fails(cln_render(&(cln_render_desc){.run = "r", .out = "o", .width = -8}, &rendered),
@@ -171,11 +187,9 @@ static void test_nothing_given(void **state)
 int test_group_arguments(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_missing_descs_and_results),
-        cmocka_unit_test(test_missing_objects),
-        cmocka_unit_test(test_freeing_nothing),
-        cmocka_unit_test(test_numbers_out_of_range),
-        cmocka_unit_test(test_nothing_given),
+        cmocka_unit_test(test_missing_descs_and_results), cmocka_unit_test(test_error_of_before),
+        cmocka_unit_test(test_missing_objects),           cmocka_unit_test(test_freeing_nothing),
+        cmocka_unit_test(test_numbers_out_of_range),      cmocka_unit_test(test_nothing_given),
     };
 
     return cmocka_run_group_tests_name("arguments", tests, NULL, NULL);

@@ -488,6 +488,10 @@ section_results() {
     run "$cln" render "$work/whole" --split train --max-images 2 --width 40 -o "$work/ends"
     check "the path begins with the first pose" cmp -s "$work/path/path_0000.png" \
         "$work/ends/train_r_000.png"
+    expect "a path of another field of view" 0 "" "$cln" render "$work/whole" --split train \
+        --max-images 2 --interpolate 3 --width 40 --fov 53.13010235 -o "$work/wide path" --json
+    check "has it" eval '[[ $("$query" frames.1.fl_x <"$work/wide path/transforms.json") == \
+        @(40|40.000*|39.9999*) ]]'
     expect "eval of a folder that is not a run" 3 "blender" "$cln" eval "$work/blender"
 
     expect "export, without any device" 0 "" env OCL_ICD_VENDORS="$work/nowhere" \

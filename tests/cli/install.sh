@@ -256,7 +256,7 @@ check "under a strict umask everybody can read what is installed" \
 rm -rf "$work/strict"
 
 # From here on nothing of the source tree is used but the examples' text.
-cp "$sources"/*.c "$work"
+cp "$sources"/*.c tests/support/two_threads.c "$work"
 cd "$work" || exit 1
 
 # ---- header ----
@@ -331,7 +331,8 @@ build() {
         libs=$(config --libs)
     fi
     mapfile -t libs < <(words "$libs")
-    run "$cc" "${flags[@]}" "${cflags[@]}" "$name.c" "${libs[@]}" -lm -o "$kind/$name"
+    run "$cc" "${flags[@]}" "${cflags[@]}" "$name.c" "${libs[@]}" -lm -pthread -o \
+        "$kind/$name"
     check "$name.c compiles, $kind" [ $rc = 0 ]
 }
 for name in train render field; do
@@ -343,6 +344,11 @@ check "static examples do not need the shared library" \
 check "shared examples need the shared library" \
     [ "$(readelf -d shared/* | grep -c 'NEEDED.*libcl-nascent\.so\.0')" = 3 ]
 export LD_LIBRARY_PATH=$lib
+build shared two_threads
+for i in 1 2 3 4 5; do
+    run shared/two_threads
+    check "threads that begin together, $i" [ $rc = 0 ]
+done
 
 # ---- the examples ----
 

@@ -701,7 +701,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"render r --elevation 6", "--elevation requires --orbit"},
         {"render r --spiral --circle", "--circle requires --orbit"},
         {"render r --up z", "--up requires --orbit, --spiral or --interpolate"},
-        {"render r --fov 40", "--fov requires --orbit or --spiral"},
+        {"render r --fov 40", "--fov requires --orbit, --spiral or --interpolate"},
         {"render r --poses f.json --split test", "--poses and --split cannot be combined"},
         {"render r --spiral --interpolate", "--interpolate cannot be combined with --spiral"},
         {"train s -o r --tree", "did you mean --tree-from"},

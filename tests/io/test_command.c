@@ -8,6 +8,7 @@
 #include <signal.h>
 #include <string.h>
 #include <sys/time.h>
+#include "base/callbacks.h"
 #include "io/command.h"
 #include "outcome.h"
 #include "scratch.h"
@@ -23,6 +24,26 @@ static int stop_at_once(void *user)
 {
     (void)user;
     return SIGTERM;
+}
+
+static int answer_with(void *user)
+{
+    return *(const int *)user;
+}
+
+/* Whatever else a caller's poll answers than 0 and the signals that are told apart stops. */
+static void test_polls(void **state)
+{
+    static const int cases[][2] = {{0, 0},           {1, SIGINT},        {-1, SIGINT},
+                                   {SIGINT, SIGINT}, {SIGTERM, SIGTERM}, {SIGUSR1, SIGUSR1}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        int answer = cases[i][0];
+        const cln_callbacks callbacks = {.interrupted = answer_with, .user = &answer};
+
+        assert_int_equal(cln_poll_signal(&callbacks), cases[i][1]);
+    }
 }
 
 static void test_lines(void **state)
@@ -64,6 +85,21 @@ static void test_ends(void **state)
     assert_true(cln_command_found("sh") && !cln_command_found("no such program"));
 }
 
+/* A process that ignores its children never hears how they ended. */
+static void test_ignored_children(void **state)
+{
+    const char *const ends[] = {"sh", "-c", "exit 7", NULL};
+    const cln_command_watch none = {0};
+    cln_command_feed *feed = NULL;
+
+    (void)state;
+    signal(SIGCHLD, SIG_IGN);
+    assert_fails(cln_command_run(ends, &none), CLN_FAILED, "sh: how it ended is not known");
+    assert_int_equal(cln_command_open(ends, &feed), CLN_OK);
+    assert_fails(cln_command_end(feed), CLN_FAILED, "sh: how it ended is not known");
+    signal(SIGCHLD, SIG_DFL);
+}
+
 static void ring(int number)
 {
     (void)number;
@@ -99,7 +135,9 @@ int test_group_command(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_lines, scratch_make, scratch_remove),
+        cmocka_unit_test(test_polls),
         cmocka_unit_test(test_ends),
+        cmocka_unit_test(test_ignored_children),
         cmocka_unit_test_setup_teardown(test_interrupted_write, scratch_make, scratch_remove),
     };
 

@@ -468,6 +468,8 @@ static void test_hold(void **state)
     const char *run = *state, *path = scratch_path(*state, "lock");
     const struct timespec moment = {.tv_nsec = 10000000};
     int ready[2], lock = -1, second = -1, file = -1;
+    bool empty = false;
+    json_t *running = NULL;
     char byte = 0;
     pid_t child = 0;
 
@@ -486,6 +488,10 @@ static void test_hold(void **state)
     assert_ok(cln_run_hold(run, &lock));
     assert_int_equal(waitpid(child, NULL, 0), child);
     assert_fails(cln_run_hold(run, &second), CLN_OUTPUT, "trains this run");
+    running = document(1);
+    assert_ok(cln_run_write(run, running));
+    json_decref(running);
+    assert_fails(cln_run_check(run, false, &empty), CLN_OUTPUT, "trains this run");
     cln_run_release(lock);
     assert_ok(cln_run_hold(run, &second));
     cln_run_release(second);

@@ -244,6 +244,43 @@ static void test_inverted(void **state)
     }
 }
 
+/* Masks of some photos that follow each other are exchanged: the fewer are named. */
+static void test_partly_inverted(void **state)
+{
+    static const struct {
+        int exchanged;
+        bool alpha;
+        const char *text;
+    } cases[] = {
+        {2, true, "of 2 of 6 photos the mask hides the object"},
+        {3, true, "of 3 of 6 photos the mask hides the object"},
+        {4, false, "in 4 of 6 photos, and the object in 2: 'view_04.png'"},
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *folder = scratch_path(*state, (const char[]){(char)('a' + i), 0});
+        cln_config config = *plain();
+        cln_scene *scene = NULL;
+        char text[CLN_EMPTY_BYTES];
+
+        put_scene(folder, THING, GREY);
+        for (int v = 0; v < cases[i].exchanged; v++)
+            put_mask(scratch_path(folder, "masks"), PEOPLE, v, GREY);
+        scene = load(folder, &config);
+        assert_true(scene->masks_alpha == cases[i].alpha);
+        assert_true(scene->masks_reversed == !cases[i].alpha);
+        if (!cases[i].alpha) {
+            cln_scene_free(scene);
+            config.masks = CLN_MASKS_ALPHA;
+            scene = load(folder, &config);
+        }
+        assert_int_equal(cln_scene_find_reversed(scene, text), CLN_OK);
+        if (!strstr(text, cases[i].text))
+            fail_msg("%d exchanged: '%s'", cases[i].exchanged, text);
+        cln_scene_free(scene);
+    }
+}
+
 /* Grey is a soft edge; a mask whose brightest is not quite white is brought there. */
 static void test_soft(void **state)
 {
@@ -319,6 +356,7 @@ int test_group_cutout(void)
         cmocka_unit_test_setup_teardown(test_kinds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_values, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_inverted, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_partly_inverted, scratch_make, scratch_remove),
         cmocka_unit_test(test_soft),
         cmocka_unit_test_setup_teardown(test_settings, scratch_make, scratch_remove),
     };
