@@ -151,9 +151,10 @@ typedef struct cln_device_desc {
 
 typedef struct cln_device_info {
     char name[128], vendor[128], platform[128], driver[128], version[128];
-    char type[16];                /* "cpu", "gpu", "accelerator" */
-    double global_mem, max_alloc; /* bytes */
-    int compute_units;
+    char type[16];                           /* "cpu", "gpu", "accelerator" */
+    double global_mem, max_alloc, local_mem; /* bytes; local: of a work-group */
+    int compute_units, max_group;            /* max_group: work-items of a group */
+    bool shared_mem;   /* its memory is the host's, as of processors, and of GPUs on one chip */
     char verdict[256]; /* "ok" or the defect; empty if not tested */
     /* The fast preset's networks, their kernel parameters and the source of these; empty if the
      * device cannot be opened, or was not. */

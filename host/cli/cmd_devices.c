@@ -12,14 +12,15 @@
 static json_t *device_json(int index, const cln_device_info *d)
 {
     return json_pack(
-        "{s:i s:s s:s s:s s:s s:s s:s s:o s:o s:i s:s* s:s* s:s* s:s* s:s* s:s* s:s*}", "index",
-        index, "name", d->name, "type", d->type, "vendor", d->vendor, "platform", d->platform,
-        "version", d->version, "driver", d->driver, "global_mem", cln_json_real(d->global_mem),
-        "max_alloc", cln_json_real(d->max_alloc), "compute_units", d->compute_units, "verdict",
-        *d->verdict ? d->verdict : NULL, "tune", *d->tune ? d->tune : NULL, "tune_from",
-        *d->tune_from ? d->tune_from : NULL, "tune_network", *d->network ? d->network : NULL,
-        "voxel_tune", *d->voxel_tune ? d->voxel_tune : NULL, "voxel_tune_from",
-        *d->voxel_tune_from ? d->voxel_tune_from : NULL, "voxel_tune_network",
+        "{s:i s:s s:s s:s s:s s:s s:s s:o s:o s:o s:i s:i s:b s:s* s:s* s:s* s:s* s:s* s:s* s:s*}",
+        "index", index, "name", d->name, "type", d->type, "vendor", d->vendor, "platform",
+        d->platform, "version", d->version, "driver", d->driver, "global_mem",
+        cln_json_whole(d->global_mem), "max_alloc", cln_json_whole(d->max_alloc), "local_mem",
+        cln_json_whole(d->local_mem), "compute_units", d->compute_units, "max_group", d->max_group,
+        "shared_mem", d->shared_mem, "verdict", *d->verdict ? d->verdict : NULL, "tune",
+        *d->tune ? d->tune : NULL, "tune_from", *d->tune_from ? d->tune_from : NULL, "tune_network",
+        *d->network ? d->network : NULL, "voxel_tune", *d->voxel_tune ? d->voxel_tune : NULL,
+        "voxel_tune_from", *d->voxel_tune_from ? d->voxel_tune_from : NULL, "voxel_tune_network",
         *d->voxel_network ? d->voxel_network : NULL);
 }
 
@@ -33,14 +34,18 @@ void cln_print_device(FILE *to, int index, const cln_device_info *d)
 {
     const bool both = *d->voxel_tune && strcmp(d->tune, d->voxel_tune) == 0 &&
                       strcmp(d->tune_from, d->voxel_tune_from) == 0;
-    char global[32], largest[32];
+    char global[32], largest[32], local[32];
 
     cln_format_bytes(d->global_mem, global);
     cln_format_bytes(d->max_alloc, largest);
+    cln_format_bytes(d->local_mem, local);
     fprintf(to, "%2d  %s\n", index, d->name);
     fprintf(to, "    type       %s, %d compute unit%s\n", d->type, d->compute_units,
             cln_plural(d->compute_units, "", "s"));
-    fprintf(to, "    memory     %s, largest allocation %s\n", global, largest);
+    fprintf(to, "    memory     %s%s, largest allocation %s\n", global,
+            d->shared_mem ? ", the host's" : "", largest);
+    fprintf(to, "    groups     at most %d work-item%s, with %s of local memory\n", d->max_group,
+            cln_plural(d->max_group, "", "s"), local);
     fprintf(to, "    platform   %s (%s)\n", d->platform, d->vendor);
     fprintf(to, "    version    %s\n", d->version);
     fprintf(to, "    driver     %s\n", d->driver);

@@ -112,7 +112,7 @@ static void print_leaves(FILE *to, const cln_export_result *r)
 }
 
 /* The size as it is written, by which a wrong unit is seen, and the box as --crop takes it. */
-static void print_size(FILE *to, const cln_export_result *r)
+static void print_size(FILE *to, const char *file, const cln_export_result *r)
 {
     const double *b = r->box;
     const double side = fmax(fmax(b[3] - b[0], b[4] - b[1]), b[5] - b[2]);
@@ -120,10 +120,11 @@ static void print_size(FILE *to, const cln_export_result *r)
     char text[256];
 
     cln_format(text, sizeof text,
-               ", %.3g x %.3g x %.3g units, in the scene's frame within "
+               ", %.3g x %.3g x %.3g units%s, in the scene's frame within "
                "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
-               r->size[0], r->size[1], r->size[2], n, b[0], n, b[1], n, b[2], n, b[3], n, b[4], n,
-               b[5]);
+               r->size[0], r->size[1], r->size[2],
+               cln_ends_with(file, ".glb") ? " (to glTF they are metres: --scale)" : "", n, b[0], n,
+               b[1], n, b[2], n, b[3], n, b[4], n, b[5]);
     fputs(text, to);
 }
 
@@ -165,7 +166,7 @@ static void print_sentence(FILE *to, const char *file, json_int_t bytes, const c
                 cln_plural((double)r->faces_left_out, "triangle", "triangles"));
     }
     if (r->vertices > 0)
-        print_size(to, r);
+        print_size(to, file, r);
     if (r->faces > 0 && r->open_edges == 0)
         fprintf(to, ", closed (area %.4g, volume %.4g)", r->area, r->volume);
     else if (r->faces > 0)

@@ -2,6 +2,7 @@
 #include "device/device.h"
 
 #include <ctype.h>
+#include <limits.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -47,7 +48,9 @@ void cln_device_describe(cl_device_id id, cln_device_info *info)
 {
     cl_platform_id platform = NULL;
     cl_device_type type = 0;
-    cl_ulong global = 0, alloc = 0;
+    cl_ulong global = 0, alloc = 0, local = 0;
+    cl_bool unified = CL_FALSE;
+    size_t group = 0;
     cl_uint units = 0;
 
     memset(info, 0, sizeof *info);
@@ -69,6 +72,12 @@ void cln_device_describe(cl_device_id id, cln_device_info *info)
     info->global_mem = (double)global;
     info->max_alloc = (double)alloc;
     info->compute_units = (int)units;
+    clGetDeviceInfo(id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof local, &local, NULL);
+    clGetDeviceInfo(id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof group, &group, NULL);
+    clGetDeviceInfo(id, CL_DEVICE_HOST_UNIFIED_MEMORY, sizeof unified, &unified, NULL);
+    info->local_mem = (double)local;
+    info->max_group = group < INT_MAX ? (int)group : INT_MAX;
+    info->shared_mem = unified || strcmp(info->type, "cpu") == 0;
 }
 
 static const char *platform_name(cl_platform_id id, char *out, size_t bytes)
@@ -292,9 +301,6 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     cln_status st = CLN_OK;
     cl_device_id *ids = NULL;
     cln_device *device = NULL;
-    cl_ulong local = 0;
-    cl_bool unified = CL_FALSE;
-    size_t group = 0;
     cl_int code = CL_SUCCESS;
     int count = 0, index = 0;
 
@@ -309,12 +315,9 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     device->id = ids[index];
     cln_device_describe(device->id, &device->info);
     CLN_TRY(check_usable(device));
-    clGetDeviceInfo(device->id, CL_DEVICE_LOCAL_MEM_SIZE, sizeof local, &local, NULL);
-    clGetDeviceInfo(device->id, CL_DEVICE_MAX_WORK_GROUP_SIZE, sizeof group, &group, NULL);
-    device->max_group = group ? group : 1;
-    clGetDeviceInfo(device->id, CL_DEVICE_HOST_UNIFIED_MEMORY, sizeof unified, &unified, NULL);
-    device->unified = unified || strcmp(device->info.type, "cpu") == 0;
-    device->local_mem = (size_t)local;
+    device->max_group = (size_t)(device->info.max_group > 0 ? device->info.max_group : 1);
+    device->unified = device->info.shared_mem;
+    device->local_mem = (size_t)device->info.local_mem;
     if (desc->max_alloc)
         CLN_TRY(limit_alloc(device, desc->max_alloc));
     device->max_alloc = (size_t)device->info.max_alloc;

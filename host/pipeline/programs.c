@@ -61,12 +61,32 @@ static int common(int a, int b)
     return multiple;
 }
 
+/* Lowers the work-items to a power of two, then work-items, lines and digits until they fit the
+ * local memory. */
+static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
+{
+    const size_t local = device->local_mem * 7 / 8;
+
+    *line_bits = 10;
+    while (tune->sg & (tune->sg - 1))
+        tune->sg &= tune->sg - 1;
+    while (tune->sg > 1 &&
+           ((size_t)tune->sg > device->max_group || sort_local(tune, *line_bits) > local))
+        tune->sg /= 2;
+    if (tune->sg == 2) /* PoCL 3.1 for AVX-512 sorts wrong with two, and nothing has such groups */
+        tune->sg = 1;
+    while (*line_bits > 4 && sort_local(tune, *line_bits) > local)
+        --*line_bits;
+    while (tune->db > 4 && sort_local(tune, *line_bits) > local)
+        tune->db--;
+}
+
 void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune *tune)
 {
     const int view = net->view_dependence ? net->view_width : net->width;
     const int narrow = net->width < view ? net->width : view;
     const size_t local = device->local_mem * 7 / 8;
-    int step = 0;
+    int step = 0, bits = 0;
 
     while (tune->vw > narrow)
         tune->vw /= 2;
@@ -94,26 +114,7 @@ void cln_pipeline_fit(const cln_device *device, const cln_network *net, cln_tune
     if (!cln_leaf_kind_of(net->encoding)->network ||
         bytes_per_leaf(net) + (size_t)tune->nb * bytes_per_sample(net) > local)
         tune->leaf = 0;
-}
-
-/* Lowers the work-items to a power of two, then work-items, lines and digits until they fit the
- * local memory. */
-static void fit_sort(const cln_device *device, cln_tune *tune, int *line_bits)
-{
-    const size_t local = device->local_mem * 7 / 8;
-
-    *line_bits = 10;
-    while (tune->sg & (tune->sg - 1))
-        tune->sg &= tune->sg - 1;
-    while (tune->sg > 1 &&
-           ((size_t)tune->sg > device->max_group || sort_local(tune, *line_bits) > local))
-        tune->sg /= 2;
-    if (tune->sg == 2) /* PoCL 3.1 for AVX-512 sorts wrong with two, and nothing has such groups */
-        tune->sg = 1;
-    while (*line_bits > 4 && sort_local(tune, *line_bits) > local)
-        --*line_bits;
-    while (tune->db > 4 && sort_local(tune, *line_bits) > local)
-        tune->db--;
+    fit_sort(device, tune, &bits);
 }
 
 /* A text of fixed capacity; st: status of its allocation. */

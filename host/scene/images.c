@@ -80,10 +80,12 @@ static void warn_mixed_alpha(const cln_scene *scene)
     }
     if (opaque > 0)
         cln_warn("%s: %d of %d images %s no %s ('%s'%s), unlike the others: all that "
-                 "%s counts as opaque, background included",
+                 "%s counts as opaque, background included; make %s, or leave these photos out of "
+                 "the scene",
                  scene->folder, opaque, scene->view_count, cln_plural(opaque, "has", "have"),
                  scene->masks_alpha ? "mask" : "alpha channel", first, opaque > 1 ? ", ..." : "",
-                 cln_plural(opaque, "it shows", "these show"));
+                 cln_plural(opaque, "it shows", "these show"),
+                 scene->masks_alpha ? "their masks" : "it");
 }
 
 static bool can_decode(const char *path)

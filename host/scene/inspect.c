@@ -436,8 +436,11 @@ static void check_exposure(cln_inspection *in)
     else if (high - low > (in->scene->has_alpha ? EXPOSURE_RANGE_CUT : EXPOSURE_RANGE))
         cln_found_fault(in->findings, "exposure", false, NULL,
                         "exposure changes over the set, by %.2g stops in all: the model will "
-                        "average it; fixed exposure and white balance are better%s",
-                        high - low, in->scene->has_alpha ? "" : ", or train with --exposure");
+                        "average it; fixed exposure and white balance are better%s%s",
+                        high - low, in->scene->has_alpha ? "" : ", or train with --exposure",
+                        in->scene->outwards ? ""
+                                            : ". If the thing turned before a lamp that stands "
+                                              "still, that is why, and all is well");
     json_decref(views);
 }
 
