@@ -330,8 +330,11 @@ static cln_status take_over(cln_trainer *t)
     CLN_TRY(cln_run_open(run, true));
     CLN_TRY(cln_run_hold(run, &t->lock));
     CLN_TRY(cln_checkpoint_exists(run, &exists));
-    if (exists)
+    if (exists) { /* refused, and not because we hold it */
+        cln_run_release(t->lock);
+        t->lock = -1;
         CLN_TRY(cln_run_check(run, false, &empty));
+    }
     CLN_TRY(cln_run_read(run, &document));
     if (strcmp(cln_json_text(document, "state"), "done") == 0)
         CLN_TRY(cln_fail(CLN_OUTPUT,

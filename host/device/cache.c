@@ -154,6 +154,11 @@ static bool find_open(const char *cache, char out[PATH + 4])
     return false;
 }
 
+bool cln_cache_keeps(const char *platform)
+{
+    return is_pocl(platform) && !is_off();
+}
+
 static bool is_cold(const char *cache)
 {
     struct stat info;

@@ -51,4 +51,7 @@ void cln_cache_doubt(char **out);
  * folder. Takes no memory, as a signal's handler may ask. */
 bool cln_cache_last_words(char *out, size_t bytes);
 
+/* Are programs kept for later processes, as far as is known? */
+bool cln_cache_keeps(const char *platform);
+
 #endif

@@ -215,8 +215,9 @@ static void note_build(cln_device *device, double seconds)
 
     device->compile_seconds += seconds;
     if (before < QUIET && device->compile_seconds >= QUIET)
-        cln_info("building kernels for %s, once on this machine: up to a minute or two",
-                 device->info.name);
+        cln_info("building kernels for %s, %s: up to a minute or two", device->info.name,
+                 cln_cache_keeps(device->info.platform) ? "once on this machine"
+                                                        : "each time unless its driver keeps them");
 }
 
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,

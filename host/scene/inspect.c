@@ -208,10 +208,10 @@ static void judge_cube(cln_inspection *in, double inside, double low[3], double 
     char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
     bool tighter = true; /* the box is smaller than the cube, on all axes */
     /* of a thing that cameras stand around, smooth parts have no marks: a head, legs, a rim */
-    const double share = is_around(in->scene, low, high) ? 0.5 : 0.1;
+    const double more = is_around(in->scene, low, high) ? 1.0 / 3 : 0; /* half, with a tenth */
 
     for (int axis = 0; axis < 3; axis++) {
-        const double margin = share * (high[axis] - low[axis]); /* more to either side */
+        const double margin = 0.1 * (high[axis] - low[axis]); /* a tenth more to either side */
 
         span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
         low[axis] -= margin;
@@ -221,6 +221,12 @@ static void judge_cube(cln_inspection *in, double inside, double low[3], double 
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
+    for (int axis = 0; axis < 3; axis++) {
+        const double margin = more * (high[axis] - low[axis]);
+
+        low[axis] -= margin;
+        high[axis] += margin;
+    }
     if (inside >= INSIDE_LEAST && cln_scene_shown_box(in->scene, shown)) {
         memcpy(low, shown, 3 * sizeof *low);
         memcpy(high, shown + 3, 3 * sizeof *high);

@@ -160,7 +160,7 @@ section_photos() {
         diff -r -x '*tree*' "$work/one/eval/00000200-test" "$work/dealt/eval/00000200-test"
     # 48 x 48 x 4 bytes each; of the two test photos, ranks 0 and 2 have one each
     check "rows tell the photos' bytes of the ranks" \
-        grep -q '"photo_bytes":\[18432\.0,36864\.0\]' "$work/dealt/metrics.jsonl"
+        grep -q '"photo_bytes":\[18432,36864\]' "$work/dealt/metrics.jsonl"
     check "the report shows them" grep -q 'memory for photos.*18.0 KiB' "$work/dealt/report.html"
     expect "one process needs them all" 3 "r_005" "$cln" train "$work/scene-0" -o "$work/no" \
         "${small[@]}" --steps 1
