@@ -275,12 +275,37 @@ static void pose_of(const double c2w[12], double q[4], double t[3])
     }
 }
 
-/* Writes all three files; successive views with the same camera share its entry. */
+/* The number of a view's camera, from 1 on, and whether it is new. `first`: the first views of the
+ * first cameras, by which those of a rig, which take turns, are found again; of a set with more the
+ * newest one, too. */
+typedef struct camera_list {
+    int count, newest;
+    const cln_view *first[256], *last;
+} camera_list;
+
+static int number_of(camera_list *list, const cln_view *view, bool *new)
+{
+    const int known = list->count < 256 ? list->count : 256;
+
+    *new = false;
+    for (int i = 0; i < known; i++)
+        if (same_camera(view, list->first[i]))
+            return i + 1;
+    if (!list->last || !same_camera(view, list->last)) {
+        *new = true;
+        list->newest = ++list->count;
+        if (list->count <= 256)
+            list->first[list->count - 1] = view;
+    }
+    list->last = view;
+    return list->newest;
+}
+
+/* Writes all three files. */
 static cln_status put_views(const cln_scene *scene, double scale, FILE *const to[FILES])
 {
     cln_status st = CLN_OK;
-    int cameras = 0;
-    const cln_view *last = NULL;
+    camera_list cameras = {0};
     char *name = NULL;
 
     fprintf(to[CAMERAS], "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
@@ -290,22 +315,24 @@ static cln_status put_views(const cln_scene *scene, double scale, FILE *const to
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         double q[4], t[3];
+        bool new = false;
+        int camera = 0;
 
         if (is_again(scene, i))
             continue;
         free(name);
         name = NULL;
         CLN_TRY(name_of(scene, view, &name));
-        if (!last || !same_camera(view, last))
-            CLN_TRY(put_camera(to[CAMERAS], ++cameras, view));
-        last = view;
+        camera = number_of(&cameras, view, &new);
+        if (new)
+            CLN_TRY(put_camera(to[CAMERAS], camera, view));
         pose_of(view->camera.c2w, q, t);
         fprintf(to[IMAGES], "%d", i + 1);
         for (int k = 0; k < 4; k++)
             put_number(to[IMAGES], q[k]);
         for (int k = 0; k < 3; k++)
             put_number(to[IMAGES], t[k] * scale);
-        fprintf(to[IMAGES], " %d %s\n\n", cameras, name);
+        fprintf(to[IMAGES], " %d %s\n\n", camera, name);
     }
 done:
     free(name);

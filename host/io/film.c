@@ -151,6 +151,9 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
     if (f->wide > f->width || f->high > f->height)
         CLN_TRY(
             cln_alloc(&f->even, (size_t)f->wide * (size_t)f->high, (size_t)f->channels, "film"));
+    if (f->even)
+        cln_info("%s: %d x %d pixels, not %d x %d, as players need even sides", f->path, f->wide,
+                 f->high, f->width, f->height);
     snprintf(size, sizeof size, "%dx%d", f->wide, f->high);
     cln_film_rate(fps, &num, &den);
     snprintf(rate, sizeof rate, "%" PRId64 "/%" PRId64, num, den);

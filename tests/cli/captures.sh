@@ -922,6 +922,17 @@ section_phone() {
     check "its page shows photos as people see them" eval \
         'grep -q "<img width=36 height=48" "$work/page.html" &&
         grep -q "<img width=48 height=36" "$work/page.html"'
+    expect "cameras for COLMAP" 0 "" "$cln" export "$run" --cameras "$work/phone/sparse/0"
+    mv "$work/phone/transforms.json" "$work/upright.json"
+    echo "2 SIMPLE_PINHOLE 48 36 70 24 18" >>"$work/phone/sparse/0/cameras.txt"
+    sed -i 's,1 \(images/frame_000.[02468].png\),2 \1,' "$work/phone/sparse/0/images.txt"
+    expect "of two lenses that take turns" 0 "" "$cln" train "$work/phone" -o "$work/two lenses" \
+        "${small[@]}" --steps 2
+    expect "and again" 0 "" "$cln" export "$work/two lenses" --cameras "$work/two"
+    check "are two" [ "$(grep -c '^[0-9]' "$work/two/cameras.txt")" = 2 ]
+    check "each with half of the photos" [ "$(grep -c ' 1 images/' "$work/two/images.txt") $(
+        grep -c ' 2 images/' "$work/two/images.txt")" = "7 7" ]
+    mv "$work/upright.json" "$work/phone/transforms.json"
     expect "a spiral" 0 "" "$cln" render "$run" --spiral 2 -o "$work/phone spiral"
     mv "$work/phone" "$work/phone away"
     expect "a spiral without the photos" 0 "" "$cln" render "$run" --spiral 2 \
