@@ -335,8 +335,9 @@ done:
                  j->desc->out, result->rendered, j->count);
     else if (st == CLN_SIGINT || st == CLN_SIGTERM)
         cln_note(
-            "rendering into %s: %d of %d frames are there, the same command renders the others",
-            j->desc->out, result->skipped + result->rendered, j->count);
+            "rendering into %s: %d of %d frames are there, the same command %srenders the others",
+            j->desc->out, result->skipped + result->rendered, j->count,
+            j->desc->overwrite ? "without --overwrite " : "");
     if (st == CLN_OK)
         st = written;
     if (st == CLN_OK) {
@@ -355,6 +356,7 @@ static cln_status render_film(cln_render_job *j, cln_render_result *result)
     const double told = j->desc->fps > 0 ? j->desc->fps : j->cameras.fps;
     const cln_film_form form = {.width = cln_render_width(j, &j->frames[0]),
                                 .height = first->height,
+                                .frames = j->count,
                                 .fps = told > 0 ? told : 24,
                                 .alpha = j->desc->transparent,
                                 .overwrite = j->desc->overwrite};

@@ -20,6 +20,7 @@
 #include "base/number.h"
 #include "io/command.h"
 #include "io/disk.h"
+#include "io/progress.h"
 
 struct cln_film {
     int width, height, channels;
@@ -157,13 +158,13 @@ static cln_status start_ffmpeg(cln_film *f, double fps)
     snprintf(size, sizeof size, "%dx%d", f->wide, f->high);
     cln_film_rate(fps, &num, &den);
     snprintf(rate, sizeof rate, "%" PRId64 "/%" PRId64, num, den);
-    snprintf(filter, sizeof filter, "%s%s", gif ? "split[a][b];[a]palettegen[p];[b][p]" : even,
+    /* pictures have the tags, too: ProRes has those, and ffmpeg 9 drops the others */
+    snprintf(filter, sizeof filter, "%s%s%s", gif ? "split[a][b];[a]palettegen[p];[b][p]" : even,
              gif      ? "paletteuse"
              : !alpha ? "yuv420p"
              : webm   ? "yuva420p"
-                    /* ProRes has the tags of its pictures, which filters do not get */
-                    : "yuva444p10le,setparams=colorspace=bt709:color_primaries=bt709:"
-                      "color_trc=iec61966-2-1");
+                      : "yuva444p10le",
+             gif ? "" : ",setparams=colorspace=bt709:color_primaries=bt709:color_trc=iec61966-2-1");
     CLN_TRY(make_part(f));
     CLN_TRY(cln_asprintf(&url, "file:%s", f->part)); /* "a:1.mp4" would be a protocol's */
     {
@@ -226,6 +227,30 @@ static cln_status check_alpha(const char *path)
     return CLN_OK;
 }
 
+/* ffmpeg finds a .gif's palette by all of its frames, and keeps them until then. */
+static cln_status check_gif(const char *path, const cln_film_form *form)
+{
+    const double bytes = 4.0 * form->width * form->height * form->frames;
+    char need[32];
+
+    if (strcasecmp(ending(path), ".gif") != 0)
+        return CLN_OK;
+    if (form->fps > CLN_FILM_GIF_FPS)
+        return cln_fail(CLN_USAGE,
+                        "%s: a GIF has at most %d frames a second (its delays are hundredths of a "
+                        "second, and players slow the shortest down), not %g; give --fps %d or "
+                        "less, or another kind of film",
+                        path, CLN_FILM_GIF_FPS, form->fps, CLN_FILM_GIF_FPS);
+    if (bytes < 0.5 * cln_available_memory(""))
+        return CLN_OK;
+    cln_format_bytes(bytes, need);
+    return cln_fail(
+        CLN_MEMORY,
+        "%s: ffmpeg keeps all %d frames of a GIF in memory, %s, which is too much here; "
+        "make a film of another kind (.mp4, .webm), or fewer or smaller frames",
+        path, form->frames, need);
+}
+
 cln_status cln_film_begin(const char *path, const cln_film_form *form, cln_film **out)
 {
     cln_status st = CLN_OK;
@@ -234,6 +259,7 @@ cln_status cln_film_begin(const char *path, const cln_film_form *form, cln_film 
 
     *out = NULL;
     CLN_TRY(form->alpha ? check_alpha(path) : CLN_OK);
+    CLN_TRY(check_gif(path, form));
     CLN_TRY(cln_alloc(&f, 1, sizeof *f, "film"));
     f->width = form->width;
     f->height = form->height;

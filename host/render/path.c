@@ -1,5 +1,6 @@
-/* A smooth path through poses. See frames.h. Knots are as far apart as the poses are, so that the
- * pace is even; tangents are those of the parabola through a key and its neighbours. */
+/* A smooth path through poses. See frames.h. Knots are as far apart as the poses are; tangents are
+ * those of the parabola through a key and its neighbours. Frames are evenly spread over the length
+ * of the way, as it is gone faster in some parts than in others. */
 #include "render/frames.h"
 
 #include <math.h>
@@ -14,6 +15,10 @@
  * looks from straight up or down (0 to 1), where there is no roll. Around a target, the quaternion
  * is relative to a level camera that looks at it from the same position. */
 enum { DISTANCE = 7, ROLL, PARTS = ROLL + 2 };
+/* Pieces of the way between two keys by which its length is found. */
+enum { PIECES = 128 };
+/* Radians, or units of the scene: less between keys is none. */
+static const double LEAST_TURN = 1e-9;
 
 typedef struct key {
     double at, part[PARTS], slope[PARTS];
@@ -117,16 +122,16 @@ static cln_status place_keys(int n, key *keys)
 
     CLN_TRY(cln_alloc(&apart, (size_t)n, sizeof *apart, "path"));
     for (int i = 1; i < n; i++) {
-        double square = 0, cosine = 0;
+        double square = 0, turn = 0;
 
-        for (int a = 0; a < PARTS; a++) {
+        for (int a = 0; a < DISTANCE; a++) {
             const double d = keys[i].part[a] - keys[i - 1].part[a];
 
             square += a < 3 ? d * d : 0;
-            cosine += a < 3 || a >= DISTANCE ? 0 : keys[i].part[a] * keys[i - 1].part[a];
+            turn += a < 3 ? 0 : d * d;
         }
         apart[i][0] = sqrt(square);
-        apart[i][1] = 2 * acos(fmin(1, fabs(cosine)));
+        apart[i][1] = 4 * asin(fmin(1, sqrt(turn) / 2)); /* by acos, none would be 1e-8 */
         for (int k = 0; k < 2; k++)
             mean[k] += apart[i][k] / (n - 1);
     }
@@ -134,7 +139,7 @@ static cln_status place_keys(int n, key *keys)
         double length = 0;
 
         for (int k = 0; k < 2; k++)
-            length += mean[k] > 1e-12 ? apart[i][k] / mean[k] : 0;
+            length += mean[k] > LEAST_TURN ? apart[i][k] / mean[k] : 0;
         keys[i].at = keys[i - 1].at + fmax(length, 1e-3); /* a pose given twice is a short halt */
     }
 done:
@@ -288,14 +293,111 @@ static void focal_of(const cln_camera *of, const cln_camera *path, double focal[
     focal[1] = from->fy / side_of(from);
 }
 
+/* A path that is laid. */
+typedef struct path {
+    const cln_orbit_frame *around;
+    const double *up;
+    key *keys;
+    int n;
+    double *length; /* [PIECES * (n - 1) + 1] of the way up to the end of each piece */
+} path;
+
+static int segment_of(const path *p, double at)
+{
+    int segment = 0;
+
+    for (int below = p->n - 1; below - segment > 1;) { /* halving */
+        const int middle = (segment + below) / 2;
+
+        if (p->keys[middle].at <= at)
+            segment = middle;
+        else
+            below = middle;
+    }
+    return segment;
+}
+
+static double at_of_piece(const path *p, int piece)
+{
+    const key *from = &p->keys[piece / PIECES];
+
+    return piece % PIECES ? from[0].at + (from[1].at - from[0].at) * (piece % PIECES) / PIECES
+                          : from[0].at;
+}
+
+/* How far two poses are apart: in place, and in direction. */
+static void find_apart(const double a[12], const double b[12], double apart[2])
+{
+    double square = 0, turn = 0;
+
+    for (int i = 0; i < 12; i++)
+        *(i % 4 == 3 ? &square : &turn) += (a[i] - b[i]) * (a[i] - b[i]);
+    apart[0] = sqrt(square);
+    apart[1] = 2 * asin(fmin(1, sqrt(turn / 8))); /* |A - B|^2 = 4 (1 - cos) */
+}
+
+/* Lengths count as between keys: place and direction, each by its sum over the way. */
+static cln_status measure(path *p)
+{
+    cln_status st = CLN_OK;
+    const int pieces = PIECES * (p->n - 1);
+    double(*apart)[2] = NULL, sum[2] = {0}, before[12], here[12];
+
+    CLN_TRY(cln_alloc(&apart, (size_t)pieces, sizeof *apart, "path"));
+    CLN_TRY(cln_alloc(&p->length, (size_t)pieces + 1, sizeof *p->length, "path"));
+    for (int i = 0; i <= pieces; i++) {
+        const int segment = i < pieces ? i / PIECES : p->n - 2;
+
+        pose_at(&p->keys[segment], &p->keys[segment + 1], at_of_piece(p, i), p->around, p->up,
+                here);
+        if (i > 0)
+            find_apart(before, here, apart[i - 1]);
+        for (int k = 0; k < 2 && i > 0; k++)
+            sum[k] += apart[i - 1][k];
+        memcpy(before, here, sizeof before);
+    }
+    p->length[0] = 0;
+    for (int i = 0; i < pieces; i++) {
+        p->length[i + 1] = p->length[i];
+        for (int k = 0; k < 2; k++)
+            p->length[i + 1] += sum[k] > LEAST_TURN ? apart[i][k] / sum[k] : 0;
+    }
+done:
+    free(apart);
+    return st;
+}
+
+/* Where a share of the way is gone. */
+static double at_of_share(const path *p, double share)
+{
+    const int pieces = PIECES * (p->n - 1);
+    const double wanted = share * p->length[pieces];
+    int piece = 0;
+    double part = 0;
+
+    if (share >= 1)
+        return p->keys[p->n - 1].at;
+    if (!(p->length[pieces] > 0)) /* all keys are one */
+        return share * p->keys[p->n - 1].at;
+    for (int below = pieces; below - piece > 1;) {
+        const int middle = (piece + below) / 2;
+
+        if (p->length[middle] <= wanted)
+            piece = middle;
+        else
+            below = middle;
+    }
+    part = (wanted - p->length[piece]) / (p->length[piece + 1] - p->length[piece]);
+    return at_of_piece(p, piece) + part * (at_of_piece(p, piece + 1) - at_of_piece(p, piece));
+}
+
 cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit_frame *around,
                               const double *up, cln_frames *out)
 {
     cln_status st = CLN_OK;
     const int n = from->count;
     const cln_camera lens = n > 0 ? lens_of(from) : (cln_camera){0};
-    key *keys = NULL;
-    int segment = 0;
+    path p = {.up = up, .n = n};
 
     if (n < 2)
         CLN_TRY(cln_fail(CLN_USAGE,
@@ -304,27 +406,30 @@ cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit
                          n));
     if (around && !look_at_it(from, around))
         around = NULL;
-    CLN_TRY(cln_alloc(&keys, (size_t)n, sizeof *keys, "path"));
-    CLN_TRY(make_keys(from, around, up, keys));
-    find_slopes(n, keys);
+    p.around = around;
+    CLN_TRY(cln_alloc(&p.keys, (size_t)n, sizeof *p.keys, "path"));
+    CLN_TRY(make_keys(from, around, up, p.keys));
+    find_slopes(n, p.keys);
+    CLN_TRY(measure(&p));
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {
-        const double at = count > 1 ? keys[n - 1].at * i / (count - 1) : 0;
+        const double at = count > 1 ? at_of_share(&p, (double)i / (count - 1)) : 0;
+        const int segment = segment_of(&p, at);
+        const key *keys = &p.keys[segment];
+        const double u = (at - keys[0].at) / (keys[1].at - keys[0].at);
         cln_camera *c = &out->frame[i].camera;
-        double u = 0, a[2], b[2];
+        double a[2], b[2];
 
-        while (segment < n - 2 && keys[segment + 1].at <= at)
-            segment++;
-        u = (at - keys[segment].at) / (keys[segment + 1].at - keys[segment].at);
         *c = lens;
         focal_of(&from->frame[segment].camera, &lens, a);
         focal_of(&from->frame[segment + 1].camera, &lens, b);
         c->fx = side_of(c) * ((1 - u) * a[0] + u * b[0]);
         c->fy = side_of(c) * ((1 - u) * a[1] + u * b[1]);
-        pose_at(&keys[segment], &keys[segment + 1], at, around, up, c->c2w);
+        pose_at(&keys[0], &keys[1], at, around, up, c->c2w);
         CLN_TRY(cln_asprintf(&out->frame[i].name, "path_%04d", i));
     }
 done:
-    free(keys);
+    free(p.keys);
+    free(p.length);
     return st;
 }

@@ -86,7 +86,9 @@ cln_status cln_reel_begin(cln_reel *reel, const cln_ask *ask)
         CLN_TRY(cln_disk_check(reel->folder, plain_bytes, "the film"));
     CLN_TRY(cln_path_join(&reel->path, reel->folder, cln_reel_file(reel)));
     CLN_TRY(cln_film_begin(
-        reel->path, &(cln_film_form){.width = ask->width, .height = ask->height, .fps = ask->fps},
+        reel->path,
+        &(cln_film_form){
+            .width = ask->width, .height = ask->height, .frames = ask->frames, .fps = ask->fps},
         &reel->film));
     CLN_TRY(cln_ask_make_token(reel->name));
     reel->width = ask->width;

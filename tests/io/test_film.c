@@ -11,6 +11,7 @@
 #include <cmocka.h>
 #include "io/film.h"
 #include "comma.h"
+#include "outcome.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -281,6 +282,21 @@ static void test_ffmpeg_names(void **state)
     free(here);
 }
 
+/* A GIF of more frames a second than it can tell, or than memory has room for, is refused before
+ * any is made. */
+static void test_gif(void **state)
+{
+    const char *path = scratch_path(*state, "a.gif");
+    cln_film_form form = {.width = 30000, .height = 30000, .frames = 1000000, .fps = 51};
+    cln_film *film = NULL;
+
+    assert_fails(cln_film_begin(path, &form, &film), CLN_USAGE, "at most 50 frames a second");
+    form.fps = 50;
+    assert_fails(cln_film_begin(path, &form, &film), CLN_MEMORY, "all 1000000 frames of a GIF");
+    assert_null(film);
+    assert_int_equal(count_files(*state), 0);
+}
+
 static void test_names(void **state)
 {
     (void)state;
@@ -292,15 +308,11 @@ static void test_names(void **state)
 int test_group_film(void)
 {
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
-    const struct CMUnitTest tests[] = {ON_DISK(test_y4m),
-                                       ON_DISK(test_ffmpeg),
-                                       ON_DISK(test_ffmpeg_names),
-                                       ON_DISK(test_alpha),
-                                       cmocka_unit_test(test_rates),
-                                       ON_DISK(test_full_disk),
-                                       ON_DISK(test_odd_sides),
-                                       ON_DISK(test_rate_in_other_locale),
-                                       cmocka_unit_test(test_names)};
+    const struct CMUnitTest tests[] = {
+        ON_DISK(test_y4m),           ON_DISK(test_ffmpeg),    ON_DISK(test_ffmpeg_names),
+        ON_DISK(test_gif),           ON_DISK(test_alpha),     cmocka_unit_test(test_rates),
+        ON_DISK(test_full_disk),     ON_DISK(test_odd_sides), ON_DISK(test_rate_in_other_locale),
+        cmocka_unit_test(test_names)};
 
     return cmocka_run_group_tests_name("film", tests, NULL, NULL);
 }
