@@ -19,7 +19,7 @@ bool cln_film_takes_alpha(const char *path);
 /* Frames a second: at least, as a film's length in time must stay a number that files hold. */
 #define CLN_FILM_LEAST_FPS 0.001
 
-/* Of a .gif: its delays are hundredths of a second, and players slow those of one hundredth down. */
+/* Of a .gif: its delays are hundredths of a second, and players slow the shortest down. */
 #define CLN_FILM_GIF_FPS 50
 
 /* Frames a second as the fraction *num / *den that is meant: 29.97 is 30000/1001, as 23.976, 59.94
