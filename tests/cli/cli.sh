@@ -488,6 +488,9 @@ section_results() {
     run "$cln" render "$work/whole" --split train --max-images 2 --width 40 -o "$work/ends"
     check "the path begins with the first pose" cmp -s "$work/path/path_0000.png" \
         "$work/ends/train_r_000.png"
+    expect "frames of another background are not those" 7 "of.other.settings --overwrite" "$cln" \
+        render "$work/whole" --split train --max-images 2 --width 40 -o "$work/ends" \
+        --background 1,0,0
     expect "a path of another field of view" 0 "" "$cln" render "$work/whole" --split train \
         --max-images 2 --interpolate 3 --width 40 --fov 53.13010235 -o "$work/wide path" --json
     check "has it" eval '[[ $("$query" frames.1.fl_x <"$work/wide path/transforms.json") == \

@@ -19,6 +19,7 @@
 #include "io/disk.h"
 #include "io/names.h"
 #include "io/run_folder.h"
+#include "io/run_history.h"
 #include "outcome.h"
 #include "scratch.h"
 #include "tests.h"
@@ -463,6 +464,32 @@ static void test_disk_check_new(void **state)
 }
 
 /* A command that looks who trains a run has its lock for a moment; a training keeps it. */
+/* Of the starts before, those whose steps are trained anew are dropped, but never the first. */
+static void test_starts(void **state)
+{
+    static const int from[3] = {0, 20, 40};
+    static const int kept[4][2] = {/* resumed at, starts then */ {0, 2}, {20, 2}, {30, 3}, {50, 4}};
+    static const char *const scenes[2] = {NULL, NULL};
+    json_t *before = json_array();
+
+    (void)state;
+    for (int i = 0; i < 3; i++)
+        json_array_append_new(
+            before, json_pack("{s:i, s:s, s:{}}", "step", from[i], "command", "x", "changed"));
+    for (int i = 0; i < 4; i++) {
+        json_t *all = NULL;
+
+        assert_ok(cln_history_add(before, kept[i][0], "now", "then", NULL, NULL, scenes, &all));
+        assert_int_equal(json_array_size(all), kept[i][1]);
+        assert_int_equal(json_integer_value(json_object_get(json_array_get(all, 0), "step")), 0);
+        assert_string_equal(json_string_value(json_object_get(
+                                json_array_get(all, json_array_size(all) - 1), "command")),
+                            "now");
+        json_decref(all);
+    }
+    json_decref(before);
+}
+
 static void test_hold(void **state)
 {
     const char *run = *state, *path = scratch_path(*state, "lock");
@@ -510,6 +537,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_metrics_resume, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),
+        cmocka_unit_test(test_starts),
         cmocka_unit_test_setup_teardown(test_hold, scratch_make, scratch_remove),
         cmocka_unit_test(test_machine),
         cmocka_unit_test(test_view_file_name),

@@ -13,7 +13,8 @@
 #include "scene_fixture.h"
 #include "tests.h"
 
-enum { VIEWS = 14, A_DAY = 12, EVERY = 4 }; /* photos of the first day, then of the second */
+/* Photos of the first day, then of the second, whose first one is held out. */
+enum { VIEWS = 18, A_DAY = 13, EVERY = 4 };
 
 static bool held_out(int number)
 {

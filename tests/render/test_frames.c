@@ -400,6 +400,19 @@ static void test_orbit_lens(void **state)
     assert_true(fabs(c.fx - 40) < 1e-12 && fabs(c.fy - 44) < 1e-12);
 }
 
+/* A view in another shape has its middle where it was, and is cut or grows above and below. */
+static void test_resized_view(void **state)
+{
+    const cln_camera like = {.width = 80, .height = 60, .fx = 100, .fy = 110, .cx = 35, .cy = 33};
+    cln_camera c;
+
+    (void)state;
+    assert_int_equal(cln_orbit_resize(&like, 40, 40, &c), CLN_OK);
+    assert_true(c.width == 40 && c.height == 40);
+    assert_true(fabs(c.cx - 17.5) < 1e-12 && fabs(c.cy - 21.5) < 1e-12); /* 16.5, 5 lower */
+    assert_true(fabs(c.fx - 50) < 1e-12 && fabs(c.fy - 55) < 1e-12);
+}
+
 /* Pictures of another shape than the photos have the field of view of these along the shorter side,
  * so a wide one cuts nothing off above and below. */
 static void test_orbit_of_other_shapes(void **state)
@@ -500,6 +513,37 @@ static void test_even_pace(void **state)
             fail_msg("case %zu: steps of %g to %g", k, least, most);
         cln_frames_free(&f);
     }
+}
+
+/* At a key, a path goes where the parabola through it and its neighbours does: mostly where the
+ * nearer one is. */
+static void test_slopes(void **state)
+{
+    enum { COUNT = 4001 };
+    static const double places[3][3] = {{0, 0, 0}, {1, 0, 0}, {1, 3, 0}};
+    cln_frame keys[3];
+    const cln_frames from = {.count = 3, .frame = keys};
+    cln_frames f = {0};
+    double nearest = INFINITY;
+    int at = 1;
+
+    (void)state;
+    memset(keys, 0, sizeof keys);
+    for (int i = 0; i < 3; i++)
+        aim(places[i], (double[3]){places[i][0] + 1, places[i][1], 0}, 0, &keys[i].camera);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    for (int i = 1; i < COUNT - 1; i++)
+        if (distance(&f.frame[i].camera, &keys[1].camera) < nearest) {
+            nearest = distance(&f.frame[i].camera, &keys[1].camera);
+            at = i;
+        }
+    assert_true(nearest < 0.002);
+    {
+        const double *a = f.frame[at - 1].camera.c2w, *b = f.frame[at + 1].camera.c2w;
+
+        assert_true(fabs((b[3] - a[3]) / (b[7] - a[7]) - 3) < 0.1);
+    }
+    cln_frames_free(&f);
 }
 
 /* A path through four views a quarter turn apart comes no nearer to what they stand around, and
@@ -656,6 +700,28 @@ static void test_spiral_in_front(void **state)
     }
     assert_true(fabs(wide - 1) < 0.02 && fabs(high - 0.5) < 0.02);
     assert_true(distance(&f.frame[0].camera, &f.frame[23].camera) < 1); /* it is closed */
+    cln_frames_free(&f);
+}
+
+/* Around one camera, or several in one place, it is narrow, but turns. */
+static void test_spiral_of_one_place(void **state)
+{
+    const cln_render_desc desc = {.spiral_frames = 24, .orbit_radius = 1};
+    cln_view views[3];
+    cln_scene scene;
+    cln_frames f = {0};
+    double wide = 0, high = 0;
+
+    (void)state;
+    put_scene(&scene, views, 3);
+    for (int i = 0; i < 3; i++)
+        aim((double[3]){0, -5, 0}, (double[3]){0.1 * (i - 1), 0, 0}, 0, &views[i].camera);
+    assert_int_equal(cln_frames_spiral(&scene, &desc, &f), CLN_OK);
+    for (int i = 0; i < f.count; i++) {
+        wide = fmax(wide, fabs(f.frame[i].camera.c2w[3]));
+        high = fmax(high, fabs(f.frame[i].camera.c2w[11]));
+    }
+    assert_true(wide > 0.01 && wide < 1 && high > 0.01 && high < 1);
     cln_frames_free(&f);
 }
 
@@ -818,11 +884,14 @@ int test_group_frames(void)
                                        cmocka_unit_test(test_through_panoramas),
                                        cmocka_unit_test(test_turns),
                                        cmocka_unit_test(test_even_pace),
+                                       cmocka_unit_test(test_slopes),
                                        cmocka_unit_test(test_around),
                                        cmocka_unit_test(test_orbit_lens),
+                                       cmocka_unit_test(test_resized_view),
                                        cmocka_unit_test(test_orbit_of_other_shapes),
                                        cmocka_unit_test(test_orbit_arc),
                                        cmocka_unit_test(test_spiral_in_front),
+                                       cmocka_unit_test(test_spiral_of_one_place),
                                        cmocka_unit_test(test_spiral_around),
                                        cmocka_unit_test(test_spiral_from_above)};
 

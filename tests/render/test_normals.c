@@ -113,6 +113,27 @@ static void test_known_surfaces(void **state)
     check(0.08);
 }
 
+/* Across a step of depth is no surface: a column alone before a wall has no normal. */
+static void test_edges(void **state)
+{
+    enum { COLUMN = WIDTH / 2 };
+    static float depth[WIDTH * HEIGHT], opacity[WIDTH * HEIGHT], got[3 * WIDTH * HEIGHT];
+    const cln_camera camera = make_camera();
+
+    (void)state;
+    for (int i = 0; i < WIDTH * HEIGHT; i++) {
+        depth[i] = i % WIDTH == COLUMN ? 3 : 6;
+        opacity[i] = 1;
+    }
+    cln_normals_of_depth(&camera, depth, opacity, got);
+    for (int y = 0; y < HEIGHT; y++)
+        for (int x = 0; x < WIDTH; x++) {
+            const float *n = got + 3 * (y * WIDTH + x);
+
+            assert_true((n[0] == 0 && n[1] == 0 && n[2] == 0) == (x == COLUMN));
+        }
+}
+
 /* A pixel alone in its picture has no normal. */
 static void test_without_neighbours(void **state)
 {
@@ -130,6 +151,7 @@ int test_group_normals(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_known_surfaces),
+        cmocka_unit_test(test_edges),
         cmocka_unit_test(test_without_neighbours),
     };
 

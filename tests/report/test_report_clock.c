@@ -52,6 +52,12 @@ static void test_processes(void **state)
           {"\"from_step\":10,", 34, 5e3}},
          "; 00:43 by the clock", /* 9 + 34 */
          "sent, per step<td class=n>200\n"},
+        {"three processes",
+         {{"\"from_step\":0,", 9, 1e3},
+          {"\"from_step\":10,", 30, 3e3},
+          {"\"from_step\":20,", 20, 2e3}},
+         "; 00:59 by the clock",
+         "sent, per step<td class=n>200\n"},
         {"one of an older program before",
          {{"", 9, 1e3}, {"\"from_step\":10,", 30, 3e3}},
          "; 00:39 by the clock",
