@@ -417,12 +417,15 @@ static void test_bad_pose(void **state)
         if (fault != cases[i].fault || (fault && !strstr(text, "poses: 12;")))
             fail_msg("case %zu: '%s'", i, text);
         free(text);
+        text = told_of(s, "frames", &fault); /* it parts the others, but their frame is one */
+        assert_string_equal(text, "");
+        free(text);
         free(s);
     }
 }
 
-/* Photos of one wall in two parts that no pair joins, as those of the second are upside down: a
- * fault only if its frame is another. */
+/* Photos of one wall in two parts, those of the second upside down: a fault if its frame is
+ * another. */
 static void test_merged(void **state)
 {
     enum { COUNT = 24, PART = 11 };
