@@ -69,16 +69,24 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
  * opaque. */
 static void warn_mixed_alpha(const cln_scene *scene)
 {
-    const char *first = NULL;
+    const char *first = NULL, *first_alpha = NULL;
     int opaque = 0;
 
     for (int i = 0; i < scene->view_count && scene->has_alpha; i++) {
-        if (scene->views[i].channels == 4)
-            continue;
-        first = first ? first : scene->views[i].name;
-        opaque++;
+        const cln_view *v = &scene->views[i];
+        const char **name = v->channels == 4 ? &first_alpha : &first;
+
+        *name = *name ? *name : v->name;
+        opaque += v->channels != 4;
     }
-    if (opaque > 0)
+    if (2 * opaque > scene->view_count && !scene->masks_alpha)
+        cln_warn("%s: only %d of %d images %s transparent pixels ('%s'), but for these the scene "
+                 "is taken for an object that alpha cuts out: a cube, and nothing beyond it. If "
+                 "they cut nothing out, save the images without alpha; else cut it out in the "
+                 "others, too",
+                 scene->folder, scene->view_count - opaque, scene->view_count,
+                 cln_plural(scene->view_count - opaque, "has", "have"), first_alpha);
+    else if (opaque > 0)
         cln_warn("%s: %d of %d images %s no %s ('%s'%s), unlike the others: all that "
                  "%s counts as opaque, background included; make %s, or leave these photos out of "
                  "the scene",

@@ -239,6 +239,13 @@ section_wide() {
         "${small[@]}" --steps 2 "$box"
     check "nothing is cut" eval '! said "is cut off"'
 
+    "$make_scene" "$work/cut out" --size 48 --train 1 --test 0 >/dev/null || bad "make-scene"
+    "$make_scene" "$work/one cut out" --format nerfstudio --size 48 --train 6 --test 2 >/dev/null
+    mv "$work/cut out/train/r_000.png" "$work/one cut out/images/frame_00003.png"
+    expect "one photo with alpha among others" 0 \
+        "~only.1.of.8.images.has.transparent.pixels.*frame_00003 ~taken.for.an.object" \
+        "$cln" info "$work/one cut out"
+
     aside=--bbox=2.5,-1.5,-1.5,5.5,1.5,1.5
     expect "an object beside the cube" 0 "~warning:.*only.[0-9]*%.*the.object.lies.beside.it" \
         "$cln" train "$work/photos" -o "$work/beside run" "${small[@]}" --steps 2 "$aside"
