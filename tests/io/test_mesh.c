@@ -287,12 +287,35 @@ static void stl_is_what_slicers_read(void **state)
 
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
+/* The place that small numbers are told from moves with the vertices. */
+static void what_moves_keeps_its_digits(void **state)
+{
+    static const double far[3] = {500000, 4100000, 90};
+    cln_mesh mesh = make(0, 0);
+    double before[4][3];
+
+    (void)state;
+    memcpy(before, mesh.at, sizeof before);
+    for (int a = 0; a < 3; a++)
+        mesh.origin[a] = a;
+    cln_mesh_move(&mesh, far);
+    for (int a = 0; a < 3; a++) {
+        assert_near(mesh.origin[a], a + far[a], 1e-12);
+        for (int i = 0; i < 4; i++)
+            assert_near(mesh.at[i][a], before[i][a] + far[a], 1e-9);
+    }
+}
+
 int test_group_mesh(void)
 {
     const struct CMUnitTest tests[] = {
-        ON_DISK(ply_is_wide_where_it_must_be), ON_DISK(points_have_no_faces),
-        ON_DISK(obj_has_digits_and_colours),   ON_DISK(glb_is_gltf),
-        ON_DISK(glb_stands_upright),           cmocka_unit_test(places_turn_and_grow),
+        ON_DISK(ply_is_wide_where_it_must_be),
+        ON_DISK(points_have_no_faces),
+        ON_DISK(obj_has_digits_and_colours),
+        ON_DISK(glb_is_gltf),
+        ON_DISK(glb_stands_upright),
+        cmocka_unit_test(places_turn_and_grow),
+        cmocka_unit_test(what_moves_keeps_its_digits),
         ON_DISK(stl_is_what_slicers_read),
     };
 

@@ -149,7 +149,9 @@ static void test_local(void **state)
         cln_scene *scene = NULL;
 
         put_cameras(folder, cameras, transform_of(turn_z, shift),
-                    "LOCAL_CS[\"Local\",UNIT[\"metre\",1]]", fisheye ? "fisheye" : "frame", lens);
+                    "LOCAL_CS[\"Local\",UNIT[\"metre\",1]]"
+                    "</reference><transform><scale>7</scale></transform><reference>", /* chunk's */
+                    fisheye ? "fisheye" : "frame", lens);
         cln_log_set_sink(keep_warnings, warnings);
         scene = load(fisheye ? scratch_path(folder, "cameras.xml") : folder, plain());
         cln_log_set_sink(NULL, NULL);
