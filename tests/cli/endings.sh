@@ -153,6 +153,15 @@ section_exposure() {
         -o "$work/light-eval-gains" --no-save-images
     check "it is told, and --exposure not proposed" eval \
         'printed "has no gains for these" && ! printed "train with --exposure"'
+    run "$cln" train "$work/light-exposure" -o "$work/gains" --preset voxel --rays 1024 \
+        --skip-selftest --progress none --steps 70 --exposure
+    for kind in exposure none; do
+        run "$cln" eval "$work/gains" --scene "$work/light-$kind" -o "$work/gains-$kind" \
+            --no-save-images --json
+        check "gains are of the run's photos, not of as many others: $kind" \
+            [ "$kind $(json mean.psnr_exposed | sed 's/[0-9.]*[0-9]/told/')" = \
+            "$kind $([ $kind = none ] && echo null || echo told)" ]
+    done
 }
 
 sums() {
