@@ -6,7 +6,7 @@
 # that resumes from it to the same weights as an undisturbed one.
 #
 #   tests/faults.sh [SECTION...]   sections: kill disk memory device nan files changing signals
-#                                  clock results small means groups
+#                                  clock results small means groups untimed
 #   FAULTS=50                      moments for each kind of fault; make test takes 1, all sections
 #   FAULT_SEED=1                   chooses them
 # Every check is one line of the count in the last line; the output of a failed one is shown.
@@ -406,6 +406,22 @@ section_groups() {
     check "which train" [ "$rc" = 0 ]
 }
 
-all="kill disk memory device nan files changing signals clock results small means groups"
+# A device whose queue cannot tell the times of launches.
+section_untimed() {
+    local digest
+    fresh=("$cln" train "$work/scene" -o "$work/run" --rays 256 --steps 5 --skip-selftest
+        --progress none)
+    rm -rf "$work/run"
+    run "${fresh[@]}"
+    digest=$(digest "$work/run")
+    check "stages have times" grep -q '"stages":{"' "$work/run/metrics.jsonl"
+    rm -rf "$work/run"
+    run env LD_PRELOAD="$shim" FAULT_UNTIMED=1 "${fresh[@]}"
+    check "a device without times trains" [ "$rc" = 0 ]
+    check "to the same weights" [ "$(digest "$work/run")" = "$digest" ]
+    check "its stages have none" grep -q '"stages":{}' "$work/run/metrics.jsonl"
+}
+
+all="kill disk memory device nan files changing signals clock results small means groups untimed"
 whole_run
 run_sections "$all" "$@"

@@ -335,6 +335,8 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
         CLN_TRY(cln_cl_failed("clCreateContext", code));
     device->queue =
         clCreateCommandQueue(device->context, device->id, CL_QUEUE_PROFILING_ENABLE, &code);
+    if (code == CL_INVALID_QUEUE_PROPERTIES) /* times of stages are all that it lacks */
+        device->queue = clCreateCommandQueue(device->context, device->id, 0, &code);
     if (code != CL_SUCCESS)
         CLN_TRY(cln_cl_failed("clCreateCommandQueue", code));
     cln_debug("device %d: %s (%s, driver %s)", index, device->info.name, device->info.platform,

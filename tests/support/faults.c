@@ -17,6 +17,7 @@
  *            tick   the clock stands still, but a second passes in each training step, a hundred
  *                   in the K-th
  *   FAULT_GROUPS=N  kernels take groups of at most N work-items, and say so
+ *   FAULT_UNTIMED=1 the device cannot tell the times of launches
  *   FAULT_SPEED=N   the program's clock runs N times as fast: checkpoints by time come often
  *   FAULT_LOG=FILE  written at the end: "KIND CALLS", of the failed call also its name
  *
@@ -57,6 +58,7 @@ extern void *__libc_memalign(size_t alignment, size_t bytes);
 static unsigned wanted;
 static long fault_at, speed = 1;
 static size_t most_group;
+static bool untimed;
 static const char *fault_do = "once";
 static char failed[96];
 static atomic_long calls, ticks;
@@ -99,6 +101,7 @@ __attribute__((constructor)) static void begin(void)
     fault_do = how ? how : fault_do;
     ticking = strcmp(fault_do, "tick") == 0;
     most_group = getenv("FAULT_GROUPS") ? (size_t)atol(getenv("FAULT_GROUPS")) : 0;
+    untimed = getenv("FAULT_UNTIMED") != NULL;
     speed = getenv("FAULT_SPEED") ? atol(getenv("FAULT_SPEED")) : 1;
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
         if (call && strcmp(call, names[i]) == 0)
@@ -567,10 +570,17 @@ MAKES(cl_context, clCreateContext,
       (const cl_context_properties *properties, cl_uint count, const cl_device_id *devices,
        void (*notify)(const char *, const void *, size_t, void *), void *user, cl_int *status),
       (properties, count, devices, notify, user, status), CL_OUT_OF_HOST_MEMORY)
-MAKES(cl_command_queue, clCreateCommandQueue,
-      (cl_context context, cl_device_id device, cl_command_queue_properties properties,
-       cl_int *status),
-      (context, device, properties, status), CL_OUT_OF_HOST_MEMORY)
+CL_API_ENTRY cl_command_queue CL_API_CALL clCreateCommandQueue(
+    cl_context context, cl_device_id device, cl_command_queue_properties properties, cl_int *status)
+{
+    REAL(clCreateCommandQueue);
+    if (FAILS(DEVICE) || (untimed && properties)) {
+        *status = untimed ? CL_INVALID_QUEUE_PROPERTIES : CL_OUT_OF_HOST_MEMORY;
+        return NULL;
+    }
+    return real(context, device, properties, status);
+}
+
 MAKES(cl_mem, clCreateBuffer,
       (cl_context context, cl_mem_flags flags, size_t bytes, void *host, cl_int *status),
       (context, flags, bytes, host, status), CL_MEM_OBJECT_ALLOCATION_FAILURE)
