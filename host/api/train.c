@@ -620,13 +620,24 @@ done:
 }
 
 /* The box that alpha tells becomes a setting, so that all that follows has the same. */
-static cln_status choose_box(const cln_trainer *t, cln_config *config)
+static cln_status choose_box(cln_trainer *t, cln_config *config)
 {
     cln_status st = CLN_OK;
-    char box[CLN_SETTING_BYTES];
+    cln_config other = {0};
+    char box[CLN_SETTING_BYTES] = "";
 
-    CLN_TRY(cln_scene_narrow_cube(t->scene, sizeof box, box));
-    if (box[0])
+    if (config->bbox[0])
+        return CLN_OK;
+    if (config->tree_from[0]) { /* the tree is of the other run's cube */
+        CLN_TRY(cln_run_config(config->tree_from, &other));
+        snprintf(box, sizeof box, "%s", other.bbox);
+        if (box[0])
+            CLN_TRY(cln_scene_take_box(t->scene, box));
+    } else {
+        CLN_TRY(cln_scene_narrow_cube(t->scene, sizeof box, box));
+    }
+    t->box_found = box[0] != 0;
+    if (t->box_found)
         snprintf(config->bbox, sizeof config->bbox, "%s", box);
 done:
     return st;

@@ -112,7 +112,7 @@ static void print_leaves(FILE *to, const cln_export_result *r)
 }
 
 /* The size as it is written, by which a wrong unit is seen, and the box as --crop takes it. */
-static void print_size(FILE *to, const char *file, const cln_export_result *r)
+static void print_size(FILE *to, bool metres, const cln_export_result *r)
 {
     const double *b = r->box;
     const double side = fmax(fmax(b[3] - b[0], b[4] - b[1]), b[5] - b[2]);
@@ -123,13 +123,14 @@ static void print_size(FILE *to, const char *file, const cln_export_result *r)
                ", %.3g x %.3g x %.3g units%s, in the scene's frame within "
                "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
                r->size[0], r->size[1], r->size[2],
-               cln_ends_with(file, ".glb") ? " (to glTF they are metres: --scale)" : "", n, b[0], n,
-               b[1], n, b[2], n, b[3], n, b[4], n, b[5]);
+               metres ? " (to glTF they are metres: --scale)" : "", n, b[0], n, b[1], n, b[2], n,
+               b[3], n, b[4], n, b[5]);
     fputs(text, to);
 }
 
 /* bytes: of the file; -1 = not told */
-static void print_sentence(FILE *to, const char *file, json_int_t bytes, const cln_export_result *r)
+static void print_sentence(FILE *to, const char *file, bool scaled, json_int_t bytes,
+                           const cln_export_result *r)
 {
     json_t *counts = counts_of(r), *value = NULL;
     const char *key = NULL, *before = "";
@@ -166,7 +167,7 @@ static void print_sentence(FILE *to, const char *file, json_int_t bytes, const c
                 cln_plural((double)r->faces_left_out, "triangle", "triangles"));
     }
     if (r->vertices > 0)
-        print_size(to, file, r);
+        print_size(to, !scaled && cln_ends_with(file, ".glb"), r);
     if (r->faces > 0 && r->open_edges == 0)
         fprintf(to, ", closed (area %.4g, volume %.4g)", r->area, r->volume);
     else if (r->faces > 0)
@@ -300,9 +301,10 @@ cln_status cln_cmd_export(const cln_options *options)
     if (options->json)
         CLN_TRY(print_document(options, &result));
     else if (!to_stdout)
-        print_sentence(stdout, options->export_file, bytes_of(options->export_file), &result);
+        print_sentence(stdout, options->export_file, options->scale != 1,
+                       bytes_of(options->export_file), &result);
     else if (!options->quiet)
-        print_sentence(stderr, "standard output", -1, &result);
+        print_sentence(stderr, "standard output", true, -1, &result);
 done:
     cln_console_close(&console);
     return st;

@@ -140,6 +140,7 @@ static bool find_open(const char *cache, char out[PATH + 4])
 {
     for (int i = -2; i < FOLDERS; i++) {
         struct stat info;
+        bool sticky = false;
 
         if (i >= 0)
             folder(cache, i, out);
@@ -147,8 +148,10 @@ static bool find_open(const char *cache, char out[PATH + 4])
             snprintf(out, PATH + 4, "%s", cache);
         if (i == -2 && strrchr(out, '/') > out)
             *strrchr(out, '/') = 0;
-        if (lstat(out, &info) == 0 && ((info.st_uid != geteuid() && info.st_uid != 0) ||
-                                       (i > -2 && S_ISDIR(info.st_mode) && info.st_mode & S_IWOTH)))
+        if (stat(out, &info) != 0 || !S_ISDIR(info.st_mode))
+            continue;
+        sticky = i == -2 && info.st_mode & S_ISVTX; /* others cannot put one in its place */
+        if ((info.st_uid != geteuid() && info.st_uid != 0) || (info.st_mode & S_IWOTH && !sticky))
             return true;
     }
     return false;

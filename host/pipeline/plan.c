@@ -776,8 +776,8 @@ cln_status cln_plan_json(const cln_plan *plan, json_t **out)
     for (int i = 0; *out && i < plan->count; i++)
         json_object_set_new(*out, plan->rows[i].purpose, cln_json_whole(plan->rows[i].bytes));
     if (*out) {
-        json_object_set_new(*out, "total", json_real(plan->total));
-        json_object_set_new(*out, "limit", json_real(plan->limit));
+        json_object_set_new(*out, "total", cln_json_whole(plan->total));
+        json_object_set_new(*out, "limit", cln_json_whole(plan->limit));
     }
     return *out ? CLN_OK : cln_fail(CLN_MEMORY, "memory plan: cannot make JSON");
 }

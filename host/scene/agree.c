@@ -607,7 +607,7 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     if (leave_still_out(&w) && out->tie_count >= FEWEST_TO_READ)
         cln_try_readings(scene, out);
     count_agreeing(&w);
-    CLN_TRY(cln_find_merged(scene, w.features, out));
+    CLN_TRY(cln_find_merged(scene, w.features, callbacks, out));
     CLN_TRY(cln_try_parts(scene, out));
     CLN_TRY(cln_try_orders(scene, out));
     count_turned(&w);

@@ -430,6 +430,7 @@ cln_status cln_scene_take_box(cln_scene *scene, const char *bbox)
     scene->bounds_rule = because;
     scene->cube_guessed = false;
     scene->cube_share = cln_scene_cube_share(scene);
+    scene->spread = cln_scene_spread(scene);
 done:
     return st;
 }

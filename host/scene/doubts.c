@@ -57,7 +57,7 @@ double cln_scene_cube_share(const cln_scene *scene)
     return met / (RAYS * RAYS * (double)count);
 }
 
-static double spread(const cln_scene *scene)
+double cln_scene_spread(const cln_scene *scene)
 {
     const int count = chosen_count(scene);
     double mean[3] = {0}, farthest = 0;
@@ -140,7 +140,7 @@ void cln_scene_find_doubts(cln_scene *scene, const cln_reader_result *result)
 {
     scene->before_share = before_share(scene, result);
     scene->cube_share = cln_scene_cube_share(scene);
-    scene->spread = spread(scene);
+    scene->spread = cln_scene_spread(scene);
     scene->apart_share = apart_share(scene);
 }
 

@@ -29,7 +29,7 @@ static const double READING = 0.6;      /* the given reading's share over anothe
 static const double FOCAL_GAIN = 1.15;  /* share with other focal lengths over the given ones' */
 static const double FOCAL_WIDER = 1.15; /* the same of the shares that agree at all */
 /* Factor and degrees by which frames of two parts differ, to be told. */
-static const double FRAME_SCALE = 1.04, FRAME_TURN = 4;
+static const double FRAME_SCALE = 1.04, FRAME_TURN = 6;
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
 
 /* Of cameras that look apart, where photos have too little in common to decide: those of a rig do

@@ -10,7 +10,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/callbacks.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/rng.h"
 #include "scene/trials.h"
 #include "scene/vectors.h"
@@ -18,11 +20,13 @@
 /* LINK: exactly agreeing ties that join two photos. LEAST: photos of a part. ACROSS: photos of each
  * part that are compared. TRIALS: of three marks. COMMON: marks that make a frame sure. */
 enum { LINK = 8, LEAST = 4, ACROSS = 16, TRIALS = 2000, COMMON = 20 };
-static const double EXACT = 0.25;      /* share of a tie's tolerance, as STRICT of trials.c */
-static const double LINK_SHARE = 0.35; /* of a pair's ties */
-static const double NEAR = 0.05;       /* share of a mark's distance by which places may differ */
-static const double MOST = 0.3;        /* of the common marks: those that one similarity takes */
-static const double SAME = 0.6;        /* of these: those that need none, if frames are one */
+static const double EXACT = 0.25;       /* share of a tie's tolerance, as STRICT of trials.c */
+static const double LINK_SHARE = 0.35;  /* of a pair's ties */
+static const double LEAST_SHARE = 0.05; /* a part's, of the views that were compared */
+static const double NEAR = 0.05;        /* share of a mark's distance by which places may differ, */
+static const double NEAR_SPREAD = 0.2;  /* and of the marks' spread: a small thing is far away */
+static const double MOST = 0.3;         /* of the common marks: those that one similarity takes */
+static const double SAME = 0.6;         /* of these: those that need none, if frames are one */
 
 typedef struct place {
     double at[3], far; /* far: from the camera */
@@ -40,11 +44,15 @@ typedef struct similarity {
 typedef struct work {
     const cln_scene *scene;
     const cln_features *features;
+    const cln_callbacks *callbacks;
     cln_agreement *out;
-    int *part;      /* [view], of a view that is its part's name */
+    int *part; /* [view], of a view that is its part's name */
+    int *list; /* [parts], the largest first */
+    int parts;
     place **places; /* [view][feature]; NULL: none */
     common *marks;
     int mark_count;
+    double near[2]; /* a share of the marks' spread, on either side */
 } work;
 
 /* ---- parts ---- */
@@ -82,29 +90,33 @@ static void join(work *w)
     }
 }
 
-static int size_of(const work *w, int part)
+/* Lists the parts that are large enough to be told, the largest first. */
+static cln_status list_parts(work *w)
 {
-    int size = 0;
+    cln_status st = CLN_OK;
+    const int count = w->scene->view_count;
+    const double least = fmax(LEAST, LEAST_SHARE * w->out->looked_at);
+    int *size = NULL;
 
-    for (int i = 0; i < w->scene->view_count; i++)
-        size += part_of(w, i) == part;
-    return size;
-}
-
-/* The largest part, of those not yet tried; the first of several; -1: none of LEAST. */
-static int find_part(const work *w, const bool *tried)
-{
-    int best = -1, most = LEAST - 1;
-
-    for (int i = 0; i < w->scene->view_count; i++) {
-        const int size = part_of(w, i) == i && !tried[i] ? size_of(w, i) : 0;
-
-        if (size > most) {
-            most = size;
-            best = i;
-        }
+    CLN_TRY(cln_alloc(&size, (size_t)count, sizeof *size, "parts"));
+    CLN_TRY(cln_alloc(&w->list, (size_t)count, sizeof *w->list, "parts"));
+    for (int i = 0; i < count; i++) {
+        w->part[i] = part_of(w, i);
+        size[w->part[i]]++;
     }
-    return best;
+    for (int i = 0; i < count; i++) {
+        int at = w->parts;
+
+        if (size[i] < least)
+            continue;
+        for (; at > 0 && size[w->list[at - 1]] < size[i]; at--)
+            w->list[at] = w->list[at - 1];
+        w->list[at] = i;
+        w->parts++;
+    }
+done:
+    free(size);
+    return st;
 }
 
 /* ---- places of marks ---- */
@@ -187,15 +199,47 @@ static int spread(const work *w, int part, int views[ACROSS])
     return count;
 }
 
-static void find_marks(work *w, int part, int whole)
+/* The median distance of the marks from their middle, which is that of each coordinate. */
+static double spread_of(const work *w, int of, double *values)
 {
+    double middle[3];
+
+    for (int a = 0; a < 3; a++) {
+        for (int i = 0; i < w->mark_count; i++)
+            values[i] = w->marks[i].of[of].at[a];
+        cln_reals_sort(values, w->mark_count);
+        middle[a] = values[w->mark_count / 2];
+    }
+    for (int i = 0; i < w->mark_count; i++) {
+        values[i] = 0;
+        for (int a = 0; a < 3; a++)
+            values[i] += pow(w->marks[i].of[of].at[a] - middle[a], 2);
+    }
+    cln_reals_sort(values, w->mark_count);
+    return sqrt(values[w->mark_count / 2]);
+}
+
+static cln_status find_marks(work *w, int part, int whole)
+{
+    cln_status st = CLN_OK;
     int of_part[ACROSS], of_whole[ACROSS];
     const int parts = spread(w, part, of_part), wholes = spread(w, whole, of_whole);
+    double *values = NULL;
 
     w->mark_count = 0;
-    for (int i = 0; i < parts; i++)
+    for (int i = 0; i < parts; i++) {
+        CLN_TRY(cln_tell_work(w->callbacks, NULL, 0, 0));
         for (int k = 0; k < wholes; k++)
             add_marks(w, of_part[i], of_whole[k]);
+    }
+    if (w->mark_count == 0)
+        goto done;
+    CLN_TRY(cln_alloc(&values, (size_t)w->mark_count, sizeof *values, "marks of two parts"));
+    for (int of = 0; of < 2; of++)
+        w->near[of] = NEAR_SPREAD * spread_of(w, of, values);
+done:
+    free(values);
+    return st;
 }
 
 /* ---- similarities ---- */
@@ -246,9 +290,10 @@ static bool similar(common *const marks[3], similarity *out)
     return true;
 }
 
-static bool fits(const common *m, const similarity *s)
+static bool fits(const work *w, const common *m, const similarity *s)
 {
-    const double near = NEAR * fmin(m->of[1].far, s->scale * m->of[0].far);
+    const double near = fmin(fmin(NEAR * m->of[1].far, w->near[1]),
+                             s->scale * fmin(NEAR * m->of[0].far, w->near[0]));
     double square = 0;
 
     for (int i = 0; i < 3; i++)
@@ -262,7 +307,7 @@ static int count_fitting(const work *w, const similarity *s)
     int count = 0;
 
     for (int i = 0; i < w->mark_count; i++)
-        count += fits(&w->marks[i], s);
+        count += fits(w, &w->marks[i], s);
     return count;
 }
 
@@ -299,7 +344,7 @@ static double scale_of(const work *w, const similarity *s)
         for (int i = 0; i < w->mark_count; i++) {
             const common *m = &w->marks[i];
 
-            if (!fits(m, s))
+            if (!fits(w, m, s))
                 continue;
             count += !pass;
             for (int of = 0; of < 2; of++)
@@ -313,16 +358,48 @@ static double scale_of(const work *w, const similarity *s)
     return sqrt(square[1] / square[0]);
 }
 
-/* Is the part in another frame than the rest? */
-static void judge(work *w, int part)
+static const similarity none = {1, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}};
+
+/* Leaves in the list the largest part, and those that the poses as they are do not join to it, not
+ * even over others: of a large set so few photos are compared that it falls apart. */
+static cln_status leave_joined_out(work *w)
 {
-    static const similarity none = {1, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}};
+    cln_status st = CLN_OK;
+    int *joined = NULL, count = 1, left = 1;
+
+    CLN_TRY(cln_alloc(&joined, (size_t)w->parts, sizeof *joined, "parts"));
+    joined[0] = w->list[0];
+    for (int at = 0; at < count; at++) {
+        left = 1;
+        for (int i = 1; i < w->parts; i++) {
+            int same = 0;
+
+            CLN_TRY(find_marks(w, w->list[i], joined[at]));
+            same = count_fitting(w, &none);
+            if (same >= COMMON && same >= MOST * w->mark_count)
+                joined[count++] = w->list[i];
+            else
+                w->list[left++] = w->list[i];
+        }
+        w->parts = left;
+    }
+done:
+    free(joined);
+    return st;
+}
+
+/* Is the part in another frame than the largest? */
+static cln_status judge(work *w, int part)
+{
+    cln_status st = CLN_OK;
     cln_agree_merged *out = &w->out->merged;
     similarity s = none;
-    const int most = find_similarity(w, &s), same = count_fitting(w, &none);
+    int most = 0;
 
-    if (most < COMMON || most < MOST * w->mark_count || same > SAME * most)
-        return;
+    CLN_TRY(find_marks(w, part, w->list[0]));
+    most = find_similarity(w, &s);
+    if (most < COMMON || most < MOST * w->mark_count || count_fitting(w, &none) > SAME * most)
+        goto done;
     if (!out->parts++) {
         out->marks = w->mark_count;
         out->fitting = most;
@@ -332,44 +409,38 @@ static void judge(work *w, int part)
     }
     for (int i = 0; i < w->scene->view_count; i++)
         out->has[i] = out->has[i] || part_of(w, i) == part;
+done:
+    return st;
 }
 
-cln_status cln_find_merged(const cln_scene *scene, const cln_features *features, cln_agreement *out)
+cln_status cln_find_merged(const cln_scene *scene, const cln_features *features,
+                           const cln_callbacks *callbacks, cln_agreement *out)
 {
     cln_status st = CLN_OK;
     const size_t count = (size_t)scene->view_count;
-    work w = {.scene = scene, .features = features, .out = out};
-    bool *tried = NULL;
-    int whole = -1, part = -1;
+    work w = {.scene = scene, .features = features, .callbacks = callbacks, .out = out};
 
     CLN_TRY(cln_alloc(&w.part, count, sizeof *w.part, "parts"));
     CLN_TRY(cln_alloc(&w.places, count, sizeof *w.places, "places of marks"));
-    CLN_TRY(cln_alloc(&tried, count, sizeof *tried, "parts"));
     CLN_TRY(cln_alloc(&out->merged.has, count, sizeof *out->merged.has, "parts"));
     for (int i = 0; i < scene->view_count; i++)
         w.part[i] = i;
     join(&w);
-    whole = find_part(&w, tried);
-    if (whole < 0)
-        goto done;
-    tried[whole] = true;
-    part = find_part(&w, tried);
-    if (part < 0)
+    CLN_TRY(list_parts(&w));
+    if (w.parts < 2)
         goto done;
     CLN_TRY(cln_alloc(&w.marks, (size_t)ACROSS * ACROSS * CLN_FEATURES_MOST, sizeof *w.marks,
                       "marks of two parts"));
     CLN_TRY(find_places(&w));
-    for (; part >= 0; part = find_part(&w, tried)) {
-        tried[part] = true;
-        find_marks(&w, part, whole);
-        judge(&w, part);
-    }
+    CLN_TRY(leave_joined_out(&w));
+    for (int i = 1; i < w.parts; i++)
+        CLN_TRY(judge(&w, w.list[i]));
 done:
     for (size_t i = 0; w.places && i < count; i++)
         free(w.places[i]);
     free(w.places);
     free(w.marks);
+    free(w.list);
     free(w.part);
-    free(tried);
     return st;
 }

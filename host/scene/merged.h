@@ -8,8 +8,8 @@
 #include "scene/features.h"
 
 /* Fills out->merged; features: [view], list NULL where they were not found. After count_agreeing.
- * CLN_MEMORY. */
+ * CLN_MEMORY; CLN_SIGINT, CLN_SIGTERM. */
 cln_status cln_find_merged(const cln_scene *scene, const cln_features *features,
-                           cln_agreement *out);
+                           const cln_callbacks *callbacks, cln_agreement *out);
 
 #endif

@@ -142,7 +142,7 @@ typedef struct cln_scene {
     int mask_count;        /* views with a mask, whatever it means */
     bool masks_alpha;      /* masks are alpha */
     bool masks_doubtful;   /* they are not, but may be of an object: nobody said */
-    bool masks_reversed;   /* what they drop looks like an object, in nearly all */
+    bool masks_reversed;   /* what they drop looks like an object, in most */
     char *masks_rule;      /* what they are and how they are read, a phrase; NULL: there are none */
     bool hides;            /* a photo that was to be opaque is not: it is read again */
     unsigned lenses;       /* cln_camera_lenses of all views */
@@ -244,8 +244,10 @@ cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text);
 /* bounds.c: the cube of --bbox in place of what it was, and what follows from it. CLN_USAGE. */
 cln_status cln_scene_take_box(cln_scene *scene, const char *bbox);
 
-/* doubts.c: the share of the training rays that meet the cube. */
+/* doubts.c: the share of the training rays that meet the cube; how far the training cameras are
+ * from their middle at most, in half sides of it. */
 double cln_scene_cube_share(const cln_scene *scene);
+double cln_scene_spread(const cln_scene *scene);
 
 /* Of photos that were read: does alpha, or a mask that is alpha, show nothing in some, or is it
  * nowhere above a few of 255, as if labels of 0 and 1 were given as alpha? A sentence about it. */

@@ -1,5 +1,6 @@
 /* The box of what the alpha of training photos shows: of their visual hull. A cell of space is
- * empty if a photo that has all of it in the picture is transparent wherever the cell is seen, so
+ * empty if two photos that have all of it in the picture are transparent wherever the cell is seen
+ * (of few photos one: one of many may have a wrong pose, or a mask that lacks a part), so
  * nothing thin falls between points that are looked at, or if most photos do not see it. Cells are
  * halved until they are small; those inside what is known to belong to the box are not looked at
  * again. */
@@ -11,8 +12,9 @@
 #include "base/memory.h"
 
 /* Blocks of a photo along its longer side; pixels looked at along the side of a block; halvings of
- * the space; photos that must see a cell. */
-enum { BLOCKS = 128, LOOKS = 8, HALVINGS = 9, LEAST_VIEWS = 3 };
+ * the space; photos that must see a cell; photos from which on
+ * one alone does not tell that it is empty. */
+enum { BLOCKS = 128, LOOKS = 8, HALVINGS = 9, LEAST_VIEWS = 3, MANY = 8 };
 static const double BOWED =
     0.1; /* of a cell's size in the picture, by which lenses bend its edges */
 
@@ -26,6 +28,7 @@ typedef struct silhouette {
 typedef struct hull {
     silhouette *views;          /* that have alpha, and show something */
     int count, all;             /* of these; of all training photos */
+    int sure;                   /* photos that see through a cell, from which on it is empty */
     cln_camera const **cameras; /* [all] */
     double low[3], high[3];     /* what was found to be shown */
 } hull;
@@ -157,7 +160,7 @@ static void add_cell(hull *h, const double centre[3], const double half[3], int 
 {
     const double quarter[3] = {half[0] / 2, half[1] / 2, half[2] / 2};
     bool known = true;
-    int outside = 0;
+    int outside = 0, air = 0;
 
     for (int a = 0; a < 3; a++)
         known = known && centre[a] - half[a] >= h->low[a] && centre[a] + half[a] <= h->high[a];
@@ -166,7 +169,9 @@ static void add_cell(hull *h, const double centre[3], const double half[3], int 
     for (int i = 0; i < h->count; i++)
         switch (look_at(&h->views[i], centre, half)) {
         case AIR:
-            return;
+            if (++air >= h->sure)
+                return;
+            break;
         case OUTSIDE:
             outside++;
             break;
@@ -215,6 +220,7 @@ cln_status cln_scene_silhouette(const cln_scene *scene, const double box[6], dou
             s->sums = NULL;
         }
     }
+    h.sure = h.count >= MANY ? 2 : 1;
     for (int a = 0; a < 3; a++) {
         centre[a] = 0.5 * (box[a] + box[3 + a]);
         half[a] = 0.5 * (box[3 + a] - box[a]);

@@ -138,10 +138,11 @@ done:
 
 static json_t *device_json(const cln_device_info *info)
 {
-    return json_pack("{s:s, s:s, s:s, s:s, s:s, s:s, s:f, s:f, s:i}", "name", info->name, "vendor",
+    return json_pack("{s:s, s:s, s:s, s:s, s:s, s:s, s:o, s:o, s:i}", "name", info->name, "vendor",
                      info->vendor, "platform", info->platform, "driver", info->driver, "version",
-                     info->version, "type", info->type, "global_mem", info->global_mem, "max_alloc",
-                     info->max_alloc, "compute_units", info->compute_units);
+                     info->version, "type", info->type, "global_mem",
+                     cln_json_whole(info->global_mem), "max_alloc", cln_json_whole(info->max_alloc),
+                     "compute_units", info->compute_units);
 }
 
 static const char *text_of(const json_t *object, const char *key, const char *otherwise)
@@ -227,6 +228,8 @@ cln_status cln_record_start(cln_trainer *t)
         goto done;
     }
     CLN_TRY(add_left_out(t));
+    if (t->box_found || json_is_true(json_object_get(before, "bbox_found")))
+        json_object_set_new(t->run, "bbox_found", json_true());
     if (json_object_get(before, "held_back"))
         json_object_set(t->run, "held_back", json_object_get(before, "held_back"));
     CLN_TRY(cln_run_write(t->desc->run, t->run));

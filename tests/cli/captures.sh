@@ -211,7 +211,7 @@ section_measured() {
 section_wide() {
     local box aside
     baseline
-    cp -r "$work/photos" "$work/wide"
+    "$make_scene" "$work/wide" --size 24 --train 40 --test 3 >/dev/null || bad "make-scene"
     mv "$work/wide/transforms_train.json" "$work/wide/transforms.json"
     expect "a cube that alpha shows to be too wide" 0 \
         "~a.box.around.what.the.photos'.alpha.shows,.and.a.tenth.more" \
@@ -225,6 +225,14 @@ section_wide() {
         "$box"
     check "it is the same model" same_model "$work/tight run" "$work/wide run"
     check "nothing is said" eval '! said "a box around" && ! said "is cut off"'
+    expect "its settings for another scene" 0 "" "$cln" train "$work/photos" \
+        --settings-of "$work/wide run" -o "$work/other run" --skip-selftest --progress none
+    check "are without its box" [ -z "$("$query" config.bbox <"$work/other run/run.json")" ]
+    expect "its tree at another size" 0 "" "$cln" train "$work/wide" -o "$work/half run" \
+        "${small[@]}" --steps 2 --downscale 2 --tree-from "$work/wide run"
+    check "the cameras' spread is in sides of the box" [ \
+        "$("$query" dataset.spread <"$work/wide run/run.json")" = \
+        "$("$query" dataset.spread <"$work/tight run/run.json")" ]
     expect "check has that cube, too" 0 "~a.box.around.what.the.photos'.alpha.shows" \
         "$cln" check "$work/wide" --probe 0 --json
     check "and does not call it a guess" [ "$(json measures.cube_guessed)" = false ]
