@@ -239,6 +239,11 @@ section_wide() {
     expect "pictures of it" 0 "" "$cln" eval "$work/wide run" --json
     check "are those of the box" [ "$(json mean.psnr)" = \
         "$("$cln" eval "$work/tight run" --progress none --json | "$query" mean.psnr)" ]
+    "$make_scene" "$work/one pose" --size 24 --train 40 --test 3 --fault pose >/dev/null
+    mv "$work/one pose/transforms_train.json" "$work/one pose/transforms.json"
+    expect "one photo of a wrong pose" 0 "~a.box.around" "$cln" check "$work/one pose" --probe 0
+    box=$(grep -oE -- '--bbox=[-0-9.,e]+' "$work/err" | head -1)
+    check "cuts nothing off" number_above "${box##*,}" 1.4
     expect "a box that cuts it" 0 "~warning:.*[0-9]%.*miss.the.cube.*is.cut.off" \
         "$cln" train "$work/wide" -o "$work/cut run" "${small[@]}" --steps 2 \
         --bbox=-1,-1,-1,1,1,1
