@@ -17,8 +17,8 @@
 enum { DISTANCE = 7, ROLL, PARTS = ROLL + 2 };
 /* Pieces of the way between two keys by which its length is found. */
 enum { PIECES = 128 };
-/* Radians, or units of the scene: less between keys is none. */
-static const double LEAST_TURN = 1e-9;
+/* Less is rounding: of places, as a share of their largest coordinate; of turns, in radians. */
+static const double LEAST_WAY = 1e-12, LEAST_TURN = 1e-9;
 
 typedef struct key {
     double at, part[PARTS], slope[PARTS];
@@ -113,12 +113,24 @@ static void turn(double axes[3][3], bool back, double c2w[12])
         }
 }
 
+/* What way and turn must exceed to count. */
+static void find_least(int n, const key *keys, double least[2])
+{
+    double most = 0;
+
+    for (int i = 0; i < n; i++)
+        for (int a = 0; a < 3; a++)
+            most = fmax(most, fabs(keys[i].part[a]));
+    least[0] = LEAST_WAY * most;
+    least[1] = LEAST_TURN;
+}
+
 /* Places the keys by the distances between neighbours: those of positions and of directions, each
  * divided by its mean. */
 static cln_status place_keys(int n, key *keys)
 {
     cln_status st = CLN_OK;
-    double(*apart)[2] = NULL, mean[2] = {0};
+    double(*apart)[2] = NULL, mean[2] = {0}, least[2];
 
     CLN_TRY(cln_alloc(&apart, (size_t)n, sizeof *apart, "path"));
     for (int i = 1; i < n; i++) {
@@ -135,11 +147,12 @@ static cln_status place_keys(int n, key *keys)
         for (int k = 0; k < 2; k++)
             mean[k] += apart[i][k] / (n - 1);
     }
+    find_least(n, keys, least);
     for (int i = 1; i < n; i++) {
         double length = 0;
 
         for (int k = 0; k < 2; k++)
-            length += mean[k] > LEAST_TURN ? apart[i][k] / mean[k] : 0;
+            length += mean[k] > least[k] ? apart[i][k] / mean[k] : 0;
         keys[i].at = keys[i - 1].at + fmax(length, 1e-3); /* a pose given twice is a short halt */
     }
 done:
@@ -341,7 +354,7 @@ static cln_status measure(path *p)
 {
     cln_status st = CLN_OK;
     const int pieces = PIECES * (p->n - 1);
-    double(*apart)[2] = NULL, sum[2] = {0}, before[12], here[12];
+    double(*apart)[2] = NULL, sum[2] = {0}, least[2], before[12], here[12];
 
     CLN_TRY(cln_alloc(&apart, (size_t)pieces, sizeof *apart, "path"));
     CLN_TRY(cln_alloc(&p->length, (size_t)pieces + 1, sizeof *p->length, "path"));
@@ -356,11 +369,12 @@ static cln_status measure(path *p)
             sum[k] += apart[i - 1][k];
         memcpy(before, here, sizeof before);
     }
+    find_least(p->n, p->keys, least);
     p->length[0] = 0;
     for (int i = 0; i < pieces; i++) {
         p->length[i + 1] = p->length[i];
         for (int k = 0; k < 2; k++)
-            p->length[i + 1] += sum[k] > LEAST_TURN ? apart[i][k] / sum[k] : 0;
+            p->length[i + 1] += sum[k] > least[k] ? apart[i][k] / sum[k] : 0;
     }
 done:
     free(apart);

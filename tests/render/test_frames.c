@@ -473,11 +473,12 @@ static void test_orbit_arc(void **state)
 static void test_even_pace(void **state)
 {
     enum { COUNT = 181 };
-    static const double cases[][5] = {/* degrees, and how high they look */
-                                      {0, 103, 246, 393, 0},
-                                      {0, 45, 90, 135, 0},
-                                      {0, 45, 90, 135, 0.2},
-                                      {0, 10, 100, 110, 0.02}};
+    static const double cases[][6] = {/* degrees, how high they look, and units */
+                                      {0, 103, 246, 393, 0, 1},
+                                      {0, 45, 90, 135, 0, 1},
+                                      {0, 45, 90, 135, 0.2, 1},
+                                      {0, 45, 90, 135, 0.2, 1e-6},
+                                      {0, 10, 100, 110, 0.02, 1e9}};
     const cln_orbit_frame around = {.north = {0, 1, 0}, .up = {0, 0, 1}};
 
     (void)state;
@@ -485,12 +486,14 @@ static void test_even_pace(void **state)
         cln_frame keys[4];
         const cln_frames from = {.count = 4, .frame = keys};
         cln_frames f = {0};
+        const double unit = cases[k][5];
         double steps[COUNT - 1][2], sum[2] = {0}, least = INFINITY, most = 0;
 
         memset(keys, 0, sizeof keys);
         for (int i = 0; i < 4; i++)
-            aim((double[3]){4 * cos(cases[k][i] * DEGREE), 4 * sin(cases[k][i] * DEGREE), 1},
-                (double[3]){0, 0, cases[k][4]}, 0, &keys[i].camera);
+            aim((double[3]){4 * unit * cos(cases[k][i] * DEGREE),
+                            4 * unit * sin(cases[k][i] * DEGREE), unit},
+                (double[3]){0, 0, unit * cases[k][4]}, 0, &keys[i].camera);
         assert_int_equal(cln_frames_through(&from, COUNT, &around, around.up, &f), CLN_OK);
         for (int i = 0; i < COUNT - 1; i++) {
             const double *a = f.frame[i].camera.c2w, *b = f.frame[i + 1].camera.c2w;
