@@ -391,6 +391,46 @@ static void test_antialias(void **state)
     assert_true(taken > 0);
 }
 
+/* Edges of a picture, each by one of what makes one: a step of colour, of opacity, of depth; and
+ * none of a smaller step, nor of depth where there is hardly anything. */
+static void test_edges_alone(void **state)
+{
+    enum { ACROSS = 8, MIDDLE = 4 };
+    static const struct {
+        float colour, opacity, depth; /* of the right half; the left: 0.5, `left`, 3 */
+        float left;
+        bool edge;
+    } cases[] = {
+        {0.5f, 1, 3, 1, false},    {0.52f, 1, 3, 1, false},      {0.53f, 1, 3, 1, true},
+        {0.5f, 0.97f, 3, 1, true}, {0.5f, 1, 3.1f, 1, false},    {0.5f, 1, 3.2f, 1, true},
+        {0.5f, 1, 2.8f, 1, true},  {0.5f, 0.4f, 9, 0.4f, false},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        float rgb[3 * ACROSS * ACROSS], opacity[ACROSS * ACROSS], depth[ACROSS * ACROSS];
+        const cln_picture picture = {
+            .width = ACROSS, .height = ACROSS, .rgb = rgb, .opacity = opacity, .depth = depth};
+        cln_antialias edges;
+
+        for (int k = 0; k < ACROSS * ACROSS; k++) {
+            const bool right = k % ACROSS >= MIDDLE;
+
+            rgb[3 * k] = rgb[3 * k + 1] = 0.5f;
+            rgb[3 * k + 2] = right ? cases[i].colour : 0.5f;
+            opacity[k] = right ? cases[i].opacity : cases[i].left;
+            depth[k] = right ? cases[i].depth : 3;
+        }
+        assert_int_equal(cln_antialias_find(&picture, 2, 1024, &edges), CLN_OK);
+        if (edges.count != (cases[i].edge ? 2 * ACROSS : 0))
+            fail_msg("case %zu: %d pixels at edges", i, edges.count);
+        for (int k = 0; k < edges.count; k++)
+            assert_true(edges.pixels[k] % ACROSS == MIDDLE - 1 ||
+                        edges.pixels[k] % ACROSS == MIDDLE);
+        cln_antialias_free(&edges);
+    }
+}
+
 /* Does the scene's ray pass through the box, made larger by `margin`? */
 static bool meets(const double box[6], double margin, const double o[3], const double d[3])
 {
@@ -700,6 +740,7 @@ int test_group_pictures(void)
         cmocka_unit_test(test_keeps_to_the_plan),
         cmocka_unit_test(test_wide),
         cmocka_unit_test_teardown(test_antialias, show_all_of_whole),
+        cmocka_unit_test(test_edges_alone),
         cmocka_unit_test(test_viewer_edges),
         cmocka_unit_test(test_viewer_turns),
         cmocka_unit_test(test_fast),
