@@ -488,7 +488,7 @@ section_results() {
     run "$cln" render "$work/whole" --split train --max-images 2 --width 40 -o "$work/ends"
     check "the path begins with the first pose" cmp -s "$work/path/path_0000.png" \
         "$work/ends/train_r_000.png"
-    expect "frames of another background are not those" 7 "of.other.settings --overwrite" "$cln" \
+    expect "frames of another background are not those" 7 "~of.other.settings --overwrite" "$cln" \
         render "$work/whole" --split train --max-images 2 --width 40 -o "$work/ends" \
         --background 1,0,0
     expect "a path of another field of view" 0 "" "$cln" render "$work/whole" --split train \
