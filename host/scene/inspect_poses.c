@@ -177,9 +177,8 @@ static void tell_merged(cln_inspection *in)
     cln_found_fault(
         in->findings, "frames", true, json_incref(views),
         "%zu of %d photos (%s) have poses of another frame than the others%s: they fit each other, "
-        "but "
-        "of %d marks that both kinds show, %.0f%% lie in one place only once %s frame "
-        "is brought to the others' one. Likely two captures, or two models of one, were put "
+        "but of %d marks that both kinds show, %.0f%% lie in one place only once %s frame is "
+        "brought to the others' one. Likely two captures, or two models of one, were put "
         "together: take poses of all photos that were found together, or one part alone (or the "
         "two show different things that look alike)",
         json_array_size(views), in->scene->view_count,
