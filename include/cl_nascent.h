@@ -346,6 +346,8 @@ typedef struct cln_render_desc {
                                forward-facing cameras, of the extent of their poses */
     int interpolate;        /* frames of a smooth path through the file's or split's poses, in
                                their order; 0 = only these poses */
+    bool loop;              /* interpolate: from the last pose on to the first; the last frame is
+                               the one before the first again */
     double up[3];           /* orbit, spiral, path: in the scene's frame, of any length; all 0: as
                                the training cameras tell */
     bool orbit_circle;      /* all around, even if the training cameras cover only an arc */

@@ -267,7 +267,7 @@ static cln_status check_folder(work *w)
             "finding poses needs COLMAP, which is not installed; install it "
             "(Debian: apt install colmap; others: https://colmap.github.io), "
             "or bring poses of another program (transforms JSON, COLMAP, LLFF, NeuS, NSVF, "
-            "OpenSfM, Metashape)"));
+            "OpenSfM, Metashape, Polycam, Record3D)"));
     if (cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_photos_probe(w->desc, &w->film));
 done:

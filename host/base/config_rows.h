@@ -70,6 +70,8 @@ enum { /* the order in which they are looked for (scene/readers.c) */
        CLN_FORMAT_NSVF,
        CLN_FORMAT_OPENSFM,
        CLN_FORMAT_METASHAPE,
+       CLN_FORMAT_POLYCAM,
+       CLN_FORMAT_RECORD3D,
        CLN_FORMATS
 };
 enum { CLN_EXPOSURE_NO, CLN_EXPOSURE_YES, CLN_EXPOSURE_AUTO };
@@ -371,7 +373,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "keeps the model at these points, each as a run in RUN/at: 60s,2m,5m or steps",           \
          .flags = CLN_ROW_LATER | CLN_ROW_NONE)                                                    \
     ENUM(format, "format", CLN_FORMAT_AUTO, CLN_FORMAT_AUTO,                                       \
-         "auto|transforms|colmap|llff|neus|nsvf|opensfm|metashape",                                \
+         "auto|transforms|colmap|llff|neus|nsvf|opensfm|metashape|polycam|record3d",               \
          "what the scene is read as; auto: the first of the others that is there",                 \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     INT(downscale, "downscale", 0, 0, 0, CLN_MOST_DOWNSCALE,                                       \

@@ -103,6 +103,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .poses = options->poses,
                             .split = path || options->poses ? NULL : options->split,
                             .interpolate = options->interpolate,
+                            .loop = options->loop,
                             .spiral_frames = options->spiral_frames,
                             .orbit_frames = options->orbit_frames,
                             .orbit_elevation = options->elevation,

@@ -10,7 +10,8 @@
 #include "base/number.h"
 #include "cl_nascent.h"
 
-enum { LEFT = 26, RIGHT = 80, MOST = 5 }; /* columns; commands of an option of most commands */
+/* columns; those that a list of words goes on at; commands of an option of most commands */
+enum { LEFT = 26, RIGHT = 80, LIST = 6, MOST = 5 };
 
 /* ---- layout ---- */
 
@@ -41,7 +42,18 @@ static void put_entry(FILE *to, const char *left, const char *help)
 {
     int length = (int)strlen(left);
 
+    while (length > RIGHT) { /* a list of words: broken between two of them */
+        int part = RIGHT;
+
+        while (part > 0 && left[part - 1] != '|')
+            part--;
+        part = part > 0 ? part : length;
+        fprintf(to, "%.*s\n%*s", part, left, LIST, "");
+        left += part;
+        length -= part;
+    }
     fputs(left, to);
+    length += left[0] == ' ' ? 0 : LIST;
     if (length > LEFT - 2) {
         fputc('\n', to);
         length = 0;

@@ -230,6 +230,9 @@ const cln_arg cln_args[] = {
     NUMBER(CLN_ARG_OPTINT, CLN_RENDER, "interpolate", interpolate, "FRAMES", 1, 100000,
          "a smooth path through the poses of --split or --poses, or --max-images of them",
          .standard = "120"),
+    FLAG(CLN_RENDER, "loop", loop,
+         "interpolate: on from the last pose to the first, for a film that is shown again and "
+         "again"),
     INT(CLN_RENDER, "width", image_width, "PX", 0, 32768,
          "image width; 0 = as the photos, or by --height", .standard = "0"),
     INT(CLN_RENDER, "height", image_height, "PX", 0, 32768,

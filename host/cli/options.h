@@ -35,7 +35,7 @@ typedef struct cln_options {
     double elevation, radius, fov, depth_unit, stereo, min_psnr, budget, probe, scale;
     double spacing;       /* 0 = not given */
     int count, triangles; /* 0 = not given */
-    bool closed, largest;
+    bool closed, largest, loop;
     int image_width, image_height;
     const char *listen;
     int port;

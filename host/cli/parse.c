@@ -677,6 +677,9 @@ static cln_status check_render(const parser *p)
                             sources[i]);
         source = sources[i];
     }
+    if (out->loop && !out->interpolate)
+        return cln_fail(CLN_USAGE, "--loop requires --interpolate%s",
+                        path ? "; an orbit or spiral is closed as it is" : "");
     if (!path && is_given(p, "radius"))
         return cln_fail(CLN_USAGE, "--radius requires --orbit or --spiral");
     for (size_t i = 0; i < sizeof of_path / sizeof of_path[0]; i++)

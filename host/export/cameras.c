@@ -408,13 +408,18 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
     /* a shell may be around another cube than the box's */
     const bool boxed = scene->has_box && !space->shell;
     char box[6][CLN_NUMBER_BYTES]; /* far from the origin, as many digits as it takes */
-    bool masks = false, held_out = false;
+    bool masks = false, held_out = false, edges = false;
     /* what takes most of a scene's quality away, where only a split was wanted */
     const char *points = scene->has_sights
                              ? ". Without these points --depth-loss has nothing to work on: only "
                                "to choose test photos, train on the scene itself with --test-views"
                              : "";
 
+    for (int i = 0; i < scene->view_count; i++)
+        edges = edges || scene->views[i].edge > 0;
+    if (edges)
+        cln_warn("cameras: photos are black along their edges, which other readers than that of "
+                 "this scene do not know; give them masks");
     for (int i = 0; i < scene->view_count && !json; i++) {
         masks = masks || scene->views[i].alpha_path || scene->views[i].mask_path;
         held_out = held_out || scene->views[i].split != CLN_SPLIT_TRAIN;

@@ -475,41 +475,50 @@ done:
     return st;
 }
 
+/* Checks the file's header and decodes it, to values of 16 bits if `wide`. */
+static cln_status decode(const char *path, const void *data, size_t bytes, const header *head,
+                         bool wide, int channels, void **decoded)
+{
+    int w = 0, h = 0, file_channels = 0;
+
+    if (bytes > INT_MAX)
+        return cln_fail(CLN_INPUT, "%s: %zu bytes are too large for an image; make a smaller copy",
+                        path, bytes);
+    /* Enough for 16-bit RGBA twice (inflate doubles its buffer), a progressive JPEG's coefficients
+     * padded to blocks of 32 pixels, the file, and the decoder's tables. */
+    decoder_limit =
+        (size_t)(head->width + 64) * (size_t)(head->height + 64) * 32 + bytes + (1 << 20);
+    *decoded =
+        wide ? (void *)stbi_load_16_from_memory(data, (int)bytes, &w, &h, &file_channels, channels)
+             : stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, channels);
+    if (!*decoded)
+        return cln_fail(CLN_INPUT,
+                        "%s: damaged or unsupported %s (decoder: %s); save the image again", path,
+                        head->png ? "PNG" : "JPEG", stbi_failure_reason());
+    CLN_ASSERT(w == head->width && h == head->height);
+    return CLN_OK;
+}
+
 cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
                             int *height, int *channels, uint8_t **pixels)
 {
     header head;
     cln_status st = CLN_OK;
     void *decoded = NULL;
-    int w = 0, h = 0, file_channels = 0;
     bool done = false;
 
     *pixels = NULL;
     walk(data, bytes, true, &head);
     CLN_TRY(check_header(path, &head));
-    if (bytes > INT_MAX)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: %zu bytes are too large for an image; make a smaller copy",
-                         path, bytes));
-    /* Enough for 16-bit RGBA twice (inflate doubles its buffer), a progressive JPEG's coefficients
-     * padded to blocks of 32 pixels, the file, and the decoder's tables. */
-    decoder_limit = (size_t)(head.width + 64) * (size_t)(head.height + 64) * 32 + bytes + (1 << 20);
-    decoded = head.deep
-                  ? (void *)stbi_load_16_from_memory(data, (int)bytes, &w, &h, &file_channels,
-                                                     head.channels)
-                  : stbi_load_from_memory(data, (int)bytes, &w, &h, &file_channels, head.channels);
-    if (!decoded)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: damaged or unsupported %s (decoder: %s); save the image again", path,
-                         head.png ? "PNG" : "JPEG", stbi_failure_reason()));
-    CLN_ASSERT(w == head.width && h == head.height);
-    *width = w;
-    *height = h;
+    CLN_TRY(decode(path, data, bytes, &head, head.deep, head.channels, &decoded));
+    *width = (int)head.width;
+    *height = (int)head.height;
     *channels = head.channels;
     if (head.deep) {
         CLN_TRY(from_deep(&head, decoded, pixels));
     } else {
-        CLN_TRY(cln_colour_convert(&head.colour, (size_t)w * (size_t)h, head.channels, false,
-                                   decoded, decoded, &done));
+        CLN_TRY(cln_colour_convert(&head.colour, (size_t)head.width * (size_t)head.height,
+                                   head.channels, false, decoded, decoded, &done));
         *pixels = decoded;
         decoded = NULL;
     }
@@ -519,6 +528,34 @@ done:
         free(*pixels);
         *pixels = NULL;
     }
+    return st;
+}
+
+cln_status cln_image_load_grey(const char *path, int *width, int *height, bool *deep,
+                               uint16_t **values)
+{
+    cln_status st = CLN_OK;
+    header head;
+    char *data = NULL;
+    void *decoded = NULL;
+    size_t bytes = 0, count = 0;
+
+    *values = NULL;
+    CLN_TRY(cln_read_file(path, FILE_MAX_BYTES, &data, &bytes));
+    walk((const uint8_t *)data, bytes, true, &head);
+    CLN_TRY(check_header(path, &head));
+    if (!head.png || !head.grey)
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: not a grey PNG; export it again", path));
+    CLN_TRY(decode(path, data, bytes, &head, true, 1, &decoded));
+    *values = decoded;
+    *width = (int)head.width;
+    *height = (int)head.height;
+    *deep = head.deep;
+    count = (size_t)head.width * (size_t)head.height;
+    for (size_t i = 0; !head.deep && i < count; i++)
+        (*values)[i] /= 257; /* as the decoder widened it */
+done:
+    free(data);
     return st;
 }
 

@@ -35,6 +35,11 @@ cln_status cln_image_load(const char *path, int *width, int *height, int *channe
 cln_status cln_image_decode(const char *path, const void *data, size_t bytes, int *width,
                             int *height, int *channels, uint8_t **pixels);
 
+/* Decodes a grey PNG to [height][width] values as they are stored, without colours; deep: of 16
+ * bits, else 0..255. CLN_INPUT, too, if it is not grey. The caller frees *values. */
+cln_status cln_image_load_grey(const char *path, int *width, int *height, bool *deep,
+                               uint16_t **values);
+
 /* Fails like cln_image_decode if the file is not an image or is truncated, without decoding it. */
 cln_status cln_image_check(const char *path);
 

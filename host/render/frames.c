@@ -264,7 +264,8 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
         keys = *out;
         memset(out, 0, sizeof *out);
         CLN_TRY(cln_frames_through(&keys, desc->interpolate,
-                                   seen.to - seen.from >= 360 ? &seen : NULL, seen.up, out));
+                                   seen.to - seen.from >= 360 ? &seen : NULL, seen.up, desc->loop,
+                                   out));
         if (desc->fov > 0)
             take_fov(desc->fov, out);
         out->poses = "path";

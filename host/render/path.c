@@ -24,18 +24,6 @@ typedef struct key {
     double at, part[PARTS], slope[PARTS];
 } key;
 
-static void rotation_of(const double q[4], double c2w[12])
-{
-    for (int i = 0; i < 3; i++) {
-        const int j = (i + 1) % 3, k = (i + 2) % 3;
-        const double *v = q + 1;
-
-        c2w[4 * i + i] = 1 - 2 * (v[j] * v[j] + v[k] * v[k]);
-        c2w[4 * i + j] = 2 * (v[i] * v[j] - q[0] * v[k]);
-        c2w[4 * i + k] = 2 * (v[i] * v[k] + q[0] * v[j]);
-    }
-}
-
 /* The axes of a level camera that looks at the target, as columns. At the pole any will do. */
 static void look(const cln_orbit_frame *around, const double c2w[12], double axes[3][3])
 {
@@ -160,10 +148,31 @@ done:
     return st;
 }
 
-static void find_slopes(int n, key *keys)
+/* What comes before the first key of a closed path, or after its last one: a key that is `turn`
+ * farther on, with the quaternion that is on `beside`'s side. */
+static key across(const key *from, double turn, const key *beside)
 {
+    key k = *from;
+    double cosine = 0;
+
+    k.at += turn;
+    for (int a = 3; a < DISTANCE; a++)
+        cosine += k.part[a] * beside->part[a];
+    for (int a = 3; a < DISTANCE && cosine < 0; a++)
+        k.part[a] = -k.part[a];
+    return k;
+}
+
+/* closed: the last key is the first one again. */
+static void find_slopes(int n, bool closed, key *keys)
+{
+    const double turn = keys[n - 1].at;
+    const key first = across(&keys[n - 2], -turn, &keys[0]);
+    const key last = across(&keys[1], turn, &keys[n - 1]);
+
     for (int i = 0; i < n; i++) {
-        const key *before = &keys[i > 0 ? i - 1 : i], *after = &keys[i < n - 1 ? i + 1 : i];
+        const key *before = i > 0 ? &keys[i - 1] : closed ? &first : &keys[i];
+        const key *after = i < n - 1 ? &keys[i + 1] : closed ? &last : &keys[i];
         const double h = keys[i].at - before->at, g = after->at - keys[i].at;
 
         for (int a = 0; a < PARTS; a++) {
@@ -171,7 +180,7 @@ static void find_slopes(int n, key *keys)
             const double on = g > 0 ? (after->part[a] - keys[i].part[a]) / g : 0;
 
             keys[i].slope[a] = (back * g + on * h) / (h + g);
-            if (i == 0 || i == n - 1)
+            if (!closed && (i == 0 || i == n - 1))
                 keys[i].slope[a] = back + on; /* one of them is 0 */
         }
     }
@@ -194,7 +203,7 @@ static void pose_at(const key *a, const key *b, double at, const cln_orbit_frame
     }
     for (int k = 3; k < DISTANCE; k++)
         part[k] /= sqrt(square);
-    rotation_of(part + 3, c2w);
+    cln_pose_turn(part + 3, c2w);
     square = 0;
     for (int k = 0; k < 3 && around; k++)
         square += (part[k] - around->target[k]) * (part[k] - around->target[k]);
@@ -230,13 +239,14 @@ static bool look_at_it(const cln_frames *from, const cln_orbit_frame *around)
     return sum > 0.5 * from->count;
 }
 
-static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *around, const double *up,
-                            key *keys)
+/* n: of the frames, or one more, which is the first one again. */
+static cln_status make_keys(const cln_frames *from, int n, const cln_orbit_frame *around,
+                            const double *up, key *keys)
 {
-    for (int i = 0; i < from->count; i++) {
+    for (int i = 0; i < n; i++) {
         double cosine = 0, square = 0, axes[3][3], c2w[12];
 
-        memcpy(c2w, from->frame[i].camera.c2w, sizeof c2w);
+        memcpy(c2w, from->frame[i % from->count].camera.c2w, sizeof c2w);
         if (up) {
             double right[3], down[3];
             const double sine = level(up, c2w, right, down);
@@ -262,7 +272,7 @@ static cln_status make_keys(const cln_frames *from, const cln_orbit_frame *aroun
         for (int a = 3; a < DISTANCE && cosine < 0; a++) /* the shorter way round */
             keys[i].part[a] = -keys[i].part[a];
     }
-    return place_keys(from->count, keys);
+    return place_keys(n, keys);
 }
 
 /* The shorter one: of keys of another shape as much is seen along it, by square pixels. */
@@ -405,11 +415,23 @@ static double at_of_share(const path *p, double share)
     return at_of_piece(p, piece) + part * (at_of_piece(p, piece + 1) - at_of_piece(p, piece));
 }
 
+/* Is a path closed by one more key? If the last one is the first again, it is as it stands. */
+static bool needs_closing(const cln_frames *from)
+{
+    double apart[2], most = 0;
+
+    for (int i = 0; i < from->count; i++)
+        for (int a = 3; a < 12; a += 4)
+            most = fmax(most, fabs(from->frame[i].camera.c2w[a]));
+    find_apart(from->frame[0].camera.c2w, from->frame[from->count - 1].camera.c2w, apart);
+    return apart[0] > LEAST_WAY * most || apart[1] > LEAST_TURN;
+}
+
 cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit_frame *around,
-                              const double *up, cln_frames *out)
+                              const double *up, bool closed, cln_frames *out)
 {
     cln_status st = CLN_OK;
-    const int n = from->count;
+    const int n = from->count > 1 ? from->count + (closed && needs_closing(from)) : from->count;
     const cln_camera lens = n > 0 ? lens_of(from) : (cln_camera){0};
     path p = {.up = up, .n = n};
 
@@ -422,12 +444,12 @@ cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit
         around = NULL;
     p.around = around;
     CLN_TRY(cln_alloc(&p.keys, (size_t)n, sizeof *p.keys, "path"));
-    CLN_TRY(make_keys(from, around, up, p.keys));
-    find_slopes(n, p.keys);
+    CLN_TRY(make_keys(from, n, around, up, p.keys));
+    find_slopes(n, closed, p.keys);
     CLN_TRY(measure(&p));
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {
-        const double at = count > 1 ? at_of_share(&p, (double)i / (count - 1)) : 0;
+        const double at = count > 1 ? at_of_share(&p, (double)i / (closed ? count : count - 1)) : 0;
         const int segment = segment_of(&p, at);
         const key *keys = &p.keys[segment];
         const double u = (at - keys[0].at) / (keys[1].at - keys[0].at);
@@ -436,7 +458,7 @@ cln_status cln_frames_through(const cln_frames *from, int count, const cln_orbit
 
         *c = lens;
         focal_of(&from->frame[segment].camera, &lens, a);
-        focal_of(&from->frame[segment + 1].camera, &lens, b);
+        focal_of(&from->frame[(segment + 1) % from->count].camera, &lens, b);
         c->fx = side_of(c) * ((1 - u) * a[0] + u * b[0]);
         c->fy = side_of(c) * ((1 - u) * a[1] + u * b[1]);
         pose_at(&keys[0], &keys[1], at, around, up, c->c2w);

@@ -193,10 +193,12 @@ static cln_status of_points(const evidence *e, cln_space *space, char **because)
         goto done;
     enclose(low, high, space);
     keep_box(e->scene, low, high);
-    CLN_TRY(cln_asprintf(because,
-                         "around the %d sparse points and what the images show there, without "
-                         "outliers; --bbox sets a tighter one",
-                         e->result->point_count));
+    CLN_TRY(
+        cln_asprintf(because,
+                     "around the %d %s and what the images show there, without outliers; --bbox "
+                     "sets a tighter one",
+                     e->result->point_count,
+                     e->result->depth_points ? "points of depth images" : "sparse points"));
 done:
     return st;
 }

@@ -132,6 +132,19 @@ void cln_pose_quaternion(const double c2w[12], double q[4])
     }
 }
 
+void cln_pose_turn(const double q[4], double c2w[12])
+{
+    const double *v = q + 1;
+
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+
+        c2w[4 * i + i] = 1 - 2 * (v[j] * v[j] + v[k] * v[k]);
+        c2w[4 * i + j] = 2 * (v[i] * v[j] - q[0] * v[k]);
+        c2w[4 * i + k] = 2 * (v[i] * v[k] + q[0] * v[j]);
+    }
+}
+
 /* The rotation nearest to r (row-major 3x3), by Newton's iteration for the polar decomposition,
  * X <- (X + X^-T) / 2. Needs det(r) > 0. */
 static void nearest_rotation(double r[9])

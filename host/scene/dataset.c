@@ -224,6 +224,39 @@ void cln_dataset_free_names(cln_names *names)
     *names = (cln_names){0};
 }
 
+cln_status cln_dataset_beside(const char *folder, const char *image, const char *ending, char **out)
+{
+    const char *dot = strrchr(image, '.');
+    const int stem = dot ? (int)(dot - image) : (int)strlen(image);
+
+    return cln_asprintf(out, "%s/%.*s%s", folder, stem, image, ending);
+}
+
+cln_status cln_dataset_keep_with(const char *folder, const char *ending, cln_names *images,
+                                 int *without)
+{
+    cln_status st = CLN_OK;
+    char *file = NULL;
+    int kept = 0;
+
+    for (int i = 0; i < images->count; i++) {
+        char *name = images->name[i];
+
+        free(file);
+        CLN_TRY(cln_dataset_beside(folder, name, ending, &file));
+        images->name[i] = images->name[kept];
+        images->name[kept] = name;
+        kept += cln_is_file(file);
+    }
+    *without = images->count - kept;
+    for (int i = kept; i < images->count; i++)
+        free(images->name[i]);
+    images->count = kept;
+done:
+    free(file);
+    return st;
+}
+
 cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,
                              cln_reader_result *result)
 {
@@ -296,6 +329,12 @@ cln_status cln_dataset_lenses(char **out)
 done:
     free(list);
     return st;
+}
+
+void cln_dataset_from_opengl(double c2w[12])
+{
+    for (int i = 0; i < 12; i++)
+        c2w[i] = i % 4 == 1 || i % 4 == 2 ? -c2w[i] : c2w[i];
 }
 
 void cln_dataset_pose(const double rotation[9], const double translation[3], double c2w[12])

@@ -45,6 +45,14 @@ cln_status cln_dataset_unread(const char *folder, const char *name, int *count, 
 bool cln_dataset_is_unread(const char *name);
 const char *cln_dataset_converter(const char *name);
 
+/* "a/b.png" -> "FOLDER/a/bENDING", the file that belongs to an image. The caller frees *out. */
+cln_status cln_dataset_beside(const char *folder, const char *image, const char *ending,
+                              char **out);
+
+/* Keeps the images that have such a file, in their order; without: how many have none. */
+cln_status cln_dataset_keep_with(const char *folder, const char *ending, cln_names *images,
+                                 int *without);
+
 /* Makes a view for each of these images of a folder, with name (below the folder) and path. */
 cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,
                              cln_reader_result *result);
@@ -57,11 +65,25 @@ cln_status cln_dataset_image_folder(const char *base, char **out);
 /* points_ply.c: reads the points of a PLY file into result->points. CLN_INPUT, CLN_MEMORY. */
 cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result);
 
+/* depth_points.c: a depth image, a grey PNG of 16 bits of any size: 0 is not known. A view's pose
+ * and camera are read before; of a file that is no such image there are no points. CLN_MEMORY. */
+typedef struct cln_depth_image {
+    const char *depth, *confidence; /* files; NULL: there is none. 255 of confidence is full */
+    double unit, most;              /* scene units of a value of 1; the farthest that counts */
+} cln_depth_image;
+cln_status cln_dataset_depth_points(const cln_view *view, const cln_depth_image *image,
+                                    cln_reader_result *result);
+/* Of so many photos, evenly chosen, depth images are read. */
+enum { CLN_DEPTH_PHOTOS = 200 };
+
 /* Makes room for one more element after `count`; *array grows at powers of two. */
 cln_status cln_dataset_grow(void *array, int64_t count, size_t size, const char *what);
 
 /* "OPENCV (k1 k2 p1 p2), ...": every lens model there is. The caller frees *out. */
 cln_status cln_dataset_lenses(char **out);
+
+/* Numbers of a camera-to-world pose with OpenGL's axes (x right, y up, z backwards), 3x4, -> ours. */
+void cln_dataset_from_opengl(double c2w[12]);
 
 /* World-to-camera x' = R x + t (R row-major) -> camera-to-world. R is taken as it is: checks follow
  * for every format. */

@@ -16,16 +16,16 @@
 
 #define WITH_POSES "with `cl-nascent poses` or COLMAP, whose models are read"
 
+#define POLYCAM \
+    "turn Polycam's Developer mode on, process the scan again, and export it as Raw data"
+
 /* Folders of other programs, by a file or folder in them. */
 static const struct {
     const char *name, *what, *advice;
 } markers[] = {
-    {"keyframes", "a Polycam capture",
-     "nerfstudio's `ns-process-data polycam` makes a transforms.json of it"},
-    {"mesh_info.json", "a Polycam capture",
-     "nerfstudio's `ns-process-data polycam` makes a transforms.json of it"},
-    {"EXR_RGBD", "a Record3D capture",
-     "nerfstudio's `ns-process-data record3d` makes a transforms.json of it"},
+    {"keyframes", "a Polycam capture", POLYCAM},
+    {"mesh_info.json", "a Polycam capture", POLYCAM},
+    {"EXR_RGBD", "a Record3D capture", "export it again, as EXR + JPG"},
     {"run.json", "a run", "continue it with train --resume, or give the folder of its scene"},
     {"checkpoint/latest", "a run without its run.json", "copy the run again, all of it"},
 };
@@ -51,9 +51,9 @@ static const struct {
      "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read"},
 };
 
-#define GIVE_SCENE                                                                           \
-    "give the folder of a scene: photos with their poses, as a transforms.json or files of " \
-    "COLMAP, LLFF, NeuS, NSVF, OpenSfM or Metashape"
+#define GIVE_SCENE                                                                      \
+    "give the folder of a scene: photos with their poses, by transforms.json, COLMAP, " \
+    "LLFF, NeuS, NSVF, OpenSfM, Metashape, Polycam or Record3D"
 
 #define IMAGE_ALONE GIVE_SCENE "; of photos without poses find these first, " WITH_POSES
 
@@ -74,7 +74,7 @@ static const struct {
     [VIDEO] = {"a video", "videos", CLN_VIDEO_ENDINGS,
                "take pictures from the video and find their poses first, " WITH_POSES},
     [ARCHIVE] = {"an archive", "archives", " zip tar tgz 7z rar r3d ",
-                 "unpack the archive and give the folder in it"},
+                 "unpack the archive (an .r3d is a zip) and give the folder in it"},
     [MODEL] = {"a mesh or point cloud", "meshes or point clouds",
                " ply obj glb gltf stl splat spz usdz las laz e57 ",
                "give the photos that it was made from, with their cameras"},

@@ -1,5 +1,5 @@
-/* Which pixels of a view count: not those beyond the fold of its lens, which no direction maps to.
- * Views with the same lens share a map. */
+/* Which pixels of a view count: not those beyond the fold of its lens, which no direction maps to,
+ * nor those along the edges of its file that show nothing. Views share a map where it is the same. */
 #include "scene/build.h"
 
 #include <math.h>
@@ -93,7 +93,7 @@ static int64_t count_bits(const uint8_t *map, size_t bytes)
 }
 
 /* *map is NULL if all pixels have rays. */
-static cln_status make_map(const cln_camera *camera, uint8_t **map, int64_t *left_out)
+static cln_status map_rays(const cln_camera *camera, uint8_t **map)
 {
     cln_status st = CLN_OK;
     const rectangle image = {0, 0, camera->width, camera->height};
@@ -104,16 +104,58 @@ static cln_status make_map(const cln_camera *camera, uint8_t **map, int64_t *lef
     int pixels, rays;
 
     *map = NULL;
-    *left_out = 0;
     look_around(&s, &image, &pixels, &rays);
     if (rays == pixels)
         return CLN_OK;
     CLN_TRY(cln_alloc(map, (size_t)(all + 7) / 8, 1, "pixels that have rays"));
     s.map = *map;
     search_rectangle(&s, &image);
-    *left_out = all - count_bits(*map, (size_t)(all + 7) / 8);
 done:
     return st;
+}
+
+/* Pixels along the edge that hold some of the file's. */
+static int edge_of(const cln_view *view)
+{
+    return view->edge > 0 ? (view->edge + view->downscale - 1) / view->downscale : 0;
+}
+
+/* *map is NULL if all pixels count. */
+static cln_status make_map(const cln_view *view, uint8_t **map, int64_t *left_out)
+{
+    cln_status st = CLN_OK;
+    const int wide = view->camera.width, high = view->camera.height, edge = edge_of(view);
+    const size_t all = (size_t)wide * (size_t)high, bytes = (all + 7) / 8;
+
+    *map = NULL;
+    *left_out = 0;
+    if (cln_camera_is_distorted(&view->camera))
+        CLN_TRY(map_rays(&view->camera, map));
+    if (edge > 0 && !*map) {
+        CLN_TRY(cln_alloc(map, bytes, 1, "pixels that count"));
+        memset(*map, 0xFF, bytes);
+        (*map)[bytes - 1] = (uint8_t)(0xFF >> (8 * bytes - all));
+    }
+    for (size_t at = 0; edge > 0 && at < all; at++) {
+        const int x = (int)(at % (size_t)wide), y = (int)(at / (size_t)wide);
+
+        if (x < edge || y < edge || x >= wide - edge || y >= high - edge)
+            (*map)[at / 8] &= (uint8_t) ~(1 << at % 8);
+    }
+    if (*map)
+        *left_out = (int64_t)all - count_bits(*map, bytes);
+done:
+    return st;
+}
+
+/* Whether two views have the same map. */
+static bool is_like(const cln_view *a, const cln_view *b)
+{
+    const bool distorted = cln_camera_is_distorted(&a->camera);
+
+    return a->camera.width == b->camera.width && a->camera.height == b->camera.height &&
+           edge_of(a) == edge_of(b) && distorted == cln_camera_is_distorted(&b->camera) &&
+           (!distorted || cln_camera_is_like(&a->camera, &b->camera));
 }
 
 /* Writes the name and parameters of a lens: "OPENCV: k1 = -0.5, k2 = 0". */
@@ -139,18 +181,21 @@ cln_status cln_scene_find_kept(cln_scene *scene)
         cln_view *view = &scene->views[v];
         int same = 0;
 
-        if (!cln_camera_is_distorted(&view->camera))
+        if (!cln_camera_is_distorted(&view->camera) && view->edge == 0)
             continue;
-        while (same < count &&
-               !cln_camera_is_like(&view->camera, &scene->views[looked[same]].camera))
+        while (same < count && !is_like(view, &scene->views[looked[same]]))
             same++;
         if (same == count) {
             looked[count++] = v;
-            CLN_TRY(make_map(&view->camera, &scene->maps[same], &view->left_out));
+            CLN_TRY(make_map(view, &scene->maps[same], &view->left_out));
         }
         view->kept = scene->maps[same];
         view->left_out = scene->views[looked[same]].left_out;
         if (view->left_out == (int64_t)view->camera.width * view->camera.height) {
+            if (view->edge > 0)
+                CLN_TRY(cln_fail(CLN_INPUT,
+                                 "%s: frame '%s': %d x %d pixels are all edge; give larger images",
+                                 scene->folder, view->name, view->file_width, view->file_height));
             say_lens(&view->camera, lens, sizeof lens);
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: frame '%s': no pixel of the image has a direction by its lens "
@@ -178,7 +223,7 @@ cln_fold cln_scene_fold(const cln_scene *scene)
     for (int v = 0; v < scene->view_count; v++) {
         const cln_view *view = &scene->views[v];
 
-        if (!view->left_out)
+        if (!view->left_out || view->edge > 0)
             continue;
         fold.views++;
         left_out += (double)view->left_out;

@@ -41,6 +41,7 @@ typedef struct cln_reader_result {
     double box[6]; /* minimum and maximum */
     int point_count;
     cln_point *points;
+    bool depth_points;         /* these are of depth images */
     int64_t observation_count; /* 0 = not given */
     cln_observation *observations;
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
@@ -75,6 +76,8 @@ extern const cln_reader cln_reader_neus;       /* reader_neus.c */
 extern const cln_reader cln_reader_nsvf;       /* reader_nsvf.c */
 extern const cln_reader cln_reader_opensfm;    /* reader_opensfm.c */
 extern const cln_reader cln_reader_metashape;  /* reader_metashape.c */
+extern const cln_reader cln_reader_polycam;    /* reader_polycam.c */
+extern const cln_reader cln_reader_record3d;   /* reader_record3d.c */
 
 /* colmap_model.c: number of images of the model in a folder, by its first bytes, as its file may
  * have gigabytes; 0 if there is none. */

@@ -148,23 +148,12 @@ static void name_splits(cln_reader_result *result)
 static cln_status read_poses(const char *path, cln_names *images, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
-    char *file = NULL;
+    char *file = NULL, *poses = NULL;
     int kept = 0, without = 0;
 
-    for (int i = 0; i < images->count; i++) { /* first chooses the images, then makes their views */
-        char *name = images->name[i];
-        const char *dot = strrchr(name, '.');
-
-        free(file);
-        CLN_TRY(cln_asprintf(&file, "%s/pose/%.*s.txt", path, (int)(dot - name), name));
-        images->name[i] = images->name[kept];
-        images->name[kept] = name;
-        kept += cln_is_file(file);
-        without += !cln_is_file(file);
-    }
-    for (int i = kept; i < images->count; i++)
-        free(images->name[i]);
-    images->count = kept;
+    CLN_TRY(cln_path_join(&poses, path, "pose"));
+    CLN_TRY(cln_dataset_keep_with(poses, ".txt", images, &without));
+    kept = images->count;
     if (!kept)
         CLN_TRY(cln_fail(
             CLN_INPUT,
@@ -174,20 +163,17 @@ static cln_status read_poses(const char *path, cln_names *images, cln_reader_res
         cln_warn("%s: %d of %d images in rgb %s no pose and %s left out", path, without,
                  kept + without, cln_plural(without, "has", "have"),
                  cln_plural(without, "is", "are"));
-    free(file);
-    file = NULL;
     CLN_TRY(cln_path_join(&file, path, "rgb"));
     CLN_TRY(cln_dataset_views(path, file, images, result));
     for (int i = 0; i < kept; i++) {
-        const char *name = images->name[i];
-
         free(file);
-        CLN_TRY(
-            cln_asprintf(&file, "%s/pose/%.*s.txt", path, (int)(strrchr(name, '.') - name), name));
+        file = NULL;
+        CLN_TRY(cln_dataset_beside(poses, images->name[i], ".txt", &file));
         CLN_TRY(read_pose(file, result->views[i].camera.c2w));
     }
 done:
     free(file);
+    free(poses);
     return st;
 }
 

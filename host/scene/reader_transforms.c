@@ -562,6 +562,44 @@ done:
     return st;
 }
 
+/* Without other points, those of depth images: nerfstudio's, millimetres of the photos' metres if
+ * depth_unit_scale_factor does not say otherwise. */
+static cln_status read_depths(const char *folder, const char *file, const json_t *root,
+                              cln_reader_result *result)
+{
+    cln_status st = CLN_OK;
+    const json_t *listed = json_object_get(root, "frames");
+    const int step = (result->view_count + CLN_DEPTH_PHOTOS - 1) / CLN_DEPTH_PHOTOS;
+    cln_depth_image image = {.unit = 1e-3, .most = INFINITY};
+    char *path = NULL;
+    bool found = false;
+
+    if (result->point_count > 0 || result->has_bounds)
+        return CLN_OK;
+    CLN_TRY(cln_transforms_number(file, root, "depth_unit_scale_factor", &image.unit, &found));
+    for (int i = 0; i < result->view_count; i += step) {
+        const json_t *frame = json_array_get(listed, (size_t)i);
+        const char *name = json_string_value(json_object_get(frame, "depth_file_path"));
+
+        if (!name)
+            continue;
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, folder, name));
+        image.depth = path;
+        CLN_TRY(cln_dataset_depth_points(&result->views[i], &image, result));
+    }
+    for (size_t i = json_array_size(result->ignored); i-- > 0 && result->point_count > 0;) {
+        const char *key = json_string_value(json_array_get(result->ignored, i));
+
+        if (strcmp(key, "depth_file_path") == 0 || strcmp(key, "depth_unit_scale_factor") == 0)
+            json_array_remove(result->ignored, i);
+    }
+done:
+    free(path);
+    return st;
+}
+
 /* whole: the file is the folder's, so photos that it does not name are told. */
 static cln_status read_single(const char *folder, const char *file, bool whole,
                               cln_reader_result *result)
@@ -575,9 +613,10 @@ static cln_status read_single(const char *folder, const char *file, bool whole,
     CLN_TRY(find_masks(folder, result));
     if (whole)
         CLN_TRY(cln_dataset_tell_unposed(folder, result));
-    CLN_TRY(apply_lists(file, root, result));
     CLN_TRY(read_bounds(file, root, result));
     CLN_TRY(read_points(folder, file, root, result));
+    CLN_TRY(read_depths(folder, file, root, result));
+    CLN_TRY(apply_lists(file, root, result));
     result->beyond = true;
     result->dialect = result->has_bounds ? "instant-ngp" : "nerfstudio";
     CLN_TRY(cln_asprintf(&result->because, "%s %s%s",

@@ -18,6 +18,8 @@ static const cln_reader *const readers[CLN_FORMATS] = {
     [CLN_FORMAT_NSVF] = &cln_reader_nsvf,
     [CLN_FORMAT_OPENSFM] = &cln_reader_opensfm,
     [CLN_FORMAT_METASHAPE] = &cln_reader_metashape,
+    [CLN_FORMAT_POLYCAM] = &cln_reader_polycam,
+    [CLN_FORMAT_RECORD3D] = &cln_reader_record3d,
 };
 
 bool cln_reader_detects(const char *path)

@@ -48,6 +48,8 @@ cln_status cln_camera_check(cln_camera *camera, const char *frame);
 
 /* The unit quaternion w, x, y, z of a pose's rotation (c2w: 3x4, row-major). */
 void cln_pose_quaternion(const double c2w[12], double q[4]);
+/* And back: sets the rotation, the first three of each row of four. */
+void cln_pose_turn(const double q[4], double c2w[12]);
 
 /* Makes it EQUIRECTANGULAR, its image (width x height) spanning the whole sphere. */
 void cln_camera_span_sphere(cln_camera *camera);
@@ -107,7 +109,8 @@ typedef struct cln_view {
     cln_store *store; /* the scene's, if it has the pixels, at `place`; else NULL */
     size_t place;
     const uint8_t *kept; /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
-    int64_t left_out;    /* number of pixels beyond the fold of its lens */
+    int64_t left_out;    /* number of pixels beyond the fold of its lens, or along its edge */
+    int edge;            /* pixels of its file along the edges that show nothing */
     bool trained;        /* the run that it is read for was trained on it; false where none is */
     uint8_t *masked;     /* what `kept` is, if the view has a mask and pixels; else NULL */
 } cln_view;

@@ -394,9 +394,10 @@ static cln_status read_pose(const source *src, double c2w[12])
                     "%g: the pose is not rigid; correct it, or remove the frame",
                     src->where, j + 1, number);
             if (i < 3)
-                c2w[4 * i + j] = j == 1 || j == 2 ? -number : number;
+                c2w[4 * i + j] = number;
         }
     }
+    cln_dataset_from_opengl(c2w);
     return CLN_OK;
 }
 

@@ -337,8 +337,8 @@ section_scenes() {
     expect "a video" 3 "clip.MOV ~take.pictures" "$cln" info "$work/odd/video"
     expect "a mesh" 3 "scan.ply photos" "$cln" info "$work/odd/mesh"
     expect "a file of another kind" 3 "~another.kind folder" "$cln" info "$work/odd/notes.txt"
-    expect "a Polycam capture" 3 "Polycam ns-process-data" "$cln" info "$work/odd/polycam"
-    expect "a Record3D capture" 3 "Record3D ns-process-data" "$cln" info "$work/odd/record3d"
+    expect "a Polycam capture" 3 "Polycam ~Developer.mode" "$cln" info "$work/odd/polycam"
+    expect "a Record3D capture" 3 "Record3D ~EXR...JPG" "$cln" info "$work/odd/record3d"
     mkdir -p "$work/odd/metashape" "$work/odd/reality"
     printf '<?xml version="1.0"?>\n<document version="2.0.0">\n  <chunk label="1">\n' \
         > "$work/odd/metashape/Cameras.XML"

@@ -700,6 +700,8 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"render r --orbit --split test", "--orbit and --split cannot be combined"},
         {"render r --elevation 6", "--elevation requires --orbit"},
         {"render r --spiral --circle", "--circle requires --orbit"},
+        {"render r --loop", "--loop requires --interpolate"},
+        {"render r --orbit --loop", "--loop requires --interpolate; an orbit"},
         {"render r --up z", "--up requires --orbit, --spiral or --interpolate"},
         {"render r --fov 40", "--fov requires --orbit, --spiral or --interpolate"},
         {"render r --poses f.json --split test", "--poses and --split cannot be combined"},

@@ -25,6 +25,7 @@
 #include "io/run_folder.h"
 #include "io/safetensors.h"
 #include "model/model.h"
+#include "phone_fixture.h"
 #include "render/frames.h"
 #include "report/report.h"
 #include "scene/cameras_file.h"
@@ -231,6 +232,24 @@ static void make_metashape(void)
     format_metashape(".", cameras);
 }
 
+static void make_polycam(void)
+{
+    static const double centre[3] = {1, 2, 3};
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    phone_polycam(".", cameras, false, 1);
+    phone_depths(".", cameras, centre, 1, true);
+}
+
+static void make_record3d(void)
+{
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    phone_record3d(".", "metadata.json", "rgb", cameras, true);
+}
+
 static void make_ply(void)
 {
     format_ply(".", "text.ply", false, points, 2);
@@ -364,7 +383,8 @@ static void read_poses(void)
 
         if (!refused(cln_frames_read(chosen->files[i], 80, 60, &keys))) {
             check_frames(&keys);
-            if (keys.count < 100 && !refused(cln_frames_through(&keys, 7, NULL, NULL, &path)))
+            if (keys.count < 100 &&
+                !refused(cln_frames_through(&keys, 7, NULL, NULL, false, &path)))
                 check_frames(&path);
         }
         cln_frames_free(&keys);
@@ -710,6 +730,13 @@ static const target targets[] = {
     {"nsvf", {"intrinsics.txt", "pose/view_00.txt", "bbox.txt"}, make_nsvf, read_scene, 2},
     {"opensfm", {"reconstruction.json", "tracks.csv"}, make_opensfm, read_scene, 2},
     {"metashape", {"cameras.xml"}, make_metashape, read_scene, 2},
+    {"polycam",
+     {"keyframes/cameras/view_00.json", "keyframes/depth/view_00.png",
+      "keyframes/confidence/view_00.png"},
+     make_polycam,
+     read_scene,
+     3},
+    {"record3d", {"metadata.json"}, make_record3d, read_scene, 1},
     {"cameras", {"cameras.json"}, make_cameras, read_cameras, 1},
     {"poses", {"path.json", "transforms.json"}, make_poses, read_poses, 4},
     {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},

@@ -312,7 +312,7 @@ static void test_through(void **state)
         aim(at, to, 0.1 * i, &keys[i].camera);
         keys[i].camera.fx = 50 + i;
     }
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     assert_int_equal(f.count, COUNT);
     for (int i = 0; i < KEYS; i++)
         assert_true(most_apart(&f.frame[10 * i].camera, &keys[i].camera) <
@@ -330,7 +330,7 @@ static void test_through(void **state)
         keys[i].camera.height = i % 2 ? 32 : 24;
         keys[i].camera.fx = keys[i].camera.fy = 50;
     }
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++) {
         const cln_camera *c = &f.frame[i].camera;
 
@@ -339,13 +339,63 @@ static void test_through(void **state)
     }
     cln_frames_free(&f);
     keys[2].camera = keys[1].camera;
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++)
         assert_rigid(&f.frame[i].camera);
     cln_frames_free(&f);
     assert_int_equal(
-        cln_frames_through(&(cln_frames){.count = 1, .frame = keys}, 5, NULL, NULL, &f), CLN_USAGE);
+        cln_frames_through(&(cln_frames){.count = 1, .frame = keys}, 5, NULL, NULL, false, &f),
+        CLN_USAGE);
     cln_clear_error();
+}
+
+/* Once around, by five keys, the head turning with it, so that the quaternion comes back negated: no
+ * step differs from the others, also that from the last frame to the first, and directions change
+ * evenly. The same if the first key is given again as the last. */
+static void test_loop(void **state)
+{
+    enum { KEYS = 5, COUNT = 60 };
+    cln_frame keys[KEYS + 1];
+    cln_frames from = {.count = KEYS, .frame = keys}, f = {0}, again = {0};
+    double least = INFINITY, most = 0, sharpest = 0;
+
+    (void)state;
+    memset(keys, 0, sizeof keys);
+    for (int i = 0; i <= KEYS; i++) {
+        const double turn = 72 * (i % KEYS) * DEGREE;
+
+        aim((double[3]){3 * cos(turn), 3 * sin(turn), 1}, (double[3]){0, 0, 0.5}, 0,
+            &keys[i].camera);
+        keys[i].camera.fx = keys[i].camera.fy = 50 + i % KEYS;
+    }
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, true, &f), CLN_OK);
+    assert_int_equal(f.count, COUNT);
+    for (int i = 0; i < KEYS; i++)
+        assert_true(most_apart(&f.frame[12 * i].camera, &keys[i].camera) < 0.02);
+    for (int i = 0; i < COUNT; i++) {
+        const cln_camera *before = &f.frame[(i + COUNT - 1) % COUNT].camera;
+        const cln_camera *now = &f.frame[i].camera, *next = &f.frame[(i + 1) % COUNT].camera;
+        double square = 0;
+
+        for (int a = 3; a < 12; a += 4) {
+            const double bend = before->c2w[a] - 2 * now->c2w[a] + next->c2w[a];
+
+            square += bend * bend;
+        }
+        sharpest = fmax(sharpest, sqrt(square));
+        least = fmin(least, distance(before, now));
+        most = fmax(most, distance(before, now));
+        assert_true(most_apart(before, now) < 0.4);
+    }
+    assert_true(least > 0.25 && most < 1.2 * least);
+    assert_true(sharpest < 0.08); /* of a circle it is 0.033; of a corner by 72 degrees 0.37 */
+    assert_true(fabs(f.frame[COUNT - 1].camera.fx - 50.3) < 0.3);
+    from.count++;
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, true, &again), CLN_OK);
+    for (int i = 0; i < COUNT; i++)
+        assert_true(most_apart(&f.frame[i].camera, &again.frame[i].camera) < 1e-9);
+    cln_frames_free(&f);
+    cln_frames_free(&again);
 }
 
 /* Turns of the head by 10 and 30 degrees on one spot take 10 and 30 of 40 steps. */
@@ -364,7 +414,7 @@ static void test_turns(void **state)
 
         aim(at, (double[3]){at[0] + sin(turn), at[1] + cos(turn), at[2]}, 0, &keys[i].camera);
     }
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     assert_true(most_apart(&f.frame[10].camera, &keys[1].camera) < 1e-9);
     for (int i = 1; i < COUNT; i++) {
         const double *before = f.frame[i - 1].camera.c2w, *now = f.frame[i].camera.c2w;
@@ -376,7 +426,7 @@ static void test_turns(void **state)
     for (int i = 0; i < KEYS; i++) /* nearly once round: each turn is the shorter way */
         aim(at, (double[3]){at[0] + sin(170 * i * DEGREE), at[1] + cos(170 * i * DEGREE), at[2]}, 0,
             &keys[i].camera);
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     for (int i = 1; i < COUNT; i++) {
         const double *before = f.frame[i - 1].camera.c2w, *now = f.frame[i].camera.c2w;
 
@@ -494,7 +544,7 @@ static void test_even_pace(void **state)
             aim((double[3]){4 * unit * cos(cases[k][i] * DEGREE),
                             4 * unit * sin(cases[k][i] * DEGREE), unit},
                 (double[3]){0, 0, unit * cases[k][4]}, 0, &keys[i].camera);
-        assert_int_equal(cln_frames_through(&from, COUNT, &around, around.up, &f), CLN_OK);
+        assert_int_equal(cln_frames_through(&from, COUNT, &around, around.up, false, &f), CLN_OK);
         for (int i = 0; i < COUNT - 1; i++) {
             const double *a = f.frame[i].camera.c2w, *b = f.frame[i + 1].camera.c2w;
             double trace = 0;
@@ -534,7 +584,7 @@ static void test_slopes(void **state)
     memset(keys, 0, sizeof keys);
     for (int i = 0; i < 3; i++)
         aim(places[i], (double[3]){places[i][0] + 1, places[i][1], 0}, 0, &keys[i].camera);
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     for (int i = 1; i < COUNT - 1; i++)
         if (distance(&f.frame[i].camera, &keys[1].camera) < nearest) {
             nearest = distance(&f.frame[i].camera, &keys[1].camera);
@@ -569,7 +619,7 @@ static void test_around(void **state)
     }
     for (int a = 0; a < 3; a++)
         middle.c2w[4 * a + 3] = around.target[a];
-    assert_int_equal(cln_frames_through(&from, COUNT, &around, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, &around, NULL, false, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++) {
         const cln_camera *c = &f.frame[i].camera;
         const double away[3] = {1 - c->c2w[3], 2 - c->c2w[7], 3 - c->c2w[11]};
@@ -604,12 +654,12 @@ static void test_level(void **state)
 
         aim(at, to, 0, &keys[i].camera);
     }
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++) /* without an up it rolls */
         rolled += fabs(f.frame[i].camera.c2w[8]) > 0.2;
     assert_true(rolled > COUNT / 10);
     cln_frames_free(&f);
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, up, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, up, false, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++) {
         const double *c2w = f.frame[i].camera.c2w;
 
@@ -624,7 +674,7 @@ static void test_level(void **state)
     aim((double[3]){0.3, 0, 1}, (double[3]){1.3, 0, 1}, 0.3, &keys[3].camera);
     for (int key = 3; key < KEYS; key += 2) { /* the end of a path */
         from.count = key + 1;
-        assert_int_equal(cln_frames_through(&from, COUNT, NULL, up, &f), CLN_OK);
+        assert_int_equal(cln_frames_through(&from, COUNT, NULL, up, false, &f), CLN_OK);
         assert_true(most_apart(&f.frame[COUNT - 1].camera, &keys[key].camera) < 1e-9);
         for (int i = 0; i < COUNT; i++)
             assert_rigid(&f.frame[i].camera);
@@ -649,7 +699,7 @@ static void test_through_panoramas(void **state)
     keys[0].camera.height = 120;
     keys[0].camera.fx = keys[0].camera.fy = 240 / (2 * acos(-1));
     keys[1].camera.fx = keys[1].camera.fy = keys[2].camera.fx = keys[2].camera.fy = 70;
-    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, &f), CLN_OK);
+    assert_int_equal(cln_frames_through(&from, COUNT, NULL, NULL, false, &f), CLN_OK);
     for (int i = 0; i < COUNT; i++) {
         const cln_camera *c = &f.frame[i].camera;
 
@@ -883,6 +933,7 @@ int test_group_frames(void)
                                        ON_DISK(test_path_with_crop),
                                        ON_DISK(test_nerfstudios_frame),
                                        cmocka_unit_test(test_through),
+                                       cmocka_unit_test(test_loop),
                                        cmocka_unit_test(test_level),
                                        cmocka_unit_test(test_through_panoramas),
                                        cmocka_unit_test(test_turns),
