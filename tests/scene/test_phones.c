@@ -80,7 +80,7 @@ static void test_polycam(void **state)
     cln_scene_free(scene);
 }
 
-/* Of corrected photos 15 pixels along each edge do not count; fewer of smaller copies, whole ones. */
+/* Of corrected photos 15 pixels along each edge do not count; fewer of smaller copies. */
 static void test_edges(void **state)
 {
     static const int edges[] = {0, 15, 8, 5}; /* by --downscale */
