@@ -1,5 +1,6 @@
 /* Which pixels of a view count: not those beyond the fold of its lens, which no direction maps to,
- * nor those along the edges of its file that show nothing. Views share a map where it is the same. */
+ * nor those along the edges of its file that show nothing. Views whose maps are the same share one.
+ */
 #include "scene/build.h"
 
 #include <math.h>

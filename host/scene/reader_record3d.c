@@ -1,6 +1,6 @@
-/* Reader of Record3D's captures (an iPhone or iPad): the folder of an export as EXR + JPG, which has
- * metadata.json and rgb, also where it lies in a folder EXR_RGBD, or an unpacked .r3d file, which has
- * metadata and rgbd. Of the metadata:
+/* Reader of Record3D's captures (an iPhone or iPad): the folder of an export as EXR + JPG, which
+ * has metadata.json and rgb, also where it lies in a folder EXR_RGBD, or an unpacked .r3d file,
+ * which has metadata and rgbd. Of the metadata:
  *   w, h     size of the photos
  *   K        intrinsics, 3x3, column by column
  *   perFrameIntrinsicCoeffs  fx, fy, cx, cy of each photo, if there

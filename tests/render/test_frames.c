@@ -349,9 +349,9 @@ static void test_through(void **state)
     cln_clear_error();
 }
 
-/* Once around, by five keys, the head turning with it, so that the quaternion comes back negated: no
- * step differs from the others, also that from the last frame to the first. The same if the first
- * key is given again as the last. */
+/* Once around, by five keys, the head turning with it, so that the quaternion comes back negated:
+ * no step differs from the others, also that from the last frame to the first. The same if the
+ * first key is given again as the last. */
 static void test_loop(void **state)
 {
     enum { KEYS = 5, COUNT = 60 };
