@@ -75,8 +75,8 @@ cln_status cln_frames_from_nerfstudio(const char *path, const char *poses, const
  * lenses differ, a pinhole of the first key's size that is no panorama. Focal lengths change evenly
  * from key to key, but for panoramas'. around: what the keys stand around, to which the path keeps
  * distance and direction if they look at it; NULL = nothing. up: the direction against which the
- * path rolls as its keys do; NULL = none. closed: it goes on from the last key to the first, and the
- * last frame is the one before the first again. CLN_USAGE for fewer than two keys. */
+ * path rolls as its keys do; NULL = none. closed: it goes on from the last key to the first, and
+ * the last frame is the one before the first again. CLN_USAGE for fewer than two keys. */
 cln_status cln_frames_through(const cln_frames *keys, int count, const cln_orbit_frame *around,
                               const double *up, bool closed, cln_frames *out);
 

@@ -82,7 +82,7 @@ cln_status cln_dataset_grow(void *array, int64_t count, size_t size, const char 
 /* "OPENCV (k1 k2 p1 p2), ...": every lens model there is. The caller frees *out. */
 cln_status cln_dataset_lenses(char **out);
 
-/* Numbers of a camera-to-world pose with OpenGL's axes (x right, y up, z backwards), 3x4, -> ours. */
+/* A camera-to-world pose with OpenGL's axes (x right, y up, z backwards) -> ours. */
 void cln_dataset_from_opengl(double c2w[12]);
 
 /* World-to-camera x' = R x + t (R row-major) -> camera-to-world. R is taken as it is: checks follow
