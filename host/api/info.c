@@ -19,6 +19,24 @@ static cln_status to_text(const json_t *document, const char *what, char **json)
     return *json ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot make JSON", what);
 }
 
+/* Photos are not decoded here, so that the cube is the one before what their alpha shows. */
+static cln_status say_alpha(const cln_scene *scene, json_t *described)
+{
+    cln_status st = CLN_OK;
+    char *rule = NULL;
+
+    if (!scene->cube_guessed || !scene->has_alpha)
+        return CLN_OK;
+    CLN_TRY(cln_asprintf(&rule,
+                         "%s; train takes a box around what the photos' alpha shows, if "
+                         "that spans less than half of it",
+                         scene->bounds_rule));
+    json_object_set_new(described, "bounds_rule", json_string(rule));
+done:
+    free(rule);
+    return st;
+}
+
 static cln_status info_scene(const char *path, const cln_settings *settings, char **json)
 {
     cln_status st = CLN_OK;
@@ -34,6 +52,7 @@ static cln_status info_scene(const char *path, const cln_settings *settings, cha
     facts.no_sights = false; /* not looked for, without photos */
     cln_settings_warn_idle(settings, &facts);
     CLN_TRY(cln_scene_describe(scene, &described));
+    CLN_TRY(say_alpha(scene, described));
     json_object_set_new(document, "schema", json_string("cl-nascent.scene/1"));
     json_object_update(document, described);
     cameras = json_incref(json_object_get(document, "cameras"));

@@ -410,7 +410,7 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "frames whose image is not there or cannot be read: leave them out while they are fewer " \
          "than a tenth, leave them out however many, or refuse the scene",                         \
          .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
-    ENUM(masks, "masks", CLN_MASKS_INVERTED, CLN_MASKS_AUTO, "auto|alpha|ignore|inverted",         \
+    ENUM(masks, "masks", CLN_MASKS_IGNORE, CLN_MASKS_AUTO, "auto|alpha|ignore|inverted",           \
          "masks beside photos: the alpha of an object, outside of which is nothing, or pixels "    \
          "that do not count; auto: alpha if nearly all keep one part around the middle and drop "  \
          "the border; inverted: alpha, black is the object",                                       \

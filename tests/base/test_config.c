@@ -90,6 +90,7 @@ static void test_presets(void **state)
     assert_string_equal(paper.background, "white");
     /* older runs that lack it are read with the paper's value */
     assert_true(paper.depth_until == 0.5 && fast.depth_until == 1);
+    assert_true(paper.masks == CLN_MASKS_IGNORE && fast.masks == CLN_MASKS_AUTO);
     assert_failed(cln_config_preset("slow", &config), CLN_USAGE,
                   "--preset|slow|fast|paper|nerf|kilonerf|voxel");
     assert_same(&paper, &config);
