@@ -7,6 +7,7 @@
 #include "api/needs.h"
 #include "base/files.h"
 #include "base/given.h"
+#include "base/memory.h"
 #include "base/settings.h"
 #include "cl_nascent.h"
 #include "io/run_folder.h"
