@@ -525,13 +525,13 @@ typedef struct cln_export_result {
     int leaves, levels[CLN_LEVELS]; /* active leaves, in all and by level */
     int64_t vertices, faces;        /* points, mesh */
     int64_t faces_before;           /* mesh: before `triangles` left some out; 0 = none left out */
-    double reduction_error;         /* about how far that moved the surface at most; scene units
+    double reduction_error; /* how far that moved the surface at most, as measured; scene units
                                        times `scale` */
-    int shape[3];                   /* volume: of the grid, z, y, x */
-    int views;                      /* cameras */
-    bool refined;                   /* cameras: training views have corrected poses */
-    int64_t parts;                  /* with `largest`: connected parts that there were; else 0 */
-    int64_t faces_left_out;         /* triangles of all but the largest, before `triangles` */
+    int shape[3];           /* volume: of the grid, z, y, x */
+    int views;              /* cameras */
+    bool refined;           /* cameras: training views have corrected poses */
+    int64_t parts;          /* with `largest`: connected parts that there were; else 0 */
+    int64_t faces_left_out; /* triangles of all but the largest, before `triangles` */
     double size[3]; /* points, mesh: along x, y and z of what is written; of a GLB file with y up */
     double box[6];  /* where they are, as `crop` takes it: in the scene's frame and units */
     bool beyond_left_out; /* points, mesh: of a shell, without what lies beyond its cube */

@@ -1,5 +1,6 @@
 /* cln_export: what a run holds for other programs. Checks what is asked for and where it goes,
  * opens what the export needs, and calls its function (export/list.h). */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -263,6 +264,26 @@ static void advise_print(const cln_export_job *job)
                  desc->file);
 }
 
+/* A box's face is the base of what is cut by it, and is to be level where up is turned to z. */
+static void advise_level(const cln_export_job *job)
+{
+    const double level = 0.99985; /* cosine of a degree */
+    double numbers[CLN_CROP_NUMBERS], cosine = 0;
+    int n = 0;
+
+    if (!job->crop.on || !job->turns)
+        return;
+    cosine = cln_crop_level(&job->crop, job->up, numbers);
+    if (cosine > level)
+        return;
+    n = cln_reals_digits(6, numbers, numbers[3] - numbers[0]);
+    cln_info("%s: the box of --crop is %.0f degrees off level by --up, and so is what it cuts off; "
+             "turned upright about its middle: --crop=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g,%.5g,%.5g,%.5g",
+             job->desc->file, acos(fmin(1, cosine)) * 57.29577951308232, n, numbers[0], n,
+             numbers[1], n, numbers[2], n, numbers[3], n, numbers[4], n, numbers[5], numbers[6],
+             numbers[7], numbers[8]);
+}
+
 static cln_status open_for(const export_row *row, cln_export_job *job)
 {
     cln_status st = CLN_OK;
@@ -310,6 +331,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
         find_up(run, &job);
     CLN_TRY(row->write(&job));
     advise_print(&job);
+    advise_level(&job);
     result->step = model->step;
     result->leaves = model->tree.leaf_count;
     cln_tree_levels(&model->tree, result->levels);

@@ -209,17 +209,20 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, const cln_film *fi
     const cln_callbacks *c = &desc->callbacks;
     video v = {.callbacks = c};
     const cln_command_watch watch = {read_ffmpeg, is_interrupted, &v, log};
-    char *file = NULL, *names = NULL, filter[FILTER];
+    char *file = NULL, *names = NULL, filter[FILTER], most[16];
 
     CLN_TRY(cln_asprintf(&file, "file:%s", desc->photos));
+    snprintf(most, sizeof most, "%d",
+             film->frames > 0 && film->frames < frames ? (int)film->frames : frames);
     write_filter(frames / film->duration, filter);
     CLN_TRY(clear_frames(images, framed));
     CLN_TRY(frame_names(images, &names));
     if (c->work)
         c->work("poses: frames", 0, 0, c->user);
     st = cln_command_run((const char *const[]){"ffmpeg", "-nostdin", "-y", "-v", "error", "-i",
-                                               file, "-vf", filter, "-r", "25", "-qscale:v", "2",
-                                               names, NULL},
+                                               file, "-vf", filter, "-r", "25", "-frames:v",
+                                               most, /* ffmpeg 9 repeats the last one */
+                                               "-qscale:v", "2", names, NULL},
                          &watch);
     if (v.full && (st == CLN_OK || st == CLN_FAILED)) {
         cln_clear_error();

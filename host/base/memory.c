@@ -253,12 +253,18 @@ double cln_available_memory(const char *root)
                 limits_memory(&p));
 }
 
+double cln_hard_memory(void)
+{
+    const pages p = own_pages("");
+
+    return fmin(cln_group_memory(""), limits_memory(&p));
+}
+
 double cln_host_memory(void)
 {
     const double all = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
-    const pages p = own_pages("");
 
-    return fmin(fmin(all, cln_group_memory("")), limits_memory(&p));
+    return fmin(all, cln_hard_memory());
 }
 
 double cln_peak_rss(void)

@@ -34,6 +34,10 @@ bool cln_address_space_is_free(void);
  * has reserved and does not use now). */
 double cln_host_memory(void);
 
+/* What of that no setting can exceed: limits of the process and of its control groups; INFINITY
+ * without any. */
+double cln_hard_memory(void);
+
 /* The least that a control group of this process or one above it allows, by the files below root
  * ("" but in tests); INFINITY without a limit. */
 double cln_group_memory(const char *root);

@@ -155,7 +155,7 @@ static void print_sentence(FILE *to, const char *file, bool scaled, json_int_t b
         fprintf(to, ", with the poses that training corrected");
     if (r->faces_before > 0) {
         cln_format_count((double)r->faces_before, text);
-        fprintf(to, " (of %s; moved by about %.2g units at most)", text, r->reduction_error);
+        fprintf(to, " (of %s; moved by up to %.2g units)", text, r->reduction_error);
     }
     if (r->parts == 1)
         fprintf(to, ", in one part");

@@ -15,6 +15,9 @@
 #include "io/progress.h"
 #include "render/up.h"
 
+/* A part that is longer than this share of the largest may be an object of its own. */
+static const double OWN_OBJECT = 0.25;
+
 cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)
 {
     cln_status st = CLN_OK;
@@ -38,6 +41,10 @@ void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts)
 {
     job->result->parts = (int64_t)parts->parts;
     job->result->faces_left_out = (int64_t)parts->left_out;
+    if (parts->next > OWN_OBJECT)
+        cln_warn("--largest leaves out a part that is %.2g times as long as the one that stays: if "
+                 "it is an object of its own, export that by --crop, or leave --largest out",
+                 parts->next);
 }
 
 /* STL has floats alone. Coordinates that are too large for them, a survey's, begin elsewhere. */
@@ -97,8 +104,8 @@ static void span(const cln_mesh *mesh, const double turn[4], double scale, doubl
 }
 
 /* Tells that what lies beyond the cube is not written, as a warning if what is written ends at one
- * of the cube's faces and it should not: of a shell, and of photos that show by alpha where things
- * end. box: where it is, in scene units. cell: of the finest, likewise. */
+ * of the cube's faces and it should not: of a shell, of photos that show by alpha where things end,
+ * and of what is closed, by these faces. box: where it is, in scene units. cell: of the finest, likewise. */
 static void tell_cut(cln_export_job *job, const char *what, const double box[6], double cell)
 {
     const cln_model *model = &job->opened.model;
@@ -119,7 +126,7 @@ static void tell_cut(cln_export_job *job, const char *what, const double box[6],
             what, core.half);
     else if (model->space.shell)
         cln_info("%s: what lies beyond the cube, in its shell, is left out", what);
-    else if (model->has_alpha && cut)
+    else if ((model->has_alpha || job->desc->closed) && cut)
         cln_warn("%s: it ends at the faces of the cube (half side %.6g), where training saw "
                  "nothing beyond. If the object goes on there, train with a larger --bbox; "
                  "`cl-nascent check SCENE` proposes one",

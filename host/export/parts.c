@@ -2,6 +2,7 @@
  * 1975; paths are halved). See parts.h. */
 #include "export/parts.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -27,12 +28,28 @@ static void join(uint32_t *to, uint32_t a, uint32_t b)
         to[a] = b;
 }
 
+/* The diagonal of a part's box, in the cube. */
+static double length_of(const cln_surface *s, uint32_t *to, uint32_t part)
+{
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    double square = 0;
+
+    for (size_t v = 0; v < s->vertices; v++)
+        for (int a = 0; a < 3 && find(to, (uint32_t)v) == part; a++) {
+            low[a] = fmin(low[a], (double)s->at[v][a]);
+            high[a] = fmax(high[a], (double)s->at[v][a]);
+        }
+    for (int a = 0; a < 3; a++)
+        square += (high[a] - low[a]) * (high[a] - low[a]);
+    return sqrt(square);
+}
+
 /* to: [vertex], the first vertex of its part, if asked by find(). *largest: that of the largest. */
 static cln_status find_parts(const cln_surface *s, uint32_t *to, uint32_t *largest,
                              cln_parts *found)
 {
     cln_status st = CLN_OK;
-    uint32_t *count = NULL;
+    uint32_t *count = NULL, next = 0;
 
     *found = (cln_parts){0};
     *largest = 0;
@@ -51,6 +68,12 @@ static cln_status find_parts(const cln_surface *s, uint32_t *to, uint32_t *large
             *largest = (uint32_t)v;
     }
     found->left_out = s->faces - (s->vertices > 0 ? count[*largest] : 0);
+    next = *largest == 0 ? 1 : 0; /* any other */
+    for (size_t v = 0; v < s->vertices && found->parts > 1; v++)
+        if (v != *largest && count[v] > count[next])
+            next = (uint32_t)v;
+    if (found->parts > 1)
+        found->next = length_of(s, to, next) / length_of(s, to, *largest);
 done:
     free(count);
     return st;

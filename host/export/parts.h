@@ -7,6 +7,7 @@
 typedef struct cln_parts {
     size_t parts;    /* that there were */
     size_t left_out; /* triangles of all but the largest */
+    double next;     /* length of the next one over the largest's, by their boxes; 0: none */
 } cln_parts;
 
 /* Counts the parts; left_out: what cln_surface_keep_largest would leave out. CLN_MEMORY. */

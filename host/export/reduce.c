@@ -21,11 +21,13 @@ cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *c
 
 #else
 
+#include <math.h>
 #include <meshoptimizer.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
 #include "export/crowded.h"
+#include "export/deviation.h"
 #include "export/triangles.h"
 
 cln_status cln_mesh_reduce_possible(void)
@@ -124,14 +126,14 @@ done:
 
 /* Sets mesh->face to those triangles of `of` that stay; *pairs: too many, at crowded edges. */
 static cln_status simplify(const cln_mesh *of, const float (*at)[3], size_t most, cln_mesh *mesh,
-                           float *error, size_t *pairs)
+                           size_t *pairs)
 {
     const float any_error = 1e10f; /* the number of triangles decides, not this */
     cln_status st = CLN_OK;
     cln_mesh_edges edges;
 
     mesh->faces = meshopt_simplify(mesh->face[0], of->face[0], 3 * of->faces, at[0], of->vertices,
-                                   sizeof at[0], 3 * most, any_error, 0, error) /
+                                   sizeof at[0], 3 * most, any_error, 0, NULL) /
                   3;
     CLN_TRY(drop_pairs(mesh));
     CLN_TRY(cln_mesh_count_edges(mesh, &edges));
@@ -140,12 +142,35 @@ done:
     return st;
 }
 
+/* How far the surfaces of some and of fewer triangles over the same vertices are apart: those that
+ * are gone from what is left, and the middles of what is left from what was there. */
+static cln_status measure(const cln_mesh *mesh, const cln_mesh *fewer, const float (*at)[3],
+                          double *error)
+{
+    cln_status st = CLN_OK;
+    float(*middles)[3] = NULL;
+    double back = 0;
+
+    CLN_TRY(cln_alloc(&middles, fewer->faces, sizeof *middles, "triangles"));
+    for (size_t f = 0; f < fewer->faces; f++)
+        for (int k = 0; k < 9; k++)
+            middles[f][k % 3] += at[fewer->face[f][k / 3]][k % 3] / 3;
+    CLN_TRY(cln_deviation(mesh->vertices, at, fewer->faces, (const uint32_t(*)[3])fewer->face, at,
+                          error));
+    CLN_TRY(cln_deviation(fewer->faces, (const float(*)[3])middles, mesh->faces,
+                          (const uint32_t(*)[3])mesh->face, at, &back));
+    *error = fmax(*error, back);
+done:
+    free(middles);
+    return st;
+}
+
 cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *crowded)
 {
     enum { TRIES = 4 };
     cln_status st = CLN_OK;
     const size_t vertices = mesh->vertices, faces = mesh->faces;
-    float(*at)[3] = NULL, relative = 0;
+    float(*at)[3] = NULL;
     cln_mesh fewer = *mesh;
     size_t pairs = 0, target = most;
 
@@ -160,12 +185,12 @@ cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *c
         for (int a = 0; a < 3; a++)
             at[v][a] = (float)(mesh->at[v][a] - mesh->origin[a]);
     for (int try = 0; try < TRIES; try++) { /* with room for the triangles that part edges */
-        CLN_TRY(simplify(mesh, (const float(*)[3])at, target, &fewer, &relative, &pairs));
+        CLN_TRY(simplify(mesh, (const float(*)[3])at, target, &fewer, &pairs));
         if (fewer.faces + 2 * pairs <= most || fewer.faces > target || target <= 2 * pairs + 4)
             break;
         target -= fewer.faces + 2 * pairs - most;
     }
-    *error = (double)relative * meshopt_simplifyScale(at[0], mesh->vertices, sizeof at[0]);
+    CLN_TRY(measure(mesh, &fewer, (const float(*)[3])at, error));
     mesh->faces = fewer.faces;
     memcpy(mesh->face, fewer.face, mesh->faces * sizeof *mesh->face);
     CLN_TRY(drop_unused(mesh));

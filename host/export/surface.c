@@ -146,13 +146,49 @@ done:
     return st;
 }
 
-/* As seen from the best view; what none sees, from the front. */
+/* Gives vertices without a colour that of their neighbours, from those that have one on outwards. */
+static cln_status fill(cln_surface *s, uint8_t *known)
+{
+    cln_status st = CLN_OK;
+    uint32_t(*sum)[4] = NULL;
+    bool more = true;
+
+    CLN_TRY(cln_alloc(&sum, s->vertices, sizeof *sum, "colours"));
+    while (more) {
+        more = false;
+        for (size_t i = 0; i < 9 * s->faces; i++) { /* each corner by each other one */
+            const uint32_t to = s->face[i / 9][i % 3], from = s->face[i / 9][i / 3 % 3];
+
+            if (known[to] || !known[from])
+                continue;
+            for (int c = 0; c < 3; c++)
+                sum[to][c] += s->colour[from][c];
+            sum[to][3]++;
+        }
+        for (size_t v = 0; v < s->vertices; v++) {
+            if (known[v] || sum[v][3] == 0)
+                continue;
+            for (int c = 0; c < 3; c++)
+                s->colour[v][c] = (uint8_t)((sum[v][c] + sum[v][3] / 2) / sum[v][3]);
+            known[v] = 1;
+            more = true;
+        }
+    }
+done:
+    free(sum);
+    return st;
+}
+
+/* As seen from the best view; what none sees, from the front, or as beside it where the field is
+ * empty: an empty field is black. */
 static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
 {
     cln_status st = CLN_OK;
     const float to_tree = desc->opened->model.space.shell ? 0.5f : 1;
     float(*at)[4] = NULL, (*looks)[4] = NULL, (*out)[4] = NULL;
+    uint8_t *known = NULL;
 
+    CLN_TRY(cln_alloc(&known, s->vertices, 1, "vertices"));
     CLN_TRY(cln_alloc(&at, CHUNK, sizeof *at, "points"));
     CLN_TRY(cln_alloc(&looks, CHUNK, sizeof *looks, "points"));
     CLN_TRY(cln_alloc(&out, CHUNK, sizeof *out, "points"));
@@ -175,10 +211,14 @@ static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
         CLN_TRY(cln_field_points(&desc->opened->pipeline, &desc->opened->model.tree, n,
                                  (const float(*)[4])at, (const float(*)[4])looks, out));
         for (size_t i = 0; i < n; i++)
-            for (int c = 0; c < 3; c++)
+            for (int c = 0; c < 3; c++) {
                 s->colour[first + i][c] = cln_to_u8(out[i][c]);
+                known[first + i] |= s->colour[first + i][c] > 0 || s->towards[first + i][c] != 0;
+            }
     }
+    CLN_TRY(fill(s, known));
 done:
+    free(known);
     free(at);
     free(looks);
     free(out);

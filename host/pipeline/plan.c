@@ -486,7 +486,10 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
     const cln_config *c = &d->pipeline->config;
     const double densities = s->leaves * BYTES(d, density), params = s->leaves * BYTES(d, params);
 
-    out->limit = c->host_mem > 0 ? c->host_mem : cln_host_memory();
+    const double hard = cln_hard_memory();
+
+    out->limit = c->host_mem > 0 ? fmin(c->host_mem, hard) : cln_host_memory();
+    out->hard = out->limit == hard;
     row(out, "program and driver", NULL);
     add(out, CLN_PROGRAM_BYTES);
     row(out, CLN_PLAN_IMAGES, "the size with --downscale, or the number of views");
@@ -589,8 +592,9 @@ static bool host_fits(const cln_plan_desc *d, const cln_plan *device_plan)
 }
 
 /* Finds half of --batch-samples, and so on, by which the training is within the limits, the host's,
- * too; if there is none, with half of --rays, and so on. */
-static void fit_batch(const cln_plan_desc *d, cln_plan *out)
+ * too; if there is none, with half of --rays, and so on; if there is none, either, what the
+ * smallest takes. of_host: `out` is the host's plan. */
+static void fit_batch(const cln_plan_desc *d, bool of_host, cln_plan *out)
 {
     cln_pipeline smaller = *d->pipeline;
     cln_config *c = &smaller.config;
@@ -606,6 +610,22 @@ static void fit_batch(const cln_plan_desc *d, cln_plan *out)
                 out->fitting_rays = c->rays < d->pipeline->config.rays ? c->rays : 0;
                 return;
             }
+    c->rays = CLN_LEAST_RAYS;
+    c->batch_samples = CLN_LEAST_BATCH;
+    (void)plan_batches(&desc, CLN_TRAINING_BATCHES, &plan);
+    if (of_host) {
+        const sizes s = find_sizes(&desc, 1);
+        cln_plan host = {.count = 0};
+
+        add_host(&desc, &s, &host);
+        if (is_unified(d)) {
+            row(&host, CLN_PLAN_SHARED, plan.rows[largest_row(&plan)].way_out);
+            add(&host, plan.total);
+        }
+        plan = host;
+    }
+    out->least = plan.total;
+    out->least_way = plan.rows[largest_row(&plan)].way_out;
 }
 
 /* Pictures take more samples at a time where there is room: that is faster, and changes nothing
@@ -617,7 +637,7 @@ void cln_plan_device(const cln_plan_desc *d, cln_plan *out)
     while (!plan_batches(d, batches, out) && !d->training && batches > 1)
         batches /= 2;
     if (d->training && out->total > out->limit)
-        fit_batch(d, out);
+        fit_batch(d, false, out);
 }
 
 cln_deal cln_plan_any_deal(const cln_plan_desc *d, int own)
@@ -682,7 +702,7 @@ void cln_plan_host(const cln_plan_desc *d, const cln_plan *device_plan, cln_plan
         add(out, device_plan->total);
     }
     if (d->training && out->total > out->limit)
-        fit_batch(d, out);
+        fit_batch(d, true, out);
 }
 
 /* ---- both ---- */
@@ -719,21 +739,30 @@ bool cln_plan_fits(const cln_device *device, const cln_plan *plan, const cln_pla
 /* CLN_MEMORY with the plan if it exceeds its limit, which `option` sets. */
 static cln_status check_total(const cln_plan *plan, const char *whose, const char *option)
 {
-    char text[1024], way_out[160] = "";
+    char text[1024], least[32], way_out[160] = "", raise[96];
 
     cln_plan_text(plan, text, sizeof text);
     if (plan->total <= plan->limit)
         return CLN_OK;
+    cln_format_bytes(plan->least, least);
+    if (plan->hard)
+        snprintf(raise, sizeof raise,
+                 "raise what this process may have (ulimit -v and -d, or its "
+                 "control group)");
+    else
+        snprintf(raise, sizeof raise, "raise %s", option);
     if (plan->fitting_rays > 0)
         snprintf(way_out, sizeof way_out, "give --rays %d --batch-samples %d, which fit, or ",
                  plan->fitting_rays, plan->fitting_samples);
     else if (plan->fitting_samples > 0)
         snprintf(way_out, sizeof way_out, "give --batch-samples %d, which fits, or ",
                  plan->fitting_samples);
-    else if (!plan->rendering)
-        snprintf(way_out, sizeof way_out, "lower %s, or ", plan->rows[largest_row(plan)].way_out);
-    return cln_fail(CLN_MEMORY, "the plan needs more %s memory than there is: %s; %sraise %s",
-                    whose, text, way_out, option);
+    else if (plan->least > 0)
+        snprintf(way_out, sizeof way_out,
+                 "even with --rays %d --batch-samples %d it takes %s: lower %s, or ",
+                 CLN_LEAST_RAYS, CLN_LEAST_BATCH, least, plan->least_way);
+    return cln_fail(CLN_MEMORY, "the plan needs more %s memory than there is: %s; %s%s", whose,
+                    text, way_out, raise);
 }
 
 cln_status cln_plan_check_host(const cln_plan *plan)

@@ -6,6 +6,7 @@
 
 #include "base/log.h"
 #include "base/number.h"
+#include "scene/vectors.h"
 
 cln_status cln_crop_set(const char *name, const double box[6], const double angle[3], cln_crop *out)
 {
@@ -92,6 +93,37 @@ bool cln_crop_is_turned(const cln_crop *crop)
         if (crop->turn[i] != 0)
             return true;
     return false;
+}
+
+double cln_crop_level(const cln_crop *crop, const double up[3], double numbers[CLN_CROP_NUMBERS])
+{
+    double axes[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, from[3], about[3], cosine = 0;
+
+    if (cln_crop_is_turned(crop))
+        memcpy(axes, crop->turn, sizeof axes);
+    for (int i = 0; i < 3; i++) {
+        const double along = cln_dot(axes[i], up);
+
+        if (fabs(along) <= cosine)
+            continue;
+        cosine = fabs(along);
+        for (int a = 0; a < 3; a++)
+            from[a] = along < 0 ? -axes[i][a] : axes[i][a];
+    }
+    cln_cross(from, up, about); /* its length is the sine; the cosine is 0.57 or more */
+    for (int i = 0; i < 3; i++) {
+        const double along = cln_dot(about, axes[i]) / (1 + cosine);
+        double across[3];
+
+        cln_cross(about, axes[i], across);
+        for (int a = 0; a < 3; a++)
+            axes[i][a] = cosine * axes[i][a] + across[a] + along * about[a];
+    }
+    memcpy(numbers, crop->box, sizeof crop->box);
+    numbers[6] = atan2(axes[1][2], axes[2][2]) * 180 / M_PI;
+    numbers[7] = asin(fmax(-1, fmin(1, -axes[0][2]))) * 180 / M_PI;
+    numbers[8] = atan2(axes[0][1], axes[0][0]) * 180 / M_PI;
+    return cosine;
 }
 
 /* Turns a half-space of u into one of the cube that holds in the piece of a shell space where the

@@ -30,6 +30,10 @@ cln_status cln_crop_from_numbers(const char *name, const double numbers[CLN_CROP
 cln_status cln_crop_of_option(const char *text, bool *cropped, double box[6], double turn[3]);
 cln_status cln_crop_of_desc(bool cropped, const double box[6], const double turn[3], cln_crop *out);
 
+/* Cosine of the angle between up (unit) and the box's axis that is nearest to it; numbers: the same
+ * box and the degrees that turn it, by the shortest way, so that it is 1. */
+double cln_crop_level(const cln_crop *crop, const double up[3], double numbers[CLN_CROP_NUMBERS]);
+
 bool cln_crop_is_turned(const cln_crop *crop);
 
 /* The scene's cube as an option's box, for messages. */

@@ -286,7 +286,7 @@ static size_t room_of(const cln_view *v)
 cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
 {
     const double limit = desc->config->host_mem;
-    const double room = limit > 0 ? limit : cln_host_memory();
+    const double room = limit > 0 ? fmin(limit, cln_hard_memory()) : cln_host_memory();
     double kept = 0, largest = 0, reading = 0;
     char need[32], have[32], why[128];
     int images = 0;
@@ -313,8 +313,9 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
         return cln_fail(CLN_MEMORY,
                         "%s: reading its largest images needs %s of host memory, but %s is %s; "
                         "make smaller copies of them%s",
-                        scene->folder, need, limit > 0 ? "--host-mem" : "this machine's", have,
-                        limit > 0 ? ", or raise --host-mem" : "");
+                        scene->folder, need,
+                        limit > 0 && room == limit ? "--host-mem" : "this process's", have,
+                        limit > 0 && room == limit ? ", or raise --host-mem" : "");
     if (images == 0) /* all are other ranks' */
         return CLN_OK;
     scene->cached = room / 8;

@@ -90,11 +90,17 @@ static void parts_by_hand(void **state)
         uint32_t face[4][3];
         size_t faces, parts, kept;
         uint32_t first; /* vertex of the part that stays */
+        double next;
     } rows[] = {
-        {{{6, 7, 8}, {3, 4, 5}, {5, 6, 0}, {0, 1, 2}}, 4, 1, 4, 0},
-        {{{6, 7, 8}, {3, 4, 5}, {7, 8, 9}, {4, 5, 0}}, 4, 2, 2, 0}, /* equal: the first vertex's */
-        {{{6, 7, 8}, {0, 1, 2}, {7, 8, 9}}, 3, 2, 2, 6},
-        {{{0}}, 0, 0, 0, 0},
+        {{{6, 7, 8}, {3, 4, 5}, {5, 6, 0}, {0, 1, 2}}, 4, 1, 4, 0, 0},
+        {{{6, 7, 8}, {3, 4, 5}, {7, 8, 9}, {4, 5, 0}},
+         4,
+         2,
+         2,
+         0,
+         0.6}, /* equal: the first vertex's */
+        {{{6, 7, 8}, {0, 1, 2}, {7, 8, 9}}, 3, 2, 2, 6, 2.0 / 3},
+        {{{0}}, 0, 0, 0, 0, 0},
     };
 
     (void)state;
@@ -113,6 +119,7 @@ static void parts_by_hand(void **state)
         assert_int_equal(cln_surface_keep_largest(&s, &found), CLN_OK);
         assert_memory_equal(&counted, &found, sizeof found);
         assert_int_equal(found.parts, rows[i].parts);
+        assert_true(fabs(found.next - rows[i].next) < 1e-12);
         assert_int_equal(s.faces, rows[i].kept);
         assert_int_equal(found.left_out, rows[i].faces - rows[i].kept);
         for (size_t v = 0; v < s.vertices; v++)

@@ -12,6 +12,9 @@
 #include "base/memory.h"
 #include "export/mesh.h"
 #include "export/reduce.h"
+#ifdef CLN_WITH_MESHOPTIMIZER
+#include <meshoptimizer.h>
+#endif
 #include "near.h"
 #include "tests.h"
 
@@ -137,6 +140,9 @@ static void a_ball_stays_round_and_closed(void **state)
     static const double middles[][3] = {{0, 0, 0}, {500000, 4100000, 200}};
 
     NEED_MESHOPTIMIZER();
+#ifdef CLN_WITH_MESHOPTIMIZER /* so that the library is linked: tests/api/test_exports.c wraps it */
+    assert_true(meshopt_simplifyScale((const float[3]){0, 1, 2}, 1, 3 * sizeof(float)) >= 0);
+#endif
     for (int m = 0; m < 2; m++) {
         const double *middle = middles[m];
         size_t crowded = 0;
@@ -176,7 +182,7 @@ static void a_ball_stays_round_and_closed(void **state)
                       mesh.faces, BALL_FACES, worst, area / (4 * M_PI), error);
         assert_true(worst < 0.02); /* 1,000 equal triangles: 0.0048 */
         assert_near(area / (4 * M_PI), 1, 0.02);
-        assert_true(error > 0 && error < 0.02);
+        assert_near(error, worst, 0.002); /* vertices move less far than middles are inside */
         free_mesh(&mesh);
     }
 }

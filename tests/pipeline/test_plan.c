@@ -7,6 +7,7 @@
 #include <setjmp.h>
 #include <stdint.h>
 #include <cmocka.h>
+#include <sys/resource.h>
 #include <stdlib.h>
 #include "pipeline/room.h"
 #include "plan_fake.h"
@@ -290,7 +291,8 @@ static void test_fitting_batch(void **state)
     assert_ok(cln_plan_check(&f.device, &plan));
     f.desc.leaves = 65536; /* whose weights alone are more */
     cln_plan_device(&f.desc, &plan);
-    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "; lower --");
+    assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY,
+                 "; even with --rays 16 --batch-samples 4096 it takes ");
     f.desc.training = false;
     cln_plan_device(&f.desc, &plan);
     assert_fails(cln_plan_check(&f.device, &plan), CLN_MEMORY, "; raise --device-mem");
@@ -326,7 +328,43 @@ static void test_fitting_batch_of_host(void **state)
     f.pipeline.config.host_mem = 300 * MIB; /* not even the program */
     cln_plan_device(&f.desc, &plan);
     cln_plan_host(&f.desc, &plan, &host);
-    assert_fails(cln_plan_check_host(&host), CLN_MEMORY, "; lower --");
+    assert_true(host.least > host.limit && host.least < host.total);
+    assert_fails(cln_plan_check_host(&host), CLN_MEMORY,
+                 "; even with --rays 16 --batch-samples 4096 it takes ");
+    f.pipeline.config.rays = 16; /* what is named is what they take */
+    f.pipeline.config.batch_samples = 4096;
+    cln_plan_device(&f.desc, &plan);
+    f.pipeline.config.host_mem = 300 * MIB;
+    const double named = host.least;
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_true(host.total == named);
+}
+
+/* --host-mem above what the process may have is that. */
+static void test_hard_limit(void **state)
+{
+    const cln_config config = preset("voxel");
+    struct rlimit before, limit;
+    fake f;
+    cln_plan plan, host;
+
+    (void)state;
+    make_fake(&f, &config, 4096 * MIB, "cpu");
+    f.pipeline.config.host_mem = 64.0 * 1024 * MIB;
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    if (host.hard)
+        skip(); /* of a control group here */
+    assert_ok(cln_plan_check_host(&host));
+    assert_int_equal(getrlimit(RLIMIT_DATA, &before), 0);
+    limit = before;
+    limit.rlim_cur = 400 * MIB;
+    assert_int_equal(setrlimit(RLIMIT_DATA, &limit), 0);
+    cln_plan_device(&f.desc, &plan);
+    cln_plan_host(&f.desc, &plan, &host);
+    assert_int_equal(setrlimit(RLIMIT_DATA, &before), 0);
+    assert_true(host.hard && host.limit <= 400 * MIB);
+    assert_fails(cln_plan_check_host(&host), CLN_MEMORY, "raise what this process may have");
 }
 
 static void test_limits_by_name(void **state)
@@ -848,6 +886,7 @@ int test_group_plan(void)
         cmocka_unit_test(test_search),
         cmocka_unit_test(test_fitting_batch),
         cmocka_unit_test(test_fitting_batch_of_host),
+        cmocka_unit_test(test_hard_limit),
         cmocka_unit_test(test_limits_by_name),
         cmocka_unit_test(test_pictures_fit),
         cmocka_unit_test(test_pictures_without_a_scene),

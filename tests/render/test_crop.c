@@ -44,6 +44,48 @@ static int in_box(const double n[CLN_CROP_NUMBERS], const double point[3])
     return fabs(least) < 1e-4 ? -1 : least > 0;
 }
 
+/* A box turned upright: an axis of it is up, it is turned by no more than it was off, and one that is
+ * upright stays. */
+static void boxes_stand_upright(void **state)
+{
+    uint32_t seed = 7;
+
+    (void)state;
+    for (int i = 0; i < 200; i++) {
+        double n[CLN_CROP_NUMBERS] = {1, -4, 3, 5, 0, 6}, level[CLN_CROP_NUMBERS], again[9];
+        double up[3], length = 0, cosine = 0, most = 0, trace = 0;
+        cln_crop crop, turned;
+
+        for (int a = 0; a < 3; a++) {
+            n[6 + a] = i < 20 ? 0 : draw(&seed, -180, 180);
+            up[a] = draw(&seed, -1, 1);
+        }
+        length = sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2]);
+        for (int a = 0; a < 3; a++)
+            up[a] /= length;
+        assert_int_equal(cln_crop_from_numbers("box", n, &crop), CLN_OK);
+        cosine = cln_crop_level(&crop, up, level);
+        assert_memory_equal(level, n, 6 * sizeof *n);
+        assert_int_equal(cln_crop_from_numbers("box", level, &turned), CLN_OK);
+        for (int axis = 0; axis < 3; axis++) {
+            double before[3] = {axis == 0, axis == 1, axis == 2}, after[3], same = 0, along = 0;
+
+            for (int a = 0; a < 3; a++)
+                before[a] = cln_crop_is_turned(&crop) ? crop.turn[3 * axis + a] : before[a];
+            memcpy(after, turned.turn + 3 * axis, sizeof after);
+            for (int a = 0; a < 3; a++) {
+                same += before[a] * after[a];
+                along += up[a] * after[a];
+            }
+            trace += same;
+            most = fmax(most, fabs(along));
+        }
+        assert_near(most, 1, 1e-9);
+        assert_near((trace - 1) / 2, cosine, 1e-9); /* the cosine of the turn between them */
+        assert_near(cln_crop_level(&turned, up, again), 1, 1e-9);
+    }
+}
+
 static void numbers_are_a_box(void **state)
 {
     static const cln_space space = {.centre = {3, -2, 5}, .half = 4};
@@ -179,6 +221,7 @@ static void empty_boxes_are_found(void **state)
 int test_group_crop(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(boxes_stand_upright),
         cmocka_unit_test(numbers_are_a_box),
         cmocka_unit_test(empty_boxes_are_found),
     };

@@ -65,6 +65,7 @@ int test_group_motion(void);
 int test_group_missing(void);
 int test_group_metashape(void);
 int test_group_phones(void);
+int test_group_deviation(void);
 int test_group_moved(void);
 int test_group_placing(void);
 int test_group_model(void);
