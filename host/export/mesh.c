@@ -105,7 +105,8 @@ static void span(const cln_mesh *mesh, const double turn[4], double scale, doubl
 
 /* Tells that what lies beyond the cube is not written, as a warning if what is written ends at one
  * of the cube's faces and it should not: of a shell, of photos that show by alpha where things end,
- * and of what is closed, by these faces. box: where it is, in scene units. cell: of the finest, likewise. */
+ * and of what is closed, by these faces. box: where it is, in scene units. cell: of the finest,
+ * likewise. */
 static void tell_cut(cln_export_job *job, const char *what, const double box[6], double cell)
 {
     const cln_model *model = &job->opened.model;

@@ -146,7 +146,7 @@ done:
     return st;
 }
 
-/* Gives vertices without a colour that of their neighbours, from those that have one on outwards. */
+/* Gives vertices without a colour that of their neighbours, from those that have one outwards. */
 static cln_status fill(cln_surface *s, uint8_t *known)
 {
     cln_status st = CLN_OK;

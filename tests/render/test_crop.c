@@ -44,8 +44,8 @@ static int in_box(const double n[CLN_CROP_NUMBERS], const double point[3])
     return fabs(least) < 1e-4 ? -1 : least > 0;
 }
 
-/* A box turned upright: an axis of it is up, it is turned by no more than it was off, and one that is
- * upright stays. */
+/* A box turned upright: an axis of it is up, it is turned by no more than it was off, and one that
+ * is upright stays. */
 static void boxes_stand_upright(void **state)
 {
     uint32_t seed = 7;
