@@ -200,6 +200,11 @@ cln_status cln_disk_check_new(const char *path, bool replace)
     struct stat info;
     const bool there = lstat(path, &info) == 0;
 
+    if (there && S_ISLNK(info.st_mode))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: a link, which would be replaced; give the file that it leads to, or "
+                         "choose another name",
+                         path));
     if (there && !S_ISREG(info.st_mode))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: already exists and is not a plain file; choose another name", path));
