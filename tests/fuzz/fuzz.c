@@ -16,6 +16,7 @@
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
+#include "base/number.h"
 #include "cli/parse.h"
 #include "device/tune.h"
 #include "exif_fixture.h"
@@ -106,20 +107,27 @@ static void clear_checksums(uint8_t *png, size_t bytes)
 }
 
 /* Images whose pixels can be read. */
-static void make_photos(const char *folder)
+/* Photos called as `pattern` says of their number, which are there. */
+static void clear_photos(const char *folder, const char *pattern)
 {
-    format_images(folder, 1);
     for (int v = 0; v < FORMAT_VIEWS; v++) {
-        char name[64];
+        char name[64], last[32];
         size_t bytes = 0;
         char *file = NULL;
 
-        snprintf(name, sizeof name, "%s/view_%02d.png", folder, v);
+        cln_format(last, sizeof last, pattern, v);
+        snprintf(name, sizeof name, "%s/%s", folder, last);
         file = scratch_get(name, &bytes);
         clear_checksums((uint8_t *)file, bytes);
         scratch_put(name, file, bytes);
         free(file);
     }
+}
+
+static void make_photos(const char *folder)
+{
+    format_images(folder, 1);
+    clear_photos(folder, "view_%02d.png");
 }
 
 static void read_scene(void)
@@ -240,6 +248,7 @@ static void make_polycam(void)
     format_cameras(cameras);
     phone_polycam(".", cameras, false, 1);
     phone_depths(".", cameras, centre, 1, true);
+    clear_photos("keyframes/images", "view_%02d.png");
 }
 
 static void make_record3d(void)
@@ -248,6 +257,7 @@ static void make_record3d(void)
 
     format_cameras(cameras);
     phone_record3d(".", "metadata.json", "rgb", cameras, true);
+    clear_photos("rgb", "%d.png");
 }
 
 static void make_ply(void)
@@ -735,8 +745,8 @@ static const target targets[] = {
       "keyframes/confidence/view_00.png"},
      make_polycam,
      read_scene,
-     3},
-    {"record3d", {"metadata.json"}, make_record3d, read_scene, 1},
+     2},
+    {"record3d", {"metadata.json"}, make_record3d, read_scene, 2},
     {"cameras", {"cameras.json"}, make_cameras, read_cameras, 1},
     {"poses", {"path.json", "transforms.json"}, make_poses, read_poses, 4},
     {"ply", {"text.ply", "binary.ply"}, make_ply, read_ply, 2},
