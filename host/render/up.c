@@ -213,6 +213,10 @@ bool cln_up_of_cameras(const cln_scene *scene, double up[3])
     bool found = false, sure = true;
     facing f;
 
+    if (cln_up_given(scene->up)) {
+        memcpy(up, scene->up, sizeof scene->up);
+        return true;
+    }
     face(scene, count, &f);
     solve(f.across, value, axis);
     if (value[1] < THIN * value[2]) {

@@ -7,7 +7,7 @@
 /* A unit vector in the scene's frame: an axis exactly, if it is within 0.1 degrees of one; z if the
  * cameras do not tell. False if it may as well be the opposite: photos that show the scene one way
  * up and the other, as of an object that was turned over, cancel out; then it is that of the
- * first. */
+ * first. Where the scene's format has a fixed one, it is that. */
 bool cln_up_of_cameras(const cln_scene *scene, double up[3]);
 
 /* Warns that it may, with the way out. what: what is made of it. */

@@ -73,6 +73,8 @@ typedef struct cln_depth_image {
 } cln_depth_image;
 cln_status cln_dataset_depth_points(const cln_view *view, const cln_depth_image *image,
                                     cln_reader_result *result);
+/* Tells if there were some, but no point in any of them. */
+void cln_dataset_tell_depths(const char *where, const cln_reader_result *result);
 /* Of so many photos, evenly chosen, depth images are read. */
 enum { CLN_DEPTH_PHOTOS = 200 };
 

@@ -3,6 +3,8 @@
  * along the optical axis. No loss is made of them. */
 #include <math.h>
 #include <stdlib.h>
+#include "base/files.h"
+#include "base/log.h"
 #include "io/image.h"
 #include "scene/dataset.h"
 
@@ -66,6 +68,9 @@ cln_status cln_dataset_depth_points(const cln_view *view, const cln_depth_image 
     int step = 1;
     bool rated = false;
 
+    if (!image->depth || !cln_is_file(image->depth))
+        return CLN_OK;
+    result->depth_images++;
     CLN_TRY(read_grid(image->depth, &depth));
     if (!depth.values || !depth.deep || c->width < 1 || c->height < 1)
         goto done;
@@ -86,4 +91,13 @@ done:
     free(depth.values);
     free(sure.values);
     return st;
+}
+
+void cln_dataset_tell_depths(const char *where, const cln_reader_result *result)
+{
+    if (result->depth_images > 0 && !result->depth_points)
+        cln_info(
+            "%s: its depth images tell nothing of where the scene is: none of the %d that were "
+            "looked at is a grey PNG of 16 bits with depths that are known and sure",
+            where, result->depth_images);
 }

@@ -42,10 +42,12 @@ typedef struct cln_reader_result {
     int point_count;
     cln_point *points;
     bool depth_points;         /* these are of depth images */
+    int depth_images;          /* that were looked at, also if they have no point */
     int64_t observation_count; /* 0 = not given */
     cln_observation *observations;
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
     bool beyond;         /* its photos show what lies around, too: a shell */
+    double up[3];        /* unit, where its format has a fixed one (gravity); all 0: it does not */
     bool wide;           /* its box has room for that: no cube for what the cameras look at */
     bool stored_poses;   /* for cln_scene.stored_poses */
     const char *dialect; /* for cln_scene.dialect */

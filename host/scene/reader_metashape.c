@@ -93,8 +93,8 @@ static void stand_on_earth(const double place[3], frame *f)
     memcpy(f->shift, shift, sizeof shift);
 }
 
-/* The scene's frame; what: as words. */
-static void choose_frame(const cln_metashape *m, int component, const char **what, frame *out)
+/* The scene's frame; what: as words. Returns whether z is up in it. */
+static bool choose_frame(const cln_metashape *m, int component, const char **what, frame *out)
 {
     double middle[3] = {0};
     int count = 0;
@@ -102,10 +102,10 @@ static void choose_frame(const cln_metashape *m, int component, const char **wha
     *out = (frame){.scale = 1, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     *what = "coordinates and units are the chunk's own";
     if (!find_transform(m, component, out))
-        return;
+        return false;
     *what = "coordinates are the chunk's local ones";
     if (!m->reference[0] || strncmp(m->reference, "LOCAL_CS", 8) == 0)
-        return;
+        return false;
     *what = "coordinates are metres east, north and up from the middle of the cameras";
     for (int i = 0; i < m->camera_count; i++) {
         const cln_metashape_camera *c = &m->cameras[i];
@@ -121,6 +121,7 @@ static void choose_frame(const cln_metashape *m, int component, const char **wha
     for (int a = 0; a < 3 && count; a++)
         middle[a] /= count;
     stand_on_earth(middle, out);
+    return true;
 }
 
 /* The box around the region. */
@@ -376,7 +377,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
                          "export the cameras again",
                          file));
     component = largest_component(&m);
-    choose_frame(&m, component, &what, &f);
+    result->up[2] = choose_frame(&m, component, &what, &f);
     CLN_TRY(add_views(file, &m, component, &f, result));
     if (result->view_count == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: all its aligned cameras are disabled; enable some", file));

@@ -14,6 +14,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "io/image.h"
 #include "io/json.h"
 #include "scene/dataset.h"
 #include "scene/transforms.h"
@@ -52,6 +53,29 @@ static bool has_pair(const char *keyframes, bool corrected)
            cln_has_dir(keyframes, corrected ? "corrected_images" : "images");
 }
 
+/* Are there corrected photos with cameras? A correction that failed leaves empty folders. */
+static cln_status find_corrected(const char *keyframes, bool *found)
+{
+    cln_status st = CLN_OK;
+    char *cameras = NULL, *images = NULL;
+    cln_names names = {0};
+    int without = 0;
+
+    *found = has_pair(keyframes, true);
+    if (!*found || !has_pair(keyframes, false))
+        return CLN_OK;
+    CLN_TRY(cln_path_join(&cameras, keyframes, "corrected_cameras"));
+    CLN_TRY(cln_path_join(&images, keyframes, "corrected_images"));
+    CLN_TRY(cln_dataset_images(images, &names));
+    CLN_TRY(cln_dataset_keep_with(cameras, ".json", &names, &without));
+    *found = names.count > 0;
+done:
+    cln_dataset_free_names(&names);
+    free(cameras);
+    free(images);
+    return st;
+}
+
 static bool detect(const char *path, const char **missing)
 {
     char *keyframes = NULL;
@@ -85,19 +109,27 @@ done:
     return st;
 }
 
-static cln_status read_camera(const char *file, cln_camera *out)
+/* photo: whose size counts where the file gives none, as corrected cameras do not any more. */
+static cln_status read_camera(const char *file, const char *photo, cln_camera *out)
 {
     cln_status st = CLN_OK;
     json_t *from = NULL;
     double side[2] = {0};
+    bool found[2] = {false};
+    int channels = 0;
 
     CLN_TRY(cln_json_read(file, true, &from));
     CLN_TRY(number(file, from, "fx", &out->fx));
     CLN_TRY(number(file, from, "fy", &out->fy));
     CLN_TRY(number(file, from, "cx", &out->cx));
     CLN_TRY(number(file, from, "cy", &out->cy));
-    CLN_TRY(number(file, from, "width", &side[0]));
-    CLN_TRY(number(file, from, "height", &side[1]));
+    CLN_TRY(cln_transforms_number(file, from, "width", &side[0], &found[0]));
+    CLN_TRY(cln_transforms_number(file, from, "height", &side[1], &found[1]));
+    if (!found[0] || !found[1]) {
+        CLN_TRY(cln_image_info(photo, &out->width, &out->height, &channels));
+        side[0] = out->width;
+        side[1] = out->height;
+    }
     for (int i = 0; i < 2; i++)
         if (!(side[i] >= 1 && side[i] <= MAX_SIDE))
             CLN_TRY(cln_fail(CLN_INPUT,
@@ -115,6 +147,19 @@ static cln_status read_camera(const char *file, cln_camera *out)
 done:
     json_decref(from);
     return st;
+}
+
+/* The edge of a photo that is smaller than its camera says is narrower. One that cannot be read is
+ * refused, or left out, later. */
+static void find_edge(cln_view *view)
+{
+    int width = 0, height = 0, channels = 0;
+
+    view->edge = EDGE;
+    if (cln_image_info(view->path, &width, &height, &channels) != CLN_OK)
+        cln_clear_error();
+    else if (width < view->camera.width)
+        view->edge = (EDGE * width + view->camera.width - 1) / view->camera.width;
 }
 
 /* The photos that have a camera, as views. */
@@ -143,8 +188,9 @@ static cln_status read_views(const char *keyframes, bool corrected, cln_reader_r
         free(file);
         file = NULL;
         CLN_TRY(cln_dataset_beside(cameras, names.name[i], ".json", &file));
-        CLN_TRY(read_camera(file, &result->views[i].camera));
-        result->views[i].edge = corrected ? EDGE : 0;
+        CLN_TRY(read_camera(file, result->views[i].path, &result->views[i].camera));
+        if (corrected)
+            find_edge(&result->views[i]);
     }
 done:
     cln_dataset_free_names(&names);
@@ -177,6 +223,7 @@ static cln_status read_depths(const char *keyframes, cln_reader_result *result)
         image.confidence = files[1];
         CLN_TRY(cln_dataset_depth_points(view, &image, result));
     }
+    cln_dataset_tell_depths(keyframes, result);
 done:
     for (int k = 0; k < 2; k++) {
         free(folders[k]);
@@ -194,10 +241,11 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     bool corrected = false;
 
     CLN_TRY(find_keyframes(path, &keyframes));
-    corrected = has_pair(keyframes, true);
+    CLN_TRY(find_corrected(keyframes, &corrected));
     CLN_TRY(read_views(keyframes, corrected, result));
     CLN_TRY(read_depths(keyframes, result));
     result->dialect = "Polycam";
+    result->up[1] = 1; /* phones are held upright, photos lie as the sensor does */
     result->beyond = true;
     result->stored_poses = true;
     if (corrected)

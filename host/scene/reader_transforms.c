@@ -562,12 +562,14 @@ done:
     return st;
 }
 
-/* Without other points, those of depth images: nerfstudio's, millimetres of the photos' metres if
- * depth_unit_scale_factor does not say otherwise. */
+/* Without other points, those of depth images: nerfstudio's, in thousandths of the poses' units if
+ * depth_unit_scale_factor does not say otherwise, or instant-ngp's. */
 static cln_status read_depths(const char *folder, const char *file, const json_t *root,
                               cln_reader_result *result)
 {
     cln_status st = CLN_OK;
+    static const char *const used[] = {"depth_file_path", "depth_unit_scale_factor", "depth_path",
+                                       "integer_depth_scale"};
     const json_t *listed = json_object_get(root, "frames");
     const int step = (result->view_count + CLN_DEPTH_PHOTOS - 1) / CLN_DEPTH_PHOTOS;
     cln_depth_image image = {.unit = 1e-3, .most = INFINITY};
@@ -576,11 +578,14 @@ static cln_status read_depths(const char *folder, const char *file, const json_t
 
     if (result->point_count > 0 || result->has_bounds)
         return CLN_OK;
-    CLN_TRY(cln_transforms_number(file, root, "depth_unit_scale_factor", &image.unit, &found));
+    CLN_TRY(cln_transforms_number(file, root, "integer_depth_scale", &image.unit, &found));
+    if (!found)
+        CLN_TRY(cln_transforms_number(file, root, "depth_unit_scale_factor", &image.unit, &found));
     for (int i = 0; i < result->view_count; i += step) {
         const json_t *frame = json_array_get(listed, (size_t)i);
         const char *name = json_string_value(json_object_get(frame, "depth_file_path"));
 
+        name = name ? name : json_string_value(json_object_get(frame, "depth_path"));
         if (!name)
             continue;
         free(path);
@@ -589,11 +594,15 @@ static cln_status read_depths(const char *folder, const char *file, const json_t
         image.depth = path;
         CLN_TRY(cln_dataset_depth_points(&result->views[i], &image, result));
     }
-    for (size_t i = json_array_size(result->ignored); i-- > 0 && result->point_count > 0;) {
+    cln_dataset_tell_depths(file, result);
+    for (size_t i = json_array_size(result->ignored); i-- > 0 && result->depth_points;) {
         const char *key = json_string_value(json_array_get(result->ignored, i));
 
-        if (strcmp(key, "depth_file_path") == 0 || strcmp(key, "depth_unit_scale_factor") == 0)
-            json_array_remove(result->ignored, i);
+        for (size_t k = 0; k < sizeof used / sizeof *used; k++)
+            if (strcmp(key, used[k]) == 0) {
+                json_array_remove(result->ignored, i);
+                break;
+            }
     }
 done:
     free(path);

@@ -9,6 +9,7 @@
 #include <unistd.h>
 #include "near.h"
 #include "phone_fixture.h"
+#include "render/up.h"
 #include "tests.h"
 
 /* Rays at the corners and inside, against those of the camera of the view's number. */
@@ -51,6 +52,7 @@ static void test_polycam(void **state)
     const char *folder = *state;
     cln_camera cameras[FORMAT_VIEWS], raw[FORMAT_VIEWS];
     cln_scene *scene = NULL;
+    double up[3];
     int warnings = 0;
 
     own_intrinsics(cameras);
@@ -67,15 +69,37 @@ static void test_polycam(void **state)
         assert_rays(scene, raw, 1);
         assert_true(scene->views[0].edge == 0 && scene->views[0].left_out == 0);
         assert_true(scene->space.shell);
+        assert_true(cln_up_of_cameras(scene, up)); /* whichever way the phone was held */
+        assert_true(up[0] == 0 && up[1] == 1 && up[2] == 0);
         cln_scene_free(scene);
     }
     assert_int_equal(warnings, 0);
     put_image(folder, "keyframes/images/extra.png", 16, 12, 3, 0);
     cln_scene_free(load(folder, plain()));
     assert_int_equal(warnings, 1);
+    put_folder(folder, "keyframes/corrected_images"); /* a correction that failed */
+    put_folder(folder, "keyframes/corrected_cameras");
+    scene = load(folder, plain());
+    assert_non_null(strstr(scene->because, "not corrected ones"));
+    cln_scene_free(scene);
     phone_polycam(folder, cameras, true, 4);
     scene = load(folder, plain());
     assert_non_null(strstr(scene->because, "corrected ones; 15 pixels"));
+    assert_rays(scene, cameras, 4);
+    assert_int_equal(scene->views[0].edge, 15);
+    cln_scene_free(scene);
+    for (int v = 0; v < FORMAT_VIEWS; v++) { /* newer captures have no sizes there */
+        char name[64], *text = NULL, *at = NULL;
+        size_t bytes = 0;
+
+        snprintf(name, sizeof name, "keyframes/corrected_cameras/view_%02d.json", v);
+        text = scratch_get(scratch_path(folder, name), &bytes);
+        while ((at = strstr(text, "\"width\"")) || (at = strstr(text, "\"height\"")))
+            memcpy(at + 1, "oth", 3);
+        scratch_put(scratch_path(folder, name), text, bytes);
+        free(text);
+    }
+    scene = load(folder, plain());
     assert_rays(scene, cameras, 4);
     cln_scene_free(scene);
 }
@@ -115,7 +139,11 @@ static void test_edges(void **state)
         cln_scene_free(scene);
     }
     config.downscale = 1;
-    format_images(scratch_path(folder, "keyframes/corrected_images"), 1);
+    format_images(scratch_path(folder, "keyframes/corrected_images"), 2); /* smaller photos */
+    scene = load(folder, &config);
+    assert_int_equal(scene->views[0].edge, 8);
+    cln_scene_free(scene);
+    phone_polycam(folder, cameras, true, 2);
     assert_int_equal(try_load(folder, &config, &scene), CLN_INPUT);
     assert_non_null(strstr(cln_error_text(), "are all edge"));
     cln_clear_error();
@@ -218,11 +246,11 @@ static void test_depths_of_transforms(void **state)
         text = from = scratch_get(file, &bytes);
         f = fopen(file, "wb");
         assert_non_null(f);
-        fprintf(f, "%s", i == 1 ? "{\"depth_unit_scale_factor\": 0.0005, " : "{");
+        fprintf(f, "%s", i == 1 ? "{\"integer_depth_scale\": 0.0005, " : "{");
         for (from++; i && (at = strstr(from, frame)); from = at + sizeof frame - 1) {
             fwrite(from, 1, (size_t)(at - from), f);
-            fprintf(f, "{\"depth_file_path\": \"keyframes/depth/view_%.2s.png\", %s",
-                    at + sizeof frame - 1, frame + 1);
+            fprintf(f, "{\"%s\": \"keyframes/depth/view_%.2s.png\", %s",
+                    i == 1 ? "depth_path" : "depth_file_path", at + sizeof frame - 1, frame + 1);
         }
         fprintf(f, "%s", from);
         fclose(f);
