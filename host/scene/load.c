@@ -293,6 +293,11 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     char *others = NULL;
 
     CLN_TRY(cln_reader_pick(desc->path, desc->config->format, &reader, &others));
+    if (reader == &cln_reader_transforms && others &&
+        (strstr(others, "polycam") || strstr(others, "record3d")))
+        cln_warn("%s: read by a transforms file, as a converter leaves, which knows less than what "
+                 "the phone wrote: --format %s reads that",
+                 desc->path, strstr(others, "polycam") ? "polycam" : "record3d");
     CLN_TRY(cln_strdup(&scene->path, desc->path));
     CLN_TRY(cln_scene_folder(desc->path, &scene->folder));
     st = reader->read(desc->path, result);

@@ -104,6 +104,31 @@ static void test_polycam(void **state)
     cln_scene_free(scene);
 }
 
+/* A converter's file in the capture goes first, and is told. */
+static void test_converted(void **state)
+{
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_config config = *plain();
+    cln_scene *scene = NULL;
+    int warnings = 0;
+
+    format_cameras(cameras);
+    phone_polycam(folder, cameras, false, 1);
+    format_images(scratch_path(folder, "images"), 1);
+    format_transforms(folder, "instant-ngp", cameras);
+    cln_log_set_sink(scratch_count_warnings, &warnings);
+    scene = load(folder, &config);
+    assert_string_equal(scene->dialect, "instant-ngp");
+    assert_int_equal(warnings, 1);
+    cln_scene_free(scene);
+    config.format = CLN_FORMAT_POLYCAM;
+    scene = load(folder, &config);
+    assert_string_equal(scene->dialect, "Polycam");
+    assert_int_equal(warnings, 1);
+    cln_scene_free(scene);
+}
+
 /* Of corrected photos 15 pixels along each edge do not count; fewer of smaller copies. */
 static void test_edges(void **state)
 {
@@ -373,6 +398,7 @@ int test_group_phones(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_polycam, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_converted, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_edges, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_depths, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points, scratch_make, scratch_remove),
