@@ -250,8 +250,8 @@ static cln_status fail_value(cln_status st, const cln_config_row *row, const cha
         return cln_fail(st, "--%s: '%s' is not a whole number from %s to %s", row->option, text,
                         min, max);
     case CLN_ROW_REAL:
-        return cln_fail(st, "--%s: '%s' is not a number from %s to %s%s", row->option, text, min,
-                        max, form);
+        return cln_fail(st, "--%s: '%s' is not a number from %s to %s%s%s", row->option, text, min,
+                        max, form, strchr(text, ',') ? "; fractions have a point, as in 0.5" : "");
     case CLN_ROW_BOOL:
         return cln_fail(st, "--%s: '%s' is not yes, no, true, false, 1 or 0", row->option, text);
     case CLN_ROW_ENUM:

@@ -700,6 +700,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"render r --orbit --split test", "--orbit and --split cannot be combined"},
         {"render r --elevation 6", "--elevation requires --orbit"},
         {"render r --spiral --circle", "--circle requires --orbit"},
+        {"train s -o r --lr 0,1", "'0,1' is not a number from 1e-08 to 1; fractions have a point"},
         {"render r --loop", "--loop requires --interpolate"},
         {"render r --orbit --loop", "--loop requires --interpolate; an orbit"},
         {"render r --up z", "--up requires --orbit, --spiral or --interpolate"},
