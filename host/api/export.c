@@ -18,6 +18,7 @@
 #include "io/run_folder.h"
 #include "render/orbit.h"
 #include "render/tree_picture.h"
+#include "scene/vectors.h"
 
 typedef struct export_row {
     const char *what, *form;
@@ -268,16 +269,17 @@ static void advise_print(const cln_export_job *job)
 static void advise_level(const cln_export_job *job)
 {
     const double level = 0.99985; /* cosine of a degree */
-    double numbers[CLN_CROP_NUMBERS], cosine = 0;
+    double numbers[CLN_CROP_NUMBERS], up[3], cosine = 0;
     int n = 0;
 
-    if (!job->crop.on || !job->turns)
+    memcpy(up, job->up, sizeof up);
+    if (!job->crop.on || !job->turns || !cln_normalise(up)) /* it may be as long as it was given */
         return;
-    cosine = cln_crop_level(&job->crop, job->up, numbers);
+    cosine = cln_crop_level(&job->crop, up, numbers);
     if (cosine > level)
         return;
     n = cln_reals_digits(6, numbers, numbers[3] - numbers[0]);
-    cln_info("%s: the box of --crop is %.0f degrees off level by --up, and so is what it cuts off; "
+    cln_info("%s: the box of --crop is %.2g degrees off level by --up, and so is what it cuts off; "
              "turned upright about its middle: --crop=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g,%.5g,%.5g,%.5g",
              job->desc->file, acos(fmin(1, cosine)) * 57.29577951308232, n, numbers[0], n,
              numbers[1], n, numbers[2], n, numbers[3], n, numbers[4], n, numbers[5], numbers[6],

@@ -26,7 +26,7 @@ static cln_status say_alpha(const cln_scene *scene, json_t *described)
     cln_status st = CLN_OK;
     char *rule = NULL;
 
-    if (!scene->cube_guessed || !scene->has_alpha)
+    if (!scene->cube_guessed || !scene->has_alpha || scene->space.shell)
         return CLN_OK;
     CLN_TRY(cln_asprintf(&rule,
                          "%s; train takes a box around what the photos' alpha shows, if "

@@ -260,11 +260,14 @@ double cln_hard_memory(void)
     return fmin(cln_group_memory(""), limits_memory(&p));
 }
 
+double cln_machine_memory(void)
+{
+    return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
+}
+
 double cln_host_memory(void)
 {
-    const double all = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
-
-    return fmin(all, cln_hard_memory());
+    return fmin(cln_machine_memory(), cln_hard_memory());
 }
 
 double cln_peak_rss(void)

@@ -34,6 +34,9 @@ bool cln_address_space_is_free(void);
  * has reserved and does not use now). */
 double cln_host_memory(void);
 
+/* Bytes of the machine's memory. */
+double cln_machine_memory(void);
+
 /* What of that no setting can exceed: limits of the process and of its control groups; INFINITY
  * without any. */
 double cln_hard_memory(void);

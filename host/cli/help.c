@@ -40,20 +40,21 @@ static void put_wrapped(FILE *to, int column, int indent, const char *text)
 
 static void put_entry(FILE *to, const char *left, const char *help)
 {
-    int length = (int)strlen(left);
+    int length = (int)strlen(left), column = 0;
 
-    while (length > RIGHT) { /* a list of words: broken between two of them */
-        int part = RIGHT;
+    while (column + length > RIGHT) { /* a list of words: broken between two of them */
+        int part = RIGHT - column;
 
         while (part > 0 && left[part - 1] != '|')
             part--;
         part = part > 0 ? part : length;
         fprintf(to, "%.*s\n%*s", part, left, LIST, "");
+        column = LIST;
         left += part;
         length -= part;
     }
     fputs(left, to);
-    length += left[0] == ' ' ? 0 : LIST;
+    length += column;
     if (length > LEFT - 2) {
         fputc('\n', to);
         length = 0;

@@ -1,23 +1,29 @@
-/* How far points are from triangles, by a grid of cells that list the triangles whose boxes reach
- * into them: looked through in shells around a point, until no nearer triangle can be beyond. See
- * deviation.h. */
+/* How far points are from triangles, by a tree of boxes: triangles in the order of a curve that
+ * fills space (Morton's), a few of them to a leaf, and over these a whole binary tree whose boxes
+ * tell which parts are farther than what has been found. See deviation.h. */
 #include "export/deviation.h"
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 #include "base/memory.h"
 
-enum { MOST_CELLS = 96 }; /* along an axis */
+enum { LEAF = 4, BITS = 10 }; /* triangles of a leaf; of each coordinate along the curve */
 
-typedef struct grid {
+typedef struct ordered {
+    uint32_t code, face;
+} ordered;
+
+typedef struct box {
+    float low[3], high[3];
+} box;
+
+typedef struct tree {
+    size_t faces, leaves; /* leaves: a power of two */
     const uint32_t (*face)[3];
     const float (*at)[3];
-    double low[3], cell;
-    int n[3];
-    uint32_t *begin; /* [cells + 1] into list */
-    uint32_t *list;  /* numbers of triangles */
-} grid;
+    ordered *order; /* [faces] */
+    box *boxes;     /* [2 leaves]: of node 1, the root, and of 2 i and 2 i + 1 below node i */
+} tree;
 
 static double dot(const double a[3], const double b[3])
 {
@@ -26,15 +32,15 @@ static double dot(const double a[3], const double b[3])
 
 /* The square of a point's distance from a triangle (Ericson, Real-Time Collision Detection, 5.1.5):
  * the nearest place is a corner, on an edge, or within. */
-static double square_to(const grid *g, uint32_t f, const double p[3])
+static double square_to(const tree *t, uint32_t f, const double p[3])
 {
     double ab[3], ac[3], ap[3], to[3], v = 0, w = 0;
 
     for (int a = 0; a < 3; a++) {
-        const double corner = (double)g->at[g->face[f][0]][a];
+        const double corner = (double)t->at[t->face[f][0]][a];
 
-        ab[a] = (double)g->at[g->face[f][1]][a] - corner;
-        ac[a] = (double)g->at[g->face[f][2]][a] - corner;
+        ab[a] = (double)t->at[t->face[f][1]][a] - corner;
+        ac[a] = (double)t->at[t->face[f][2]][a] - corner;
         ap[a] = p[a] - corner;
     }
     const double d1 = dot(ab, ap), d2 = dot(ac, ap), bb = dot(ab, ab), bc = dot(ab, ac);
@@ -65,142 +71,135 @@ static double square_to(const grid *g, uint32_t f, const double p[3])
     return dot(to, to);
 }
 
-static int cell_of(const grid *g, double x, int axis)
-{
-    const double cell = floor((x - g->low[axis]) / g->cell);
+/* ---- the tree ---- */
 
-    return (int)fmax(0, fmin(cell, g->n[axis] - 1));
+static uint32_t spread(uint32_t x) /* bits three apart */
+{
+    x = (x | x << 16) & 0x030000FF;
+    x = (x | x << 8) & 0x0300F00F;
+    x = (x | x << 4) & 0x030C30C3;
+    return (x | x << 2) & 0x09249249;
 }
 
-/* The cells that a triangle's box reaches into. */
-static void reach(const grid *g, size_t f, int low[3], int high[3])
+static int by_code(const void *a, const void *b)
 {
-    for (int a = 0; a < 3; a++) {
-        const float x = g->at[g->face[f][0]][a], y = g->at[g->face[f][1]][a],
-                    z = g->at[g->face[f][2]][a];
+    const ordered *x = a, *y = b;
 
-        low[a] = cell_of(g, (double)fminf(x, fminf(y, z)), a);
-        high[a] = cell_of(g, (double)fmaxf(x, fmaxf(y, z)), a);
+    if (x->code != y->code)
+        return x->code < y->code ? -1 : 1;
+    return x->face < y->face ? -1 : x->face > y->face;
+}
+
+static void add_face(const tree *t, uint32_t f, box *out)
+{
+    for (int i = 0; i < 9; i++) {
+        const float x = t->at[t->face[f][i / 3]][i % 3];
+
+        out->low[i % 3] = fminf(out->low[i % 3], x);
+        out->high[i % 3] = fmaxf(out->high[i % 3], x);
     }
 }
 
-static size_t index_of(const grid *g, int x, int y, int z)
+/* The first triangle of a leaf. */
+static size_t first_of(const tree *t, size_t leaf)
 {
-    return ((size_t)z * (size_t)g->n[1] + (size_t)y) * (size_t)g->n[0] + (size_t)x;
+    return (size_t)((uint64_t)t->faces * leaf / t->leaves);
 }
 
-/* Counts each cell's triangles, or, with `fill`, lists them. */
-static void list_faces(grid *g, size_t faces, bool fill)
+static cln_status make_tree(tree *t)
 {
-    for (size_t f = 0; f < faces; f++) {
-        int low[3], high[3];
-
-        reach(g, f, low, high);
-        for (int z = low[2]; z <= high[2]; z++)
-            for (int y = low[1]; y <= high[1]; y++)
-                for (int x = low[0]; x <= high[0]; x++) {
-                    const size_t i = index_of(g, x, y, z);
-
-                    if (fill)
-                        g->list[g->begin[i]++] = (uint32_t)f;
-                    else
-                        g->begin[i + 1]++;
-                }
-    }
-}
-
-static cln_status make_grid(size_t faces, grid *g)
-{
+    static const box none = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     cln_status st = CLN_OK;
-    double high[3], side = 0;
-    size_t cells = 1;
+    box all = none;
 
-    for (int a = 0; a < 3; a++) {
-        g->low[a] = INFINITY;
-        high[a] = -INFINITY;
-        for (size_t i = 0; i < 3 * faces; i++) {
-            const double x = (double)g->at[g->face[i / 3][i % 3]][a];
+    for (t->leaves = 1; t->leaves * LEAF < t->faces;)
+        t->leaves *= 2;
+    CLN_TRY(cln_alloc(&t->order, t->faces, sizeof *t->order, "boxes of triangles"));
+    CLN_TRY(cln_alloc(&t->boxes, 2 * t->leaves, sizeof *t->boxes, "boxes of triangles"));
+    for (size_t f = 0; f < t->faces; f++)
+        add_face(t, (uint32_t)f, &all);
+    for (size_t f = 0; f < t->faces; f++) {
+        box own = none;
+        uint32_t code = 0;
 
-            g->low[a] = fmin(g->low[a], x);
-            high[a] = fmax(high[a], x);
+        add_face(t, (uint32_t)f, &own);
+        for (int a = 0; a < 3; a++) {
+            const double side = (double)all.high[a] - (double)all.low[a];
+            const double middle = ((double)own.low[a] + (double)own.high[a]) / 2;
+            const double share = side > 0 ? (middle - (double)all.low[a]) / side : 0;
+
+            code |= spread((uint32_t)(share * ((1 << BITS) - 1))) << a;
         }
-        side = fmax(side, high[a] - g->low[a]);
+        t->order[f] = (ordered){code, (uint32_t)f};
     }
-    /* about as many cells along the longest side as a square of so many triangles has */
-    g->cell = side / fmax(1, fmin(MOST_CELLS, sqrt((double)faces / 2)));
-    for (int a = 0; a < 3; a++) {
-        g->n[a] = g->cell > 0 ? (int)floor((high[a] - g->low[a]) / g->cell) + 1 : 1;
-        cells *= (size_t)g->n[a];
+    qsort(t->order, t->faces, sizeof *t->order, by_code);
+    for (size_t leaf = 0; leaf < t->leaves; leaf++) {
+        t->boxes[t->leaves + leaf] = none;
+        for (size_t i = first_of(t, leaf); i < first_of(t, leaf + 1); i++)
+            add_face(t, t->order[i].face, &t->boxes[t->leaves + leaf]);
     }
-    g->cell = g->cell > 0 ? g->cell : 1;
-    CLN_TRY(cln_alloc(&g->begin, cells + 2, sizeof *g->begin, "cells of triangles"));
-    list_faces(g, faces, false);
-    for (size_t i = 0; i < cells; i++)
-        g->begin[i + 1] += g->begin[i];
-    CLN_TRY(cln_alloc(&g->list, g->begin[cells], sizeof *g->list, "cells of triangles"));
-    list_faces(g, faces, true);
-    memmove(g->begin + 1, g->begin, cells * sizeof *g->begin); /* ends became beginnings */
-    g->begin[0] = 0;
+    for (size_t i = t->leaves; i-- > 1;)
+        for (int a = 0; a < 3; a++) {
+            const box *x = &t->boxes[2 * i], *y = &t->boxes[2 * i + 1];
+
+            t->boxes[i].low[a] = fminf(x->low[a], y->low[a]);
+            t->boxes[i].high[a] = fmaxf(x->high[a], y->high[a]);
+        }
 done:
     return st;
 }
 
-/* The least square of those of a cell and `least`. */
-static double nearest_in(const grid *g, const double p[3], int x, int y, int z, double least)
+static double square_to_box(const box *b, const double p[3])
 {
-    const size_t i = index_of(g, x, y, z);
+    double square = 0;
 
-    for (uint32_t k = g->begin[i]; k < g->begin[i + 1]; k++)
-        least = fmin(least, square_to(g, g->list[k], p));
-    return least;
+    for (int a = 0; a < 3; a++) {
+        const double away = fmax(0, fmax((double)b->low[a] - p[a], p[a] - (double)b->high[a]));
+
+        square += away * away;
+    }
+    return square;
 }
 
-/* A point outside of the grid counts from the cell that is nearest to it. */
-static double nearest(const grid *g, const double p[3])
+/* The least square of `least` and those below a node; the nearer half goes first. */
+static double nearest(const tree *t, size_t node, const double p[3], double least)
 {
-    const int most = g->n[0] + g->n[1] + g->n[2];
-    double least = INFINITY;
-    int at[3];
+    if (node >= t->leaves) {
+        const size_t leaf = node - t->leaves;
 
-    for (int a = 0; a < 3; a++)
-        at[a] = cell_of(g, p[a], a);
-    for (int ring = 0; ring < most; ring++) {
-        const double within = (ring - 1) * g->cell; /* all that is so near has been looked at */
-
-        if (ring > 0 && least <= within * within)
-            break;
-        for (int z = at[2] - ring; z <= at[2] + ring; z++)
-            for (int y = at[1] - ring; y <= at[1] + ring; y++) {
-                const bool face = abs(z - at[2]) == ring || abs(y - at[1]) == ring;
-
-                if (z < 0 || y < 0 || z >= g->n[2] || y >= g->n[1])
-                    continue;
-                for (int x = at[0] - ring; x <= at[0] + ring; x += face || ring == 0 ? 1 : 2 * ring)
-                    if (x >= 0 && x < g->n[0])
-                        least = nearest_in(g, p, x, y, z, least);
-            }
+        for (size_t i = first_of(t, leaf); i < first_of(t, leaf + 1); i++)
+            least = fmin(least, square_to(t, t->order[i].face, p));
+        return least;
     }
-    return sqrt(least);
+    const double x = square_to_box(&t->boxes[2 * node], p);
+    const double y = square_to_box(&t->boxes[2 * node + 1], p);
+    const size_t nearer = 2 * node + (y < x);
+
+    if (fmin(x, y) < least)
+        least = nearest(t, nearer, p, least);
+    if (fmax(x, y) < least)
+        least = nearest(t, nearer ^ 1, p, least);
+    return least;
 }
 
 cln_status cln_deviation(size_t points, const float (*point)[3], size_t faces,
                          const uint32_t (*face)[3], const float (*at)[3], double *out)
 {
     cln_status st = CLN_OK;
-    const size_t step = points / CLN_DEVIATION + 1;
-    grid g = {.face = face, .at = at};
+    const size_t step = (points + CLN_DEVIATION - 1) / CLN_DEVIATION;
+    tree t = {.faces = faces, .face = face, .at = at};
 
     *out = 0;
     if (faces == 0)
         return CLN_OK;
-    CLN_TRY(make_grid(faces, &g));
+    CLN_TRY(make_tree(&t));
     for (size_t i = 0; i < points; i += step) {
         const double p[3] = {(double)point[i][0], (double)point[i][1], (double)point[i][2]};
 
-        *out = fmax(*out, nearest(&g, p));
+        *out = fmax(*out, sqrt(nearest(&t, 1, p, INFINITY)));
     }
 done:
-    free(g.begin);
-    free(g.list);
+    free(t.order);
+    free(t.boxes);
     return st;
 }

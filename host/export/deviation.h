@@ -6,7 +6,7 @@
 #include <stdint.h>
 #include "base/status.h"
 
-/* The largest distance of these points from the nearest triangle: of all points, or of about
+/* The largest distance of these points from the nearest triangle: of all points, or of up to
  * CLN_DEVIATION of them, evenly chosen. at: the triangles' vertices. Without triangles it is 0.
  * CLN_MEMORY. */
 enum { CLN_DEVIATION = 50000 };

@@ -488,7 +488,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
     const double hard = cln_hard_memory();
 
-    out->limit = c->host_mem > 0 ? fmin(c->host_mem, hard) : cln_host_memory();
+    out->limit = fmin(c->host_mem > 0 ? c->host_mem : cln_machine_memory(), hard);
     out->hard = out->limit == hard;
     row(out, "program and driver", NULL);
     add(out, CLN_PROGRAM_BYTES);
@@ -610,8 +610,8 @@ static void fit_batch(const cln_plan_desc *d, bool of_host, cln_plan *out)
                 out->fitting_rays = c->rays < d->pipeline->config.rays ? c->rays : 0;
                 return;
             }
-    c->rays = CLN_LEAST_RAYS;
-    c->batch_samples = CLN_LEAST_BATCH;
+    c->rays = larger(1, fmin(d->pipeline->config.rays, CLN_LEAST_RAYS));
+    c->batch_samples = (int)fmin(d->pipeline->config.batch_samples, CLN_LEAST_BATCH);
     (void)plan_batches(&desc, CLN_TRAINING_BATCHES, &plan);
     if (of_host) {
         const sizes s = find_sizes(&desc, 1);
@@ -619,13 +619,18 @@ static void fit_batch(const cln_plan_desc *d, bool of_host, cln_plan *out)
 
         add_host(&desc, &s, &host);
         if (is_unified(d)) {
-            row(&host, CLN_PLAN_SHARED, plan.rows[largest_row(&plan)].way_out);
+            row(&host, CLN_PLAN_SHARED, NULL);
             add(&host, plan.total);
         }
         plan = host;
     }
+    if (plan.total <= plan.limit) {
+        out->fitting_samples = c->batch_samples;
+        out->fitting_rays = c->rays < d->pipeline->config.rays ? c->rays : 0;
+        return;
+    }
     out->least = plan.total;
-    out->least_way = plan.rows[largest_row(&plan)].way_out;
+    out->least_fixed = of_host ? plan.rows[0].bytes : 0;
 }
 
 /* Pictures take more samples at a time where there is room: that is faster, and changes nothing
@@ -758,9 +763,10 @@ static cln_status check_total(const cln_plan *plan, const char *whose, const cha
         snprintf(way_out, sizeof way_out, "give --batch-samples %d, which fits, or ",
                  plan->fitting_samples);
     else if (plan->least > 0)
-        snprintf(way_out, sizeof way_out,
-                 "even with --rays %d --batch-samples %d it takes %s: lower %s, or ",
-                 CLN_LEAST_RAYS, CLN_LEAST_BATCH, least, plan->least_way);
+        snprintf(way_out, sizeof way_out, "even the smallest batch takes %s: %s", least,
+                 plan->least_fixed < plan->limit ? "lower --max-leaves, --max-level or the photos' "
+                                                   "size with --downscale, or "
+                                                 : "");
     return cln_fail(CLN_MEMORY, "the plan needs more %s memory than there is: %s; %s%s", whose,
                     text, way_out, raise);
 }

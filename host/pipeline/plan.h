@@ -49,15 +49,15 @@ typedef struct cln_plan {
     double total, limit;
     bool hard;    /* the limit is one of the process or its control group, which no option raises */
     double least; /* bytes with the smallest batch, where even that is above the limit; else 0 */
-    const char *least_way; /* what to lower then */
-    double cells;          /* cells of stage 1 over all leaves; kernels index them with 32 bits */
-    int max_rays;          /* most rays of a batch, so that its intervals fit one buffer */
-    size_t max_samples;    /* most samples of a batch, likewise */
-    size_t batch_samples;  /* samples aimed at: --batch-samples, or fewer if max_samples is small */
-    int fitting_samples;   /* a smaller --batch-samples that would be within the limit; 0 = none */
-    int fitting_rays;      /* --rays that it needs as well; 0 = those that there are */
-    size_t max_entries;    /* projected samples held at a time (splat) */
-    int distil_nets;       /* merged leaves trained together */
+    double least_fixed;   /* bytes of that which no option lowers */
+    double cells;         /* cells of stage 1 over all leaves; kernels index them with 32 bits */
+    int max_rays;         /* most rays of a batch, so that its intervals fit one buffer */
+    size_t max_samples;   /* most samples of a batch, likewise */
+    size_t batch_samples; /* samples aimed at: --batch-samples, or fewer if max_samples is small */
+    int fitting_samples;  /* a smaller --batch-samples that would be within the limit; 0 = none */
+    int fitting_rays;     /* --rays that it needs as well; 0 = those that there are */
+    size_t max_entries;   /* projected samples held at a time (splat) */
+    int distil_nets;      /* merged leaves trained together */
 } cln_plan;
 
 /* What a rank has at most: leaves; other ranks' leaves with vertices that are its own; both

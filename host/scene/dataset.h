@@ -65,7 +65,8 @@ cln_status cln_dataset_image_folder(const char *base, char **out);
 /* points_ply.c: reads the points of a PLY file into result->points. CLN_INPUT, CLN_MEMORY. */
 cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result);
 
-/* depth_points.c: a depth image, a grey PNG of 16 bits of any size: 0 is not known. A view's pose
+/* depth_points.c: a depth image, a grey PNG of 16 bits of any size: 0 and 65535 are
+ * not known. A view's pose
  * and camera are read before; of a file that is no such image there are no points. CLN_MEMORY. */
 typedef struct cln_depth_image {
     const char *depth, *confidence; /* files; NULL: there is none. 255 of confidence is full */

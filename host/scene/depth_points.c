@@ -9,8 +9,9 @@
 #include "scene/dataset.h"
 
 enum {
-    ACROSS = 12, /* points of an image along its longer side */
-    SURE = 255,  /* confidence */
+    ACROSS = 12,     /* points of an image along its longer side */
+    SURE = 255,      /* confidence */
+    UNKNOWN = 65535, /* of the sky, or where nothing came back; as 0 is */
 };
 static const double STEEPEST = 0.1; /* cosine to the optical axis */
 
@@ -83,7 +84,8 @@ cln_status cln_dataset_depth_points(const cln_view *view, const cln_depth_image 
             const size_t at = (size_t)y * (size_t)depth.width + (size_t)x;
             const double z = depth.values[at] * image->unit;
 
-            if (z > 0 && z <= image->most && !(rated && sure.values[at] < SURE))
+            if (z > 0 && z <= image->most && isfinite(z) && depth.values[at] < UNKNOWN &&
+                !(rated && sure.values[at] < SURE))
                 CLN_TRY(add_point(c, (x + 0.5) / depth.width * c->width,
                                   (y + 0.5) / depth.height * c->height, z, result));
         }

@@ -314,8 +314,10 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
                         "%s: reading its largest images needs %s of host memory, but %s is %s; "
                         "make smaller copies of them%s",
                         scene->folder, need,
-                        limit > 0 && room == limit ? "--host-mem" : "this process's", have,
-                        limit > 0 && room == limit ? ", or raise --host-mem" : "");
+                        limit <= 0      ? "this machine's"
+                        : room == limit ? "--host-mem"
+                                        : "what this process may have",
+                        have, limit > 0 && room == limit ? ", or raise --host-mem" : "");
     if (images == 0) /* all are other ranks' */
         return CLN_OK;
     scene->cached = room / 8;

@@ -139,7 +139,9 @@ static int number_of(const char *name, size_t count)
     char *end = NULL;
     const unsigned long long number = strtoull(name, &end, 10);
 
-    return name[0] >= '0' && name[0] <= '9' && *end == '.' && number < count ? (int)number : -1;
+    return name[0] >= '0' && name[0] <= '9' && end == strrchr(name, '.') && number < count
+               ? (int)number
+               : -1;
 }
 
 static cln_status read_views(const char *file, const json_t *root, const char *folder,

@@ -56,14 +56,13 @@ static double steps_to_decide(const cln_trainer *t, double steps, int *at_level)
 /* Finds a shorter --cull-after and --refresh-every with which it would in so many steps. */
 static bool waits_to_decide(const cln_trainer *t, double steps, cln_config *out)
 {
-    enum {
-        LEAST = 16
-    }; /* --cull-after: of 8 steps with few samples too little is known to cull by */
+    /* of 8 steps with few samples each, too little is known to cull by */
+    const int half = t->model.config.cull_after / 2, least = half < 16 ? half : 16;
     int level = 0;
 
     *out = t->model.config;
-    while (out->cull_after >= 2 * LEAST || out->refresh_every > 1) {
-        out->cull_after = out->cull_after >= 2 * LEAST ? out->cull_after / 2 : out->cull_after;
+    while (out->cull_after > least || out->refresh_every > 1) {
+        out->cull_after = out->cull_after / 2 > least ? out->cull_after / 2 : least;
         out->refresh_every = out->refresh_every > 2 ? out->refresh_every / 2 : 1;
         if (would_decide(t, out, steps, &level))
             return true;
