@@ -37,6 +37,11 @@ void cln_keep_vertices(size_t vertices, const uint32_t *to, size_t bytes, void *
 /* Drops vertices that no face has; the others keep their order. Arrays may be NULL. */
 cln_status cln_surface_drop_unused(cln_surface *surface);
 
+/* bleed.c: gives vertices that are not known the mean colour of their neighbours, from those that
+ * are on outwards; what no known one is connected to stays as it is. known: [vertex], becomes 1.
+ * CLN_MEMORY. */
+cln_status cln_surface_bleed(cln_surface *surface, uint8_t *known);
+
 /* Keeps the faces that have a vertex with keep[vertex] != 0, and the vertices of these. */
 cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep);
 

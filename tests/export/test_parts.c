@@ -129,11 +129,46 @@ static void parts_by_hand(void **state)
     }
 }
 
+/* A strip of triangles whose ends have colours, and one that has none: each vertex has the mean of
+ * those of its neighbours that are nearer to an end. */
+static void colours_bleed(void **state)
+{
+    enum { COUNT = 12, OTHER = 3 };
+    cln_surface s = {.vertices = COUNT + OTHER, .faces = COUNT - 1};
+    uint8_t known[COUNT + OTHER] = {0};
+
+    (void)state;
+    s.colour = calloc(s.vertices, sizeof *s.colour);
+    s.face = calloc(s.faces, sizeof *s.face);
+    assert_true(s.colour && s.face);
+    for (uint32_t f = 0; f < COUNT - 2; f++)
+        for (uint32_t k = 0; k < 3; k++)
+            s.face[f][k] = f + k;
+    for (uint32_t k = 0; k < 3; k++)
+        s.face[COUNT - 2][k] = COUNT + k;
+    known[0] = known[COUNT - 1] = 1;
+    s.colour[0][0] = 200;
+    s.colour[COUNT - 1][1] = 100;
+    assert_int_equal(cln_surface_bleed(&s, known), CLN_OK);
+    for (int v = 0; v < COUNT + OTHER; v++) {
+        const bool left = v < 6, alone = v >= COUNT;
+
+        assert_int_equal(known[v], !alone);
+        if (v == 5 || v == 6) /* two on: both ends' come at once */
+            continue;
+        assert_int_equal(s.colour[v][0], left && !alone ? 200 : 0);
+        assert_int_equal(s.colour[v][1], left || alone ? 0 : 100);
+    }
+    assert_true(s.colour[5][0] > 0 && s.colour[6][1] > 0);
+    cln_surface_free(&s);
+}
+
 int test_group_parts(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_largest_ball_stays),
         cmocka_unit_test(parts_by_hand),
+        cmocka_unit_test(colours_bleed),
     };
 
     return cmocka_run_group_tests_name("parts", tests, NULL, NULL);
