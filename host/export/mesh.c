@@ -251,6 +251,33 @@ static void tell_unseen(cln_export_job *job, const cln_surface *surface, const c
              100 * unseen / all, n, box[0], n, box[1], n, box[2], n, box[3], n, box[4], n, box[5]);
 }
 
+/* Which side of the crop box each face lies in: 1 to 6, or 0. */
+static cln_status find_planes(const cln_crop *crop, const cln_surface *surface, uint8_t **out)
+{
+    const double flat = 1e-5; /* in the cube */
+    cln_status st = CLN_OK;
+
+    if (!crop->on)
+        return CLN_OK;
+    CLN_TRY(cln_alloc(out, surface->faces, 1, "triangles"));
+    for (size_t f = 0; f < surface->faces; f++)
+        for (int p = 0; p < 6 && !(*out)[f]; p++) {
+            bool in = true;
+
+            for (int k = 0; k < 3 && in; k++) {
+                const float *at = surface->at[surface->face[f][k]];
+                double depth = (double)crop->planes[p][3];
+
+                for (int a = 0; a < 3; a++)
+                    depth += (double)crop->planes[p][a] * (double)at[a];
+                in = fabs(depth) < flat;
+            }
+            (*out)[f] = in ? (uint8_t)(p + 1) : 0;
+        }
+done:
+    return st;
+}
+
 cln_status cln_export_mesh(cln_export_job *job)
 {
     cln_status st = CLN_OK;
@@ -265,7 +292,8 @@ cln_status cln_export_mesh(cln_export_job *job)
     const cln_space space = cln_space_core(&job->opened.model.space);
     cln_surface surface = {0};
     cln_mesh mesh = {0};
-    size_t crowded = 0;
+    size_t crowded = 0, bent = 0;
+    uint8_t *plane = NULL;
 
     CLN_TRY(cln_surface_make(&how, &surface));
     cln_export_tell_parts(job, &parts);
@@ -286,8 +314,13 @@ cln_status cln_export_mesh(cln_export_job *job)
         tell_unseen(job, &surface, &mesh);
     if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
         job->result->faces_before = (int64_t)mesh.faces;
-        CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, &job->result->reduction_error,
-                                &crowded));
+        CLN_TRY(find_planes(&job->crop, &surface, &plane));
+        CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, plane,
+                                &job->result->reduction_error, &crowded, &bent));
+        if (bent > 0)
+            cln_warn("--triangles %lld: the box's faces are not flat any more, as their outlines "
+                     "alone take %zu; give %zu or more, or a larger --spacing",
+                     (long long)desc->triangles, bent, 4 * bent);
         if (crowded > 0)
             cln_warn("--triangles %lld: %zu edges have more than two triangles, which slicers take "
                      "for torn; give more, or leave --triangles out",
@@ -299,6 +332,7 @@ cln_status cln_export_mesh(cln_export_job *job)
     }
     CLN_TRY(cln_export_mesh_write(job, "the surface", &mesh));
 done:
+    free(plane);
     cln_export_mesh_free(&mesh);
     cln_surface_free(&surface);
     return st;

@@ -11,11 +11,12 @@ cln_status cln_mesh_reduce_possible(void)
                     "or give a larger --spacing");
 }
 
-cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *crowded)
+cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, const uint8_t *plane, double *error,
+                           size_t *crowded, size_t *bent)
 {
-    (void)mesh, (void)most;
+    (void)mesh, (void)most, (void)plane;
     *error = 0;
-    *crowded = 0;
+    *crowded = *bent = 0;
     return cln_mesh_reduce_possible();
 }
 
@@ -124,20 +125,85 @@ done:
     return st;
 }
 
-/* Sets mesh->face to those triangles of `of` that stay; *pairs: too many, at crowded edges. */
-static cln_status simplify(const cln_mesh *of, const float (*at)[3], size_t most, cln_mesh *mesh,
-                           size_t *pairs)
+/* The faces of a mesh by the plane that they lie in: part p begins at begin[p]. */
+typedef struct pieces {
+    uint32_t (*face)[3];
+    size_t begin[CLN_REDUCE_PLANES + 2];
+} pieces;
+
+static cln_status make_parts(const cln_mesh *mesh, const uint8_t *plane, pieces *out)
+{
+    cln_status st = CLN_OK;
+    size_t n = 0;
+
+    CLN_TRY(cln_alloc(&out->face, mesh->faces, sizeof *out->face, "triangles"));
+    for (int p = 0; p <= CLN_REDUCE_PLANES; p++) {
+        out->begin[p] = n;
+        for (size_t f = 0; f < mesh->faces; f++)
+            if (plane[f] == p)
+                memcpy(out->face[n++], mesh->face[f], sizeof mesh->face[0]);
+    }
+    out->begin[CLN_REDUCE_PLANES + 1] = n;
+done:
+    return st;
+}
+
+/* Writes the triangles of a part that stay; returns their number. */
+static size_t simplify_part(const cln_mesh *of, const float (*at)[3], const pieces *parts, int p,
+                            size_t most, uint32_t (*out)[3])
 {
     const float any_error = 1e10f; /* the number of triangles decides, not this */
+    const float none = 1e-5f;      /* share of the mesh: rounding */
+    const size_t first = parts->begin[p], count = parts->begin[p + 1] - first;
+
+    if (count == 0)
+        return 0;
+    return meshopt_simplify(out[0], parts->face[first], 3 * count, at[0], of->vertices,
+                            sizeof at[0], 3 * most, p > 0 ? none : any_error,
+                            meshopt_SimplifyLockBorder, NULL) /
+           3;
+}
+
+/* Sets mesh->face to those triangles of `of` that stay, part by part, with the borders between parts
+ * as they are, or as one if parts is NULL; *pairs: too many, at crowded edges. */
+static cln_status simplify(const cln_mesh *of, const float (*at)[3], const pieces *parts,
+                           size_t most, cln_mesh *mesh, size_t *pairs)
+{
+    const float any_error = 1e10f;
     cln_status st = CLN_OK;
     cln_mesh_edges edges;
 
-    mesh->faces = meshopt_simplify(mesh->face[0], of->face[0], 3 * of->faces, at[0], of->vertices,
-                                   sizeof at[0], 3 * most, any_error, 0, NULL) /
-                  3;
+    mesh->faces = 0;
+    for (int p = CLN_REDUCE_PLANES; p >= 0 && parts; p--) {
+        const size_t left = p > 0 || most < mesh->faces ? 0 : most - mesh->faces;
+
+        mesh->faces += simplify_part(of, at, parts, p, left, mesh->face + mesh->faces);
+    }
+    if (!parts)
+        mesh->faces = meshopt_simplify(mesh->face[0], of->face[0], 3 * of->faces, at[0],
+                                       of->vertices, sizeof at[0], 3 * most, any_error, 0, NULL) /
+                      3;
     CLN_TRY(drop_pairs(mesh));
     CLN_TRY(cln_mesh_count_edges(mesh, &edges));
     *pairs = edges.pairs;
+done:
+    return st;
+}
+
+/* The same until the triangles that part edges have room, too. */
+static cln_status simplify_to(const cln_mesh *of, const float (*at)[3], const pieces *parts,
+                              size_t most, cln_mesh *mesh)
+{
+    enum { TRIES = 4 };
+    cln_status st = CLN_OK;
+    size_t pairs = 0, target = most;
+
+    for (int try = 0; try < TRIES; try++) {
+        CLN_TRY(simplify(of, at, parts, target, mesh, &pairs));
+        if (mesh->faces + 2 * pairs <= most || mesh->faces > target || target <= 2 * pairs + 4)
+            break;
+        target -= mesh->faces + 2 * pairs - most;
+    }
 done:
     return st;
 }
@@ -165,17 +231,19 @@ done:
     return st;
 }
 
-cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *crowded)
+cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, const uint8_t *plane, double *error,
+                           size_t *crowded, size_t *bent)
 {
-    enum { TRIES = 4 };
     cln_status st = CLN_OK;
     const size_t vertices = mesh->vertices, faces = mesh->faces;
     float(*at)[3] = NULL;
     cln_mesh fewer = *mesh;
-    size_t pairs = 0, target = most;
+    pieces parts = {0};
+    size_t flat = 0;
+    bool whole = false;
 
     *error = 0;
-    *crowded = 0;
+    *crowded = *bent = 0;
     if (mesh->faces <= most)
         return CLN_OK;
     fewer.face = NULL;
@@ -184,12 +252,16 @@ cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *c
     for (size_t v = 0; v < mesh->vertices; v++) /* floats are coarse far from 0 */
         for (int a = 0; a < 3; a++)
             at[v][a] = (float)(mesh->at[v][a] - mesh->origin[a]);
-    for (int try = 0; try < TRIES; try++) { /* with room for the triangles that part edges */
-        CLN_TRY(simplify(mesh, (const float(*)[3])at, target, &fewer, &pairs));
-        if (fewer.faces + 2 * pairs <= most || fewer.faces > target || target <= 2 * pairs + 4)
-            break;
-        target -= fewer.faces + 2 * pairs - most;
+    if (plane)
+        CLN_TRY(make_parts(mesh, plane, &parts));
+    whole = !plane || parts.begin[1] == mesh->faces;
+    for (int p = 1; p <= CLN_REDUCE_PLANES && !whole; p++)
+        flat += simplify_part(mesh, (const float(*)[3])at, &parts, p, 0, fewer.face);
+    if (flat > most / 4) { /* what is beside the outline takes as many */
+        *bent = flat;
+        whole = true;
     }
+    CLN_TRY(simplify_to(mesh, (const float(*)[3])at, whole ? NULL : &parts, most, &fewer));
     CLN_TRY(measure(mesh, &fewer, (const float(*)[3])at, error));
     mesh->faces = fewer.faces;
     memcpy(mesh->face, fewer.face, mesh->faces * sizeof *mesh->face);
@@ -198,6 +270,7 @@ cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *c
 done:
     free(at);
     free(fewer.face);
+    free(parts.face);
     return st;
 }
 

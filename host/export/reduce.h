@@ -12,9 +12,13 @@ cln_status cln_mesh_reduce_possible(void);
  * and colour. No crack opens, so there may be more triangles than `most`; small parts may vanish,
  * and faces back to back over the same corners do. Edges where four or more triangles would meet
  * are parted by vertices of their own (crowded.h); *crowded: those that could not be.
- * *error: about the largest distance by which the surface moved, in the mesh's units, as the
- * quadrics estimate it. Rows of mesh->at, normal, colour and face are moved, none is freed.
- * CLN_MEMORY. */
-cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, double *error, size_t *crowded);
+ * plane: [face] which of several planes it lies in, 1 to CLN_REDUCE_PLANES, or 0; NULL: in none.
+ * What lies in one stays there, outline and all, if that takes no more than a quarter of the triangles;
+ * *bent: how many it would take, if it takes more; else 0.
+ * *error: the largest distance by which the surface moved, in the mesh's units (deviation.h). Rows
+ * of mesh->at, normal, colour and face are moved, none is freed. CLN_MEMORY. */
+enum { CLN_REDUCE_PLANES = 6 };
+cln_status cln_mesh_reduce(cln_mesh *mesh, size_t most, const uint8_t *plane, double *error,
+                           size_t *crowded, size_t *bent);
 
 #endif

@@ -145,7 +145,7 @@ static void a_ball_stays_round_and_closed(void **state)
 #endif
     for (int m = 0; m < 2; m++) {
         const double *middle = middles[m];
-        size_t crowded = 0;
+        size_t crowded = 0, bent = 0;
         double error = 0, worst = 0, area = 0;
         bool met[BALL_VERTICES] = {false};
         cln_mesh mesh;
@@ -155,7 +155,7 @@ static void a_ball_stays_round_and_closed(void **state)
         add_ball(&mesh, 0, middle);
         assert_int_equal(mesh.faces, BALL_FACES);
         assert_int_equal(open_edges(&mesh), 0);
-        assert_int_equal(cln_mesh_reduce(&mesh, 1000, &error, &crowded), CLN_OK);
+        assert_int_equal(cln_mesh_reduce(&mesh, 1000, NULL, &error, &crowded, &bent), CLN_OK);
         assert_in_range(mesh.faces, 900, 1000);
         assert_int_equal(open_edges(&mesh), 0);
         assert_int_equal(mesh.vertices, mesh.faces / 2 + 2); /* Euler: still one ball */
@@ -187,10 +187,64 @@ static void a_ball_stays_round_and_closed(void **state)
     }
 }
 
+/* A ball whose lower half is pressed flat: known to lie in a plane, its base stays there. */
+static void a_base_stays_flat(void **state)
+{
+    NEED_MESHOPTIMIZER();
+    for (int known = 0; known < 2; known++) {
+        size_t crowded = 0, bent = 0, based = 0;
+        double error = 0, base = 0, at[3];
+        uint8_t plane[BALL_FACES] = {0};
+        cln_mesh mesh;
+
+        make_mesh(&mesh, BALL_VERTICES, BALL_FACES);
+        add_ball(&mesh, 0, (const double[3]){0, 0, 0});
+        for (size_t v = 0; v < mesh.vertices; v++)
+            mesh.at[v][2] = fmax(mesh.at[v][2], 0);
+        for (size_t f = 0; f < mesh.faces; f++)
+            plane[f] = mesh.at[mesh.face[f][0]][2] + mesh.at[mesh.face[f][1]][2] +
+                                   mesh.at[mesh.face[f][2]][2] <
+                               1e-9
+                           ? 3
+                           : 0;
+        assert_int_equal(cln_mesh_reduce(&mesh, 800, known ? plane : NULL, &error, &crowded, &bent),
+                         CLN_OK);
+        assert_in_range(mesh.faces, 600, 800);
+        assert_int_equal(open_edges(&mesh), 0);
+        for (size_t f = 0; f < mesh.faces; f++) {
+            const double high = mesh.at[mesh.face[f][0]][2] + mesh.at[mesh.face[f][1]][2] +
+                                mesh.at[mesh.face[f][2]][2];
+
+            if (high < 1e-9) {
+                base += area_of(&mesh, f, at);
+                based++;
+            }
+        }
+        print_message("    base %.4f of the disc's, of %zu triangles; moved by %.4f\n", base / M_PI,
+                      based, error);
+        assert_int_equal(bent, 0);
+        if (known)
+            assert_near(base / M_PI, 1, 0.001); /* a polygon of so many sides: 0.99954 */
+        assert_true(error < 0.05);
+        if (known) { /* the outline alone takes more than a quarter of so few */
+            uint8_t flat[BALL_FACES] = {0};
+
+            for (size_t f = 0; f < mesh.faces; f++)
+                flat[f] = mesh.at[mesh.face[f][0]][2] + mesh.at[mesh.face[f][1]][2] +
+                              mesh.at[mesh.face[f][2]][2] <
+                          1e-9;
+            assert_int_equal(cln_mesh_reduce(&mesh, 200, flat, &error, &crowded, &bent), CLN_OK);
+            assert_in_range(bent, 51, 140);
+            assert_in_range(mesh.faces, 100, 200);
+        }
+        free_mesh(&mesh);
+    }
+}
+
 /* A flat sheet needs two triangles, with its border. */
 static void a_sheet_keeps_its_border(void **state)
 {
-    size_t crowded = 0;
+    size_t crowded = 0, bent = 0;
     double error = 0, area = 0, at[3];
     cln_mesh mesh;
 
@@ -209,7 +263,7 @@ static void a_sheet_keeps_its_border(void **state)
             add_face(&mesh, v, v + SIDE + 2, v + SIDE + 1);
         }
     assert_int_equal(open_edges(&mesh), 4 * SIDE);
-    assert_int_equal(cln_mesh_reduce(&mesh, 20, &error, &crowded), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 20, NULL, &error, &crowded, &bent), CLN_OK);
     assert_in_range(mesh.faces, 2, 20);
     for (size_t f = 0; f < mesh.faces; f++)
         area += area_of(&mesh, f, at);
@@ -222,7 +276,7 @@ static void a_sheet_keeps_its_border(void **state)
 static void parts_stay_and_enough_is_enough(void **state)
 {
     const double left[3] = {-2, 0, 0}, right[3] = {2, 0, 0};
-    size_t crowded = 0;
+    size_t crowded = 0, bent = 0;
     double error = 0;
     size_t on_the_left = 0;
     cln_mesh mesh;
@@ -231,18 +285,18 @@ static void parts_stay_and_enough_is_enough(void **state)
     make_mesh(&mesh, 2 * BALL_VERTICES, 2 * BALL_FACES);
     add_ball(&mesh, 0, left);
     add_ball(&mesh, BALL_VERTICES, right);
-    assert_int_equal(cln_mesh_reduce(&mesh, 2 * BALL_FACES, &error, &crowded), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 2 * BALL_FACES, NULL, &error, &crowded, &bent), CLN_OK);
     assert_int_equal(mesh.faces, 2 * BALL_FACES);
     assert_int_equal(mesh.vertices, 2 * BALL_VERTICES);
     assert_true(error == 0);
-    assert_int_equal(cln_mesh_reduce(&mesh, 400, &error, &crowded), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 400, NULL, &error, &crowded, &bent), CLN_OK);
     assert_in_range(mesh.faces, 300, 400);
     assert_int_equal(open_edges(&mesh), 0);
     assert_int_equal(mesh.vertices, mesh.faces / 2 + 4);
     for (size_t v = 0; v < mesh.vertices; v++)
         on_the_left += mesh.at[v][0] < 0;
     assert_in_range(on_the_left, mesh.vertices / 3, 2 * mesh.vertices / 3);
-    assert_int_equal(cln_mesh_reduce(&mesh, 4, &error, &crowded), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 4, NULL, &error, &crowded, &bent), CLN_OK);
     assert_in_range(mesh.faces, 1, 8);
     assert_int_equal(open_edges(&mesh), 0);
     free_mesh(&mesh);
@@ -286,7 +340,7 @@ static size_t flat_pairs(const cln_mesh *mesh)
 static void a_thin_ring_leaves_no_pairs(void **state)
 {
     enum { ALONG = 200, AROUND = 12 };
-    size_t crowded = 0;
+    size_t crowded = 0, bent = 0;
     double error = 0;
     cln_mesh mesh;
 
@@ -305,7 +359,7 @@ static void a_thin_ring_leaves_no_pairs(void **state)
             add_face(&mesh, i * AROUND + k, j + next, i * AROUND + next);
         }
     assert_int_equal(open_edges(&mesh), 0);
-    assert_int_equal(cln_mesh_reduce(&mesh, 62, &error, &crowded), CLN_OK);
+    assert_int_equal(cln_mesh_reduce(&mesh, 62, NULL, &error, &crowded, &bent), CLN_OK);
     assert_in_range(mesh.faces, 20, 62);
     assert_int_equal(flat_pairs(&mesh), 0);
     assert_int_equal(uneven_edges(&mesh), 0);
@@ -375,13 +429,13 @@ static void thin_parts_stay_tight(void **state)
     NEED_MESHOPTIMIZER();
     for (size_t most = 44; most < 400; most += 6) /* of fewer it is flat */
         for (int kind = 0; kind < 3; kind++) {
-            size_t crowded = 0, corners = 0;
+            size_t crowded = 0, bent = 0, corners = 0;
             double error = 0;
             cln_mesh mesh;
 
             make_mesh(&mesh, ALONG * AROUND, 2 * ALONG * AROUND);
             add_ring(&mesh, ALONG, AROUND, kind == 2 ? 0.1 : 0.02, kind == 1 ? 0.002 : 0.02);
-            assert_int_equal(cln_mesh_reduce(&mesh, most, &error, &crowded), CLN_OK);
+            assert_int_equal(cln_mesh_reduce(&mesh, most, NULL, &error, &crowded, &bent), CLN_OK);
             assert_int_equal(crowded, 0);
             if (odd_edges(&mesh) != 0)
                 fail_msg("ring %d, %zu triangles of %zu: %zu edges have not two", kind, mesh.faces,
@@ -403,6 +457,7 @@ int test_group_reduce(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_ball_stays_round_and_closed),
+        cmocka_unit_test(a_base_stays_flat),
         cmocka_unit_test(a_sheet_keeps_its_border),
         cmocka_unit_test(parts_stay_and_enough_is_enough),
         cmocka_unit_test(a_thin_ring_leaves_no_pairs),
