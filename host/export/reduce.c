@@ -164,8 +164,8 @@ static size_t simplify_part(const cln_mesh *of, const float (*at)[3], const piec
            3;
 }
 
-/* Sets mesh->face to those triangles of `of` that stay, part by part, with the borders between parts
- * as they are, or as one if parts is NULL; *pairs: too many, at crowded edges. */
+/* Sets mesh->face to those triangles of `of` that stay, part by part, with the borders between
+ * parts as they are, or as one if parts is NULL; *pairs: too many, at crowded edges. */
 static cln_status simplify(const cln_mesh *of, const float (*at)[3], const pieces *parts,
                            size_t most, cln_mesh *mesh, size_t *pairs)
 {

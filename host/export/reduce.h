@@ -13,8 +13,8 @@ cln_status cln_mesh_reduce_possible(void);
  * and faces back to back over the same corners do. Edges where four or more triangles would meet
  * are parted by vertices of their own (crowded.h); *crowded: those that could not be.
  * plane: [face] which of several planes it lies in, 1 to CLN_REDUCE_PLANES, or 0; NULL: in none.
- * What lies in one stays there, outline and all, if that takes no more than a quarter of the triangles;
- * *bent: how many it would take, if it takes more; else 0.
+ * What lies in one stays there, outline and all, if that takes no more than a quarter of the
+ * triangles; *bent: how many it would take, if it takes more; else 0.
  * *error: the largest distance by which the surface moved, in the mesh's units (deviation.h). Rows
  * of mesh->at, normal, colour and face are moved, none is freed. CLN_MEMORY. */
 enum { CLN_REDUCE_PLANES = 6 };
