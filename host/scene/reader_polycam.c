@@ -109,7 +109,8 @@ done:
     return st;
 }
 
-/* photo: whose size counts where the file gives none, as corrected cameras do not any more. */
+/* photo: whose size counts where the file gives none, as corrected cameras do not any more; one
+ * that cannot be read is refused, or left out, later. */
 static cln_status read_camera(const char *file, const char *photo, cln_camera *out)
 {
     cln_status st = CLN_OK;
@@ -125,18 +126,16 @@ static cln_status read_camera(const char *file, const char *photo, cln_camera *o
     CLN_TRY(number(file, from, "cy", &out->cy));
     CLN_TRY(cln_transforms_number(file, from, "width", &side[0], &found[0]));
     CLN_TRY(cln_transforms_number(file, from, "height", &side[1], &found[1]));
-    if (!found[0] || !found[1]) {
-        CLN_TRY(cln_image_info(photo, &out->width, &out->height, &channels));
-        side[0] = out->width;
-        side[1] = out->height;
-    }
     for (int i = 0; i < 2; i++)
-        if (!(side[i] >= 1 && side[i] <= MAX_SIDE))
+        if (found[i] && !(side[i] >= 1 && side[i] <= MAX_SIDE))
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: absurd image size %g x %g; correct its width and height", file,
                              side[0], side[1]));
     out->width = (int)side[0];
     out->height = (int)side[1];
+    if ((!found[0] || !found[1]) &&
+        cln_image_info(photo, &out->width, &out->height, &channels) != CLN_OK)
+        cln_clear_error();
     for (int i = 0; i < 12; i++) {
         char key[8];
 

@@ -102,6 +102,15 @@ static void test_polycam(void **state)
     scene = load(folder, plain());
     assert_rays(scene, cameras, 4);
     cln_scene_free(scene);
+    { /* nor does a photo tell that cannot be read: it is left out */
+        cln_config config = *plain();
+
+        config.missing = CLN_MISSING_SKIP;
+        scratch_put(scratch_path(folder, "keyframes/corrected_images/view_03.png"), "x", 1);
+        scene = load(folder, &config);
+        assert_true(scene->view_count == FORMAT_VIEWS - 1 && scene->unreadable == 1);
+        cln_scene_free(scene);
+    }
 }
 
 /* A converter's file in the capture goes first, and is told. */
