@@ -37,6 +37,8 @@ cln_status cln_surface_bleed(cln_surface *s, uint8_t *known)
     size_t count = 0;
 
     CLN_TRY(list_bare(s, known, &begin, &list));
+    if (begin[s->vertices] == 0) /* all have one */
+        goto done;
     CLN_TRY(cln_alloc(&sum, s->vertices, sizeof *sum, "colours"));
     CLN_TRY(cln_alloc(&now, s->vertices, sizeof *now, "vertices"));
     CLN_TRY(cln_alloc(&next, s->vertices, sizeof *next, "vertices"));

@@ -148,7 +148,8 @@ done:
     return st;
 }
 
-/* Writes the triangles of a part that stay; returns their number. */
+/* Writes the triangles of a part that stay, all if there are no more than `most`; returns their
+ * number. */
 static size_t simplify_part(const cln_mesh *of, const float (*at)[3], const pieces *parts, int p,
                             size_t most, uint32_t (*out)[3])
 {
@@ -156,8 +157,11 @@ static size_t simplify_part(const cln_mesh *of, const float (*at)[3], const piec
     const float none = 1e-5f;      /* share of the mesh: rounding */
     const size_t first = parts->begin[p], count = parts->begin[p + 1] - first;
 
-    if (count == 0)
-        return 0;
+    if (count <= most) { /* the library takes no larger target */
+        if (count > 0)
+            memcpy(out, parts->face[first], count * sizeof *out);
+        return count;
+    }
     return meshopt_simplify(out[0], parts->face[first], 3 * count, at[0], of->vertices,
                             sizeof at[0], 3 * most, p > 0 ? none : any_error,
                             meshopt_SimplifyLockBorder, NULL) /

@@ -121,6 +121,8 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
             json_object_set_new(row, flags[i].key, json_true());
     if (view->orientation > 1)
         json_object_set_new(row, "orientation", json_integer(view->orientation));
+    if (view->edge > 0)
+        json_object_set_new(row, "edge", json_integer(view->edge));
     st = put(to, before, row);
     row = NULL;
 done:
@@ -285,6 +287,8 @@ static cln_status read_view(const char *path, const json_t *row, int i, const cl
     view->alpha_turn = view->mask_turn = 1;
     if (!get_whole(row, "orientation", 1, 8, &view->orientation))
         view->orientation = 1; /* none, or of an older run */
+    if (!get_whole(row, "edge", 1, CLN_IMAGE_MAX_SIDE, &view->edge))
+        view->edge = 0;
     view->leads_out = json_is_true(json_object_get(row, "leads_out"));
     view->turned = json_is_true(json_object_get(row, "turned"));
     view->mask_black = json_is_true(json_object_get(row, "mask_black"));

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <strings.h>
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 
@@ -249,12 +250,23 @@ cln_status cln_dataset_keep_with(const char *folder, const char *ending, cln_nam
         kept += cln_is_file(file);
     }
     *without = images->count - kept;
-    for (int i = kept; i < images->count; i++)
-        free(images->name[i]);
-    images->count = kept;
+    cln_dataset_cut_names(images, kept);
 done:
     free(file);
     return st;
+}
+
+void cln_dataset_cut_names(cln_names *names, int kept)
+{
+    while (names->count > kept)
+        free(names->name[--names->count]);
+}
+
+void cln_dataset_tell_without(const char *folder, const char *what, int without, int kept)
+{
+    if (without > 0)
+        cln_warn("%s: %d of %d photos %s no %s and %s left out", folder, without, kept + without,
+                 cln_plural(without, "has", "have"), what, cln_plural(without, "is", "are"));
 }
 
 cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,

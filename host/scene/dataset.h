@@ -53,6 +53,12 @@ cln_status cln_dataset_beside(const char *folder, const char *image, const char 
 cln_status cln_dataset_keep_with(const char *folder, const char *ending, cln_names *images,
                                  int *without);
 
+/* Frees the names from `kept` on. */
+void cln_dataset_cut_names(cln_names *names, int kept);
+
+/* Warns of photos in a folder that are left out, if there are any, as they have none of `what`. */
+void cln_dataset_tell_without(const char *folder, const char *what, int without, int kept);
+
 /* Makes a view for each of these images of a folder, with name (below the folder) and path. */
 cln_status cln_dataset_views(const char *where, const char *folder, const cln_names *images,
                              cln_reader_result *result);

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/cursor.h"
@@ -159,11 +158,8 @@ static cln_status read_poses(const char *path, cln_names *images, cln_reader_res
             CLN_INPUT,
             "%s: no file in rgb has a .txt file of its name in pose; give both the same names",
             path));
-    if (without)
-        cln_warn("%s: %d of %d images in rgb %s no pose and %s left out", path, without,
-                 kept + without, cln_plural(without, "has", "have"),
-                 cln_plural(without, "is", "are"));
     CLN_TRY(cln_path_join(&file, path, "rgb"));
+    cln_dataset_tell_without(file, "pose", without, kept);
     CLN_TRY(cln_dataset_views(path, file, images, result));
     for (int i = 0; i < kept; i++) {
         free(file);

@@ -11,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/image.h"
@@ -178,10 +177,7 @@ static cln_status read_views(const char *keyframes, bool corrected, cln_reader_r
                          "%s: no photo in it has a .json file of its name in %s; export the "
                          "capture again",
                          images, cameras));
-    if (without)
-        cln_warn("%s: %d of %d photos %s no camera and %s left out", images, without,
-                 names.count + without, cln_plural(without, "has", "have"),
-                 cln_plural(without, "is", "are"));
+    cln_dataset_tell_without(images, "camera", without, names.count);
     CLN_TRY(cln_dataset_views(keyframes, images, &names, result));
     for (int i = 0; i < names.count; i++) {
         free(file);

@@ -11,7 +11,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/json.h"
@@ -161,17 +160,13 @@ static cln_status read_views(const char *file, const json_t *root, const char *f
         kept += number_of(name, poses) >= 0;
     }
     without = names.count - kept;
-    for (int i = kept; i < names.count; i++)
-        free(names.name[i]);
-    names.count = kept;
+    cln_dataset_cut_names(&names, kept);
     if (!kept)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: no photo in it has a number with a pose in %s, which has %zu; export "
                          "the capture again",
                          folder, file, poses));
-    if (without)
-        cln_warn("%s: %d of %d photos %s no pose and %s left out", folder, without, kept + without,
-                 cln_plural(without, "has", "have"), cln_plural(without, "is", "are"));
+    cln_dataset_tell_without(folder, "pose", without, kept);
     CLN_TRY(cln_dataset_views(file, folder, &names, result));
     for (int i = 0; i < kept; i++)
         CLN_TRY(read_camera(file, root, (size_t)number_of(names.name[i], poses),

@@ -241,6 +241,33 @@ static void a_base_stays_flat(void **state)
     }
 }
 
+/* What is not flat may have fewer triangles than are left for it: all of them stay. */
+static void a_base_leaves_the_rest(void **state)
+{
+    size_t crowded = 0, bent = 0, rest = 0;
+    double error = 0;
+    uint8_t plane[BALL_FACES] = {0};
+    cln_mesh mesh;
+
+    NEED_MESHOPTIMIZER();
+    make_mesh(&mesh, BALL_VERTICES, BALL_FACES);
+    add_ball(&mesh, 0, (const double[3]){0, 0, 0});
+    for (size_t v = 0; v < mesh.vertices; v++)
+        mesh.at[v][2] = fmax(mesh.at[v][2], 0);
+    for (size_t f = 0; f < mesh.faces; f++) {
+        plane[f] = mesh.at[mesh.face[f][0]][2] + mesh.at[mesh.face[f][1]][2] +
+                       mesh.at[mesh.face[f][2]][2] <
+                   1e-9;
+        rest += !plane[f];
+    }
+    assert_int_equal(cln_mesh_reduce(&mesh, BALL_FACES - 100, plane, &error, &crowded, &bent),
+                     CLN_OK);
+    assert_in_range(mesh.faces, rest + 50, rest + 500);
+    assert_int_equal(open_edges(&mesh), 0);
+    assert_true(error < 1e-4);
+    free_mesh(&mesh);
+}
+
 /* A flat sheet needs two triangles, with its border. */
 static void a_sheet_keeps_its_border(void **state)
 {
@@ -458,6 +485,7 @@ int test_group_reduce(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_ball_stays_round_and_closed),
         cmocka_unit_test(a_base_stays_flat),
+        cmocka_unit_test(a_base_leaves_the_rest),
         cmocka_unit_test(a_sheet_keeps_its_border),
         cmocka_unit_test(parts_stay_and_enough_is_enough),
         cmocka_unit_test(a_thin_ring_leaves_no_pairs),

@@ -91,6 +91,7 @@ static void assert_same_view(const cln_scene *scene, const cln_scene *other, int
     assert_int_equal(v->turned, w->turned);
     assert_int_equal(v->trained, w->trained);
     assert_int_equal(v->orientation, w->orientation);
+    assert_int_equal(v->edge, w->edge);
     assert_int_equal(cln_view_turn(v), cln_view_turn(w));
     assert_int_equal(v->mask_path && v->mask_black, w->mask_black);
     assert_false(cln_view_is_loaded(w));
@@ -106,6 +107,7 @@ static void test_there_and_back(void **state)
     scene->views[1].turned = true; /* as if EXIF data had said so */
     scene->views[1].orientation = 8;
     scene->views[2].orientation = 6;
+    scene->views[1].edge = 15;
     assert_int_not_equal(scene->views[4].split, CLN_SPLIT_TRAIN);
     scene->views[4].trained = true; /* as if by an earlier split */
     assert_ok(cln_cameras_write(run, scene, NULL));
