@@ -484,7 +484,8 @@ typedef struct cln_export_desc {
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ, GLB
      * or STL);
      * "volume": colour and density on a grid (npy); "cameras": the scene's cameras (transforms
-     * JSON, or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY). */
+     * JSON, or a folder of COLMAP's text files); "octree": the active leaves as boxes (PLY);
+     * "copy": a run of the newest model without the state of training (a new folder). */
     const char *what;
     const char *file;   /* its ending says the format, and must be one of these; for cameras, a
                            name without any is a folder's */

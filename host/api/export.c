@@ -108,7 +108,7 @@ static cln_status check_target(const cln_export_desc *desc, const export_row *ro
     struct stat info;
     const bool there = lstat(desc->file, &info) == 0;
 
-    if (folders && there && S_ISDIR(info.st_mode))
+    if (folders && (!wanted || (there && S_ISDIR(info.st_mode))))
         return CLN_OK;
     if (meant_by(desc, ending))
         return cln_fail(CLN_USAGE, "%s: %s", desc->file, meant_by(desc, ending));
@@ -152,6 +152,9 @@ static cln_status check_options(const cln_export_desc *desc)
         {"offset", "points mesh", moves(desc)},
         {"triangles", "mesh", desc->triangles != 0},
         {"colour", "octree", desc->colour && strcmp(desc->colour, "level") != 0},
+        {"overwrite", "points mesh volume cameras octree", desc->overwrite},
+        {"scale", "points mesh volume cameras octree", desc->scale != 0 && desc->scale != 1},
+        {"scene", "points mesh volume cameras octree", desc->scene != NULL},
     };
     cln_status st = CLN_OK;
 

@@ -14,6 +14,7 @@
 #include "base/text.h"
 #include "cli/console.h"
 #include "export/list.h"
+#include "model/model.h"
 #include "render/crop.h"
 #include "render/up.h"
 
@@ -35,11 +36,14 @@ static json_t *counts_of(const cln_export_result *r)
     return counts;
 }
 
-/* Of the file that was written; -1 of a folder. */
+/* Of the file that was written, or a copy's model; -1 of another folder. */
 static json_int_t bytes_of(const char *path)
 {
     struct stat info;
+    const double model = cln_is_dir(path) ? cln_checkpoint_newest_bytes(path) : 0;
 
+    if (model > 0)
+        return (json_int_t)model;
     return stat(path, &info) == 0 && S_ISREG(info.st_mode) ? (json_int_t)info.st_size : -1;
 }
 
@@ -194,7 +198,7 @@ static void ending_of(const char *what, char *out, size_t bytes)
     for (size_t i = 0; i < sizeof forms / sizeof *forms; i++) {
         const char *dot = strchr(forms[i].form, '.');
 
-        if (strcmp(what, forms[i].what) == 0)
+        if (dot && strcmp(what, forms[i].what) == 0)
             snprintf(out, bytes, "%.*s", (int)strcspn(dot, "|"), dot);
     }
 }
@@ -222,6 +226,8 @@ static cln_status export_to_stdout(const cln_options *options, cln_export_desc *
                         "--volume -: a volume is two files, the array and its place; name a "
                         "file");
     ending_of(desc->what, ending, sizeof ending);
+    if (strcmp(desc->what, "copy") == 0)
+        return cln_fail(CLN_USAGE, "--copy -: a copy of a run is a folder; name it");
     CLN_TRY(
         cln_asprintf(&path, "%s/cl-nascent-XXXXXX%s", folder && *folder ? folder : "/tmp", ending));
     file = mkstemps(path, (int)strlen(ending));

@@ -21,6 +21,9 @@
       "of a run with --refine-poses the corrected ones")                                           \
     X(octree, BOXES, "FILE.ply",                                                                   \
       "write the active leaves to this PLY file, as boxes with level and error; - is standard "    \
-      "output; not of a run with --space ndc or shell")
+      "output; not of a run with --space ndc or shell")                                            \
+    X(copy, CHECKPOINT, "FOLDER",                                                                  \
+      "write a copy of the run for pictures, the viewer and exports elsewhere: its newest model "  \
+      "without what only further training needs, and the scene's cameras; a new folder")
 
 #endif

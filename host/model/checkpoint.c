@@ -260,7 +260,7 @@ done:
 }
 
 /* Checks schema and digest, then fills in all but the tensors, and tensors_digest. */
-static cln_status read_document(const char *path, cln_model *out,
+static cln_status read_document(const char *path, bool training, cln_model *out,
                                 char tensors_digest[CLN_DIGEST_TEXT])
 {
     cln_status st = CLN_OK;
@@ -283,6 +283,11 @@ static cln_status read_document(const char *path, cln_model *out,
     if (!digest || strlen(digest) != CLN_DIGEST_TEXT - 1)
         CLN_TRY(cln_fail(CLN_CHECKPOINT, "%s: \"tensors_digest\" is missing", path));
     memcpy(tensors_digest, digest, CLN_DIGEST_TEXT);
+    if (training && json_is_false(json_object_get(document, "training")))
+        CLN_TRY(cln_fail(CLN_CHECKPOINT,
+                         "%s: it has no state of training, as `export --copy` leaves it out; go on "
+                         "with the run that it is a copy of",
+                         path));
     CLN_TRY(read_scalars(document, path, out));
 done:
     json_decref(document);
@@ -642,7 +647,7 @@ static cln_status read_one(const char *folder, int64_t step, bool training, cln_
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_asprintf(&json_path, "%s/%08" PRId64 ".json", folder, step));
     CLN_TRY(cln_asprintf(&tensor_path, "%s/%08" PRId64 ".safetensors", folder, step));
-    CLN_TRY(read_document(json_path, out, digest));
+    CLN_TRY(read_document(json_path, training, out, digest));
     CLN_TRY(read_tensors(tensor_path, digest, training, out));
 done:
     if (st != CLN_OK)

@@ -99,17 +99,17 @@ static const char *text_of(const json_t *object, const char *key)
     return json_string_value(json_object_get(object, key));
 }
 
-cln_status cln_recorded_place(const char *run, const cln_scene *scene, json_t *dataset)
+cln_status cln_recorded_place(const char *run, const char *scene, json_t *dataset)
 {
     cln_status st = CLN_OK;
     char *path = NULL, *folder = NULL, *from_run = NULL;
     json_t *text = NULL;
 
-    CLN_TRY(cln_path_absolute(&path, scene->path));
+    CLN_TRY(cln_path_absolute(&path, scene));
     CLN_TRY(cln_path_absolute(&folder, run));
     CLN_TRY(cln_path_relative(&from_run, folder, path));
     text = json_string(path); /* NULL where a folder above has a name that is no UTF-8 */
-    json_object_set_new(dataset, "path", text ? text : json_string(scene->path));
+    json_object_set_new(dataset, "path", text ? text : json_string(scene));
     text = json_string(from_run);
     json_object_set_new(dataset, "path_from_run", text ? text : json_null());
 done:

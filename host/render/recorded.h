@@ -45,7 +45,7 @@ cln_status cln_recorded_cameras(const char *run, cln_scene **scene);
  * than when it began; a warning if their size or background differs from before. */
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene);
 
-/* The members of run.json's dataset that say where a scene is, for cln_recorded_load. */
-cln_status cln_recorded_place(const char *run, const cln_scene *scene, json_t *dataset);
+/* Sets the members of run.json's dataset that say where its scene is, for cln_recorded_load. */
+cln_status cln_recorded_place(const char *run, const char *scene, json_t *dataset);
 
 #endif

@@ -203,7 +203,7 @@ cln_status cln_record_start(cln_trainer *t)
     CLN_TRY(cln_plan_json(&t->host_plan, &host_plan));
     json_object_del(scene, "cameras"); /* lists of all views are long */
     json_object_del(scene, "intrinsics");
-    CLN_TRY(cln_recorded_place(t->desc->run, t->scene, scene));
+    CLN_TRY(cln_recorded_place(t->desc->run, t->scene->path, scene));
     CLN_TRY(cln_orbit_frame_of(t->scene, (const double[3]){0}, &frame));
     cln_utc_now(now);
     CLN_TRY(cln_history_add(json_object_get(before, "history"), t->model.step,
@@ -332,7 +332,7 @@ cln_status cln_record_keep(const cln_trainer *t, const char *run)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", run));
     CLN_TRY(keep_checkpoint(t->desc->run, t->model.step, run));
     put_result(t, "interrupted", document);
-    CLN_TRY(cln_recorded_place(run, t->scene, json_object_get(document, "dataset")));
+    CLN_TRY(cln_recorded_place(run, t->scene->path, json_object_get(document, "dataset")));
     CLN_TRY(cln_path_join(&rows, t->desc->run, "metrics.jsonl"));
     CLN_TRY(cln_path_join(&copy, run, "metrics.jsonl"));
     (void)unlink(copy);

@@ -525,6 +525,34 @@ section_results() {
         "$cln" export "$work/whole" --cameras "$work/cameras" --json
     check "as many cameras as the scene has" [ "$(json cameras)" = \
         "$(grep -c '\.png$' "$work/cameras/images.txt")" ]
+    expect "export of a copy" 0 "" "$cln" export "$work/whole" --copy "$work/copy" --json
+    check "the copy's size is that of its model" [ "$(json bytes)" = \
+        "$(stat -c %s "$work"/copy/checkpoint/*.safetensors)" ]
+    check "it has a model, the cameras and what is known of the run" \
+        [ "$(cd "$work/copy" && find . -type f | sort | tr '\n' ' ')" = \
+        "./cameras.json ./checkpoint/00000300.json ./checkpoint/00000300.safetensors \
+./checkpoint/latest ./run.json " ]
+    check "it is smaller" [ "$(json bytes)" -lt \
+        $(($(stat -c %s "$work/whole/checkpoint/00000300.safetensors") * 3 / 4)) ]
+    for f in whole copy; do
+        expect "a picture of the $f" 0 "" env -C / "$cln" render "$work/$f" --orbit --frames 1 \
+            --width 32 -o "$work/picture-$f"
+        expect "an evaluation of the $f" 0 "" "$cln" eval "$work/$f" -o "$work/eval-$f"
+    done
+    check "pictures of a copy have the run's bits" cmp -s "$work/picture-whole/orbit_0001.png" \
+        "$work/picture-copy/orbit_0001.png"
+    check "figures, too" [ "$("$query" mean.psnr <"$work/eval-whole/00000300-test.json")" = \
+        "$("$query" mean.psnr <"$work/eval-copy/00000300-test.json")" ]
+    expect "a copy of the copy" 0 "" "$cln" export "$work/copy" --copy "$work/copy2"
+    check "it is the same" eval 'cmp -s "$work"/copy/checkpoint/*.safetensors \
+        "$work"/copy2/checkpoint/*.safetensors'
+    expect "a copy is no training" 8 "~no.state.of.training" "$cln" train --resume "$work/copy" \
+        --steps +1
+    expect "a copy takes a new folder" 7 "~already.exists" "$cln" export "$work/whole" \
+        --copy "$work/copy"
+    expect "a copy replaces nothing" 2 "--overwrite" "$cln" export "$work/whole" \
+        --copy "$work/copy" --overwrite
+    expect "a copy is a folder" 2 "--copy folder" "$cln" export "$work/whole" --copy -
     expect "a volume is two files" 2 "--volume" "$cln" export "$work/whole" --volume -
     expect "export of a folder that is not a run" 3 "blender" "$cln" export "$work/blender" \
         --octree "$work/none.ply"
