@@ -370,7 +370,7 @@ typedef struct cln_render_desc {
                                model, camera and settings; if not, CLN_OUTPUT */
     bool z_depth;           /* depth along the optical axis; else along the ray */
     bool pfm;               /* also NAME.depth.pfm */
-    double depth_unit;      /* also NAME.depth16.png, 16-bit grey in steps of this many scene units;
+    double depth_unit;      /* also NAME.metric.png, 16-bit grey in steps of this many scene units;
                                0 = not */
     bool mean_depth; /* depth is the mean over the ray; else half of its opacity is before it */
     cln_device_desc device;
@@ -382,6 +382,7 @@ typedef struct cln_render_desc {
                                 premultiplied; else colours on it. Of films: .mov and .webm */
     const float *background; /* [3] r, g, b in 0..1, sRGB; NULL = the run's own, or that of the
                                 crop box in the file of poses */
+    int bits; /* of colours and opacity in PNG files: 8 or 16; 0 = 8 */
 } cln_render_desc;
 
 typedef struct cln_render_result {

@@ -2,7 +2,7 @@
  * stereo pairs; render/frames.c chooses the cameras, render/view.c renders a view, render_folder.c
  * has the files. A frame's files, in the order in which they are written, each atomically:
  *
- *   NAME.depth.npy  (NAME.depth.pfm  NAME.depth16.png  NAME.normal.npy  NAME.normal.png)
+ *   NAME.depth.npy  (NAME.depth.pfm  NAME.metric.png  NAME.normal.npy  NAME.normal.png)
  *   NAME.opacity.png  NAME.png
  *
  * An old NAME.png is removed first and the new one written last, so a frame that was cut short is
@@ -142,6 +142,8 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
         d = cln_digest(d, j->crop.turn, sizeof j->crop.turn);
     if (j->desc->transparent)
         d = cln_digest(d, "transparent", 11);
+    if (j->desc->bits == 16)
+        d = cln_digest(d, "bits16", 6);
     if (j->desc->stereo > 0) {
         d = cln_digest(d, "stereo", 6);
         d = cln_digest(d, &j->desc->stereo, sizeof j->desc->stereo);
@@ -412,6 +414,7 @@ static cln_status check_given(const cln_render_desc *d)
         {"stereo", d->stereo, 0, 1e12},
         {"fps", d->fps, 0, 1000},
         {"depth_unit", d->depth_unit, 0, 1e12},
+        {"bits", d->bits, 0, 16},
     };
 
     CLN_TRY(cln_given("cln_render", "run", d->run));
@@ -424,6 +427,8 @@ static cln_status check_given(const cln_render_desc *d)
         CLN_TRY(
             cln_fail(CLN_USAGE, "--views: names views of a split; give it, without other poses"));
     CLN_TRY(cln_views_check(d->views, d->max_images));
+    if (d->bits != 0 && d->bits != 8 && d->bits != 16)
+        CLN_TRY(cln_fail(CLN_USAGE, "cln_render: bits: %d is neither 8 nor 16", d->bits));
     if (d->transparent && cln_film_named(d->out) && !cln_film_takes_alpha(d->out))
         CLN_TRY(cln_fail(CLN_USAGE, CLN_FILM_NO_ALPHA, d->out));
     for (int c = 0; c < 3 && d->background; c++)

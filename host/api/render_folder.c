@@ -19,13 +19,14 @@
 #include "io/hold.h"
 #include "io/image.h"
 #include "io/npy.h"
+#include "io/png16.h"
 #include "io/run_folder.h"
 #include "ranks/ranks.h"
 #include "scene/transforms_write.h"
 
 #define SCHEMA "cl-nascent.frames/1"
 
-static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",   ".depth16.png", ".normal.npy",
+static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",   ".metric.png", ".normal.npy",
                                        ".normal.png", ".opacity.png", ".png",         ".depth.png"};
 enum {
     DEPTH_NPY,
@@ -186,6 +187,8 @@ static json_t *describe(const cln_render_job *j)
         lost |= json_object_set_new(about, "fast", json_true());
     if (about && d->transparent)
         lost |= json_object_set_new(about, "transparent", json_true());
+    if (about && d->bits == 16)
+        lost |= json_object_set_new(about, "bits", json_integer(16));
     if (about && d->stereo > 0)
         lost |= json_object_set_new(about, "stereo", json_real(d->stereo));
     if (about && j->crop.on)
@@ -451,17 +454,93 @@ done:
     return st;
 }
 
-/* The frames' cameras as a scene of these pictures; none of stereo pairs, which have two each. */
+/* Adds the cameras of frames of other names that stay in the folder, each with its lens. */
+static cln_status add_earlier_cameras(const cln_render_job *j, json_t *frames)
+{
+    cln_status st = CLN_OK;
+    json_t *document = NULL, *frame = NULL, *model = NULL, *staying = NULL;
+    char *path = NULL, *name = NULL;
+    size_t at = 0;
+    int lost = 0;
+
+    staying = json_copy(json_object_get(j->before, "frames"));
+    for (int i = 0; i < j->count; i++)
+        json_object_del(staying, j->frames[i].name);
+    CLN_TRY(cln_path_join(&path, j->desc->out, "transforms.json"));
+    if (!cln_is_file(path) || cln_json_read(path, false, &document) != CLN_OK) {
+        cln_clear_error(); /* of stereo pairs there is none */
+        goto done;
+    }
+    model = json_object_get(document, "camera_model");
+    json_array_foreach(json_object_get(document, "frames"), at, frame)
+    {
+        const char *file = json_string_value(json_object_get(frame, "file_path"));
+
+        if (!file || !cln_ends_with(file, suffixes[COLOUR_PNG]))
+            continue;
+        free(name);
+        name = NULL;
+        CLN_TRY(cln_asprintf(&name, "%.*s", (int)(strlen(file) - strlen(suffixes[COLOUR_PNG])),
+                             file));
+        if (!json_object_get(staying, name))
+            continue;
+        if (model && !json_object_get(frame, "camera_model"))
+            lost |= json_object_set(frame, "camera_model", model);
+        lost |= json_array_append(frames, frame);
+    }
+    if (lost)
+        CLN_TRY(cln_fail(CLN_MEMORY, "transforms.json: cannot make JSON"));
+done:
+    json_decref(document);
+    json_decref(staying);
+    free(path);
+    free(name);
+    return st;
+}
+
+static int by_file(const void *a, const void *b)
+{
+    const json_t *const *x = a, *const *y = b;
+
+    return strcmp(json_string_value(json_object_get(*x, "file_path")),
+                  json_string_value(json_object_get(*y, "file_path")));
+}
+
+/* Brings frames of several renders into the order of their names. */
+static cln_status sort_cameras(json_t *frames)
+{
+    cln_status st = CLN_OK;
+    const size_t count = json_array_size(frames);
+    json_t **list = NULL;
+    int lost = 0;
+
+    CLN_TRY(cln_alloc(&list, count, sizeof *list, "cameras"));
+    for (size_t i = 0; i < count; i++)
+        list[i] = json_incref(json_array_get(frames, i));
+    qsort(list, count, sizeof *list, by_file);
+    for (size_t i = 0; i < count; i++)
+        lost |= json_array_set_new(frames, i, list[i]);
+    if (lost)
+        CLN_TRY(cln_fail(CLN_MEMORY, "transforms.json: cannot make JSON"));
+done:
+    free(list);
+    return st;
+}
+
+/* The cameras of the folder's frames as a scene of these pictures; none of stereo pairs, which have
+ * two each. */
 static cln_status write_cameras(const cln_render_job *j)
 {
     cln_status st = CLN_OK;
     json_t *document = json_object(), *frames = json_array();
     char *name = NULL;
-    bool one_lens = true;
+    bool one_lens = j->earlier == 0;
     int lost = json_object_set_new(document, "frames", frames);
 
     if (cln_render_eyes(j) > 1)
         goto done;
+    if (j->earlier > 0)
+        CLN_TRY(add_earlier_cameras(j, frames));
     for (int i = 1; i < j->count; i++)
         one_lens = one_lens && j->frames[i].camera.lens == j->frames[0].camera.lens;
     if (one_lens)
@@ -485,6 +564,8 @@ static cln_status write_cameras(const cln_render_job *j)
     }
     if (lost)
         CLN_TRY(cln_fail(CLN_MEMORY, "transforms.json: cannot make JSON"));
+    if (j->earlier > 0)
+        CLN_TRY(sort_cameras(frames));
     CLN_TRY(cln_run_write_json(j->desc->out, "transforms.json", document));
 done:
     json_decref(document);
@@ -521,12 +602,42 @@ static cln_status write_colours(const cln_render_job *j, const char *path, const
 {
     cln_status st = CLN_OK;
     const bool alpha = j->desc->transparent;
+    const int channels = alpha ? 4 : 3;
     uint8_t *bytes = NULL;
+    uint16_t *words = NULL;
 
-    CLN_TRY(cln_picture_to_bytes(p, alpha, &bytes));
-    CLN_TRY(cln_image_write_png(path, p->width, p->height, alpha ? 4 : 3, bytes));
+    if (j->desc->bits == 16) {
+        CLN_TRY(cln_picture_to_words(p, alpha, &words));
+        CLN_TRY(cln_png16_write(path, p->width, p->height, channels, words));
+    } else {
+        CLN_TRY(cln_picture_to_bytes(p, alpha, &bytes));
+        CLN_TRY(cln_image_write_png(path, p->width, p->height, channels, bytes));
+    }
 done:
     free(bytes);
+    free(words);
+    return st;
+}
+
+static cln_status write_opacity(const cln_render_job *j, const char *path, const cln_picture *p)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)p->width * (size_t)p->height;
+    const bool deep = j->desc->bits == 16;
+    uint8_t *bytes = NULL;
+    uint16_t *words = NULL;
+
+    CLN_TRY(cln_alloc(&bytes, deep ? 0 : n, sizeof *bytes, "picture"));
+    CLN_TRY(cln_alloc(&words, deep ? n : 0, sizeof *words, "picture"));
+    for (size_t i = 0; i < n && !deep; i++)
+        bytes[i] = cln_to_u8(p->opacity[i]);
+    for (size_t i = 0; i < n && deep; i++)
+        words[i] = cln_to_u16(p->opacity[i]);
+    CLN_TRY(deep ? cln_png16_write(path, p->width, p->height, 1, words)
+                 : cln_image_write_png(path, p->width, p->height, 1, bytes));
+done:
+    free(bytes);
+    free(words);
     return st;
 }
 
@@ -559,17 +670,14 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
                                   const cln_picture *p, const float *normals, char **warning)
 {
     cln_status st = CLN_OK;
-    const size_t n = (size_t)p->width * (size_t)p->height;
     const int shape[2] = {p->height, p->width};
     char *path[FILES] = {NULL};
-    uint8_t *bytes = NULL;
     int beyond = 0, behind = 0;
     char far[96] = "";
 
     *warning = NULL;
     for (int file = 0; file < FILES; file++)
         CLN_TRY(path_of(j, f, file, &path[file]));
-    CLN_TRY(cln_alloc(&bytes, n, 1, "picture"));
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
     if (is_wanted(j, DEPTH_PFM))
         CLN_TRY(cln_depth_write_pfm(path[DEPTH_PFM], p->width, p->height, p->depth));
@@ -590,14 +698,11 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
         CLN_TRY(cln_asprintf(warning, "%s: %s", path[DEPTH_PNG16], far));
     if (normals)
         CLN_TRY(write_normals(j, f, normals));
-    for (size_t i = 0; i < n; i++)
-        bytes[i] = cln_to_u8(p->opacity[i]);
-    CLN_TRY(cln_image_write_png(path[OPACITY_PNG], p->width, p->height, 1, bytes));
+    CLN_TRY(write_opacity(j, path[OPACITY_PNG], p));
     CLN_TRY(write_colours(j, path[COLOUR_PNG], p));
 done:
     for (int file = 0; file < FILES; file++)
         free(path[file]);
-    free(bytes);
     return st;
 }
 
@@ -689,7 +794,8 @@ cln_status cln_render_check_disk(const cln_render_job *j)
 
     for (int i = 0; i < j->count; i++)
         if (!j->frames[i].there)
-            bytes += (sizeof(float) + 5.0 + j->desc->transparent + 4.0 * j->desc->pfm +
+            bytes += (sizeof(float) + (4.0 + j->desc->transparent) * (j->desc->bits == 16 ? 2 : 1) +
+                      1 + 4.0 * j->desc->pfm +
                       (j->desc->depth_unit > 0 ? 2 : 0) + 15.0 * j->desc->normals) *
                      cln_render_width(j, &j->frames[i]) * j->frames[i].camera.height;
     return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;

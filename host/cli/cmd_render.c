@@ -123,6 +123,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .normals = options->normals,
                             .transparent = options->transparent,
                             .depth_unit = options->depth_unit,
+                            .bits = strcmp(options->bits, "16") == 0 ? 16 : 8,
                             .mean_depth = strcmp(options->depth, "mean") == 0,
                             .device = options->device};
 

@@ -799,3 +799,10 @@ uint8_t cln_to_u8(float value)
         return 0;
     return value >= 1 ? 255 : (uint8_t)(value * 255 + 0.5f);
 }
+
+uint16_t cln_to_u16(float value)
+{
+    if (!(value > 0))
+        return 0;
+    return value >= 1 ? 65535 : (uint16_t)(value * 65535 + 0.5f);
+}

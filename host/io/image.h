@@ -82,7 +82,8 @@ cln_status cln_image_encode_png(int width, int height, int channels, const uint8
 cln_status cln_image_encode_jpeg(int width, int height, int channels, const uint8_t *pixels,
                                  int quality, uint8_t **out, size_t *bytes);
 
-/* 0..1 float -> u8, clamped, rounded to nearest; NaN becomes 0. */
+/* 0..1 float -> u8 or u16, clamped, rounded to nearest; NaN becomes 0. */
 uint8_t cln_to_u8(float value);
+uint16_t cln_to_u16(float value);
 
 #endif

@@ -57,6 +57,19 @@ done:
     return st;
 }
 
+cln_status cln_picture_to_words(const cln_picture *p, bool alpha, uint16_t **words)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)p->width * (size_t)p->height, channels = alpha ? 4 : 3;
+
+    CLN_TRY(cln_alloc(words, n * channels, sizeof **words, "picture"));
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < channels; k++)
+            (*words)[channels * i + k] = cln_to_u16(k < 3 ? p->rgb[3 * i + k] : p->opacity[i]);
+done:
+    return st;
+}
+
 void cln_picture_straight(const float background[3], cln_picture *p)
 {
     const size_t n = (size_t)p->width * (size_t)p->height;

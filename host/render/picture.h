@@ -27,6 +27,9 @@ float cln_depth_along_axis(const cln_camera *camera, int x, int y, bool back, fl
  * CLN_MEMORY. */
 cln_status cln_picture_to_bytes(const cln_picture *picture, bool alpha, uint8_t **bytes);
 
+/* The same in 16 bits. */
+cln_status cln_picture_to_words(const cln_picture *picture, bool alpha, uint16_t **words);
+
 /* Takes the background out of its colours, which become straight (not premultiplied), as in PNG:
  * 0 where opacity is 0. */
 void cln_picture_straight(const float background[3], cln_picture *picture);

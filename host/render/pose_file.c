@@ -311,7 +311,11 @@ cln_status cln_frames_read(const char *path, int width, int height, cln_frames *
     const json_t *stations = NULL, *frames = NULL;
     size_t count = 0;
 
-    CLN_TRY(cln_transforms_read(path, &root));
+    st = cln_transforms_read(path, &root);
+    if (st == CLN_INPUT && !cln_ends_with(path, ".json"))
+        cln_note("reading it as JSON: --poses takes camera_path.json, as nerfstudio and `view` "
+                 "write it, and transforms JSON; docs/formats.md tells how to write one");
+    CLN_TRY(st);
     stations = json_object_get(root, "camera_path");
     frames = stations ? stations : json_object_get(root, "frames");
     count = json_array_size(frames);

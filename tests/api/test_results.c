@@ -265,7 +265,7 @@ static void test_render_skips(void **state)
 /* Frames that are rendered again leave no file of before: it would be taken for one of now. */
 static void test_render_drops_what_is_stale(void **state)
 {
-    static const char *const extra[] = {"kinds/test_r_1.depth.pfm", "kinds/test_r_1.depth16.png",
+    static const char *const extra[] = {"kinds/test_r_1.depth.pfm", "kinds/test_r_1.metric.png",
                                         "kinds/test_r_1.normal.npy", "kinds/test_r_1.normal.png"};
     fixture_stop none = {0};
     cln_render_desc desc = render_desc("kinds", &none);

@@ -462,7 +462,24 @@ section_results() {
         "$(tail -c 192 "$d.depth.pfm" | cksum)" = \
         "$(tail -c +129 "$d.depth.npy" | head -c 192 | cksum)" ]
     check "the PNG has 16 bits of grey" [ \
-        "$(od -An -tu1 -j24 -N2 "$d.depth16.png" | tr -s ' ')" = " 16 0" ]
+        "$(od -An -tu1 -j24 -N2 "$d.metric.png" | tr -s ' ')" = " 16 0" ]
+    for range in 1 0 2; do # any order; the folder has them all
+        expect "render in ranges: $range" 0 "" "$cln" render "$work/whole" --frames $range-$range \
+            --bits 16 --transparent -o "$work/ranges"
+    done
+    check "the folder's cameras are those of all its pictures, in order" [ "$(for i in 0 1 2; do
+        "$query" frames.$i.file_path <"$work/ranges/transforms.json"
+    done | tr '\n' ' ')" = "test_r_000.png test_r_001.png test_r_002.png " ]
+    check "RGBA of 16 bits" [ \
+        "$(od -An -tu1 -j24 -N2 "$work/ranges/test_r_001.png" | tr -s ' ')" = " 16 6" ]
+    expect "the same poses again, in 8 bits" 0 "" "$cln" render "$work/whole" --transparent \
+        --poses "$work/ranges/transforms.json" -o "$work/bits8"
+    expect "frames of other bits" 7 "settings" "$cln" render "$work/whole" -o "$work/ranges" \
+        --transparent
+    expect "a film of 16 bits" 2 "--bits film" "$cln" render "$work/whole" --orbit --bits 16 \
+        -o "$work/deep.mp4"
+    expect "poses that are no JSON" 3 "JSON camera_path.json" "$cln" render "$work/whole" \
+        --poses "$work/depths/test_r_000.png" -o "$work/nothing"
     expect "render --spiral to a film" 0 "" "$cln" render "$work/whole" --spiral 2 --width 40 \
         --height 30 -o "$work/film.y4m" --fps 12 --json
     check "the film has that size and frame rate" \

@@ -287,7 +287,11 @@ static void every_other_option_is_read(void **state)
     assert_true(o->min_psnr == 28.5);
     assert_null(o->views);
     done(&l);
+    o = parsed(&l, "render run --bits 16");
+    assert_string_equal(o->bits, "16");
+    done(&l);
     o = parsed(&l, "render run --split train --views a,b.png");
+    assert_string_equal(o->bits, "8");
     assert_string_equal(o->views, "a,b.png");
     done(&l);
 

@@ -13,6 +13,7 @@
 #include <zlib.h>
 #include "io/image.h"
 #include "io/npy.h"
+#include "io/png16.h"
 #include "near.h"
 #include "scratch.h"
 #include "stb_image_write.h"
@@ -591,12 +592,58 @@ static void test_npy_broken(void **state)
     cln_clear_error();
 }
 
+/* 16-bit PNG, decoded by hand as far as its definition asks: chunks, deflate, filter 1. */
+static void test_png_of_words(void **state)
+{
+    enum { WIDTH = 5, HEIGHT = 3 };
+    static const int kinds[5] = {-1, 0, -1, 2, 6};
+
+    for (int channels = 1; channels <= 4; channels += channels == 1 ? 2 : 1) {
+        const size_t row = 1 + 2 * (size_t)(WIDTH * channels);
+        const char *path = scratch_path(*state, "words.png");
+        uint16_t words[HEIGHT * WIDTH * 4];
+        uint8_t rows[HEIGHT * (1 + 2 * WIDTH * 4)];
+        uLongf got = sizeof rows;
+        size_t size = 0;
+        char *file = NULL;
+
+        for (int i = 0; i < HEIGHT * WIDTH * channels; i++)
+            words[i] = (uint16_t)(i * 12345 + 257 * channels);
+        words[7] = 65535;
+        words[8] = 0;
+        assert_int_equal(cln_png16_write(path, WIDTH, HEIGHT, channels, words), CLN_OK);
+        file = scratch_get(path, &size);
+        assert_memory_equal(file, "\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\5\0\0\0\3\x10", 25);
+        assert_int_equal(file[25], kinds[channels]);
+        assert_int_equal(cln_image_check(path), CLN_OK); /* the checksums */
+        assert_memory_equal(file + 37, "IDAT", 4);
+        assert_int_equal(uncompress(rows, &got, (const Bytef *)file + 41, (uLong)size - 57), Z_OK);
+        assert_int_equal(got, HEIGHT * row);
+        for (int y = 0; y < HEIGHT; y++) {
+            uint8_t *line = rows + (size_t)y * row + 1;
+
+            assert_int_equal(line[-1], 1);
+            for (int i = 2 * channels; i < 2 * WIDTH * channels; i++)
+                line[i] = (uint8_t)(line[i] + line[i - 2 * channels]);
+            for (int i = 0; i < WIDTH * channels; i++)
+                assert_int_equal(line[2 * i] * 256 + line[2 * i + 1],
+                                 words[y * WIDTH * channels + i]);
+        }
+        free(file);
+    }
+    assert_int_equal(cln_to_u16(NAN), 0);
+    assert_int_equal(cln_to_u16(-1), 0);
+    assert_int_equal(cln_to_u16(2), 65535);
+    assert_int_equal(cln_to_u16(0.5f), 32768);
+}
+
 int test_group_image(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_png_round_trip, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_png_transparent_colour, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_png_of_sixteen_bits, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_png_of_words, scratch_make, scratch_remove),
         cmocka_unit_test(test_jpeg_of_a_gradient),
         cmocka_unit_test_setup_teardown(test_png_damage, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_absurd_sizes, scratch_make, scratch_remove),
