@@ -244,6 +244,8 @@ typedef struct cln_train_result {
     uint64_t digest;               /* model_digest */
     int psnr_train_steps;          /* psnr_train is over the last so many steps; 0 if unknown */
     double cpu_seconds; /* of processors for `seconds`; NaN if earlier starts tell none */
+    int64_t eval_step;  /* that psnr_test is of, of an interrupted training an earlier one; -1 if
+                           psnr_test is NaN */
 } cln_train_result;
 
 /* Trains until a budget is used up; docs/formats.md describes RUN/. Where memory is short, a new
@@ -382,7 +384,7 @@ typedef struct cln_render_desc {
                                 premultiplied; else colours on it. Of films: .mov and .webm */
     const float *background; /* [3] r, g, b in 0..1, sRGB; NULL = the run's own, or that of the
                                 crop box in the file of poses */
-    int bits; /* of colours and opacity in PNG files: 8 or 16; 0 = 8 */
+    int bits;                /* of colours and opacity in PNG files: 8 or 16; 0 = 8 */
 } cln_render_desc;
 
 typedef struct cln_render_result {

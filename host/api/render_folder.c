@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/commit.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -27,7 +28,7 @@
 #define SCHEMA "cl-nascent.frames/1"
 
 static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",   ".metric.png", ".normal.npy",
-                                       ".normal.png", ".opacity.png", ".png",         ".depth.png"};
+                                       ".normal.png", ".opacity.png", ".png",        ".depth.png"};
 enum {
     DEPTH_NPY,
     DEPTH_PFM,
@@ -170,11 +171,11 @@ static json_t *describe(const cln_render_job *j)
             lost |=
                 json_object_set_new(frames, j->frames[i].name, json_string(j->frames[i].made_from));
     cln_digest_text(j->model_digest, digest);
-    about = json_pack("{s:s, s:s, s:s, s:I, s:s, s:s, s:s, s:o}", "schema", SCHEMA, "tool",
-                      "cl-nascent " CLN_VERSION, "model_digest", digest, "step",
-                      (json_int_t)j->opened.model.step, "depth", d->z_depth ? "axis" : "ray",
-                      "depth_of", d->mean_depth ? "mean" : "median", "poses", j->cameras.poses,
-                      "frames", frames);
+    about = json_pack("{s:s, s:s, s:s, s:s, s:I, s:s, s:s, s:s, s:o}", "schema", SCHEMA, "tool",
+                      "cl-nascent " CLN_VERSION, "commit", cln_commit(), "model_digest", digest,
+                      "step", (json_int_t)j->opened.model.step, "depth",
+                      d->z_depth ? "axis" : "ray", "depth_of", d->mean_depth ? "mean" : "median",
+                      "poses", j->cameras.poses, "frames", frames);
     if (about)
         lost |= json_object_set_new(about, "background", background_json(j));
     if (about && j->earlier > 0)
@@ -231,8 +232,8 @@ static json_t *describe(const cln_render_job *j)
  * range of them. */
 static bool is_of_path(const cln_render_job *j, bool range)
 {
-    static const char *const others[] = {"tool", "frames", "earlier_frames", "depth_picture",
-                                         "range"};
+    static const char *const others[] = {"tool",           "commit",        "frames",
+                                         "earlier_frames", "depth_picture", "range"};
     const size_t count = sizeof others / sizeof *others - !range;
     json_t *now = describe(j), *before = json_copy(j->before);
     bool same = false;
@@ -480,8 +481,8 @@ static cln_status add_earlier_cameras(const cln_render_job *j, json_t *frames)
             continue;
         free(name);
         name = NULL;
-        CLN_TRY(cln_asprintf(&name, "%.*s", (int)(strlen(file) - strlen(suffixes[COLOUR_PNG])),
-                             file));
+        CLN_TRY(
+            cln_asprintf(&name, "%.*s", (int)(strlen(file) - strlen(suffixes[COLOUR_PNG])), file));
         if (!json_object_get(staying, name))
             continue;
         if (model && !json_object_get(frame, "camera_model"))
@@ -794,9 +795,9 @@ cln_status cln_render_check_disk(const cln_render_job *j)
 
     for (int i = 0; i < j->count; i++)
         if (!j->frames[i].there)
-            bytes += (sizeof(float) + (4.0 + j->desc->transparent) * (j->desc->bits == 16 ? 2 : 1) +
-                      1 + 4.0 * j->desc->pfm +
-                      (j->desc->depth_unit > 0 ? 2 : 0) + 15.0 * j->desc->normals) *
-                     cln_render_width(j, &j->frames[i]) * j->frames[i].camera.height;
+            bytes +=
+                (sizeof(float) + (4.0 + j->desc->transparent) * (j->desc->bits == 16 ? 2 : 1) + 1 +
+                 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0) + 15.0 * j->desc->normals) *
+                cln_render_width(j, &j->frames[i]) * j->frames[i].camera.height;
     return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;
 }

@@ -725,9 +725,10 @@ static void say_no_averages(const cln_trainer *t)
 /* Says of a training whose test views stayed far behind what can be done. */
 static void say_doubt(const cln_trainer *t)
 {
+    const cln_doubt of = {t->psnr_train, t->psnr_test, t->psnr_fitted, t->model.exposed};
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
-    if (t->writes && cln_report_doubt(t->psnr_train, t->psnr_test, doubt))
+    if (t->writes && cln_report_doubt(&of, doubt))
         cln_warn("%s; `cl-nascent check %s` looks for what is wrong", doubt,
                  cln_shell_quote(t->scene->path, quoted, sizeof quoted));
 }
@@ -741,6 +742,7 @@ static cln_status train(const cln_train_desc *desc, cln_train_result *result)
                      .began = cln_now(),
                      .psnr_train = NAN,
                      .psnr_test = NAN,
+                     .psnr_fitted = NAN,
                      .psnr_exposed = NAN,
                      .start_seconds = NAN,
                      .eval_seconds = NAN,
@@ -768,6 +770,7 @@ done:
     result->psnr_train_steps = t.psnr_train_steps;
     result->psnr_test = t.psnr_test;
     result->psnr_exposed = t.psnr_exposed;
+    result->eval_step = isfinite(t.psnr_test) ? t.eval_step : -1;
     result->eval_views = isfinite(t.psnr_test) ? t.eval_count : 0;
     result->test_views = t.scene ? cln_scene_split_count(t.scene, CLN_SPLIT_TEST) : 0;
     result->leaves = t.model.tree.leaf_count;

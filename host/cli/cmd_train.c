@@ -30,16 +30,17 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
 
     cln_digest_text(r->digest, digest);
     if (options->json)
-        return cln_print_json(
-            json_pack("{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:o s:i s:i s:i s:o s:o s:s}", "schema",
-                      "cl-nascent.train/1", "run", run, "state", state_of(trained), "step",
-                      (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "cpu_seconds",
-                      cln_json_real(r->cpu_seconds), "wall_seconds", cln_json_real(r->wall_seconds),
-                      "psnr_train", cln_json_real(r->psnr_train), "psnr_test",
-                      cln_json_real(r->psnr_test), "psnr_exposed", cln_json_real(r->psnr_exposed),
-                      "eval_views", r->eval_views, "test_views", r->test_views, "leaves", r->leaves,
-                      "device_peak", cln_json_whole(r->device_peak), "host_peak",
-                      cln_json_whole(r->host_peak), "model_digest", digest));
+        return cln_print_json(json_pack(
+            "{s:s s:s s:s s:I s:o s:o s:o s:o s:o s:o s:o s:i s:i s:i s:o s:o s:s}", "schema",
+            "cl-nascent.train/1", "run", run, "state", state_of(trained), "step",
+            (json_int_t)r->step, "seconds", cln_json_real(r->seconds), "cpu_seconds",
+            cln_json_real(r->cpu_seconds), "wall_seconds", cln_json_real(r->wall_seconds),
+            "psnr_train", cln_json_real(r->psnr_train), "psnr_test", cln_json_real(r->psnr_test),
+            "psnr_exposed", cln_json_real(r->psnr_exposed), "eval_step",
+            r->eval_step >= 0 ? json_integer((json_int_t)r->eval_step) : json_null(), "eval_views",
+            r->eval_views, "test_views", r->test_views, "leaves", r->leaves, "device_peak",
+            cln_json_whole(r->device_peak), "host_peak", cln_json_whole(r->host_peak),
+            "model_digest", digest));
     cln_format_count((double)r->step, step);
     cln_format_duration(r->seconds, training);
     cln_format_duration(r->wall_seconds, wall);
@@ -70,6 +71,10 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     else if (isfinite(r->psnr_test))
         printf(", %s test (over %s%d test view%s)", test, r->test_views > 1 ? "all " : "",
                r->test_views, r->test_views > 1 ? "s" : "");
+    if (isfinite(r->psnr_test) && r->eval_step >= 0 && r->eval_step < r->step) {
+        cln_format_count((double)r->eval_step, step);
+        printf(", at step %s", step);
+    }
     putchar('\n');
     if (isfinite(r->psnr_exposed))
         printf(
@@ -120,6 +125,23 @@ static cln_status check_scene(const cln_options *options)
     return st;
 }
 
+/* Are the settings the run's, and its steps or seconds as many as the budget asks for? */
+static bool asks_no_more(const cln_config *now, const cln_config *its, const json_t *result)
+{
+    const double steps = cln_json_number(result, "step"),
+                 epochs = cln_json_number(result, "epochs");
+    cln_config alike = *now;
+
+    alike.steps = its->steps;
+    alike.epochs = its->epochs;
+    alike.time_limit = its->time_limit;
+    if (cln_config_differs(&alike, its, 0))
+        return false;
+    return !cln_config_differs(now, its, 0) || (now->steps > 0 && steps >= now->steps) ||
+           (now->epochs > 0 && epochs >= now->epochs) ||
+           (now->time_limit > 0 && cln_json_number(result, "seconds") >= now->time_limit);
+}
+
 /* *is_done: --resume-or-start finds a run of this scene that is, and no setting is another. Says
  * so, and prints its result as it was. */
 static cln_status finish_early(const cln_options *options, bool *is_done)
@@ -129,13 +151,13 @@ static cln_status finish_early(const cln_options *options, bool *is_done)
     const char *run = options->resume, *state = NULL, *digest = NULL;
     json_t *document = NULL;
     const json_t *r = NULL;
-    cln_train_result result = {.psnr_exposed = NAN};
+    cln_train_result result = {.psnr_exposed = NAN, .eval_step = -1};
 
     *is_done = false;
     CLN_TRY(cln_run_read(run, &document));
     state = cln_json_text(document, "state");
     if (strcmp(state, "done") != 0 || !is_scene_of(document, options->operand) ||
-        cln_config_differs(&settings->config, &settings->base, 0) != NULL)
+        !asks_no_more(&settings->config, &settings->base, json_object_get(document, "result")))
         goto done;
     *is_done = true;
     CLN_TRY(check_scene(options));
@@ -150,6 +172,8 @@ static cln_status finish_early(const cln_options *options, bool *is_done)
     result.wall_seconds = cln_json_number(r, "wall_seconds");
     result.psnr_train = cln_json_number(r, "psnr_train");
     result.psnr_test = cln_json_number(r, "psnr_test");
+    if (json_is_integer(json_object_get(r, "eval_step")))
+        result.eval_step = json_integer_value(json_object_get(r, "eval_step"));
     result.eval_views = (int)json_integer_value(json_object_get(r, "eval_views"));
     result.test_views = (int)json_integer_value(
         json_object_get(json_object_get(json_object_get(document, "dataset"), "splits"), "test"));
@@ -168,8 +192,11 @@ cln_status cln_cmd_train(const cln_options *options)
     cln_status st = CLN_OK;
     cln_status trained = CLN_OK;
     cln_console console = {0};
-    cln_train_result result = {
-        .cpu_seconds = NAN, .psnr_train = NAN, .psnr_test = NAN, .psnr_exposed = NAN};
+    cln_train_result result = {.cpu_seconds = NAN,
+                               .psnr_train = NAN,
+                               .psnr_test = NAN,
+                               .psnr_exposed = NAN,
+                               .eval_step = -1};
     const char *run = options->resume ? options->resume : options->output;
     const cln_live_desc live = {.listen = options->listen,
                                 .port = options->port,

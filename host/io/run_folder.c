@@ -365,9 +365,10 @@ done:
     return st;
 }
 
-/* The last whole row up to `step` that is no event, its first byte, and how many follow it. */
-static cln_status find_last(const char *path, int64_t step, json_t **row, size_t *at,
-                            size_t *behind)
+/* The last whole row up to `step` that is no event, its first byte, and how many follow it. key: it
+ * has a number of this name; NULL: any. */
+static cln_status find_last(const char *path, int64_t step, const char *key, json_t **row,
+                            size_t *at, size_t *behind)
 {
     cln_status st = CLN_OK;
     char *text = NULL;
@@ -381,7 +382,8 @@ static cln_status find_last(const char *path, int64_t step, json_t **row, size_t
         *behind = bytes - end;
         if (text[end - 1] == '\n' && keep_row(text + *at, end - *at, step))
             *row = json_loadb(text + *at, end - *at, 0, NULL);
-        if (json_object_get(*row, "event")) {
+        if (json_object_get(*row, "event") ||
+            (key && !json_is_number(json_object_get(*row, key)))) {
             json_decref(*row);
             *row = NULL;
         }
@@ -397,7 +399,7 @@ cln_status cln_metrics_amend(cln_metrics *metrics, int64_t step, const char *key
     json_t *row = NULL;
     size_t at = 0, behind = 0;
 
-    CLN_TRY(find_last(metrics->path, step, &row, &at, &behind));
+    CLN_TRY(find_last(metrics->path, step, NULL, &row, &at, &behind));
     if (!row || behind > 0 || json_integer_value(json_object_get(row, "step")) != step)
         goto done;
     json_object_set_new(row, key, cln_json_real(number));
@@ -409,7 +411,7 @@ done:
     return st;
 }
 
-cln_status cln_metrics_last(const char *run, int64_t step, json_t **row)
+cln_status cln_metrics_last(const char *run, int64_t step, const char *key, json_t **row)
 {
     cln_status st = CLN_OK;
     char *path = NULL;
@@ -418,7 +420,7 @@ cln_status cln_metrics_last(const char *run, int64_t step, json_t **row)
     *row = NULL;
     CLN_TRY(cln_path_join(&path, run, "metrics.jsonl"));
     if (cln_is_file(path))
-        CLN_TRY(find_last(path, step, row, &at, &behind));
+        CLN_TRY(find_last(path, step, key, row, &at, &behind));
 done:
     free(path);
     return st;

@@ -1,12 +1,14 @@
-/* See run_history.h. A start is {"step", "started", "command", "changed"}; `changed` has, by field
- * name, an array of the value before and the one since, and by `scene` the digests. */
+/* See run_history.h. A start is {"step", "started", "program", "command", "changed"}; `changed` has,
+ * by field name, an array of the value before and the one since, by `scene` the digests, and by
+ * `program` versions with their commits. */
 #include "io/run_history.h"
 
 #include <stdio.h>
 #include <string.h>
 #include "base/number.h"
 
-#define SCENE "scene" /* no setting is called so */
+#define SCENE   "scene" /* no setting is called so */
+#define PROGRAM "program"
 
 /* What is only measured or written does not change the model. */
 static bool shapes_model(const cln_config_row *row)
@@ -42,26 +44,34 @@ done:
     return st;
 }
 
+/* Of two texts that are known and differ. */
+static void compare_texts(const char *const texts[2], const char *key, json_t *changed)
+{
+    if (texts[0] && texts[1] && strcmp(texts[0], texts[1]) != 0)
+        json_object_set_new(changed, key, json_pack("[s, s]", texts[0], texts[1]));
+}
+
 cln_status cln_history_add(const json_t *before, int64_t step, const char *command,
                            const char *started, const cln_config *saved, const cln_config *now,
-                           const char *const scenes[2], json_t **out)
+                           const char *const scenes[2], const char *const programs[2], json_t **out)
 {
     cln_status st = CLN_OK;
     json_t *history = json_array(), *changed = json_object(), *start = NULL;
 
     *out = NULL;
-    if (saved)
+    if (saved) {
         CLN_TRY(compare(saved, now, changed));
-    if (saved && scenes[0] && scenes[1] && strcmp(scenes[0], scenes[1]) != 0)
-        json_object_set_new(changed, SCENE, json_pack("[s, s]", scenes[0], scenes[1]));
+        compare_texts(scenes, SCENE, changed);
+        compare_texts(programs, PROGRAM, changed);
+    }
     for (size_t i = 0; i < json_array_size(before); i++) {
         json_t *earlier = json_array_get(before, i);
 
         if (i == 0 || step_of(earlier) < step) /* else its steps are trained anew */
             json_array_append(history, earlier);
     }
-    start = json_pack("{s:I, s:s, s:s, s:O}", "step", (json_int_t)step, "started", started,
-                      "command", command, "changed", changed);
+    start = json_pack("{s:I, s:s, s:s*, s:s, s:O}", "step", (json_int_t)step, "started", started,
+                      PROGRAM, programs[1], "command", command, "changed", changed);
     if (json_array_append_new(history, start) != 0)
         CLN_TRY(cln_fail(CLN_MEMORY, "history: cannot make JSON"));
     *out = history;
@@ -79,7 +89,7 @@ bool cln_history_changed(const json_t *start)
     for (int i = 0; i < cln_config_row_count; i++)
         if (shapes_model(&cln_config_rows[i]) && json_object_get(changed, cln_config_rows[i].field))
             return true;
-    return json_object_get(changed, SCENE) != NULL;
+    return json_object_get(changed, SCENE) || json_object_get(changed, PROGRAM);
 }
 
 static void write_value(const json_t *value, char *out, size_t bytes)
@@ -96,6 +106,7 @@ void cln_history_text(const json_t *start, char out[CLN_HISTORY_BYTES])
 {
     const json_t *changed = json_object_get(start, "changed");
     const json_t *scenes = json_object_get(changed, SCENE);
+    const json_t *programs = json_object_get(changed, PROGRAM);
     char text[CLN_HISTORY_BYTES] = "";
     size_t used = 0;
 
@@ -118,4 +129,8 @@ void cln_history_text(const json_t *start, char out[CLN_HISTORY_BYTES])
                    "%s other photos or poses: scene %s -> %s", *text ? ", and" : ", but",
                    json_string_value(json_array_get(scenes, 0)),
                    json_string_value(json_array_get(scenes, 1)));
+    if (programs)
+        cln_format(out + strlen(out), CLN_HISTORY_BYTES - strlen(out),
+                   ", by another program: %s -> %s", json_string_value(json_array_get(programs, 0)),
+                   json_string_value(json_array_get(programs, 1)));
 }

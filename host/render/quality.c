@@ -9,6 +9,7 @@
 
 #include "base/callbacks.h"
 #include "base/clock.h"
+#include "base/commit.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -430,12 +431,13 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         json_array_append_new(images, one);
     }
     *out = json_pack(
-        "{s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, s:o, "
+        "{s:s, s:s, s:s, s:s, s:I, s:f, s:s, s:s, s:[f,f,f], s:f, s:{s:o, s:o, s:o, s:o, s:o, s:o, "
+        "s:o, "
         "s:o, s:f}, "
         "s:{s:o, s:o}, s:o, s:o}",
-        "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "model_digest", digest,
-        "step", (json_int_t)r->step, "train_seconds", r->train_seconds, "split", r->split,
-        "color_space", "srgb", "background", cln_json_digits(r->background[0]),
+        "schema", "cl-nascent.eval/1", "tool", "cl-nascent " CLN_VERSION, "commit", cln_commit(),
+        "model_digest", digest, "step", (json_int_t)r->step, "train_seconds", r->train_seconds,
+        "split", r->split, "color_space", "srgb", "background", cln_json_digits(r->background[0]),
         cln_json_digits(r->background[1]), cln_json_digits(r->background[2]), "pixel_centre", 0.5,
         "mean", "psnr", cln_json_real(r->psnr), "psnr_u8", cln_json_real(r->psnr_u8), "psnr_fitted",
         cln_json_real(r->psnr_fitted), "psnr_exposed", cln_json_real(r->psnr_exposed), "ssim",

@@ -57,12 +57,21 @@ static void put_title(FILE *to, const char *run)
  * less. */
 static const double FEW_DB = 20, GAP_DB = 1.5;
 
-bool cln_report_doubt(double psnr_train, double psnr_test, char out[CLN_DOUBT_BYTES])
+bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
 {
+    const double psnr_train = of->psnr_train, psnr_test = of->psnr_test;
     const bool doubtful = psnr_test < FEW_DB && psnr_train - psnr_test > GAP_DB;
+    const bool light = of->psnr_fitted >= FEW_DB || of->psnr_fitted > (psnr_train + psnr_test) / 2;
 
     out[0] = 0;
-    if (doubtful)
+    if (doubtful && light)
+        cln_format(
+            out, CLN_DOUBT_BYTES,
+            "test views are %.1f dB below training views, at %.1f dB, but at %.1f dB after a "
+            "fit of colours: exposure or white balance differs between photos%s",
+            psnr_train - psnr_test, psnr_test, of->psnr_fitted,
+            of->exposed ? "" : " (--exposure fits gains to them)");
+    else if (doubtful)
         cln_format(out, CLN_DOUBT_BYTES,
                    "test views are %.1f dB below training views, at %.1f dB: poses or lenses are "
                    "wrong, or the photos are few, or look elsewhere",
@@ -75,10 +84,13 @@ static void put_doubt(FILE *to, const json_t *document)
 {
     const json_t *result = json_object_get(document, "result");
     const char *path = cln_json_text(json_object_get(document, "dataset"), "path");
+    const cln_doubt of = {
+        cln_json_number(result, "psnr_train"), cln_json_number(result, "psnr_test"),
+        cln_json_number(result, "psnr_fitted"),
+        strcmp(cln_json_text(json_object_get(document, "config"), "exposure"), "yes") == 0};
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
-    if (!cln_report_doubt(cln_json_number(result, "psnr_train"),
-                          cln_json_number(result, "psnr_test"), doubt))
+    if (!cln_report_doubt(&of, doubt))
         return;
     fprintf(to, "<p>Doubtful: %s. <code>cl-nascent check ", doubt);
     cln_html_text(to, *path ? cln_shell_quote(path, quoted, sizeof quoted) : "SCENE");

@@ -8,10 +8,15 @@
 #include "base/status.h"
 
 /* Do held-out views look wrong (few dB) where training views look better? Poses or lenses are
- * wrong, or photos are few or look elsewhere: more training does not mend it. `out` says so, in the
- * middle of a sentence; "" if not, or if a PSNR is not finite. */
+ * wrong, or photos are few or look elsewhere, or differ in exposure, as a fit of colours shows: more
+ * training does not mend it. `out` says so, in the middle of a sentence; "" if not, or if a PSNR of
+ * the first two is not finite. */
 enum { CLN_DOUBT_BYTES = 256 };
-bool cln_report_doubt(double psnr_train, double psnr_test, char out[CLN_DOUBT_BYTES]);
+typedef struct cln_doubt {
+    double psnr_train, psnr_test, psnr_fitted; /* the last: NaN if not known */
+    bool exposed;                              /* it was trained with gains of the photos */
+} cln_doubt;
+bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES]);
 
 /* Writes it anew, atomically. Files that are missing or damaged are left out; CLN_OUTPUT if the
  * page cannot be written. */

@@ -87,9 +87,9 @@ static double last_of(const side *s, const double *column, const double *where)
 /* Figures of the end or, before it, of metrics.jsonl; those of test views by an evaluation. */
 static void find_figures(side *s)
 {
-    static const char *const ends[] = {"step",       "seconds",     "cpu_seconds",
-                                       "leaves",     "psnr_train",  "psnr_test",
-                                       "eval_views", "device_peak", "host_peak"};
+    static const char *const ends[] = {"step",        "seconds",   "cpu_seconds", "leaves",
+                                       "psnr_train",  "psnr_test", "eval_views",  "eval_step",
+                                       "device_peak", "host_peak"};
     const cln_report_rows *r = &s->data.rows;
     const json_t *result = json_object_get(s->data.run, "result"), *mean = NULL;
     const cln_report_eval *eval = choose_eval(s);

@@ -126,7 +126,11 @@ static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *mod
     if (model->exposed)
         cln_info("exposure: photos are brighter or darker as those before and after them are; each "
                  "gets gains (--no-exposure: none)");
-    else
+    else if (spread >= DIFFER)
+        cln_info("exposure: photos differ in brightness by %.2g stops, but not as those before and "
+                 "after them: they are taken as they are (--exposure gives each gains)",
+                 spread);
+    if (!model->exposed)
         drop(model, e);
 done:
     return st;

@@ -150,7 +150,9 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     *done = true;
     result.antialias = t->pipeline.antialias;
     t->psnr_test = result.psnr;
+    t->psnr_fitted = result.psnr_fitted;
     t->psnr_exposed = result.psnr_exposed;
+    t->eval_step = t->model.step;
     t->eval_seconds = cln_now() - began;
     if (folder) {
         CLN_TRY(cln_pipeline_download(&t->pipeline, &t->model, false));

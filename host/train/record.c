@@ -152,14 +152,25 @@ static const char *text_of(const json_t *object, const char *key, const char *ot
     return text ? text : otherwise;
 }
 
-/* The run's results so far, for a resume with nothing left to train. */
-static void take_result(cln_trainer *t, const json_t *result)
+/* The run's figures so far: the newest in metrics.jsonl up to the checkpoint, which a killed process
+ * leaves, too; of a run without these rows, those of run.json. */
+static cln_status take_result(cln_trainer *t, const json_t *result)
 {
-    const json_t *train = json_object_get(result, "psnr_train");
-    const json_t *test = json_object_get(result, "psnr_test");
+    cln_status st = CLN_OK;
+    json_t *trained = NULL, *tested = NULL;
 
-    t->psnr_train = json_is_number(train) ? json_number_value(train) : NAN;
-    t->psnr_test = json_is_number(test) ? json_number_value(test) : NAN;
+    CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, "psnr_train", &trained));
+    CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, "psnr_test", &tested));
+    t->psnr_train = cln_json_number(trained ? trained : result, "psnr_train");
+    t->psnr_test = cln_json_number(tested ? tested : result, "psnr_test");
+    t->eval_step = (int64_t)json_integer_value(
+        json_object_get(tested ? tested : result, tested ? "step" : "eval_step"));
+    if (cln_json_number(result, "eval_step") == (double)t->eval_step)
+        t->psnr_fitted = cln_json_number(result, "psnr_fitted");
+done:
+    json_decref(trained);
+    json_decref(tested);
+    return st;
 }
 
 /* Takes over the processors' seconds of the starts before: of run.json if it is of the checkpoint's
@@ -170,13 +181,20 @@ static cln_status take_processor_seconds(cln_trainer *t, const json_t *result)
     json_t *row = NULL;
 
     if (!(cln_json_number(result, "step") == (double)t->model.step)) {
-        CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, &row));
+        CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, NULL, &row));
         result = row;
     }
     t->cpu_seconds = cln_json_number(result, "cpu_seconds");
 done:
     json_decref(row);
     return st;
+}
+
+enum { PROGRAM_BYTES = 128 };
+
+static void write_program(const char *version, const char *commit, char out[PROGRAM_BYTES])
+{
+    snprintf(out, PROGRAM_BYTES, "%.60s%s%.50s", version, *commit ? " of commit " : "", commit);
 }
 
 /* A resumed run keeps its preset and its first start's time from run.json. */
@@ -188,11 +206,19 @@ cln_status cln_record_start(cln_trainer *t)
     const char *preset = t->desc->resume ? NULL : t->desc->settings->preset;
     const char *was = NULL;
     char now[32], tune[CLN_TUNE_TEXT], digest[CLN_DIGEST_TEXT];
+    char trained_by[PROGRAM_BYTES], us[PROGRAM_BYTES];
     cln_orbit_frame frame;
 
     if (t->desc->resume)
         CLN_TRY(cln_run_read(t->desc->run, &before));
-    take_result(t, json_object_get(before, "result"));
+    if (t->desc->resume)
+        CLN_TRY(take_result(t, json_object_get(before, "result")));
+    write_program(text_of(before, "version", ""), text_of(before, "commit", ""), trained_by);
+    write_program(CLN_VERSION, cln_commit(), us);
+    if (t->desc->resume && strcmp(trained_by, us) != 0)
+        cln_info("so far it was trained by another program, %s: from here on numbers may be a "
+                 "little different from those of either alone",
+                 trained_by);
     was = text_of(json_object_get(before, "dataset"), "digest", NULL);
     cln_digest_text(t->scene->digest, digest);
     if (!preset)
@@ -209,7 +235,8 @@ cln_status cln_record_start(cln_trainer *t)
     CLN_TRY(cln_history_add(json_object_get(before, "history"), t->model.step,
                             t->desc->command ? t->desc->command : "", now,
                             t->desc->resume ? &t->trained : NULL, &t->model.config,
-                            (const char *const[2]){was, digest}, &history));
+                            (const char *const[2]){was, digest},
+                            (const char *const[2]){before ? trained_by : NULL, us}, &history));
     if (t->desc->resume)
         CLN_TRY(take_processor_seconds(t, json_object_get(before, "result")));
     cln_tune_text(&t->pipeline.tune, tune);
@@ -274,18 +301,21 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
     json_object_set_new(
         run, "result",
         json_pack(
-            "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:i, s:i, s:f, s:o, s:o, s:s}", "step",
-            (json_int_t)t->model.step, "epochs",
+            "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:o, s:o, s:i, s:i, s:o, s:o, s:o, s:s}",
+            "step", (json_int_t)t->model.step, "epochs",
             cln_config_step_epochs(&t->model.config, (double)t->batch.first[t->batch.train_views],
                                    t->model.step),
             "seconds", t->model.train_seconds, "cpu_seconds", cln_json_real(t->cpu_seconds),
             "wall_seconds", cln_now() - t->began, "start_seconds", cln_json_real(t->start_seconds),
             "eval_seconds", cln_json_real(t->eval_seconds), "psnr_train",
-            cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test), "eval_views",
-            isfinite(t->psnr_test) ? t->eval_count : 0, "leaves", t->model.tree.leaf_count,
-            "params", cln_network_learned(&t->model.net, t->model.tree.leaf_count), "device_peak",
-            cln_json_whole((double)t->device->peak), "host_peak", cln_json_whole(cln_peak_rss()),
-            "model_digest", digest));
+            cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test), "psnr_fitted",
+            cln_json_real(t->psnr_fitted), "eval_step",
+            isfinite(t->psnr_test) ? json_integer((json_int_t)t->eval_step) : json_null(),
+            "eval_views", isfinite(t->psnr_test) ? t->eval_count : 0, "leaves",
+            t->model.tree.leaf_count, "params",
+            cln_json_whole(cln_network_learned(&t->model.net, t->model.tree.leaf_count)),
+            "device_peak", cln_json_whole((double)t->device->peak), "host_peak",
+            cln_json_whole(cln_peak_rss()), "model_digest", digest));
 }
 
 /* The newest checkpoint's files under the names that they have in another run. */
@@ -451,16 +481,17 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
             json_object_set_new(stages, cln_stage_names[i], json_real(seconds));
     }
     row = json_pack(
-        "{s:I, s:f, s:o, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:f, s:o, s:o, s:f, s:o}", "step",
+        "{s:I, s:f, s:o, s:f, s:I, s:o, s:o, s:f, s:o, s:o, s:i, s:o, s:o, s:o, s:f, s:o}", "step",
         (json_int_t)t->model.step, "seconds", t->model.train_seconds, "cpu_seconds",
         cln_json_real(t->cpu_seconds), "wall_seconds", cln_now() - t->began, "from_step",
         (json_int_t)t->from_step, "loss", cln_json_real(t->model.row.loss / t->model.row.steps),
         "psnr_train", cln_json_real(t->psnr_train), "lr", lr, "rays_per_s",
         cln_json_real((double)t->model.row.rays / spent), "samples_per_ray",
         cln_json_real((double)t->model.row.samples / (double)t->model.row.rays), "leaves",
-        t->pipeline.leaves, "params", cln_network_learned(&t->pipeline.net, t->pipeline.leaves),
-        "host_mem", cln_json_whole(cln_peak_rss()), "dev_mem",
-        cln_json_whole((double)t->device->allocated), "host_waits", waits, "stages", stages);
+        t->pipeline.leaves, "params",
+        cln_json_whole(cln_network_learned(&t->pipeline.net, t->pipeline.leaves)), "host_mem",
+        cln_json_whole(cln_peak_rss()), "dev_mem", cln_json_whole((double)t->device->allocated),
+        "host_waits", waits, "stages", stages);
     if (!row) {
         st = cln_fail(CLN_MEMORY, "metrics: cannot make JSON");
         goto done;

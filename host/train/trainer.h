@@ -64,6 +64,8 @@ typedef struct cln_trainer {
     double cpu_seconds;           /* of processors for these; NaN if an earlier start tells none */
     double psnr_train, psnr_test; /* newest, NaN before */
     int psnr_train_steps;         /* steps that psnr_train is of; 0 before */
+    int64_t eval_step;            /* that psnr_test is of */
+    double psnr_fitted;           /* of the same evaluation; NaN if not known */
     double psnr_exposed;          /* of the same views as psnr_test (cln_eval_image) */
     double start_seconds;         /* from `began` to the first step; NaN before it */
     double eval_seconds;          /* time of the newest evaluation; NaN before the first */

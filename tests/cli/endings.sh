@@ -238,6 +238,8 @@ section_requeued() {
     expect "begun again when it is done" 0 "~is.done" "${line[@]}" --steps 50
     check "it tells its result, and writes nothing" \
         [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
+    expect "begun again with fewer steps" 0 "~is.done" "${line[@]}" --steps 44
+    check "likewise" [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
     expect "with another preset" 2 "~began.with.preset.fast" "${line[@]}" --preset voxel
     cp "$work/scene/train/r_001.png" "$work/photo"
     cp "$work/scene/train/r_000.png" "$work/scene/train/r_001.png"
@@ -258,6 +260,38 @@ section_requeued() {
     before=$(sums "$work/straight")
     expect "begun again" 0 "~is.done" "${line[@]}"
     check "trains no more" [ "$(sums "$work/straight")" = "$before" ]
+}
+
+# A run whose process was killed has no result: what metrics.jsonl has is taken over.
+section_lost() {
+    local job="$work/job" test train commit
+    scene
+    run "$cln" train "$work/scene" -o "$job" "${tiny[@]}" --log-every 4 --json --steps 12
+    test=$(json psnr_test) train=$(json psnr_train)
+    check "it was measured at its end" [ "$(json eval_step)" = 12 ]
+    sed -i 's/"result": {/"lost": {/; s/"state": "done"/"state": "running"/' "$job/run.json"
+    commit=$("$query" commit <"$job/run.json")
+    sed -i "s/\"commit\": \"$commit\"/\"commit\": \"0123abc\"/" "$job/run.json"
+    "$cln" train --resume "$job" --steps +1000000 --log-every 999999 --save-every 1 --json \
+        --skip-selftest --progress none >"$work/out" 2>"$work/err" &
+    for ((i = 0; i < 600; i++)); do
+        [ "$(cat "$job/checkpoint/latest")" != 00000012 ] && break
+        sleep 0.1
+    done
+    kill -TERM $!
+    wait $!
+    check "stopped soon after a resume" [ $? = 143 ]
+    check "the figures of before are told" [ "$(json psnr_test) $(json eval_step)" = "$test 12" ]
+    check "another program is told" said "~another.program,.*0123abc"
+    for key in psnr_test eval_step psnr_train; do
+        check "run.json has them: $key" [ "$("$query" result.$key <"$job/run.json")" != null ]
+    done
+    check "and those of training" [ "$(json psnr_train)" = "$train" ]
+    cp -r "$job" "$work/other"
+    rm -r "$work"/*/eval
+    expect "info RUN RUN" 0 "" "$cln" info "$job" "$work/other"
+    check "tells of which step test figures are" grep -qE '^  measured at step +12 +12' "$work/out"
+    check "and by which programs it was trained" grep -q " of commit 0123abc -> " "$work/out"
 }
 
 # The settings of a run, used again: all of them, and in a conf by the names that run.json has.
@@ -637,5 +671,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued reused links target points kept disk \
-    cache shared memory demo" "$@"
+run_sections "killed short doubtful exposure again requeued lost reused links target points kept \
+    disk cache shared memory demo" "$@"

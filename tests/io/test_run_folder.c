@@ -181,7 +181,7 @@ static void test_metrics_last(void **state)
     char *text = NULL;
     size_t bytes = 0;
 
-    assert_ok(cln_metrics_last(run, 100, &row)); /* no file */
+    assert_ok(cln_metrics_last(run, 100, NULL, &row)); /* no file */
     assert_null(row);
     assert_ok(cln_metrics_open(run, 0, &metrics));
     add_rows(metrics, 25, 75);
@@ -195,13 +195,18 @@ static void test_metrics_last(void **state)
     assert_null(strstr(text, "1.5}\n{\"step\":75"));
     assert_null(strstr(text, "\"psnr_end\":1.5"));
     free(text);
-    assert_ok(cln_metrics_last(run, 100, &row));
+    assert_ok(cln_metrics_last(run, 100, NULL, &row));
     assert_int_equal(json_integer_value(json_object_get(row, "step")), 75);
     json_decref(row);
-    assert_ok(cln_metrics_last(run, 74, &row));
+    assert_ok(cln_metrics_last(run, 74, NULL, &row));
     assert_int_equal(json_integer_value(json_object_get(row, "step")), 50);
     json_decref(row);
-    assert_ok(cln_metrics_last(run, 3, &row));
+    assert_ok(cln_metrics_last(run, 3, NULL, &row));
+    assert_null(row);
+    assert_ok(cln_metrics_last(run, 100, "psnr_end", &row));
+    assert_int_equal(json_integer_value(json_object_get(row, "step")), 75);
+    json_decref(row);
+    assert_ok(cln_metrics_last(run, 74, "psnr_end", &row)); /* rows, but none that has it */
     assert_null(row);
     json_decref(event);
 }
@@ -479,7 +484,8 @@ static void test_starts(void **state)
     for (int i = 0; i < 4; i++) {
         json_t *all = NULL;
 
-        assert_ok(cln_history_add(before, kept[i][0], "now", "then", NULL, NULL, scenes, &all));
+        assert_ok(
+            cln_history_add(before, kept[i][0], "now", "then", NULL, NULL, scenes, scenes, &all));
         assert_int_equal(json_array_size(all), kept[i][1]);
         assert_int_equal(json_integer_value(json_object_get(json_array_get(all, 0), "step")), 0);
         assert_string_equal(json_string_value(json_object_get(

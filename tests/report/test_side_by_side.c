@@ -359,16 +359,18 @@ static void a_name_that_is_no_utf8(void **state)
     json_decref(document);
 }
 
-/* Adds a start with these settings to a history, which is freed. */
+/* Adds a start with these settings, by this program, to a history, which is freed. */
 static void add_start(json_t **history, int64_t step, const cln_config *saved,
-                      const cln_config *now)
+                      const cln_config *now, const char *program)
 {
+    const char *const programs[2] = {"1.0 of commit ab", program};
     json_t *longer = NULL;
 
     static const char *const same[2] = {"12ab", "12ab"};
 
-    assert_int_equal(cln_history_add(*history, step, "train", "today", saved, now, same, &longer),
-                     CLN_OK);
+    assert_int_equal(
+        cln_history_add(*history, step, "train", "today", saved, now, same, programs, &longer),
+        CLN_OK);
     json_decref(*history);
     *history = longer;
 }
@@ -384,8 +386,8 @@ static void resumed_with_other_settings_is_told(void **state)
     second = first;
     second.seed = 7;
     second.eval_images = 1; /* is only measured by */
-    add_start(&history, 0, NULL, &first);
-    add_start(&history, 100, &first, &first);
+    add_start(&history, 0, NULL, &first, "1.0 of commit ab");
+    add_start(&history, 100, &first, &first, "1.0 of commit ab");
     assert_int_equal(cln_run_read(b, &run), CLN_OK);
     json_object_set(run, "history", history);
     put_json(b, "run.json", json_incref(run));
@@ -393,14 +395,28 @@ static void resumed_with_other_settings_is_told(void **state)
     assert_note(document, "resumed", false); /* with the same settings */
     json_decref(document);
 
-    add_start(&history, 120, &first, &second);
-    add_start(&history, 120, &first, &second); /* the start before left no step */
+    add_start(&history, 120, &first, &second, "1.0 of commit ab");
+    add_start(&history, 120, &first, &second,
+              "1.0 of commit ab"); /* the start before left no step */
     assert_int_equal(json_array_size(history), 3);
-    json_object_set_new(run, "history", history);
-    put_json(b, "run.json", run);
+    json_object_set(run, "history", history);
+    put_json(b, "run.json", json_incref(run));
     document = beside(a, b);
     assert_note(document, "b: resumed at step 120 with other settings: seed 42 -> 7\"", true);
     assert_int_equal(json_array_size(json_array_get(json_object_get(document, "resumed"), 0)), 0);
+    assert_int_equal(json_array_size(json_array_get(json_object_get(document, "resumed"), 1)), 1);
+    json_decref(document);
+
+    json_array_clear(history);
+    add_start(&history, 0, NULL, &first, "1.0 of commit ab");
+    add_start(&history, 60, &first, &first, "1.0 of commit cd");
+    json_object_set_new(run, "history", history);
+    put_json(b, "run.json", run);
+    document = beside(a, b);
+    assert_note(document,
+                "b: resumed at step 60 with the same settings, by another program: "
+                "1.0 of commit ab -> 1.0 of commit cd\"",
+                true);
     assert_int_equal(json_array_size(json_array_get(json_object_get(document, "resumed"), 1)), 1);
     json_decref(document);
 }
