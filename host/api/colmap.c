@@ -98,7 +98,7 @@ static void read_line(const char *line, void *user)
     /* SQLite's words, and the system's; the commands of 3.8 may end with 0 all the same */
     if (strstr(line, "database or disk is full") || strstr(line, "No space left on device"))
         c->full = true;
-    if (strstr(line, "amera model does not exist"))
+    if (strstr(line, "amera model does not exist") || strstr(line, "ExistsCameraModelWithName"))
         c->strange = true;
     if (strstr(line, "(Prior)"))
         take_focal_length(c, line);
@@ -318,6 +318,14 @@ cln_status cln_colmap_features(cln_colmap *c)
                !cameras.lengths ? "sizes"
                : cameras.sizes  ? "sizes and focal lengths by EXIF, or none"
                                 : "focal lengths by EXIF, or none");
+    if (!c->lens && 2 * cameras.panoramas > c->photos.count)
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%d of %d photos are 2 : 1, as panoramas of the whole sphere are, of which "
+                     "COLMAP finds no poses: cut them into pictures of 90 degrees first, or find "
+                     "the poses of panoramas by OpenSfM or Metashape, which `train` reads; if "
+                     "these are ordinary photos, --lens SIMPLE_RADIAL says so",
+                     cameras.panoramas, c->photos.count));
     fit_memory(c, &cameras);
     if (c->lens)
         cln_info("lens: %s, as given by --lens", c->lens->name);

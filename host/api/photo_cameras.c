@@ -27,6 +27,9 @@ static bool took(const cln_image_head *first, const cln_image_head *photo)
     return fmax(a, b) <= ALIKE * fmin(a, b);
 }
 
+/* mm: those of cameras that see all around have 1.0 to 1.4, those of phones 1.5 and more. */
+static const double SHORTEST = 1.45;
+
 cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
                                   cln_photo_cameras *out)
 {
@@ -59,6 +62,7 @@ cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
         out->longest = head.width > out->longest ? head.width : out->longest;
         out->longest = head.height > out->longest ? head.height : out->longest;
         out->pixels = fmax(out->pixels, (double)head.width * head.height);
+        out->panoramas += head.width == 2 * head.height && head.focal < SHORTEST;
         out->camera[i] = camera;
         out->photos[camera]++;
     }

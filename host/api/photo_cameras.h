@@ -11,6 +11,7 @@ typedef struct cln_photo_cameras {
     int *photos;         /* [camera] how many photos it has */
     int longest;         /* side of any photo, in pixels */
     double pixels;       /* of the largest photo */
+    int panoramas;       /* photos of 2 : 1, of no focal length that a lens of one picture has */
     bool sizes, lengths; /* photos differ in size; those of one size in focal length */
 } cln_photo_cameras;
 

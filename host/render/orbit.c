@@ -137,6 +137,8 @@ static void find_shape(const cln_scene *scene, int count, cln_orbit_frame *out)
             break;
         }
     }
+    if (like.lens == CLN_LENS_EQUIRECTANGULAR) /* all of it is no picture to look at: 90 degrees */
+        like.fx = like.fy = 0.5 * like.width;
     out->width = like.width;
     out->height = like.height;
     out->fx = like.fx;

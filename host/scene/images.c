@@ -53,6 +53,10 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
                 ? "its sides are swapped, and no EXIF data tell how it is to be turned: "
                   "turn its pixels back to what the poses were found by, or correct the size that "
                   "the scene's files have"
+            : camera->lens == CLN_LENS_EQUIRECTANGULAR
+                ? "correct w and h, with fl_x = fl_y = w / (2 pi), cx and cy if the panorama was "
+                  "cut "
+                  "above or below, or replace the image"
                 : "correct w and h or replace the image");
     if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width)) {
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
@@ -177,6 +181,40 @@ static void tell_profiles(const cln_scene *scene, const profiles *p)
                  cln_colour_unknown_reason());
 }
 
+/* Panoramas that are no whole spheres, or are taken for photos of a pinhole. */
+static void tell_panoramas(const cln_scene *scene)
+{
+    const double near = 0.01;
+    const cln_view *stretched = NULL, *flat = NULL;
+    int others = 0, pinholes = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+        const cln_camera *c = &v->camera;
+        const bool whole = fabs(c->width - 2.0 * c->height) <= near * c->width;
+
+        if (v->by_file.sphere && !whole) {
+            stretched = stretched ? stretched : v;
+            others++;
+        } else if (whole && !cln_camera_is_distorted(c) &&
+                   fabs(c->fx - c->width / 6.283185307179586) <= near * c->fx) {
+            flat = flat ? flat : v;
+            pinholes++;
+        }
+    }
+    if (stretched)
+        cln_warn("%s: %d of %d images are panoramas that are not 2 : 1 ('%s', %d x %d): they are "
+                 "taken for whole spheres, and stretched; of ones that were cut above or below "
+                 "transforms.json tells that by fl_x = fl_y = w / (2 pi), cx and cy, or fill them "
+                 "up to 2 : 1 and mask that",
+                 scene->folder, others, scene->view_count, stretched->name, stretched->camera.width,
+                 stretched->camera.height);
+    if (flat)
+        cln_warn("%s: %d of %d images ('%s') are 2 : 1, with the focal length of a panorama, but "
+                 "their lens is that of a pinhole: of panoramas camera_model is EQUIRECTANGULAR",
+                 scene->folder, pinholes, scene->view_count, flat->name);
+}
+
 static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
 {
     const char *deep_grey = NULL; /* the first such photo */
@@ -203,6 +241,7 @@ static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
         add_profile(&found, view, &head);
     }
     tell_profiles(scene, &found);
+    tell_panoramas(scene);
     if (count > 0)
         cln_warn("%s: %d of %d images ('%s'%s) %s grey of 16 bits, as a sensor's depth images are, "
                  "and count as photos; if they are depths, name the photos in their place",

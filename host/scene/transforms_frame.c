@@ -21,6 +21,8 @@
 /* Endings tried after a file_path, in this order. */
 static const char *const extensions[] = {"", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"};
 
+static const double PI = 3.14159265358979323846;
+
 /* One frame being read: values are looked up in the frame, then in the whole document. */
 typedef struct source {
     const char *folder; /* of the JSON document */
@@ -74,7 +76,6 @@ static const json_t *value_of(const source *src, const char *key)
 /* Focal lengths from the first of frame and document that has any. */
 static cln_status read_focal(const source *src, cln_camera *camera, int angle[2])
 {
-    static const double pi = 3.14159265358979323846;
     cln_status st = CLN_OK;
     const json_t *const objects[2] = {src->frame, src->root};
     const char *const keys[4] = {"fl_x", "fl_y", "camera_angle_x", "camera_angle_y"};
@@ -91,7 +92,7 @@ static cln_status read_focal(const source *src, cln_camera *camera, int angle[2]
 
         if (found[k] || !found[k + 2])
             continue;
-        if (!(value[k + 2] > 0 && value[k + 2] < pi))
+        if (!(value[k + 2] > 0 && value[k + 2] < PI))
             CLN_TRY(cln_fail(CLN_INPUT,
                              "%s: %s = %g is not an angle between 0 and pi; give it in radians",
                              src->where, keys[k + 2], value[k + 2]));
@@ -332,6 +333,36 @@ done:
     return st;
 }
 
+static bool is_near(double value, double wanted)
+{
+    return fabs(value - wanted) <= 0.01 * wanted;
+}
+
+/* A panorama's image spans the whole sphere, unless focal lengths and a centre say where it was cut
+ * above and below. Focal lengths of neither mean nothing: programs write any. */
+static cln_status read_sphere(const source *src, cln_camera *camera, cln_by_file *by)
+{
+    cln_status st = CLN_OK;
+    double focal[2], centre[2];
+
+    CLN_TRY(number_of(src, "fl_x", NAN, &focal[0]));
+    CLN_TRY(number_of(src, "fl_y", focal[0], &focal[1]));
+    CLN_TRY(number_of(src, "cx", 0.5 * camera->width, &centre[0]));
+    CLN_TRY(number_of(src, "cy", NAN, &centre[1]));
+    cln_camera_span_sphere(camera);
+    by->sphere = !is_near(focal[0], camera->fx) ||
+                 !(is_near(focal[1], focal[0]) || is_near(focal[1], camera->fy)) ||
+                 !isfinite(centre[0]) || !isfinite(centre[1]);
+    if (!by->sphere) {
+        camera->fx = focal[0];
+        camera->fy = focal[1];
+        camera->cx = centre[0];
+        camera->cy = centre[1];
+    }
+done:
+    return st;
+}
+
 /* Reads the intrinsics. If no size is given anywhere, the camera keeps its own, if it has one. */
 static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera,
                                   cln_by_file *by)
@@ -341,7 +372,7 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
     CLN_TRY(read_lens(src, camera));
     CLN_TRY(read_size(src, image, camera, by));
     if (camera->lens == CLN_LENS_EQUIRECTANGULAR) {
-        cln_camera_span_sphere(camera);
+        st = read_sphere(src, camera, by);
         goto done;
     }
     CLN_TRY(read_focal(src, camera, by->angle));

@@ -22,7 +22,9 @@ static json_t *camera_json(const cln_view *view)
 {
     cln_camera c;
 
-    cln_view_seen(view, &c); /* as its photo and its pictures come */
+    cln_view_seen(view, &c);                /* as its photo and its pictures come */
+    if (c.lens == CLN_LENS_EQUIRECTANGULAR) /* a part of it, from there */
+        c.fy = 0.5 * c.width;
     return json_pack("{s:s, s:s, s:o, s:f, s:i, s:i}", "name", view->name, "split",
                      cln_split_names[view->split], "pose", numbers(c.c2w, 12), "focal", c.fy,
                      "width", c.width, "height", c.height);

@@ -344,6 +344,31 @@ function orbit(dx, dy) {
   touch();
 }
 
+/* Turns where it stands: what is under the pointer follows it. */
+function lookAround(dx, dy) { /* in shares of the picture's shorter side */
+  const k = camera.fov * Math.PI / 180, up = facts.up;
+  const tilt = Math.acos(clamp(dot(camera.r[2], up), -1, 1));
+  const pitch = clamp(k * dy, tilt - (Math.PI - 0.03), Math.max(tilt - 0.03, 0));
+  camera.r = camera.r.map((v) => turn(v, up, k * dx));
+  const axis = camera.r[0];
+  camera.r = camera.r.map((v) => turn(v, axis, pitch));
+  straighten(camera);
+  touch();
+}
+
+/* Are the photos taken from inside, in all directions, as of a room? Those of an object look at it,
+ * those of a wall the same way. */
+function areInside(cameras) {
+  const poses = cameras.map((c) => fromPose(c.pose)), n = poses.length;
+  if (n < 3) return false;
+  const middle = scale(poses.reduce((sum, c) => add(sum, c.p), [0, 0, 0]), 1 / n);
+  const mean = scale(poses.reduce((sum, c) => add(sum, c.r[2]), [0, 0, 0]), 1 / n);
+  const inwards = poses.reduce((sum, c) => sum + dot(c.r[2], unit(add(middle, c.p, -1))), 0) / n;
+  return size(mean) < 0.6 && inwards < 0.4;
+}
+
+const isInside = () => $('inside').checked;
+
 function shift(right, down) { /* in shares of the picture's shorter side */
   const s = 2 * camera.distance * Math.tan(camera.fov * Math.PI / 360);
   camera.p = add(add(camera.p, camera.r[0], -right * s), camera.r[1], -down * s);
@@ -351,6 +376,11 @@ function shift(right, down) { /* in shares of the picture's shorter side */
 }
 
 function zoom(factor) {
+  if (isInside()) { /* there is nothing to come nearer to: ahead or back */
+    camera.p = add(camera.p, camera.r[2], -0.5 * facts.distance * Math.log(factor));
+    touch();
+    return;
+  }
   const centre = pivot(camera);
   camera.distance = clamp(camera.distance * factor, 1e-4 * facts.distance, 1e3 * facts.distance);
   camera.p = add(centre, camera.r[2], -camera.distance);
@@ -480,6 +510,8 @@ picture.addEventListener('pointermove', (event) => {
     shift(dx / fingers.size / shorter, dy / fingers.size / shorter);
   } else if (event.buttons & 6 || event.shiftKey) {
     shift(dx / shorter, dy / shorter);
+  } else if (isInside()) {
+    lookAround(dx / shorter, dy / shorter);
   } else {
     orbit(3 * dx / shorter, -3 * dy / shorter);
   }
@@ -521,6 +553,11 @@ const keys = {
   b: () => toggleBlend(), v: () => { toggle('difference'); draw(); }, ' ': play,
   '1': () => show('colour'), '2': () => show('depth'),
   '3': () => show('opacity'), '4': () => show('level'), '5': () => show('error'),
+  i: () => {
+    $('inside').checked = !isInside();
+    say(isInside() ? 'Drags and arrows look around from where you stand.' :
+      'Drags and arrows turn about the middle.');
+  },
   o: () => { $('crop').checked = !$('crop').checked; changeCrop(); },
   '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
   '?': () => { openPanel(true); $('help').open = true; $('help').scrollIntoView(); },
@@ -554,6 +591,7 @@ addEventListener('keydown', (event) => {
   if (key in arrows) {
     const [x, y] = arrows[key];
     if (event.shiftKey) shift(-0.03 * x, -0.03 * y);
+    else if (isInside()) lookAround(-0.06 * x, -0.06 * y);
     else orbit(0.06 * x, 0.06 * -y);
   } else if (HELD.includes(key)) {
     held.add(key);
@@ -904,6 +942,7 @@ async function begin() {
     Math.atan(Math.min(facts.width, facts.height) / 2 / facts.focal)};
   home.distance = size(add(facts.target, home.p, -1));
   camera = copy(home);
+  $('inside').checked = areInside(facts.cameras);
   makeCrop();
   listCameras();
   takePath();

@@ -156,6 +156,39 @@ def moved(a, b):
     return max(abs(x - y) for x, y in zip(a, b))
 
 
+def turn_in_place(page):
+    """As in a room: of an object, which the photos look at, it is a choice."""
+    where = lambda pose: [pose[3], pose[7], pose[11]]
+    forward = lambda pose: [pose[2], pose[6], pose[10]]
+    time.sleep(0.6)
+    page.check('of an object drags turn about it', not page.js('return isInside()'))
+    page.key('i')
+    at = page.pose()
+    page.point((0, 0), 'down', (30, 10), (90, 20), 'up')
+    then = page.pose()
+    page.check('I: a drag looks around from the same place',
+               moved(where(at), where(then)) < 1e-9 and moved(forward(at), forward(then)) > 0.05)
+    right = [at[0], at[4], at[8]]
+    page.check('what is under the pointer follows it',
+               sum(a * b for a, b in zip(right, forward(then))) < 0)
+    page.key(KEYS['left'])
+    page.check('an arrow key turns the same way',
+               sum(a * b for a, b in zip([then[0], then[4], then[8]], forward(page.pose()))) < 0 and
+               moved(where(at), where(page.pose())) < 1e-9)
+    turned = forward(page.pose())
+    page.key('+')
+    page.check('+ goes ahead',
+               sum(a * (x - y) for a, x, y in zip(turned, where(page.pose()), where(at))) > 0.01)
+    page.check('photos from inside, in all directions, are told from others', page.js('''
+        const c = (p, f) => ({pose: toPose({p, r: [[1, 0, 0], [0, 1, 0], f]})});
+        const ring = [0, 1, 2, 3, 4, 5].map((k) => [Math.cos(k), Math.sin(k), 0]);
+        return areInside(ring.map((v) => c(v, v))) && areInside(ring.map((v) => c([0, 0, 0], v))) &&
+            !areInside(ring.map((v) => c(v, scale(v, -1)))) &&
+            !areInside(ring.map((v) => c(v, [0, 0, 1]))) && !areInside([])'''))
+    page.key('i')
+    page.key('h')
+
+
 def look_around(page):
     at = page.pose()
     page.point((0, 0), 'down', (30, 10), (90, 20), 'up')
@@ -198,6 +231,7 @@ def look_around(page):
         {'type': 'keyUp', 'value': 'w'}]}]})
     page.check('W flies', moved(at, page.pose()) > 0.01)
     page.key('h')
+    turn_in_place(page)
 
 
 def see_cameras(page):

@@ -164,6 +164,19 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
     expect "one that this COLMAP does not know" 1 "~--lens.EUCM:.the.COLMAP.*newer colmap.log" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/no lens" --lens EUCM \
         --progress none
+    mkdir "$work/panoramas"
+    for i in 1 2 3; do # 32 x 16
+        base64 -d >"$work/panoramas/$i.png" <<<"iVBORw0KGgoAAAANSUhEUgAAACAAAAAQCAAAAABSayKFAAAAE\
+0lEQVR42mNsYMAPmBhGFYwgBQAqnwCgtXfp8QAAAABJRU5ErkJggg=="
+    done
+    expect "panoramas, which COLMAP has no poses for" 3 "~3.of.3.photos.are.2.:.1 OpenSfM --lens" \
+        env PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of panoramas"
+    check "it is not begun" eval '! grep -q feature_extractor "$work/of panoramas/colmap.log"'
+    expect "photos that are as wide go on" 3 "~lens:.SIMPLE_RADIAL matching" env PATH="$path" "$cln" poses \
+        "$work/panoramas" -o "$work/of wide ones" --lens SIMPLE_RADIAL --progress none
+    cp "$work/photos/train/"r_00{1,2,3}.png "$work/panoramas"
+    expect "half of them go on" 3 "matching" env PATH="$path" "$cln" poses "$work/panoramas" \
+        -o "$work/of some" --progress none
     expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
         "$work/photos/train" -o "$work/posed next" --match next --progress none
     check "no reason is given for what was asked for" eval '! said "as there are many"'

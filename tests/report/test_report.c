@@ -741,6 +741,36 @@ static void an_earlier_error_is_kept(void **state)
 
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
+/* Test views far below training views: whose fault, by what a fit of colours mends. */
+static void doubt_knows_exposure(void **state)
+{
+    const struct {
+        cln_doubt of;
+        const char *words; /* NULL: no doubt */
+    } cases[] = {
+        {{28.1, 19.2, 19.6, false}, "poses or lenses are wrong"},
+        {{28.1, 19.2, NAN, false}, "poses or lenses are wrong"},
+        {{28.1, 19.2, 27, false}, "differs between photos (--exposure fits gains to them)"},
+        {{28.1, 12, 20.5, true}, "after a fit of colours: exposure"},
+        {{24, 12, 18.5, true}, "white balance differs between photos"},
+        {{24, 12, 17.5, true}, "poses or lenses are wrong"},
+        {{28.1, 20.1, 27, false}, NULL},
+        {{20, 19.2, 19.3, false}, NULL},
+        {{NAN, 12, 27, false}, NULL},
+        {{28, NAN, NAN, false}, NULL}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[CLN_DOUBT_BYTES];
+
+        assert_int_equal(cln_report_doubt(&cases[i].of, text), cases[i].words != NULL);
+        if (cases[i].words)
+            assert_non_null(strstr(text, cases[i].words));
+        else
+            assert_string_equal(text, "");
+    }
+}
+
 int test_group_report(void)
 {
     const struct CMUnitTest tests[] = {
@@ -765,6 +795,7 @@ int test_group_report(void)
         ON_DISK(an_unwritable_folder_is_said),
         ON_DISK(an_earlier_error_is_kept),
         ON_DISK(colours_are_for_light_and_dark),
+        cmocka_unit_test(doubt_knows_exposure),
     };
 
     return cmocka_run_group_tests_name("report", tests, NULL, NULL);

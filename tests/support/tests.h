@@ -60,6 +60,7 @@ int test_group_mesh(void);
 int test_group_metrics_image(void);
 int test_group_mlp(void);
 int test_group_halo(void);
+int test_group_panoramas(void);
 int test_group_voxel(void);
 int test_group_motion(void);
 int test_group_missing(void);
