@@ -59,8 +59,8 @@ void cln_metrics_close(cln_metrics *metrics);
 /* Gives the last row a number, written anew, if it is of `step` and no event; else does nothing. */
 cln_status cln_metrics_amend(cln_metrics *metrics, int64_t step, const char *key, double number);
 
-/* *row: the last row of RUN/metrics.jsonl up to `step`, events aside, that has a number `key` (NULL:
- * any row); NULL if there is none. The caller owns it. */
+/* *row: the last row of RUN/metrics.jsonl up to `step`, events aside, that has a number `key`
+ * (NULL: any row); NULL if there is none. The caller owns it. */
 cln_status cln_metrics_last(const char *run, int64_t step, const char *key, json_t **row);
 
 /* UTC as ISO 8601, "2026-01-02T03:04:05Z", as run.json has it. */

@@ -1,6 +1,6 @@
-/* See run_history.h. A start is {"step", "started", "program", "command", "changed"}; `changed` has,
- * by field name, an array of the value before and the one since, by `scene` the digests, and by
- * `program` versions with their commits. */
+/* See run_history.h. A start is {"step", "started", "program", "command", "changed"}; `changed`
+ * has, by field name, an array of the value before and the one since, by `scene` the digests, and
+ * by `program` versions with their commits. */
 #include "io/run_history.h"
 
 #include <stdio.h>

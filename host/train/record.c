@@ -152,8 +152,8 @@ static const char *text_of(const json_t *object, const char *key, const char *ot
     return text ? text : otherwise;
 }
 
-/* The run's figures so far: the newest in metrics.jsonl up to the checkpoint, which a killed process
- * leaves, too; of a run without these rows, those of run.json. */
+/* The run's figures so far: the newest in metrics.jsonl up to the checkpoint, which a killed
+ * process leaves, too; of a run without these rows, those of run.json. */
 static cln_status take_result(cln_trainer *t, const json_t *result)
 {
     cln_status st = CLN_OK;

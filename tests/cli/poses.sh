@@ -172,8 +172,8 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
     expect "panoramas, which COLMAP has no poses for" 3 "~3.of.3.photos.are.2.:.1 OpenSfM --lens" \
         env PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of panoramas"
     check "it is not begun" eval '! grep -q feature_extractor "$work/of panoramas/colmap.log"'
-    expect "photos that are as wide go on" 3 "~lens:.SIMPLE_RADIAL matching" env PATH="$path" "$cln" poses \
-        "$work/panoramas" -o "$work/of wide ones" --lens SIMPLE_RADIAL --progress none
+    expect "photos that are as wide go on" 3 "~lens:.SIMPLE_RADIAL matching" env PATH="$path" \
+        "$cln" poses "$work/panoramas" -o "$work/of wide ones" --lens SIMPLE_RADIAL --progress none
     cp "$work/photos/train/"r_00{1,2,3}.png "$work/panoramas"
     expect "half of them go on" 3 "matching" env PATH="$path" "$cln" poses "$work/panoramas" \
         -o "$work/of some" --progress none

@@ -11,8 +11,8 @@
 #include "scene_fixture.h"
 #include "tests.h"
 
-/* A panorama that was cut follows its numbers; others span the sphere, which is told if they cannot,
- * as is a panorama that is taken for a pinhole's photo. */
+/* A panorama that was cut follows its numbers; others span the sphere, which is told if they
+ * cannot, as is a panorama that is taken for a pinhole's photo. */
 static void panoramas_follow_their_numbers(void **state)
 {
     static const char kept[] = "\"fl_x\":3.1831,\"fl_y\":3.1831,\"cx\":10,\"cy\":5,";
