@@ -268,6 +268,16 @@ static bool in_range(const cln_config_row *row, double value)
     return value >= row->min && value <= row->max;
 }
 
+/* A key of run.json, by its field or its option: "t_min" is "t-min". */
+static bool is_key_of(const char *key, const char *name)
+{
+    while (*key && (*key == *name || (*key == '_' && *name == '-'))) {
+        key++;
+        name++;
+    }
+    return !*key && !*name;
+}
+
 const cln_config_row *cln_config_find(const char *option)
 {
     for (int i = 0; i < cln_config_row_count; i++) {
@@ -275,8 +285,10 @@ const cln_config_row *cln_config_find(const char *option)
             return &cln_config_rows[i];
     }
     for (int i = 0; i < cln_config_row_count; i++) {
-        if (strcmp(cln_config_rows[i].field, option) == 0)
-            return &cln_config_rows[i];
+        const cln_config_row *row = &cln_config_rows[i];
+
+        if (is_key_of(option, row->field) || (row->alias && is_key_of(option, row->alias)))
+            return row;
     }
     return NULL;
 }

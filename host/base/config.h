@@ -39,7 +39,7 @@ bool cln_config_is_switch(const cln_config_row *row);
 bool cln_config_is_word(const cln_config_row *row, const char *text);
 
 /* The row of an option name or alias ("rays", without dashes), or of a key of run.json
- * ("view_width"), or NULL; and for misspelt names the
+ * ("view_width"), also of an older one ("t_min"), or NULL; and for misspelt names the
  * nearest option, or NULL if none is near. */
 const cln_config_row *cln_config_find(const char *option);
 const char *cln_config_nearest(const char *option);

@@ -1,5 +1,6 @@
 /* export --copy: a run of the newest model alone, for pictures, the viewer and exports on another
  * machine. Without the state of training, older checkpoints, curves, evaluations and report. */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -13,24 +14,28 @@
 #include "render/recorded.h"
 #include "scene/cameras_file.h"
 
-/* What run.json says of the run holds for the copy, but where its scene is from it. */
-static cln_status write_manifest(const cln_export_desc *desc)
+/* What run.json says of the run holds for the copy, but where its scene is from it. If it is
+ * nowhere, the copy may find it where it was, or beside itself. */
+static cln_status make_manifest(const cln_export_desc *desc, json_t **out)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL, *dataset = NULL;
-    const char *scene = NULL;
     char *path = NULL;
 
     CLN_TRY(cln_run_read(desc->run, &document));
     if (strcmp(cln_run_state(desc->run, document), "running") == 0) /* which the copy is not */
         json_object_set_new(document, "state", json_string("interrupted"));
     dataset = json_object_get(document, "dataset");
-    scene = json_string_value(json_object_get(dataset, "path"));
-    if (scene) {
-        CLN_TRY(cln_strdup(&path, scene)); /* which is replaced */
-        CLN_TRY(cln_recorded_place(desc->file, path, dataset));
+    st = cln_recorded_scene(desc->run, &path);
+    if (st == CLN_INPUT) {
+        cln_clear_error();
+        json_object_set_new(dataset, "path_from_run", json_null());
+        st = CLN_OK;
+    } else if (st == CLN_OK) {
+        st = cln_recorded_place(desc->file, path, dataset);
     }
-    CLN_TRY(cln_run_write(desc->file, document));
+    CLN_TRY(st);
+    *out = json_incref(document);
 done:
     json_decref(document);
     free(path);
@@ -56,20 +61,45 @@ done:
     return st;
 }
 
+/* After a failure: a copy is whole or not there. */
+static void remove_copy(const char *folder, int64_t step)
+{
+    char document[64], tensors[64];
+    const char *const names[] = {
+        "run.json", CLN_CAMERAS_FILE, "checkpoint/latest", document, tensors, "checkpoint", ""};
+
+    snprintf(document, sizeof document, "checkpoint/%08lld.json", (long long)step);
+    snprintf(tensors, sizeof tensors, "checkpoint/%08lld.safetensors", (long long)step);
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        char *path = NULL;
+
+        if (cln_path_join(&path, folder, names[i]) == CLN_OK)
+            (void)remove(path); /* a folder only if it is empty */
+        free(path);
+    }
+}
+
 cln_status cln_export_copy(cln_export_job *job)
 {
     cln_status st = CLN_OK;
     const cln_export_desc *desc = job->desc;
+    json_t *manifest = NULL;
     struct stat there;
+    bool begun = false;
 
     if (lstat(desc->file, &there) == 0)
         CLN_TRY(
             cln_fail(CLN_OUTPUT, "%s: already exists; name a new folder for the copy", desc->file));
     CLN_TRY(cln_disk_check(desc->file, cln_checkpoint_newest_bytes(desc->run), "the copy"));
     CLN_TRY(cln_run_open(desc->file, false));
+    begun = true;
+    CLN_TRY(make_manifest(desc, &manifest)); /* paths are told from the folder */
     CLN_TRY(cln_checkpoint_write(desc->file, &job->opened.model)); /* read without that state */
     CLN_TRY(copy_cameras(desc));
-    CLN_TRY(write_manifest(desc)); /* last: then it is whole */
+    CLN_TRY(cln_run_write(desc->file, manifest)); /* last: then it is whole */
 done:
+    if (st != CLN_OK && begun)
+        remove_copy(desc->file, job->opened.model.step);
+    json_decref(manifest);
     return st;
 }

@@ -239,7 +239,7 @@ cln_status cln_orbit_resize(const cln_camera *like, int wanted_width, int wanted
     out->fy = like->fy * scale;
     out->cx = like->cx * scale;
     out->cy = like->cy * scale + 0.5 * (height - like->height * scale);
-    if (out->lens == CLN_LENS_EQUIRECTANGULAR)
+    if (cln_camera_spans_sphere(like))
         cln_camera_span_sphere(out);
     return CLN_OK;
 }

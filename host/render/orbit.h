@@ -63,8 +63,8 @@ cln_status cln_orbit_make(const cln_orbit_frame *frame, const cln_render_desc *d
 
 /* The camera with a picture of another size and the same horizontal field of view. A side 0: as it
  * is or, if the other is given, by the aspect ratio. With another aspect ratio, more or less is
- * seen above and below. Equirectangular pictures stay whole spheres. CLN_USAGE for a picture that
- * is too large. */
+ * seen above and below. Panoramas of the whole sphere stay such. CLN_USAGE for a picture that is
+ * too large. */
 cln_status cln_orbit_resize(const cln_camera *like, int width, int height, cln_camera *out);
 
 /* Camera `i` of `count`; after the last one the first follows smoothly. */

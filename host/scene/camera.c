@@ -40,6 +40,16 @@ void cln_camera_span_sphere(cln_camera *camera)
     camera->cy = pixels[3];
 }
 
+bool cln_camera_spans_sphere(const cln_camera *camera)
+{
+    cln_camera whole = *camera;
+
+    cln_camera_span_sphere(&whole);
+    return camera->lens == CLN_LENS_EQUIRECTANGULAR && fabs(camera->cx - whole.cx) < 1 &&
+           fabs(camera->cy - whole.cy) < 1 && fabs(camera->fx - whole.fx) < 0.01 * whole.fx &&
+           fabs(camera->fy - whole.fy) < 0.01 * whole.fy;
+}
+
 bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[3],
                     double direction[3])
 {

@@ -51,6 +51,9 @@ void cln_pose_quaternion(const double c2w[12], double q[4]);
 /* And back: sets the rotation, the first three of each row of four. */
 void cln_pose_turn(const double q[4], double c2w[12]);
 
+/* Is it a panorama of the whole sphere, to a pixel? Others were cut above or below. */
+bool cln_camera_spans_sphere(const cln_camera *camera);
+
 /* Makes it EQUIRECTANGULAR, its image (width x height) spanning the whole sphere. */
 void cln_camera_span_sphere(cln_camera *camera);
 

@@ -55,12 +55,13 @@ static int told_by_size(const cln_view *v)
 static void turn_camera(cln_view *v)
 {
     cln_camera *c = &v->camera;
+    const bool sphere = cln_camera_spans_sphere(c);
     const int width = c->width;
     const double wider = (double)c->height / c->width;
 
     c->width = c->height;
     c->height = width;
-    if (c->lens == CLN_LENS_EQUIRECTANGULAR) {
+    if (sphere) {
         cln_camera_span_sphere(c);
         return;
     }

@@ -560,6 +560,15 @@ section_results() {
         "$work/picture-copy/orbit_0001.png"
     check "figures, too" [ "$("$query" mean.psnr <"$work/eval-whole/00000300-test.json")" = \
         "$("$query" mean.psnr <"$work/eval-copy/00000300-test.json")" ]
+    mv "$work/blender" "$work/away"
+    expect "a copy where the scene is gone" 0 "" "$cln" export "$work/whole" --copy "$work/copy3"
+    expect "is rendered" 0 "" "$cln" render "$work/copy3" --orbit --frames 1 \
+        --width 32 -o "$work/picture-3"
+    mv "$work/away" "$work/blender"
+    expect "an evaluation, with the scene back" 0 "" "$cln" eval "$work/copy3"
+    expect "a copy without room" 7 "" sh -c 'ulimit -f 64; exec "$@"' sh "$cln" export \
+        "$work/whole" --copy "$work/copy4"
+    check "leaves nothing" [ ! -e "$work/copy4" ]
     expect "a copy of the copy" 0 "" "$cln" export "$work/copy" --copy "$work/copy2"
     check "it is the same" eval 'cmp -s "$work"/copy/checkpoint/*.safetensors \
         "$work"/copy2/checkpoint/*.safetensors'

@@ -301,7 +301,7 @@ section_reused() {
     scene
     run "$cln" train "$work/scene" -o "$work/first" "${tiny[@]}" --steps 12 --seed 7 --json
     digest=$(json model_digest)
-    printf 'view_width = 16\nlr 0.5\n' >"$work/scene/cl-nascent.conf"
+    printf 'view_width = 16\nlr 0.5\nt_min 0.0002\n' >"$work/scene/cl-nascent.conf"
     expect "a run's settings" 0 "" "$cln" train "$work/scene" -o "$work/second" \
         --settings-of "$work/first" "${plain[@]}"
     check "make the same model, whatever the conf says" [ "$(json model_digest)" = "$digest" ]

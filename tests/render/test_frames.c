@@ -463,6 +463,29 @@ static void test_resized_view(void **state)
     assert_true(fabs(c.fx - 50) < 1e-12 && fabs(c.fy - 55) < 1e-12);
 }
 
+/* Whole panoramas stay whole in any shape; one that was cut stays cut as it was. */
+static void test_resized_panorama(void **state)
+{
+    const double f = 40 / M_PI;
+    cln_camera like = {.lens = CLN_LENS_EQUIRECTANGULAR, .width = 80, .height = 40}, c;
+
+    (void)state;
+    cln_camera_span_sphere(&like);
+    assert_true(cln_camera_spans_sphere(&like));
+    assert_int_equal(cln_orbit_resize(&like, 160, 160, &c), CLN_OK);
+    assert_true(cln_camera_spans_sphere(&c) && fabs(c.fy - 160 / M_PI) < 1e-9);
+    like.height = 30; /* the lower quarter is gone */
+    assert_false(cln_camera_spans_sphere(&like));
+    for (int twice = 0; twice < 2; twice++) {
+        assert_int_equal(cln_orbit_resize(&like, 160 * twice, 0, &c), CLN_OK);
+        assert_true(c.width == 80 << twice && c.height == 30 << twice);
+        assert_true(fabs(c.fy - f * (1 + twice)) < 1e-9 && fabs(c.cy - 20 * (1 + twice)) < 1e-9);
+    }
+    like.lens = CLN_LENS_OPENCV;
+    like.height = 40;
+    assert_false(cln_camera_spans_sphere(&like));
+}
+
 /* Pictures of another shape than the photos have the field of view of these along the shorter side,
  * so a wide one cuts nothing off above and below. */
 static void test_orbit_of_other_shapes(void **state)
@@ -942,6 +965,7 @@ int test_group_frames(void)
                                        cmocka_unit_test(test_around),
                                        cmocka_unit_test(test_orbit_lens),
                                        cmocka_unit_test(test_resized_view),
+                                       cmocka_unit_test(test_resized_panorama),
                                        cmocka_unit_test(test_orbit_of_other_shapes),
                                        cmocka_unit_test(test_orbit_arc),
                                        cmocka_unit_test(test_spiral_in_front),
