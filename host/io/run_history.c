@@ -51,6 +51,32 @@ static void compare_texts(const char *const texts[2], const char *key, json_t *c
         json_object_set_new(changed, key, json_pack("[s, s]", texts[0], texts[1]));
 }
 
+/* Did the start, number i, leave a step behind, for a run that goes on from this one? */
+static bool is_kept(const json_t *before, size_t i, int64_t step)
+{
+    return i == 0 || step_of(json_array_get(before, i)) < step;
+}
+
+/* The program that trained up to `step`: of the last start that left a step, or what the one after
+ * it found; else the last that wrote run.json. Older programs tell none of their starts. */
+static const char *trained_by(const json_t *before, int64_t step, const char *last)
+{
+    const json_t *start = NULL, *next = NULL, *pair = NULL;
+    const char *found = NULL;
+
+    for (size_t i = 0; i < json_array_size(before) && !next; i++)
+        if (is_kept(before, i, step))
+            start = json_array_get(before, i);
+        else
+            next = json_array_get(before, i);
+    found = json_string_value(json_object_get(start, PROGRAM));
+    if (found || !next)
+        return found ? found : last;
+    pair = json_object_get(json_object_get(next, "changed"), PROGRAM);
+    found = json_string_value(pair ? json_array_get(pair, 0) : json_object_get(next, PROGRAM));
+    return found ? found : last;
+}
+
 cln_status cln_history_add(const json_t *before, int64_t step, const char *command,
                            const char *started, const cln_config *saved, const cln_config *now,
                            const char *const scenes[2], const char *const programs[2], json_t **out)
@@ -62,13 +88,12 @@ cln_status cln_history_add(const json_t *before, int64_t step, const char *comma
     if (saved) {
         CLN_TRY(compare(saved, now, changed));
         compare_texts(scenes, SCENE, changed);
-        compare_texts(programs, PROGRAM, changed);
+        compare_texts((const char *const[2]){trained_by(before, step, programs[0]), programs[1]},
+                      PROGRAM, changed);
     }
     for (size_t i = 0; i < json_array_size(before); i++) {
-        json_t *earlier = json_array_get(before, i);
-
-        if (i == 0 || step_of(earlier) < step) /* else its steps are trained anew */
-            json_array_append(history, earlier);
+        if (is_kept(before, i, step)) /* else its steps are trained anew */
+            json_array_append(history, json_array_get(before, i));
     }
     start = json_pack("{s:I, s:s, s:s*, s:s, s:O}", "step", (json_int_t)step, "started", started,
                       PROGRAM, programs[1], "command", command, "changed", changed);
@@ -80,6 +105,14 @@ done:
     json_decref(history);
     json_decref(changed);
     return st;
+}
+
+const char *cln_history_other_program(const json_t *history)
+{
+    const json_t *start = json_array_get(history, json_array_size(history) - 1);
+    const json_t *pair = json_object_get(json_object_get(start, "changed"), PROGRAM);
+
+    return json_string_value(json_array_get(pair, 0));
 }
 
 bool cln_history_changed(const json_t *start)

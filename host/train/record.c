@@ -206,19 +206,15 @@ cln_status cln_record_start(cln_trainer *t)
     const char *preset = t->desc->resume ? NULL : t->desc->settings->preset;
     const char *was = NULL;
     char now[32], tune[CLN_TUNE_TEXT], digest[CLN_DIGEST_TEXT];
-    char trained_by[PROGRAM_BYTES], us[PROGRAM_BYTES];
+    char newest[PROGRAM_BYTES], us[PROGRAM_BYTES];
     cln_orbit_frame frame;
 
     if (t->desc->resume)
         CLN_TRY(cln_run_read(t->desc->run, &before));
     if (t->desc->resume)
         CLN_TRY(take_result(t, json_object_get(before, "result")));
-    write_program(text_of(before, "version", ""), text_of(before, "commit", ""), trained_by);
+    write_program(text_of(before, "version", ""), text_of(before, "commit", ""), newest);
     write_program(CLN_VERSION, cln_commit(), us);
-    if (t->desc->resume && strcmp(trained_by, us) != 0)
-        cln_info("so far it was trained by another program, %s: from here on numbers may be a "
-                 "little different from those of either alone",
-                 trained_by);
     was = text_of(json_object_get(before, "dataset"), "digest", NULL);
     cln_digest_text(t->scene->digest, digest);
     if (!preset)
@@ -236,7 +232,11 @@ cln_status cln_record_start(cln_trainer *t)
                             t->desc->command ? t->desc->command : "", now,
                             t->desc->resume ? &t->trained : NULL, &t->model.config,
                             (const char *const[2]){was, digest},
-                            (const char *const[2]){before ? trained_by : NULL, us}, &history));
+                            (const char *const[2]){before ? newest : NULL, us}, &history));
+    if (cln_history_other_program(history))
+        cln_info("so far it was trained by another program, %s: from here on numbers may be a "
+                 "little different from those of either alone",
+                 cln_history_other_program(history));
     if (t->desc->resume)
         CLN_TRY(take_processor_seconds(t, json_object_get(before, "result")));
     cln_tune_text(&t->pipeline.tune, tune);

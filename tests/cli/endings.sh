@@ -271,7 +271,7 @@ section_lost() {
     check "it was measured at its end" [ "$(json eval_step)" = 12 ]
     sed -i 's/"result": {/"lost": {/; s/"state": "done"/"state": "running"/' "$job/run.json"
     commit=$("$query" commit <"$job/run.json")
-    sed -i "s/\"commit\": \"$commit\"/\"commit\": \"0123abc\"/" "$job/run.json"
+    sed -i "s/$commit/0123abc/" "$job/run.json"
     "$cln" train --resume "$job" --steps +1000000 --log-every 999999 --save-every 1 --json \
         --skip-selftest --progress none >"$work/out" 2>"$work/err" &
     for ((i = 0; i < 600; i++)); do

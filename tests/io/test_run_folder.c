@@ -496,6 +496,48 @@ static void test_starts(void **state)
     json_decref(before);
 }
 
+/* The program that trained up to a step: of starts that left none behind, too. */
+static void test_history_programs(void **state)
+{
+    static const struct {
+        const char *history; /* so far; run.json is of "last" */
+        int step;
+        const char *trained_by; /* NULL: this one, "us" */
+    } cases[] = {
+        {"[]", 5, "last"},
+        {"[{'step':0}]", 5, "last"},
+        {"[{'step':0,'program':'us'}]", 5, NULL},
+        {"[{'step':0,'program':'a'},{'step':5,'program':'last'}]", 5, "a"}, /* it left no step */
+        {"[{'step':0,'program':'a'},{'step':5,'program':'last'}]", 9, "last"},
+        {"[{'step':0,'program':'a'},{'step':5,'program':'us'},{'step':7,'program':'last'}]", 7, NULL},
+        /* the first is of a program that told none */
+        {"[{'step':0},{'step':5,'program':'us','changed':{'program':['old','us']}}]", 5, "old"},
+        {"[{'step':0},{'step':5,'program':'us'}]", 5, NULL}};
+    static const char *const scenes[2] = {NULL, NULL}, *const programs[2] = {"last", "us"};
+    cln_config config;
+
+    (void)state;
+    assert_ok(cln_config_preset("fast", &config));
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        json_t *before = NULL, *all = NULL;
+        char text[512];
+
+        snprintf(text, sizeof text, "%s", cases[i].history);
+        for (char *c = text; *c; c++)
+            *c = *c == '\'' ? '"' : *c;
+        before = json_loads(text, 0, NULL);
+        assert_non_null(before);
+        assert_ok(cln_history_add(before, cases[i].step, "now", "then", &config, &config, scenes,
+                                  programs, &all));
+        if (cases[i].trained_by)
+            assert_string_equal(cln_history_other_program(all), cases[i].trained_by);
+        else
+            assert_null(cln_history_other_program(all));
+        json_decref(before);
+        json_decref(all);
+    }
+}
+
 static void test_hold(void **state)
 {
     const char *run = *state, *path = scratch_path(*state, "lock");
@@ -544,6 +586,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),
         cmocka_unit_test(test_starts),
+        cmocka_unit_test(test_history_programs),
         cmocka_unit_test_setup_teardown(test_hold, scratch_make, scratch_remove),
         cmocka_unit_test(test_machine),
         cmocka_unit_test(test_view_file_name),
