@@ -503,8 +503,7 @@ static int by_file(const void *a, const void *b)
 {
     const json_t *const *x = a, *const *y = b;
 
-    return strcmp(json_string_value(json_object_get(*x, "file_path")),
-                  json_string_value(json_object_get(*y, "file_path")));
+    return cln_natural_compare(cln_json_text(*x, "file_path"), cln_json_text(*y, "file_path"));
 }
 
 /* Brings frames of several renders into the order of their names. */

@@ -23,7 +23,7 @@ static cln_status make_manifest(const cln_export_desc *desc, json_t **out)
     char *path = NULL;
 
     CLN_TRY(cln_run_read(desc->run, &document));
-    if (strcmp(cln_run_state(desc->run, document), "running") == 0) /* which the copy is not */
+    if (strcmp(cln_json_text(document, "state"), "running") == 0) /* which the copy is not */
         json_object_set_new(document, "state", json_string("interrupted"));
     dataset = json_object_get(document, "dataset");
     st = cln_recorded_scene(desc->run, &path);

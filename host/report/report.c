@@ -61,7 +61,8 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
 {
     const double psnr_train = of->psnr_train, psnr_test = of->psnr_test;
     const bool doubtful = psnr_test < FEW_DB && psnr_train - psnr_test > GAP_DB;
-    const bool light = of->psnr_fitted >= FEW_DB || of->psnr_fitted > (psnr_train + psnr_test) / 2;
+    const double gain = of->psnr_fitted - psnr_test; /* blurred renders gain a decibel */
+    const bool light = gain > 2 && gain > (psnr_train - psnr_test) / 2;
 
     out[0] = 0;
     if (doubtful && light)

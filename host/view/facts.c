@@ -21,13 +21,14 @@ static json_t *numbers(const double *values, int count)
 static json_t *camera_json(const cln_view *view)
 {
     cln_camera c;
+    bool around = false;
 
-    cln_view_seen(view, &c);                /* as its photo and its pictures come */
-    if (c.lens == CLN_LENS_EQUIRECTANGULAR) /* a part of it, from there */
-        c.fy = 0.5 * c.width;
-    return json_pack("{s:s, s:s, s:o, s:f, s:i, s:i}", "name", view->name, "split",
-                     cln_split_names[view->split], "pose", numbers(c.c2w, 12), "focal", c.fy,
-                     "width", c.width, "height", c.height);
+    cln_view_seen(view, &c); /* as its photo and its pictures come */
+    around = c.lens == CLN_LENS_EQUIRECTANGULAR;
+    return json_pack("{s:s, s:s, s:o, s:f, s:i, s:i, s:b}", "name", view->name, "split",
+                     cln_split_names[view->split], "pose", numbers(c.c2w, 12), "focal",
+                     around ? 0.5 * c.width : c.fy, /* of a part of it, to look at */
+                     "width", c.width, "height", c.height, "around", around);
 }
 
 /* The cube; in a forward space, which has no end, a box about the target as wide as the cameras are

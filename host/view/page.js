@@ -356,10 +356,11 @@ function lookAround(dx, dy) { /* in shares of the picture's shorter side */
   touch();
 }
 
-/* Are the photos taken from inside, in all directions, as of a room? Those of an object look at it,
- * those of a wall the same way. */
+/* Are the photos taken from inside, in all directions, as of a room, or panoramas? Those of an
+ * object look at it, those of a wall the same way. */
 function areInside(cameras) {
   const poses = cameras.map((c) => fromPose(c.pose)), n = poses.length;
+  if (n > 0 && cameras.every((c) => c.around)) return true;
   if (n < 3) return false;
   const middle = scale(poses.reduce((sum, c) => add(sum, c.p), [0, 0, 0]), 1 / n);
   const mean = scale(poses.reduce((sum, c) => add(sum, c.r[2]), [0, 0, 0]), 1 / n);

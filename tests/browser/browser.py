@@ -184,7 +184,8 @@ def turn_in_place(page):
         const ring = [0, 1, 2, 3, 4, 5].map((k) => [Math.cos(k), Math.sin(k), 0]);
         return areInside(ring.map((v) => c(v, v))) && areInside(ring.map((v) => c([0, 0, 0], v))) &&
             !areInside(ring.map((v) => c(v, scale(v, -1)))) &&
-            !areInside(ring.map((v) => c(v, [0, 0, 1]))) && !areInside([])'''))
+            !areInside(ring.map((v) => c(v, [0, 0, 1]))) && !areInside([]) &&
+            areInside(ring.map((v) => ({...c(v, [0, 0, 1]), around: true})))'''))
     page.key('i')
     page.key('h')
 

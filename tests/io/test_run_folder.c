@@ -509,7 +509,8 @@ static void test_history_programs(void **state)
         {"[{'step':0,'program':'us'}]", 5, NULL},
         {"[{'step':0,'program':'a'},{'step':5,'program':'last'}]", 5, "a"}, /* it left no step */
         {"[{'step':0,'program':'a'},{'step':5,'program':'last'}]", 9, "last"},
-        {"[{'step':0,'program':'a'},{'step':5,'program':'us'},{'step':7,'program':'last'}]", 7, NULL},
+        {"[{'step':0,'program':'a'},{'step':5,'program':'us'},{'step':7,'program':'last'}]", 7,
+         NULL},
         /* the first is of a program that told none */
         {"[{'step':0},{'step':5,'program':'us','changed':{'program':['old','us']}}]", 5, "old"},
         {"[{'step':0},{'step':5,'program':'us'}]", 5, NULL}};

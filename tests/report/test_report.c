@@ -752,6 +752,8 @@ static void doubt_knows_exposure(void **state)
         {{28.1, 19.2, NAN, false}, "poses or lenses are wrong"},
         {{28.1, 19.2, 27, false}, "differs between photos (--exposure fits gains to them)"},
         {{28.1, 12, 20.5, true}, "after a fit of colours: exposure"},
+        {{28, 19.9, 20.1, false}, "poses or lenses are wrong"},
+        {{17, 15, 16.9, false}, "poses or lenses are wrong"},
         {{24, 12, 18.5, true}, "white balance differs between photos"},
         {{24, 12, 17.5, true}, "poses or lenses are wrong"},
         {{28.1, 20.1, 27, false}, NULL},
