@@ -79,7 +79,7 @@ awk -v growth="$growth" '
     { kib[NR] = $2 }
     END {
         for (i = int(NR / 4) + 1; i <= int(NR / 2); i++) if (kib[i] > early) early = kib[i]
-        end = NR - 10 # without what its end needs: a checkpoint, the last evaluation
+        end = NR < 80 ? NR : NR - 10 # without what its end needs: a checkpoint, the last evaluation
         for (i = int(NR * 3 / 4) + 1; i <= end; i++) if (kib[i] > late) late = kib[i]
         printf "soak: without stops %d MiB in the second quarter, %d MiB in the last\n",
             early / 1024, late / 1024

@@ -27,8 +27,9 @@
 
 #define SCHEMA "cl-nascent.frames/1"
 
-static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",   ".metric.png", ".normal.npy",
-                                       ".normal.png", ".opacity.png", ".png",        ".depth.png"};
+static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",  ".metric.png",
+                                       ".normal.npy", ".normal.png", ".opacity.png",
+                                       ".png",        ".depth.png",  ".depth16.png"};
 enum {
     DEPTH_NPY,
     DEPTH_PFM,
@@ -38,7 +39,8 @@ enum {
     OPACITY_PNG,
     COLOUR_PNG,
     FILES,
-    DEPTH_PNG = FILES
+    DEPTH_PNG = FILES,
+    OLD_PNG16 /* that older programs wrote for .metric.png */
 };
 
 int cln_render_eyes(const cln_render_job *j)
@@ -433,7 +435,7 @@ cln_status cln_render_drop_stale(const cln_render_job *j)
     for (int i = 0; i < j->count; i++) {
         if (j->frames[i].there)
             continue;
-        for (int file = DEPTH_PNG; file >= 0; file--) { /* first those that say it is there */
+        for (int file = OLD_PNG16; file >= 0; file--) { /* first those that say it is there */
             free(path);
             path = NULL;
             CLN_TRY(path_of(j, &j->frames[i], file, &path));
@@ -477,7 +479,8 @@ static cln_status add_earlier_cameras(const cln_render_job *j, json_t *frames)
     {
         const char *file = json_string_value(json_object_get(frame, "file_path"));
 
-        if (!file || !cln_ends_with(file, suffixes[COLOUR_PNG]))
+        if (!file || !cln_ends_with(file, suffixes[COLOUR_PNG]) ||
+            !json_is_array(json_object_get(frame, "transform_matrix")))
             continue;
         free(name);
         name = NULL;
@@ -533,12 +536,15 @@ static cln_status write_cameras(const cln_render_job *j)
 {
     cln_status st = CLN_OK;
     json_t *document = json_object(), *frames = json_array();
-    char *name = NULL;
+    char *name = NULL, *path = NULL;
     bool one_lens = j->earlier == 0;
     int lost = json_object_set_new(document, "frames", frames);
 
-    if (cln_render_eyes(j) > 1)
+    CLN_TRY(cln_path_join(&path, j->desc->out, "transforms.json"));
+    if (cln_render_eyes(j) > 1) {
+        (void)unlink(path); /* of single pictures that these may have replaced */
         goto done;
+    }
     if (j->earlier > 0)
         CLN_TRY(add_earlier_cameras(j, frames));
     for (int i = 1; i < j->count; i++)
@@ -570,6 +576,7 @@ static cln_status write_cameras(const cln_render_job *j)
 done:
     json_decref(document);
     free(name);
+    free(path);
     return st;
 }
 

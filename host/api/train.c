@@ -725,7 +725,8 @@ static void say_no_averages(const cln_trainer *t)
 /* Says of a training whose test views stayed far behind what can be done. */
 static void say_doubt(const cln_trainer *t)
 {
-    const cln_doubt of = {t->psnr_train, t->psnr_test, t->psnr_fitted, t->model.exposed};
+    const cln_doubt of = {t->psnr_train, t->psnr_test, t->psnr_fitted,
+                          t->model.exposed || t->model.has_alpha};
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (t->writes && cln_report_doubt(&of, doubt))

@@ -85,7 +85,8 @@ static cln_status print_result(const cln_options *options, const char *run, cln_
     cln_format_bytes(r->host_peak, host);
     printf("peak memory   %s device, %s host\n", device, host);
     printf("model digest  %s\n", digest);
-    printf("report        %s/report.html\n", run);
+    if (cln_has_file(run, "report.html"))
+        printf("report        %s/report.html\n", run);
     return CLN_OK;
 }
 
@@ -125,11 +126,13 @@ static cln_status check_scene(const cln_options *options)
     return st;
 }
 
-/* Are the settings the run's, and its steps or seconds as many as the budget asks for? */
+/* Are the settings the run's, and its steps and seconds as many as another budget asks for? */
 static bool asks_no_more(const cln_config *now, const cln_config *its, const json_t *result)
 {
-    const double steps = cln_json_number(result, "step"),
-                 epochs = cln_json_number(result, "epochs");
+    const double budgets[3][3] = {
+        {now->steps, its->steps, cln_json_number(result, "step")},
+        {now->epochs, its->epochs, cln_json_number(result, "epochs")},
+        {now->time_limit, its->time_limit, cln_json_number(result, "seconds")}};
     cln_config alike = *now;
 
     alike.steps = its->steps;
@@ -137,9 +140,11 @@ static bool asks_no_more(const cln_config *now, const cln_config *its, const jso
     alike.time_limit = its->time_limit;
     if (cln_config_differs(&alike, its, 0))
         return false;
-    return !cln_config_differs(now, its, 0) || (now->steps > 0 && steps >= now->steps) ||
-           (now->epochs > 0 && epochs >= now->epochs) ||
-           (now->time_limit > 0 && cln_json_number(result, "seconds") >= now->time_limit);
+    for (int i = 0; i < 3; i++)
+        if (budgets[i][0] != budgets[i][1] &&
+            !(budgets[i][0] > 0 && budgets[i][2] >= budgets[i][0]))
+            return false;
+    return true;
 }
 
 /* *is_done: --resume-or-start finds a run of this scene that is, and no setting is another. Says

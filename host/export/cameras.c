@@ -219,6 +219,11 @@ static cln_status list_of(const cln_view *view, const cln_camera *c, const cln_c
             continue;
         best = m;
     }
+    if (c->lens == CLN_LENS_EQUIRECTANGULAR && !cln_camera_spans_sphere(c))
+        return cln_fail(CLN_INPUT,
+                        "%s: a panorama that was cut, and COLMAP has whole ones alone; write "
+                        "transforms JSON (--cameras FILE.json)",
+                        view->name);
     if (!best)
         return cln_fail(CLN_INPUT,
                         "%s: none of COLMAP's camera models has its lens %s; write transforms JSON "

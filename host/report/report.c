@@ -88,7 +88,8 @@ static void put_doubt(FILE *to, const json_t *document)
     const cln_doubt of = {
         cln_json_number(result, "psnr_train"), cln_json_number(result, "psnr_test"),
         cln_json_number(result, "psnr_fitted"),
-        strcmp(cln_json_text(json_object_get(document, "config"), "exposure"), "yes") == 0};
+        json_is_true(json_object_get(result, "exposed")) ||
+            json_is_true(json_object_get(json_object_get(document, "dataset"), "alpha"))};
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (!cln_report_doubt(&of, doubt))

@@ -14,7 +14,7 @@
 enum { CLN_DOUBT_BYTES = 256 };
 typedef struct cln_doubt {
     double psnr_train, psnr_test, psnr_fitted; /* the last: NaN if not known */
-    bool exposed;                              /* it was trained with gains of the photos */
+    bool exposed; /* it was trained with gains of the photos, or alpha has none */
 } cln_doubt;
 bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES]);
 

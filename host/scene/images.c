@@ -193,7 +193,7 @@ static void tell_panoramas(const cln_scene *scene)
         const cln_camera *c = &v->camera;
         const bool whole = fabs(c->width - 2.0 * c->height) <= near * c->width;
 
-        if (v->by_file.sphere && !whole) {
+        if (c->lens == CLN_LENS_EQUIRECTANGULAR && !whole && !v->by_file.cut) {
             stretched = stretched ? stretched : v;
             others++;
         } else if (whole && !cln_camera_is_distorted(c) &&

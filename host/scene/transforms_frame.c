@@ -350,10 +350,10 @@ static cln_status read_sphere(const source *src, cln_camera *camera, cln_by_file
     CLN_TRY(number_of(src, "cx", 0.5 * camera->width, &centre[0]));
     CLN_TRY(number_of(src, "cy", NAN, &centre[1]));
     cln_camera_span_sphere(camera);
-    by->sphere = !is_near(focal[0], camera->fx) ||
-                 !(is_near(focal[1], focal[0]) || is_near(focal[1], camera->fy)) ||
-                 !isfinite(centre[0]) || !isfinite(centre[1]);
-    if (!by->sphere) {
+    by->cut = is_near(focal[0], camera->fx) &&
+              (is_near(focal[1], focal[0]) || is_near(focal[1], camera->fy)) &&
+              isfinite(centre[0]) && isfinite(centre[1]);
+    if (by->cut) {
         camera->fx = focal[0];
         camera->fy = focal[1];
         camera->cx = centre[0];

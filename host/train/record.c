@@ -158,13 +158,14 @@ static cln_status take_result(cln_trainer *t, const json_t *result)
 {
     cln_status st = CLN_OK;
     json_t *trained = NULL, *tested = NULL;
+    const json_t *step = NULL;
 
     CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, "psnr_train", &trained));
     CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, "psnr_test", &tested));
     t->psnr_train = cln_json_number(trained ? trained : result, "psnr_train");
     t->psnr_test = cln_json_number(tested ? tested : result, "psnr_test");
-    t->eval_step = (int64_t)json_integer_value(
-        json_object_get(tested ? tested : result, tested ? "step" : "eval_step"));
+    step = json_object_get(tested ? tested : result, tested ? "step" : "eval_step");
+    t->eval_step = json_is_integer(step) ? json_integer_value(step) : -1; /* of older programs */
     if (cln_json_number(result, "eval_step") == (double)t->eval_step)
         t->psnr_fitted = cln_json_number(result, "psnr_fitted");
 done:
@@ -310,12 +311,15 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
             "eval_seconds", cln_json_real(t->eval_seconds), "psnr_train",
             cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test), "psnr_fitted",
             cln_json_real(t->psnr_fitted), "eval_step",
-            isfinite(t->psnr_test) ? json_integer((json_int_t)t->eval_step) : json_null(),
+            isfinite(t->psnr_test) && t->eval_step >= 0 ? json_integer((json_int_t)t->eval_step)
+                                                        : json_null(),
             "eval_views", isfinite(t->psnr_test) ? t->eval_count : 0, "leaves",
             t->model.tree.leaf_count, "params",
             cln_json_whole(cln_network_learned(&t->model.net, t->model.tree.leaf_count)),
             "device_peak", cln_json_whole((double)t->device->peak), "host_peak",
             cln_json_whole(cln_peak_rss()), "model_digest", digest));
+    if (t->model.exposed)
+        json_object_set_new(json_object_get(run, "result"), "exposed", json_true());
 }
 
 /* The newest checkpoint's files under the names that they have in another run. */

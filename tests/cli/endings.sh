@@ -239,7 +239,7 @@ section_requeued() {
     check "it tells its result, and writes nothing" \
         [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
     expect "begun again with fewer steps" 0 "~is.done" "${line[@]}" --steps 44
-    check "likewise" [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
+    check "it does likewise" [ "$(json state)$(json model_digest)$(sums "$job")" = "done$before" ]
     expect "with another preset" 2 "~began.with.preset.fast" "${line[@]}" --preset voxel
     cp "$work/scene/train/r_001.png" "$work/photo"
     cp "$work/scene/train/r_000.png" "$work/scene/train/r_001.png"

@@ -52,7 +52,7 @@ static void panoramas_follow_their_numbers(void **state)
         scene = load(folder, &config);
         c = &scene->views[0].camera;
         assert_int_equal(warnings, cases[i].warnings);
-        assert_int_equal(scene->views[0].by_file.sphere, cases[i].sphere);
+        assert_int_equal(scene->views[0].by_file.cut, !cases[i].sphere);
         assert_near(c->fx, 20 / (2 * M_PI), 1e-4);
         assert_near(c->fy, cases[i].fy, 1e-4);
         assert_near(c->cx, 10, 1e-12);
