@@ -10,9 +10,9 @@
 enum { CLN_HISTORY_BYTES = 512 }; /* of a text about a start */
 
 /* *out: `before`, the history so far (NULL: none), without starts that left no step behind, and a
- * start at `step` with the settings `now`; `saved`: those that the checkpoint was trained with, NULL
- * for a new run; scenes: digests of the scene before and now; programs: that of run.json and this
- * one, versions with their commits; NULL if not known. The caller owns *out. CLN_MEMORY. */
+ * start at `step` with the settings `now`; `saved`: those that the checkpoint was trained with,
+ * NULL for a new run; scenes: digests of the scene before and now; programs: that of run.json and
+ * this one, versions with their commits; NULL if not known. The caller owns *out. CLN_MEMORY. */
 cln_status cln_history_add(const json_t *before, int64_t step, const char *command,
                            const char *started, const cln_config *saved, const cln_config *now,
                            const char *const scenes[2], const char *const programs[2],
