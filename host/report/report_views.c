@@ -47,7 +47,8 @@ static void put_list(FILE *to, const json_t *images)
 {
     int count = (int)json_array_size(images);
 
-    fprintf(to, "<h3>All %d</h3><div class=list><table>\n", count);
+    fprintf(to, "<h3>All %d</h3><div class=list><table>\n<tr><th>view<th>PSNR, dB<th>SSIM\n",
+            count);
     for (int i = 0; i < count && i < LISTED; i++) {
         const json_t *image = json_array_get(images, (size_t)i);
 

@@ -25,8 +25,8 @@ static const char style[] =
     ".photos .named img{border-color:#c2501c}.photos figcaption{font-size:12px}"
     ".sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(280px,1fr));gap:16px}";
 
-/* Is the view named by a finding that is likely a fault? */
-static bool is_named(const json_t *document, const char *name)
+/* Is the view named by a finding, or by one that is likely a fault? */
+static bool is_named(const json_t *document, const char *name, bool fault)
 {
     const json_t *findings = json_object_get(document, "findings");
 
@@ -34,7 +34,7 @@ static bool is_named(const json_t *document, const char *name)
         const json_t *one = json_array_get(findings, i), *views = json_object_get(one, "views");
 
         for (size_t k = 0; k < json_array_size(views); k++)
-            if (json_is_true(json_object_get(one, "likely_fault")) &&
+            if ((!fault || json_is_true(json_object_get(one, "likely_fault"))) &&
                 strcmp(json_string_value(json_array_get(views, k)), name) == 0)
                 return true;
     }
@@ -105,9 +105,9 @@ static void put_cameras(FILE *to, const cln_scene *scene, const json_t *document
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         const double *m = view->camera.c2w, at[3] = {m[3], m[7], m[11]};
-        const char *colour = is_named(document, view->name)   ? "#c2501c"
-                             : view->split == CLN_SPLIT_TRAIN ? "#2f6f9f"
-                                                              : "#8a63a6";
+        const char *colour = is_named(document, view->name, true) ? "#c2501c"
+                             : view->split == CLN_SPLIT_TRAIN     ? "#2f6f9f"
+                                                                  : "#8a63a6";
         double from[2], end[2], tip[3];
 
         if (!place(scene, s, reach, at, from)) {
@@ -238,11 +238,12 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
     fputs("<div class=photos>\n", to);
     for (int i = 0; i < scene->view_count; i++) {
         const json_t *about = json_array_get(views, (size_t)i);
-        const bool named = is_named(document, scene->views[i].name);
+        const bool named = is_named(document, scene->views[i].name, false);
+        const bool fault = named && is_named(document, scene->views[i].name, true);
 
         if (!named && i % step)
             continue;
-        fprintf(to, "<figure%s>", named ? " class=named" : "");
+        fprintf(to, "<figure%s>", fault ? " class=named" : "");
         CLN_TRY(put_thumb(to, scene, &scene->views[i]));
         fputs("<figcaption>", to);
         cln_html_text(to, scene->views[i].name);
@@ -251,6 +252,8 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
                 cln_json_number(about, "ties"));
         put_value(to, "exposure", cln_json_number(about, "exposure"), "%+.2f");
         put_value(to, "sharpness", cln_json_number(about, "sharpness"), "%.2f");
+        if (named)
+            fprintf(to, "; named by a %s", fault ? "fault" : "remark");
         fputs("</span></figcaption></figure>\n", to);
     }
     fputs("</div>\n", to);
@@ -303,7 +306,8 @@ static cln_status put_page(FILE *to, const cln_scene *scene, const json_t *docum
     fputs("<h2>Cameras, points and cube</h2>\n<div class=sides>\n", to);
     for (size_t i = 0; i < sizeof sides / sizeof *sides; i++)
         put_side(to, scene, document, &sides[i], reach);
-    fputs("</div>\n<p class=soft>Blue: training cameras; purple: held out; orange: named above. "
+    fputs("</div>\n<p class=soft>Blue: training cameras; purple: held out; orange: named by a "
+          "fault. "
           "Green: points that two photos see. The square is the cube.</p>\n"
           "<h2>Photos</h2>\n",
           to);

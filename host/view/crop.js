@@ -81,7 +81,10 @@ function addSlider(id, text, low, high, value, changed) {
     changeCrop();
   });
   row.className = 'row';
-  row.append(name, slider, document.createElement('output'));
+  const output = document.createElement('output');
+  output.id = `${id}-text`;
+  output.setAttribute('aria-live', 'off'); /* the slider itself tells it */
+  row.append(name, slider, output);
   $('crop-sliders').append(row);
 }
 
@@ -111,19 +114,24 @@ function turnCrop(a, degrees) {
   crop = crop.map((v, i) => sides[i] ? v + now[i % 3] - own[i % 3] : v);
 }
 
+function tellSlider(slider, text) {
+  write(`${slider.id}-text`, text);
+  slider.setAttribute('aria-valuetext', text);
+}
+
 function changeCrop() {
   const digits = Math.max(0, 3 - Math.floor(Math.log10(facts.box[3] - facts.box[0])));
   crop.forEach((v, i) => {
     const low = facts.box[i % 3], high = facts.box[3 + i % 3], slider = $(`crop-${i}`);
     slider.value = Math.round(1000 * (v - low) / (high - low));
-    slider.nextSibling.textContent = isSide(i) ? v.toFixed(Math.min(digits, 9)) : 'all';
+    tellSlider(slider, isSide(i) ? v.toFixed(Math.min(digits, 9)) : 'all');
   });
   cropTurn.forEach((v, a) => {
     $(`crop-turn-${a}`).value = Math.round(v);
-    $(`crop-turn-${a}`).nextSibling.textContent = `${Number(v.toFixed(1))}°`;
+    tellSlider($(`crop-turn-${a}`), `${Number(v.toFixed(1))}°`);
   });
-  $('crop-text').textContent = isCropped() ? `--crop ${cropSides().map((v) =>
-    Number(v.toPrecision(15))).join(',')}` : 'the box is off';
+  write('crop-text', isCropped() ? `--crop ${cropSides().map((v) =>
+    Number(v.toPrecision(15))).join(',')}` : 'the box is off');
   touch(true);
 }
 

@@ -99,7 +99,17 @@ function say(text, lasting = false) {
   clearTimeout(quiet);
   if ($('message').textContent !== text) $('message').textContent = text;
   if (text && !lasting) quiet = setTimeout(() => say(''), 3000 + 60 * text.length);
+  if (text && !lasting) write('said', text); /* to be read later */
+  $('said').hidden = !$('said').textContent;
 }
+
+/* A text that is the same stays: screen readers take any change for news. */
+function write(id, text) {
+  if ($(id).textContent !== text) $(id).textContent = text;
+}
+
+/* For those who do not see what has changed. */
+const tell = (text) => write('told', text);
 
 /* Resolves while the page is seen: at once, or when its tab is shown again. */
 const seen = () => new Promise((done) => {
@@ -145,7 +155,7 @@ function touch(keep = false, moving = false) {
   moved = performance.now();
   if (abort && abort.refining) abort.abort();
   $('fov').value = camera.fov;
-  $('fov-text').textContent = `${camera.fov.toFixed(0)}°`;
+  write('fov-text', `${camera.fov.toFixed(0)}°`);
   drawLines();
   pump();
 }
@@ -315,7 +325,7 @@ async function savePicture() {
       format: 'png'}, viewer + '-s');
     if (!answer.ok) throw new Error((await answer.text()).trim());
     download(await answer.blob(), `${facts.run.split('/').filter(Boolean).pop()}.png`);
-    say('');
+    say('The screenshot is saved.');
   } catch (error) {
     say(`No screenshot: ${error.message}`);
   }
@@ -399,6 +409,7 @@ function level() {
   if (size(right) < 1e-3) return;
   camera.r[0] = unit(right);
   straighten(camera);
+  tell('The horizon is straight.');
   touch();
 }
 
@@ -548,7 +559,7 @@ let flying = 0;
 const HELD = 'wasdrfqe';
 
 const keys = {
-  h: () => fly(home), l: level, x: savePicture, m: () => openPanel(),
+  h: () => { fly(home); tell('Back at the start.'); }, l: level, x: savePicture, m: () => openPanel(),
   c: () => toggle('frusta'), n: () => jumpBy(1), p: () => jumpBy(-1), k: addKey,
   g: () => focus(picture.clientWidth / 2, picture.clientHeight / 2),
   b: () => toggleBlend(), v: () => { toggle('difference'); draw(); }, ' ': play,
@@ -559,7 +570,7 @@ const keys = {
     say(isInside() ? 'Drags and arrows look around from where you stand.' :
       'Drags and arrows turn about the middle.');
   },
-  o: () => { $('crop').checked = !$('crop').checked; changeCrop(); },
+  o: () => { toggle('crop'); changeCrop(); },
   '+': () => zoom(0.9), '=': () => zoom(0.9), '-': () => zoom(1 / 0.9),
   '?': () => { openPanel(true); $('help').open = true; $('help').scrollIntoView(); },
 };
@@ -567,11 +578,13 @@ const arrows = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowD
 
 function show(what) {
   $('show').value = what;
+  tell(`Shows ${$('show').selectedOptions[0].textContent}.`);
   touch(true);
 }
 
 function toggle(id) {
   $(id).checked = !$(id).checked;
+  tell(`${$(id).labels[0].textContent.trim()}: ${$(id).checked ? 'on' : 'off'}`);
   drawLines();
 }
 
@@ -589,6 +602,7 @@ addEventListener('keydown', (event) => {
   if (event.key === 'Escape') picture.focus();
   if (!camera || event.ctrlKey || event.metaKey || event.altKey || forControl(event)) return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (key.length === 1 && !$('letters').checked && document.activeElement !== picture) return;
   if (key in arrows) {
     const [x, y] = arrows[key];
     if (event.shiftKey) shift(-0.03 * x, -0.03 * y);
@@ -674,6 +688,7 @@ function enterCamera(i) {
   photo = null;
   $('beside').disabled = false;
   $('camera-name').textContent = facts.cameras[i].name;
+  tell(`Camera ${facts.cameras[i].name}, ${facts.cameras[i].split}`);
   fetchPhoto();
   mark(i);
 }
@@ -837,6 +852,8 @@ function drawCurve(rows) {
     if (r[2] !== null) put('circle', {cx: x(r[0]), cy: y(r[2]), r: 2.5});
 }
 
+let shownState = null;
+
 function showTraining() {
   const t = training, real = (v, digits) => v === null ? '–' : v.toFixed(digits);
   const left = t.eta === null ? '' : `, ${duration(t.eta)} left`;
@@ -844,6 +861,8 @@ function showTraining() {
   $('training-state').textContent = `${t.state}: ${(100 * t.fraction).toFixed(0)} %` +
     (t.state === 'paused' ? '' : left);
   $('training-bar').value = t.fraction;
+  if (shownState !== t.state) tell(`The training: ${t.state}`);
+  shownState = t.state;
   $('pause').textContent = t.state === 'paused' ? 'Continue' : 'Pause';
   const list = [['PSNR, training', `${real(t.psnr_train, 2)} dB`],
     ['PSNR, test', t.psnr_test === null ? 'not yet measured' : `${real(t.psnr_test, 2)} dB`],
@@ -915,12 +934,16 @@ async function lookForNewer() {
   setTimeout(lookForNewer, 5000);
 }
 
-/* The second click within a few seconds stops the training. */
+/* The second click stops the training, unless the button was left in between. */
 function stopTraining() {
   const button = $('stop'), sure = button.textContent !== 'Stop';
   button.textContent = sure ? 'Stop' : 'Really stop?';
   if (sure) order('stop');
-  else setTimeout(() => { button.textContent = 'Stop'; }, 4000);
+  else say('Once more stops the training; Escape or another control takes it back.');
+}
+
+function keepTraining() {
+  $('stop').textContent = 'Stop';
 }
 
 /* ---- the panel, the start ---- */
@@ -938,6 +961,7 @@ async function begin() {
   server = answer.headers.get('X-Server');
   document.title = `${facts.run} – cl-nascent`;
   $('title').textContent = `${facts.run}, step ${facts.step.toLocaleString('en')}`;
+  picture.setAttribute('aria-label', `The scene ${facts.run}`);
   setBackground(facts.background);
   home = {...fromPose(facts.start), distance: 1, fov: 360 / Math.PI *
     Math.atan(Math.min(facts.width, facts.height) / 2 / facts.focal)};
@@ -982,6 +1006,7 @@ on('crop-part', 'toggle', drawLines);
 on('pause', 'click', () => order(training && training.state === 'paused' ? 'continue' : 'pause'));
 on('checkpoint', 'click', () => order('save'));
 on('stop', 'click', stopTraining);
+on('stop', 'blur', keepTraining);
 on('save-path', 'click', savePath);
 on('save-transforms', 'click', saveTransforms);
 on('open-path', 'change', () => {

@@ -45,6 +45,7 @@ function along(share) {
 
 function addKey() {
   keyframes.push(copy(camera));
+  tell(`View ${keyframes.length} is added to the path.`);
   listKeys();
 }
 
@@ -67,7 +68,7 @@ function listKeys(row, column) {
       if (i > 0) [keyframes[i - 1], keyframes[i]] = [keyframes[i], keyframes[i - 1]];
       listKeys(Math.max(0, i - 1), 1);
     });
-    button('Set', `Make this view number ${i + 1}`, () => {
+    button('Set', `Set view ${i + 1} to this one`, () => {
       keyframes[i] = copy(camera);
       listKeys(i, 2);
     });
@@ -405,11 +406,15 @@ async function makeFilm() {
   const path = framesOfPath(FILM_FRAMES), [width, height] = filmSize();
   if (!path) return;
   const state = film = {name: null, cancelled: false}, shared = {...looks(), ...cropQuery()};
-  const began = performance.now(), tell = (text) => { $('film-state').textContent = text; };
+  const began = performance.now(), note = (text, loud = true) => {
+    $('film-state').textContent = text;
+    if (loud) tell(`Film: ${text}`);
+  };
+  let tenth = 0;
   $('film-part').hidden = false;
   $('film-link').hidden = true;
   $('make-film').textContent = 'Cancel';
-  tell('begins');
+  note('begins');
   try {
     const made = await posted('film/begin', {width, height, fps: perSecond(),
       frames: path.length});
@@ -420,22 +425,24 @@ async function makeFilm() {
       await posted('film/frame', {film: state.name, pose: toPose(c).join(','), focal, width,
         height, ...shared});
       const left = (performance.now() - began) / 1000 / (i + 1) * (path.length - i - 1);
-      tell(`frame ${i + 1} of ${path.length}, ${duration(left)} left`);
+      const share = Math.floor(10 * (i + 1) / path.length);
+      note(`frame ${i + 1} of ${path.length}, ${duration(left)} left`, share > tenth);
+      tenth = share;
     }
     if (state.cancelled) {
       await post('film/drop', {film: state.name});
-      tell('cancelled');
+      note('cancelled');
     } else {
-      tell('being completed');
+      note('being completed');
       const whole = await posted('film/end', {film: state.name});
       $('film-bar').value = 1;
-      tell(`${path.length} frames, ${(whole.bytes / 1e6).toFixed(1)} MB`);
+      note(`${path.length} frames, ${(whole.bytes / 1e6).toFixed(1)} MB`);
       $('film-link').href = `film?film=${state.name}`;
       $('film-link').download = whole.file;
       $('film-link').hidden = false;
     }
   } catch (error) {
-    tell(`No film: ${error.message}`);
+    note(`No film: ${error.message}`);
     if (state.name) post('film/drop', {film: state.name}).catch(() => {});
   }
   film = null;
