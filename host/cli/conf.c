@@ -186,6 +186,20 @@ done:
     return st;
 }
 
+/* Editors of Windows add an ending that its folders hide. */
+static cln_status say_ending(const char *conf, char **said)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+
+    CLN_TRY(cln_asprintf(&path, "%s.txt", conf));
+    if (cln_is_file(path))
+        CLN_TRY(cln_asprintf(said, "are not read from %s, whose name has to be " NAME, path));
+done:
+    free(path);
+    return st;
+}
+
 cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_preset,
                          cln_settings *settings, char **said)
 {
@@ -197,8 +211,10 @@ cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_pr
 
     *said = NULL;
     CLN_TRY(path_beside(scene, &path));
-    if (lstat(path, &info) != 0)
+    if (lstat(path, &info) != 0) {
+        st = say_ending(path, said);
         goto done;
+    }
     if (!cln_is_file(path))
         CLN_TRY(cln_fail(
             CLN_INPUT,

@@ -7,6 +7,7 @@
  *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   -- */
 #include "cli/parse.h"
 
+#include <ctype.h>
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -630,6 +631,15 @@ static cln_status check_info(const parser *p)
                 : CLN_OK;
 }
 
+/* A place on a drive of Windows would be a file of that name here. */
+static cln_status check_drive(const char *path)
+{
+    if (path && isalpha((unsigned char)path[0]) && path[1] == ':' &&
+        (path[2] == '\\' || path[2] == '/') && !cln_is_dir(path))
+        return cln_fail(CLN_USAGE, "%s: names a drive of Windows, which is no place here", path);
+    return CLN_OK;
+}
+
 /* A film has only colours, and a folder must not be named like a film or a picture. */
 static cln_status check_render_output(const parser *p)
 {
@@ -759,6 +769,8 @@ static cln_status settle(parser *p)
                           : cln_fail(CLN_USAGE, "%s: %s is missing: `cl-nascent %s %s`",
                                      out->command->name, out->command->operand, out->command->name,
                                      bit == CLN_COMPLETION ? CLN_SHELLS : out->command->operand));
+    CLN_TRY(check_drive(out->output));
+    CLN_TRY(check_drive(out->export_file));
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)

@@ -192,9 +192,9 @@ static cln_status read_json(const char *path, size_t most, bool relaxed, json_t 
 
     *out = NULL;
     CLN_TRY(cln_read_file(path, most, &text, &bytes));
+    if (bytes >= 3 && !memcmp(text, "\xEF\xBB\xBF", 3)) /* byte order mark of Windows editors */
+        memset(text, ' ', 3);
     if (relaxed) {
-        if (bytes >= 3 && !memcmp(text, "\xEF\xBB\xBF", 3)) /* byte order mark of Windows editors */
-            memset(text, ' ', 3);
         CLN_TRY(blank_comments(path, text, &bytes));
         blank_trailing_commas(text, bytes);
         quote_no_numbers(text, bytes);

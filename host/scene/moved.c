@@ -2,6 +2,7 @@
 #include "scene/moved.h"
 
 #include <ctype.h>
+#include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -261,6 +262,62 @@ done:
     return st;
 }
 
+/* The only entry of a folder that is called like the first part of `name`, whatever case and
+ * Unicode form; NULL if there is none, or more than one. */
+static cln_status find_entry(const char *folder, const char *name, char **out)
+{
+    cln_status st = CLN_OK;
+    char *part = NULL, *wanted = NULL;
+    DIR *dir = opendir(folder);
+    int found = 0;
+
+    *out = NULL;
+    CLN_TRY(cln_asprintf(&part, "%.*s", (int)strcspn(name, "/"), name));
+    wanted = cln_unicode_fold(part);
+    for (struct dirent *e = dir && wanted ? readdir(dir) : NULL; e && found < 2; e = readdir(dir)) {
+        char *folded = cln_unicode_fold(e->d_name);
+
+        if (folded && strcmp(folded, wanted) == 0 && ++found == 1)
+            st = cln_path_join(out, folder, e->d_name);
+        free(folded);
+        CLN_TRY(st);
+    }
+    if (found > 1) {
+        free(*out);
+        *out = NULL;
+    }
+done:
+    if (dir)
+        closedir(dir);
+    free(part);
+    free(wanted);
+    return st;
+}
+
+/* The file that `name` leads to from the folder, part by part; NULL if there is none. */
+static cln_status find_alike(const char *folder, const char *name, char **out)
+{
+    cln_status st = CLN_OK;
+    char *here = NULL, *next = NULL;
+
+    *out = NULL;
+    CLN_TRY(cln_strdup(&here, folder));
+    for (const char *part = name; part && here; part = strchr(part, '/')) {
+        part += *part == '/';
+        CLN_TRY(find_entry(here, part, &next));
+        free(here);
+        here = next;
+        next = NULL;
+    }
+    if (here && cln_is_file(here)) {
+        *out = here;
+        here = NULL;
+    }
+done:
+    free(here);
+    return st;
+}
+
 cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, char **out)
 {
     cln_status st = CLN_OK;
@@ -280,6 +337,8 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
         *strrchr(form, '.') = 0;
         CLN_TRY(find_form(moved, form, leads_out, out));
     }
+    if (!*out)
+        CLN_TRY(find_alike(moved->folder, name, out));
 done:
     free(form);
     return st;
@@ -470,6 +529,7 @@ static cln_status take_file(const char *folder, const char *name, char **out)
         goto done;
     free(*out);
     *out = NULL;
+    CLN_TRY(find_alike(folder, name, out));
 done:
     free(form);
     return st;

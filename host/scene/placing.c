@@ -168,6 +168,21 @@ static int by_text(const void *a, const void *b)
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
+/* The same but for separators that stand twice, as programs of Windows write them. */
+static int by_path(const void *a, const void *b)
+{
+    const char *x = *(char *const *)a, *y = *(char *const *)b;
+
+    for (;; x++, y++) {
+        while (x[0] == '/' && x[1] == '/')
+            x++;
+        while (y[0] == '/' && y[1] == '/')
+            y++;
+        if (*x != *y || !*x)
+            return (unsigned char)*x - (unsigned char)*y;
+    }
+}
+
 /* Warns of images in the folder that are no views, with the first of their names. */
 static cln_status warn_unposed(const char *folder, const cln_reader_result *result,
                                const cln_names *there)
@@ -181,12 +196,12 @@ static cln_status warn_unposed(const char *folder, const cln_reader_result *resu
     CLN_TRY(cln_alloc(&known, (size_t)count, sizeof *known, "views"));
     for (int i = 0; i < count; i++)
         known[i] = result->views[i].path;
-    qsort(known, (size_t)count, sizeof *known, by_text);
+    qsort(known, (size_t)count, sizeof *known, by_path);
     for (int i = 0; i < there->count; i++) {
         free(path);
         path = NULL;
         CLN_TRY(cln_path_join(&path, folder, there->name[i]));
-        if (bsearch(&path, known, (size_t)count, sizeof *known, by_text))
+        if (bsearch(&path, known, (size_t)count, sizeof *known, by_path))
             continue;
         if (more <= NAMED && used < sizeof names)
             used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", more ? ", " : "",

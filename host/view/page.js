@@ -559,7 +559,8 @@ let flying = 0;
 const HELD = 'wasdrfqe';
 
 const keys = {
-  h: () => { fly(home); tell('Back at the start.'); }, l: level, x: savePicture, m: () => openPanel(),
+  h: () => { fly(home); tell('Back at the start.'); },
+  l: level, x: savePicture, m: () => openPanel(),
   c: () => toggle('frusta'), n: () => jumpBy(1), p: () => jumpBy(-1), k: addKey,
   g: () => focus(picture.clientWidth / 2, picture.clientHeight / 2),
   b: () => toggleBlend(), v: () => { toggle('difference'); draw(); }, ' ': play,

@@ -142,6 +142,26 @@ section_windows() {
     expect "and in --views" 0 "" "$cln" eval "$r" --views 'images\frame_00007.png' --json
     check "the photo is found" [ "$(json images.0.name | tr '\\' / | sed 's/^[.]*[/]*//')" = \
         images/frame_00007.png ]
+    sed 's|"images/|"images//|' "$work/plain.json" >"$s/transforms.json"
+    expect "separators that stand twice" 0 "" "$cln" info "$s"
+    check "no photo is without a pose for it" not_said "no pose"
+    mkdir "$s/Masken Größe"
+    # the folder composed, the file decomposed, both in another case
+    cp "$s/images/frame_00001.png" "$s/Masken Größe/$(printf 'Gro\314\210\303\237e').png"
+    sed 's|"file_path"|"mask_path": "masken größe/GRÖßE.png", "file_path"|' "$work/plain.json" \
+        >"$s/transforms.json"
+    expect "masks of another case and Unicode form" 0 "" "$cln" info "$s"
+    check "are found" not_said "no mask"
+    { printf '\357\273\277' && cat "$r/run.json"; } >"$work/marked.json"
+    cp "$work/marked.json" "$r/run.json"
+    expect "a byte order mark in JSON" 0 "" "$cln" info "$r"
+    touch "$s/cl-nascent.conf.txt"
+    expect "an ending that an editor adds" 3 "~settings.are.not.read.from.*conf.txt" "$cln" train \
+        "$s" -o "$work/none" --steps 1 --holdout 999 --test-views "$work/nowhere"
+    expect "a drive of Windows to write to" 2 "~is.'/mnt/c/Users/J/run'" "$cln" train "$s" \
+        -o 'C:\Users\J\run'
+    expect "likewise of an export" 2 "~drive.of.Windows" "$cln" export "$r" --octree 'D:/a.ply'
+    rm -r "$s/Masken Größe" "$s/cl-nascent.conf.txt"
     sed 's|"images/|"images\\|' "$work/plain.json" >"$s/transforms.json"
     expect "single backslashes in JSON" 3 \
         "~frame.*'images.frame_0.*single.backslashes ~write.each.twice" "$cln" info "$s"
