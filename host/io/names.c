@@ -1,6 +1,7 @@
 /* View names to file names. See names.h. */
 #include "io/names.h"
 
+#include <ctype.h>
 #include <inttypes.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -111,4 +112,31 @@ done:
         free(sorted[i].folded);
     free(sorted);
     return st;
+}
+
+static bool is_separator(char c)
+{
+    return c == '/' || c == '\\';
+}
+
+size_t cln_names_folder(int count, const char *const *names)
+{
+    size_t same = strlen(names[0]);
+
+    for (int i = 0; i < count; i++) {
+        size_t k = 0;
+
+        while (k < same && names[i][k] == names[0][k])
+            k++;
+        same = k;
+    }
+    while (same > 0 && !is_separator(names[0][same - 1]))
+        same--;
+    return same;
+}
+
+bool cln_name_is_absolute(const char *name)
+{
+    return is_separator(*name) ||
+           (isalpha((unsigned char)*name) && name[1] == ':' && is_separator(name[2]));
 }

@@ -182,29 +182,12 @@ done:
 
 /* ---- transforms JSON ---- */
 
-/* Bytes of the folder that has all files. */
-static size_t common_folder(char *const *names, int count)
-{
-    size_t same = strlen(names[0]);
-
-    for (int i = 0; i < count; i++) {
-        size_t k = 0;
-
-        while (k < same && names[i][k] == names[0][k])
-            k++;
-        same = k;
-    }
-    while (same > 0 && names[0][same - 1] != '/')
-        same--;
-    return same;
-}
-
 /* Names frames by their files, if these are named from the root, as programs for films do, without
  * the folder that has all; further frames of a file also get their numbers. */
 static cln_status name_frames(const char *path, char *const *names, bool from_root, cln_frames *out)
 {
     cln_status st = CLN_OK;
-    const size_t within = from_root ? common_folder(names, out->count) : 0;
+    const size_t within = from_root ? cln_names_folder(out->count, (const char *const *)names) : 0;
     json_t *known = json_object();
     const char **shorter = NULL, *twice = NULL;
     char **files = NULL;

@@ -260,11 +260,19 @@ cln_status cln_scene_name_files(cln_scene *scene)
     const size_t count = (size_t)scene->view_count;
     const char **names = NULL;
     char **files = NULL;
+    size_t within = 0;
+    bool absolute = count > 0;
 
     CLN_TRY(cln_alloc(&names, count, sizeof *names, "views"));
     CLN_TRY(cln_alloc(&files, count, sizeof *files, "views"));
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count; i++) {
         names[i] = scene->views[i].name;
+        absolute = absolute && cln_name_is_absolute(names[i]);
+    }
+    if (absolute) /* where they once were tells nobody a photo from another */
+        within = cln_names_folder((int)count, names);
+    for (size_t i = 0; i < count; i++)
+        names[i] += within;
     st = cln_view_file_names(scene->view_count, names, files);
     for (size_t i = 0; i < count; i++)
         scene->views[i].file = files[i];

@@ -155,6 +155,9 @@ section_windows() {
     { printf '\357\273\277' && cat "$r/run.json"; } >"$work/marked.json"
     cp "$work/marked.json" "$r/run.json"
     expect "a byte order mark in JSON" 0 "" "$cln" info "$r"
+    sed 's|"images/|"C:\\\\Users\\\\Ann\\\\images\\\\|' "$work/plain.json" >"$s/transforms.json"
+    expect "photos on a drive" 0 "" "$cln" train "$s" -o "$work/drive" "${small[@]}" --steps 2
+    check "pictures have their names alone" [ -s "$work/drive/eval/00000002-test/frame_00001.png" ]
     touch "$s/cl-nascent.conf.txt"
     expect "an ending that an editor adds" 3 "~settings.are.not.read.from.*conf.txt" "$cln" train \
         "$s" -o "$work/none" --steps 1 --holdout 999 --test-views "$work/nowhere"

@@ -371,6 +371,13 @@ static void test_long_file_names(void **state)
     a[299] = 0;
     memcpy(b, a, sizeof b);
     b[298] = (char)(b[298] + 1);
+    assert_int_equal(cln_names_folder(2, (const char *const[2]){"C:\\a\\b1.png", "C:\\a\\b2.png"}),
+                     5);
+    assert_int_equal(cln_names_folder(2, (const char *const[2]){"/a/b/1.png", "/a/c/1.png"}), 3);
+    assert_int_equal(cln_names_folder(2, (const char *const[2]){"a.png", "ab.png"}), 0);
+    assert_true(cln_name_is_absolute("d:/x") && cln_name_is_absolute("/x"));
+    assert_false(cln_name_is_absolute("d:x") || cln_name_is_absolute("x/y") ||
+                 cln_name_is_absolute(""));
     assert_int_equal(cln_view_file_names(2, names, files), CLN_OK);
     for (int i = 0; i < 2; i++) {
         assert_int_equal(strlen(files[i]), 179 + 9);
