@@ -8,6 +8,8 @@
 #include "base/files.h"
 #include "base/memory.h"
 
+static const size_t CHUNK = (size_t)1 << 30; /* a chunk has less than 2^31 bytes */
+
 static void put_u32(uint8_t out[4], uint32_t value)
 {
     for (int i = 0; i < 4; i++)
@@ -74,7 +76,8 @@ cln_status cln_png16_write(const char *path, int width, int height, int channels
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(cln_atomic_write(file, signature, sizeof signature));
     CLN_TRY(write_chunk(file, "IHDR", about, sizeof about));
-    CLN_TRY(write_chunk(file, "IDAT", packed, size));
+    for (size_t at = 0; at < size; at += CHUNK)
+        CLN_TRY(write_chunk(file, "IDAT", packed + at, size - at < CHUNK ? size - at : CHUNK));
     CLN_TRY(write_chunk(file, "IEND", NULL, 0));
     CLN_TRY(cln_atomic_commit(&file));
 done:

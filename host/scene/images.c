@@ -55,8 +55,7 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
                   "the scene's files have"
             : camera->lens == CLN_LENS_EQUIRECTANGULAR
                 ? "correct w and h, with fl_x = fl_y = w / (2 pi), cx and cy if the panorama was "
-                  "cut "
-                  "above or below, or replace the image"
+                  "cut above or below, or replace the image"
                 : "correct w and h or replace the image");
     if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width)) {
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
