@@ -244,6 +244,27 @@ void cln_atomic_abandon(cln_atomic_file *file)
     free_atomic(file);
 }
 
+bool cln_is_utf16(const char *text, size_t bytes)
+{
+    const bool marked =
+        bytes >= 2 && (memcmp(text, "\xFF\xFE", 2) == 0 || memcmp(text, "\xFE\xFF", 2) == 0);
+
+    return marked || (bytes >= 4 && ((text[0] && !text[1] && text[2] && !text[3]) ||
+                                     (!text[0] && text[1] && !text[2] && text[3])));
+}
+
+cln_status cln_read_text(const char *path, size_t max_bytes, char **out, size_t *bytes)
+{
+    cln_status st = cln_read_file(path, max_bytes, out, bytes);
+
+    if (st != CLN_OK || !cln_is_utf16(*out, *bytes))
+        return st;
+    free(*out);
+    *out = NULL;
+    *bytes = 0;
+    return cln_fail(CLN_INPUT, "%s: is UTF-16; save it as UTF-8", path);
+}
+
 cln_status cln_write_file(const char *path, const void *data, size_t bytes)
 {
     cln_status st = CLN_OK;

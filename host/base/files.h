@@ -20,6 +20,13 @@ bool cln_has_dir(const char *folder, const char *name);
  * larger than max_bytes. The caller frees *out. */
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes);
 
+/* The same of a text. CLN_INPUT, too, if it is UTF-16, as PowerShell and editors of Windows write
+ * it. */
+cln_status cln_read_text(const char *path, size_t max_bytes, char **out, size_t *bytes);
+
+/* Is it text in UTF-16, by its mark or the zero bytes beside its first letters? */
+bool cln_is_utf16(const char *text, size_t bytes);
+
 /* Writes atomically: a reader sees the old file or the new one. CLN_OUTPUT on failure: the old file
  * stays, the temp file is removed. */
 cln_status cln_write_file(const char *path, const void *data, size_t bytes);

@@ -201,7 +201,7 @@ static cln_status read_json(const char *path, size_t most, bool relaxed, json_t 
     }
     CLN_TRY(check_memory(path, text, bytes));
     *out = json_loadb(text, bytes, 0, &error);
-    if (!*out && bytes >= 2 && (!memcmp(text, "\xFF\xFE", 2) || !memcmp(text, "\xFE\xFF", 2)))
+    if (!*out && cln_is_utf16(text, bytes))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: is UTF-16; save it as UTF-8", path));
     if (!*out && (error.line < 0 || json_error_code(&error) == json_error_out_of_memory))
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: no host memory for its contents", path));

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/files.h"
+#include "base/text.h"
 #include "base/memory.h"
 #include "io/cursor.h"
 #include "scene/dataset.h"
@@ -375,7 +376,8 @@ static cln_status read_file(const char *path, cln_status (*read)(cln_cursor *, c
     cln_status st = CLN_OK;
     cln_cursor cursor = {.path = path};
 
-    CLN_TRY(cln_read_file(path, MAX_BYTES, &cursor.data, &cursor.size));
+    CLN_TRY((cln_ends_with(path, ".txt") ? cln_read_text : cln_read_file)(
+        path, MAX_BYTES, &cursor.data, &cursor.size));
     CLN_TRY(read(&cursor, out));
 done:
     free(cursor.data);

@@ -28,7 +28,7 @@ static cln_status read_numbers(const char *path, numbers *out)
     char *line = NULL;
 
     *out = (numbers){0};
-    CLN_TRY(cln_read_file(path, MAX_BYTES, &cursor.data, &cursor.size));
+    CLN_TRY(cln_read_text(path, MAX_BYTES, &cursor.data, &cursor.size));
     while (out->lines < LINES && (line = cln_cursor_line(&cursor))) {
         double value = 0;
 

@@ -236,7 +236,7 @@ static cln_status read_tracks(const char *path, const json_t *shots, const json_
     cln_cursor c = {.path = path};
     json_t *views = index_of(shots), *numbers = index_of(points);
 
-    CLN_TRY(cln_read_file(path, MAX_BYTES, &c.data, &c.size));
+    CLN_TRY(cln_read_text(path, MAX_BYTES, &c.data, &c.size));
     for (char *line = NULL; (line = cln_cursor_line(&c));) {
         char *rest = line;
         const char *image = next_field(&rest), *point = next_field(&rest);

@@ -230,15 +230,12 @@ cln_status cln_scene_list_tests(cln_scene *scene, const char *file)
     size_t bytes = 0;
     int names = 0;
 
-    st = cln_read_file(file, MOST_BYTES, &text, &bytes);
+    st = cln_read_text(file, MOST_BYTES, &text, &bytes);
     if (st != CLN_OK)
         cln_note("reading the names of test photos (--test-views)");
     CLN_TRY(st);
     if (strlen(text) != bytes)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: holds a zero byte, as text in UTF-16 does; --test-views "
-                         "takes UTF-8, a "
-                         "name a line",
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: holds a zero byte; --test-views takes text, a name a line",
                          file));
     CLN_TRY(make_table(scene, &t));
     CLN_TRY(take_lines(scene, &t, file, text, &names));

@@ -158,6 +158,12 @@ section_windows() {
     sed 's|"images/|"C:\\\\Users\\\\Ann\\\\images\\\\|' "$work/plain.json" >"$s/transforms.json"
     expect "photos on a drive" 0 "" "$cln" train "$s" -o "$work/drive" "${small[@]}" --steps 2
     check "pictures have their names alone" [ -s "$work/drive/eval/00000002-test/frame_00001.png" ]
+    printf 'images/frame_00003.png\n' | iconv -f UTF-8 -t UTF-16 >"$s/list.txt"
+    expect "a list in UTF-16" 3 "~list.txt:.is.UTF-16" "$cln" train "$s" -o "$work/none" \
+        --steps 1 --test-views "$s/list.txt"
+    iconv -f UTF-8 -t UTF-16LE "$work/plain.json" >"$work/wide.json"
+    expect "JSON in UTF-16, without its mark" 3 "~wide.json:.is.UTF-16" "$cln" info \
+        "$work/wide.json"
     touch "$s/cl-nascent.conf.txt"
     expect "an ending that an editor adds" 3 "~settings.are.not.read.from.*conf.txt" "$cln" train \
         "$s" -o "$work/none" --steps 1 --holdout 999 --test-views "$work/nowhere"
