@@ -262,6 +262,14 @@ done:
     return st;
 }
 
+/* Has it letters beyond ASCII? They have Unicode forms, and cases that strcasecmp does not know. */
+static bool has_letters_beyond(const char *name)
+{
+    while (*name && (unsigned char)*name < 0x80)
+        name++;
+    return *name != 0;
+}
+
 /* The only entry of a folder that is called like the first part of `name`, whatever case and
  * Unicode form; NULL if there is none, or more than one. */
 static cln_status find_entry(const char *folder, const char *name, char **out)
@@ -337,7 +345,7 @@ cln_status cln_moved_find(cln_moved *moved, const char *name, bool leads_out, ch
         *strrchr(form, '.') = 0;
         CLN_TRY(find_form(moved, form, leads_out, out));
     }
-    if (!*out)
+    if (!*out && has_letters_beyond(name)) /* the case of others is looked at above */
         CLN_TRY(find_alike(moved->folder, name, out));
 done:
     free(form);
