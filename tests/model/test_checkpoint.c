@@ -99,7 +99,7 @@ static void test_round_trip(void **state)
     same_model(&model, &back, false);
     cln_model_free(&back);
     assert_int_equal(cln_checkpoint_read(*state, true, &back), CLN_CHECKPOINT);
-    assert_non_null(strstr(cln_error_text(), "adam_m"));
+    assert_non_null(strstr(cln_error_text(), "no state of training"));
     cln_model_free(&model);
 }
 
