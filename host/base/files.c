@@ -6,6 +6,7 @@
  * A failure before the rename leaves PATH as it was. Not for appending. */
 #include "base/files.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
@@ -242,6 +243,11 @@ void cln_atomic_abandon(cln_atomic_file *file)
         return;
     unlink(file->temp);
     free_atomic(file);
+}
+
+bool cln_is_drive_path(const char *path)
+{
+    return isalpha((unsigned char)path[0]) && path[1] == ':' && (path[2] == '\\' || path[2] == '/');
 }
 
 bool cln_is_utf16(const char *text, size_t bytes)

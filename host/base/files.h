@@ -16,6 +16,9 @@ bool cln_is_same_file(const char *a, const char *b); /* or folder, by whatever p
 bool cln_has_file(const char *folder, const char *name);
 bool cln_has_dir(const char *folder, const char *name);
 
+/* Does the path begin with a drive of Windows, C:\ or C:/? */
+bool cln_is_drive_path(const char *path);
+
 /* Reads a whole file; a zero byte follows its *bytes. CLN_INPUT on failure, also if the file is
  * larger than max_bytes. The caller frees *out. */
 cln_status cln_read_file(const char *path, size_t max_bytes, char **out, size_t *bytes);

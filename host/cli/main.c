@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/files.h"
 #include "base/log.h"
 #include "cli/console.h"
 #include "cli/help.h"
@@ -18,8 +19,7 @@ static void tell_drive(const char *error)
 {
     const char *end = *error ? strstr(error + 1, ": ") : NULL;
 
-    if (!isalpha((unsigned char)error[0]) || error[1] != ':' ||
-        (error[2] != '\\' && error[2] != '/') || !end)
+    if (!cln_is_drive_path(error) || !end)
         return;
     fprintf(stderr, "in WSL that is '/mnt/%c", tolower((unsigned char)error[0]));
     for (const char *p = error + 2; p < end; p++)

@@ -7,7 +7,6 @@
  *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   -- */
 #include "cli/parse.h"
 
-#include <ctype.h>
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -634,8 +633,7 @@ static cln_status check_info(const parser *p)
 /* A place on a drive of Windows would be a file of that name here. */
 static cln_status check_drive(const char *path)
 {
-    if (path && isalpha((unsigned char)path[0]) && path[1] == ':' &&
-        (path[2] == '\\' || path[2] == '/') && !cln_is_dir(path))
+    if (path && cln_is_drive_path(path) && !cln_is_dir(path))
         return cln_fail(CLN_USAGE, "%s: names a drive of Windows, which is no place here", path);
     return CLN_OK;
 }

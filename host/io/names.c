@@ -1,7 +1,6 @@
 /* View names to file names. See names.h. */
 #include "io/names.h"
 
-#include <ctype.h>
 #include <inttypes.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -137,6 +136,5 @@ size_t cln_names_folder(int count, const char *const *names)
 
 bool cln_name_is_absolute(const char *name)
 {
-    return is_separator(*name) ||
-           (isalpha((unsigned char)*name) && name[1] == ':' && is_separator(name[2]));
+    return is_separator(*name) || cln_is_drive_path(name);
 }
