@@ -144,7 +144,7 @@ SCALE_OBJ := $(SCALE_SRC:%.c=$B/obj/%.o)
 ALL_SRC := $(sort $(LIB_SRC) $(CLI_SRC) $(DATA_SRC) $(TEST_SRC) $(BENCH_SRC) $(TABLE_SRC) \
              $(VIEWS_SRC) $(FLOATERS_SRC) $(GROWTH_SRC) $(SCALE_SRC) $(PEER_MAIN) $(TEST_OWN))
 KERNELS := $(wildcard kernels/*.cl kernels/*.h) include/device_abi.h
-PAGES := $(wildcard host/view/page.*) host/view/path.js host/view/crop.js
+PAGES := $(wildcard host/view/page.*) $(addprefix host/view/,path.js crop.js training.js)
 TUNE_ROWS := $(wildcard data/tune/*.txt)
 EXAMPLES := $(wildcard examples/*.c)
 

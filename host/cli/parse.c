@@ -446,16 +446,20 @@ static cln_status parse_first(parser *p)
 
 /* ---- checks of several arguments ---- */
 
-static void read_environment(parser *p)
+static cln_status read_environment(parser *p)
 {
     for (int i = 0; i < cln_arg_count; i++) {
         const cln_arg *arg = &cln_args[i];
         const char *text = arg->env ? getenv(arg->env) : NULL;
 
-        /* Only TEXT options have a variable, so nothing can be wrong with the value here. */
-        if (text && *text && cln_command_takes_arg(p->out->command, arg))
-            *(const char **)field_of(p->out, arg) = text;
+        if (!text || !*text || !cln_command_takes_arg(p->out->command, arg))
+            continue;
+        /* Only TEXT and WORD options have a variable. */
+        if (arg->kind == CLN_ARG_WORD && !is_word_of(arg->words, text))
+            return cln_fail(CLN_USAGE, "%s: '%s' is not one of %s", arg->env, text, arg->words);
+        *(const char **)field_of(p->out, arg) = text;
     }
+    return CLN_OK;
 }
 
 static bool is_given(const parser *p, const char *name)
@@ -820,7 +824,7 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
     CLN_TRY(parse_first(&p));
     if (!out->command || out->help)
         goto done;
-    read_environment(&p);
+    CLN_TRY(read_environment(&p));
     CLN_TRY(parse_rest(&p));
     if (out->help && takes_preset(out->command) && is_given(&p, "preset"))
         out->help_preset = out->preset;

@@ -208,6 +208,11 @@ static cln_status read_json(const char *path, size_t most, bool relaxed, json_t 
     if (!*out && strspn(text, " \t\r\n") == bytes)
         CLN_TRY(
             cln_fail(CLN_INPUT, "%s: line 1: the file is empty; copy or export it again", path));
+    if (!*out && json_error_code(&error) == json_error_invalid_utf8)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: line %d is not UTF-8, as JSON must be: save the file in UTF-8 (an "
+                         "older editor's: iconv -f CP1252 -t UTF-8)",
+                         path, error.line));
     if (!*out)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d column %d: %s; correct it there%s", path,
                          error.line, error.column, error.text,

@@ -135,7 +135,7 @@ static cln_status put_head(FILE *to, const char *run, const json_t *document)
     fprintf(to, " &ndash; cl-nascent</title>\n<style>%s</style>\n<main>\n<h1>", report_style);
     put_title(to, run);
     if (*state) {
-        fprintf(to, "<span class='state%s'>", strcmp(state, "done") == 0 ? "" : " other");
+        fprintf(to, " <span class='state%s'>", strcmp(state, "done") == 0 ? "" : " other");
         cln_html_text(to, state);
         fputs("</span>", to);
     }

@@ -13,7 +13,7 @@ static void put_fact(FILE *to, const char *name, const char *value)
 {
     if (!value || !*value)
         return;
-    fprintf(to, "<tr><td class=soft>%s<td>", name);
+    fprintf(to, "<tr><th scope=row class=soft>%s<td>", name);
     cln_html_text(to, value);
     fputc('\n', to);
 }
@@ -28,7 +28,7 @@ static void put_device(FILE *to, const json_t *run)
     put_fact(to, "name", cln_json_text(device, "name"));
     put_fact(to, "type", cln_json_text(device, "type"));
     if (isfinite(units))
-        fprintf(to, "<tr><td class=soft>compute units<td>%.0f\n", units);
+        fprintf(to, "<tr><th scope=row class=soft>compute units<td>%.0f\n", units);
     put_fact(to, "platform", cln_json_text(device, "platform"));
     put_fact(to, "vendor", cln_json_text(device, "vendor"));
     put_fact(to, "version", cln_json_text(device, "version"));
@@ -36,7 +36,8 @@ static void put_device(FILE *to, const json_t *run)
     if (isfinite(cln_json_number(device, "global_mem"))) {
         cln_format_bytes(cln_json_number(device, "global_mem"), global);
         cln_format_bytes(cln_json_number(device, "max_alloc"), largest);
-        fprintf(to, "<tr><td class=soft>memory<td>%s, largest allocation %s\n", global, largest);
+        fprintf(to, "<tr><th scope=row class=soft>memory<td>%s, largest allocation %s\n", global,
+                largest);
     }
     put_fact(to, "tuning", cln_json_text(run, "tune"));
     put_fact(to, "tuning from", cln_json_text(run, "tune_from"));
@@ -53,7 +54,7 @@ static void put_bytes(FILE *to, const char *name, double bytes)
     char text[32];
 
     cln_format_bytes(bytes, text);
-    fputs("<tr><td class=soft>", to);
+    fputs("<tr><th scope=row class=soft>", to);
     cln_html_text(to, name);
     fprintf(to, "<td class=n>%s\n", text);
 }
@@ -102,7 +103,7 @@ static void put_data(FILE *to, const json_t *dataset)
     put_fact(to, "read as", cln_json_text(dataset, "dialect"));
     put_fact(to, "because", cln_json_text(dataset, "because"));
     if (json_is_object(views)) {
-        fputs("<tr><td class=soft>views<td>", to);
+        fputs("<tr><th scope=row class=soft>views<td>", to);
         cln_report_number(to, cln_json_number(views, "train"), 0);
         fputs(" train, ", to);
         cln_report_number(to, cln_json_number(views, "val"), 0);
@@ -114,7 +115,7 @@ static void put_data(FILE *to, const json_t *dataset)
     put_fact(to, "split", cln_json_text(dataset, "split_rule"));
     if (downscale > 1) {
         cln_format_span((int)(least < downscale ? least : downscale), (int)downscale, span);
-        fprintf(to, "<tr><td class=soft>size divided by<td>%s\n", span);
+        fprintf(to, "<tr><th scope=row class=soft>size divided by<td>%s\n", span);
     }
     put_fact(to, "scene cube", cln_json_text(dataset, "bounds_rule"));
     put_fact(to, "digest", cln_json_text(dataset, "digest"));

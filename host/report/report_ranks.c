@@ -60,23 +60,29 @@ cln_status cln_report_ranks(FILE *to, const cln_report_data *data)
     cln_format_bytes(r->photos[0], least);
     cln_format_bytes(r->photos[1], most);
     fprintf(to,
-            "<table><tr><td>processes<td class=n>%.0f\n<tr><td>bytes that the first one sent, "
-            "per step<td class=n>%.0f\n<tr><td>the same, per ray<td class=n>",
+            "<table><tr><th scope=row>processes<td class=n>%.0f\n<tr><th scope=row>bytes that the "
+            "first one sent, "
+            "per step<td class=n>%.0f\n<tr><th scope=row>the same, per ray<td class=n>",
             r->ranks, r->bytes / r->steps);
     cln_report_number(to, r->bytes / r->rays, 1);
     if (r->vertex_bytes > 0)
-        fprintf(to, "\n<tr><td>of these, for common vertices of leaves, per step<td class=n>%.0f",
-                r->vertex_bytes / r->steps);
-    fprintf(to, "\n<tr><td>its time in messages, waiting included<td class=n>%s (", messages);
+        fprintf(
+            to,
+            "\n<tr><th scope=row>of these, for common vertices of leaves, per step<td class=n>%.0f",
+            r->vertex_bytes / r->steps);
+    fprintf(to, "\n<tr><th scope=row>its time in messages, waiting included<td class=n>%s (",
+            messages);
     cln_report_number(to, 100 * r->message_seconds / r->seconds, 1);
-    fputs("&thinsp;% of training)\n<tr><td>balance: the busiest process's samples over the mean"
+    fputs("&thinsp;% of training)\n<tr><th scope=row>balance: the busiest process's samples over "
+          "the mean"
           "<td class=n>",
           to);
     cln_report_number(to, r->balanced / r->balance_weight, 2);
     if (r->photos[1] > 0)
         fprintf(to,
-                "\n<tr><td>memory for photos, the process with the least of them<td class=n>%s"
-                "\n<tr><td>the one with the most<td class=n>%s",
+                "\n<tr><th scope=row>memory for photos, the process with the least of them<td "
+                "class=n>%s"
+                "\n<tr><th scope=row>the one with the most<td class=n>%s",
                 least, most);
     fputs("\n</table>\n", to);
     if (r->stage_count > 0)

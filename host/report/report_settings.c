@@ -36,7 +36,7 @@ static void put_row(FILE *to, const cln_config_row *row, const json_t *value,
 {
     bool differs = standard && !same_value(value, standard);
 
-    fprintf(to, "<tr%s><td>%s<td class=n>", differs ? " class=set" : "", row->option);
+    fprintf(to, "<tr%s><th scope=row>%s<td class=n>", differs ? " class=set" : "", row->option);
     put_value(to, value);
     if (differs) {
         fputs(" <span class=soft>(", to);

@@ -109,7 +109,7 @@ cln_status cln_report_stages(FILE *to, const cln_report_data *data)
     }
     fprintf(to, "<i style='flex:1;background:%s' title='between stages'></i></div>\n", rest_colour);
     fputs("<table class=wide><tr><th>stage<th class=n>time<th class=n>share<th class=n>ms per "
-          "step<th>\n",
+          "step<td>\n",
           to);
     for (int i = 0; i < count; i++)
         put_stage(to, cln_report_stage(data, r->stages[(int)order[i][1]].name), stage_colour(i),

@@ -204,7 +204,7 @@ static void put_decisions(FILE *to, const cln_report_data *data)
     fprintf(to,
             "</p>\n<table><tr><th>training time<th class=n>steps<th class=n>leaves<th class=n>split"
             "%s<th class=n>leaves after<th class=n>PSNR before<th class=n>after"
-            "%s<th class=n>seconds<th>\n",
+            "%s<th class=n>seconds<td>\n",
             merges ? "<th class=n>merged" : "", merges ? "<th class=n>pre-trained" : "");
     for (int k = 0; k < shown; k++)
         put_decision(to, &data->decisions[shown > 1 ? (int64_t)k * (count - 1) / (shown - 1) : 0],

@@ -23,6 +23,7 @@ static const char style[] =
     ".photos{display:grid;grid-template-columns:repeat(auto-fill,minmax(170px,1fr));gap:12px}"
     ".photos figure{margin:0}.photos img{width:100%;border:2px solid var(--line)}"
     ".photos .named img{border-color:#c2501c}.photos figcaption{font-size:12px}"
+    ".ring{fill:none;stroke-width:2}"
     ".sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(280px,1fr));gap:16px}";
 
 /* Is the view named by a finding, or by one that is likely a fault? */
@@ -105,9 +106,9 @@ static void put_cameras(FILE *to, const cln_scene *scene, const json_t *document
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         const double *m = view->camera.c2w, at[3] = {m[3], m[7], m[11]};
-        const char *colour = is_named(document, view->name, true) ? "#c2501c"
-                             : view->split == CLN_SPLIT_TRAIN     ? "#2f6f9f"
-                                                                  : "#8a63a6";
+        const bool named = is_named(document, view->name, true);
+        const bool trains = view->split == CLN_SPLIT_TRAIN;
+        const char *colour = named ? "#c2501c" : trains ? "#2f6f9f" : "#8a63a6";
         double from[2], end[2], tip[3];
 
         if (!place(scene, s, reach, at, from)) {
@@ -119,10 +120,15 @@ static void put_cameras(FILE *to, const cln_scene *scene, const json_t *document
         (void)place(scene, s, reach, tip, end);
         fprintf(to, "<g stroke='%s' fill='%s'><title>", colour, colour);
         cln_html_text(to, view->name);
-        fprintf(to,
-                "</title><line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>"
-                "<circle cx='%.1f' cy='%.1f' r='3'/></g>\n",
-                from[0], from[1], end[0], end[1], from[0], from[1]);
+        fprintf(to, "</title><line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", from[0], from[1],
+                end[0], end[1]);
+        if (trains)
+            fprintf(to, "<circle cx='%.1f' cy='%.1f' r='3'/>", from[0], from[1]);
+        else
+            fprintf(to, "<rect x='%.1f' y='%.1f' width='6' height='6'/>", from[0] - 3, from[1] - 3);
+        if (named)
+            fprintf(to, "<circle class=ring cx='%.1f' cy='%.1f' r='7'/>", from[0], from[1]);
+        fputs("</g>\n", to);
     }
 }
 
@@ -153,10 +159,11 @@ static void put_side(FILE *to, const cln_scene *scene, const json_t *document, c
     const double size = SIDE * scene->space.half / reach;
     int cameras = 0, hidden = 0;
 
-    fprintf(to,
-            "<figure style='margin:0'><svg viewBox='0 0 %d %d'>"
-            "<rect width='%d' height='%d' fill='#f5f7f8'/>",
-            SIDE, SIDE, SIDE, SIDE);
+    fprintf(
+        to,
+        "<figure style='margin:0'><svg viewBox='0 0 %d %d' role=img aria-label='Cameras, points "
+        "and cube %s'><rect width='%d' height='%d' fill='#f5f7f8'/>",
+        SIDE, SIDE, s->title, SIDE, SIDE);
     if (scene->space.forward)
         put_frustum(to, scene, s, reach);
     else
@@ -273,7 +280,7 @@ static void put_measures(FILE *to, const json_t *object)
     {
         char *shown = json_dumps(value, JSON_ENCODE_ANY | JSON_REAL_PRECISION(6));
 
-        fputs("<tr><td>", to);
+        fputs("<tr><th scope=row>", to);
         cln_html_text(to, key);
         fputs("<td class=wide>", to);
         cln_html_text(to, json_is_string(value) ? json_string_value(value) : shown);
@@ -306,11 +313,12 @@ static cln_status put_page(FILE *to, const cln_scene *scene, const json_t *docum
     fputs("<h2>Cameras, points and cube</h2>\n<div class=sides>\n", to);
     for (size_t i = 0; i < sizeof sides / sizeof *sides; i++)
         put_side(to, scene, document, &sides[i], reach);
-    fputs("</div>\n<p class=soft>Blue: training cameras; purple: held out; orange: named by a "
-          "fault. "
-          "Green: points that two photos see. The square is the cube.</p>\n"
-          "<h2>Photos</h2>\n",
-          to);
+    fputs(
+        "</div>\n<p class=soft>Blue dots: training cameras; purple squares: held out; orange with "
+        "a ring: named by a fault. Green: points that two photos see. The large square is the "
+        "cube.</p>\n"
+        "<h2>Photos</h2>\n",
+        to);
     CLN_TRY(put_photos(to, scene, document));
     fputs("<h2>Measures</h2>\n", to);
     put_measures(to, json_object_get(document, "measures"));

@@ -47,6 +47,10 @@ static const struct {
     {" out txt ", "# Bundle file", "cameras in Bundler's format",
      "export them in COLMAP's, which is read; " METASHAPE},
     {" txt ", "Omega, Phi, Kappa", "angles of Metashape's cameras", METASHAPE},
+    {" txt ", "\"frames\"", "a transforms JSON with an ending more",
+     "its name must end in .json; Windows hides endings that an editor appended: rename it, "
+     "without "
+     "its .txt"},
     {" json ", "\"sfm_data_version\"", "a scene of OpenMVG",
      "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read"},
 };

@@ -166,6 +166,23 @@ static void list_views(const cln_scene *scene, const int *views, int count, char
         strcat(out, ", ...");
 }
 
+/* The name in a line that a program for tables wrote: without its quotes and the commas or
+ * semicolons of empty columns behind it. */
+static char *without_table(char *name)
+{
+    size_t length = strlen(name);
+
+    while (length && strchr(",;", name[length - 1]))
+        name[--length] = 0;
+    name = cln_trim_blanks(name);
+    length = strlen(name);
+    if (length > 1 && name[0] == '"' && name[length - 1] == '"') {
+        name[length - 1] = 0;
+        name++;
+    }
+    return name;
+}
+
 /* Makes the views of all lines test views; *names: how many names there are. */
 static cln_status take_lines(cln_scene *scene, const table *t, const char *file, char *text,
                              int *names)
@@ -194,6 +211,10 @@ static cln_status take_lines(cln_scene *scene, const table *t, const char *file,
         ++*names;
         if (found == 0)
             found = find_written(scene, t, name, &level, views);
+        if (found == 0) { /* as a table of one column is saved */
+            name = without_table(name);
+            found = find_written(scene, t, name, &level, views);
+        }
         if (found == 1)
             scene->views[views[0]].split = CLN_SPLIT_TEST;
         if (found > 1 && several.count == 0) {

@@ -8,5 +8,6 @@ extern const char *const cln_page_css[];
 extern const char *const cln_page_js[];
 extern const char *const cln_path_js[];
 extern const char *const cln_crop_js[];
+extern const char *const cln_training_js[];
 
 #endif

@@ -65,7 +65,8 @@ static const struct {
              {"/view.css", "text/css; charset=utf-8", cln_page_css},
              {"/view.js", SCRIPT, cln_page_js},
              {"/path.js", SCRIPT, cln_path_js},
-             {"/crop.js", SCRIPT, cln_crop_js}};
+             {"/crop.js", SCRIPT, cln_crop_js},
+             {"/training.js", SCRIPT, cln_training_js}};
 enum { PAGES = sizeof pages / sizeof *pages };
 
 struct cln_server {

@@ -2,7 +2,7 @@
  * caller's thread has the device and paints. A slow or vanished browser costs a connection, which
  * has a limit in time; a request is bounded in size, and its answer in memory.
  *
- *   GET /  /view.css  /view.js  /path.js  /crop.js
+ *   GET /  /view.css  /view.js  /path.js  /crop.js  /training.js
  *                                        the page, which is in the program
  *   GET /facts                           facts.h
  *   GET /picture?...  /photo?...  /point?...   request.h; pictures and points need a header

@@ -80,6 +80,7 @@ static int setup(void **state)
     unsetenv("CL_NASCENT_DEVICE");
     unsetenv("CL_NASCENT_KERNEL_DIR");
     unsetenv("CL_NASCENT_TUNE_FILE");
+    unsetenv("CL_NASCENT_PROGRESS");
     unsetenv("CI");
     setenv("TERM", "xterm", 1);
     return 0;
@@ -503,6 +504,16 @@ static void terminals_that_cannot_redraw_get_lines(void **state)
     parsed(&l, "eval r -q");
     assert_string_equal(l.options.progress, "none");
     done(&l);
+    setenv("CL_NASCENT_PROGRESS", "line", 1);
+    parsed(&l, "eval r");
+    assert_string_equal(l.options.progress, "line");
+    done(&l);
+    parsed(&l, "eval r --progress bar");
+    assert_string_equal(l.options.progress, "bar");
+    done(&l);
+    setenv("CL_NASCENT_PROGRESS", "lines", 1);
+    assert_refused("eval r", "CL_NASCENT_PROGRESS|'lines'|auto|line");
+    unsetenv("CL_NASCENT_PROGRESS");
 }
 
 static void the_line_is_kept_as_it_could_be_typed_again(void **state)

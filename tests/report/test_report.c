@@ -159,7 +159,7 @@ static void page_shows_what_the_run_left(void **state)
     put_picture(run, "00002500-test", "test_r_0.truth.png");
     put_picture(run, "00002500-test", "test_r_0.error.png");
     page = page_of(run);
-    assert_has(page, "<h1>pot<span class='state'>done</span>");
+    assert_has(page, "<h1>pot <span class='state'>done</span>");
     assert_has(page, "27.00 <small>dB</small></b><span>test PSNR after 01:40");
     assert_has(page, "0.9375");
     assert_has(page, "cl-nascent train a&lt;b -o run");
@@ -178,8 +178,8 @@ static void page_shows_what_the_run_left(void **state)
     assert_has(page, "20.0"); /* and the rest, between the stages */
     assert_has(page, "Not in the table: evaluation 00:40. Training took 01:40; 01:50 by the clock");
     assert_has(page, "90 train, 0 val, 10 test");
-    assert_has(page, "<td class=soft>total<td class=n>4.0 MiB"); /* without the limit */
-    assert_has(page, "<td class=soft>limit<td class=n>8.0 MiB");
+    assert_has(page, "<th scope=row class=soft>total<td class=n>4.0 MiB"); /* without the limit */
+    assert_has(page, "<th scope=row class=soft>limit<td class=n>8.0 MiB");
     assert_int_equal(count_in(page, "error", "<svg "), 5);
     assert_int_equal(count_of(page, "r='4.5'"), 2); /* the evaluation, in both PSNR curves */
     /* test points of the metrics, in both curves */
@@ -194,8 +194,10 @@ static void words_are_those_of_the_leaves(void **state)
     static const struct {
         const char *preset, *has, *has_not, *listed, *idle;
     } runs[] = {
-        {"voxel", "voxels backward", "networks ", "<td>harmonics<td", "<td>view-width<td"},
-        {"fast", "networks backward", "voxels ", "<td>view-width<td", "<td>harmonics<td"},
+        {"voxel", "voxels backward", "networks ", "<th scope=row>harmonics<td",
+         "<th scope=row>view-width<td"},
+        {"fast", "networks backward", "voxels ", "<th scope=row>view-width<td",
+         "<th scope=row>harmonics<td"},
     };
 
     for (int i = 0; i < 2; i++) {
@@ -426,7 +428,7 @@ static void processes_are_summed_up(void **state)
              "\"message_seconds\":0.3,\"balance\":1.1,\"ranks_stages\":{\"messages\":[0.1,0.2]},"
              "\"photo_bytes\":[1024,3072]}\n");
     page = page_of(run);
-    assert_has(page, "<td>processes<td class=n>4\n");
+    assert_has(page, "<th scope=row>processes<td class=n>4\n");
     assert_has(page, "sent, per step<td class=n>750\n");
     assert_has(page, "the same, per ray<td class=n>5.0\n");
     assert_has(page, " (20.0&thinsp;% of training)");

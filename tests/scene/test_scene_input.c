@@ -53,7 +53,9 @@ static const broken documents[] = {
     {"a number", "42", {"transforms.json", "line 1"}},
     {"an array", "[[],[{}]]", {"transforms.json", "not a JSON object"}},
     {"nested too deep", DEEP1000("[") DEEP1000("[") DEEP1000("["), {"transforms.json", "line 1"}},
-    {"not UTF-8", "{\"frames\":\"\xff\xfe\"}", {"transforms.json", "line 1"}},
+    {"not UTF-8",
+     "{\"frames\":\"\xff\xfe\"}",
+     {"transforms.json", "line 1 is not UTF-8", "CP1252"}},
     /* Frames */
     {"no frames", "{\"camera_angle_x\":0.8}", {"transforms.json", "it has no frames"}},
     {"frames an object", "{\"frames\":{\"0\":1}}", {"transforms.json", "frames must be an array"}},

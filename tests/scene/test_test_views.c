@@ -72,6 +72,7 @@ static void test_names(void **state)
         {"a", "a.png "},
         {"\xEF\xBB\xBF# of a paper\n\nleft/a.png # one\r\nright/a.png\nleft/a\n",
          "left/a.png right/a.png "},
+        {"\"left/a.png\";;\r\nright/a.png,,\r\n", "left/a.png right/a.png "}, /* a table's */
     };
     const char *folder = *state;
     cln_scene *scene = NULL;
