@@ -29,6 +29,7 @@
 #include "render/quality.h"
 #include "render/recorded.h"
 #include "report/report.h"
+#include "scene/inspect.h"
 #include "train/begin.h"
 #include "train/loop.h"
 #include "train/plans.h"
@@ -141,6 +142,16 @@ static void say_what_runs(cln_trainer *t)
         snprintf(val, sizeof val, "%d val, ", cln_scene_split_count(scene, CLN_SPLIT_VAL));
     cln_info("views: %d train, %s%d test (%s)", cln_scene_split_count(scene, CLN_SPLIT_TRAIN), val,
              cln_scene_split_count(scene, CLN_SPLIT_TEST), scene->split_rule);
+    if (scene->downscale > 1) {
+        const cln_view *first = cln_scene_training_view(scene, 0);
+
+        cln_info("photos: of %d x %d pixels, trained on at %d x %d (--downscale %d; 1: as they "
+                 "are)%s",
+                 first->file_width, first->file_height, first->camera.width, first->camera.height,
+                 first->downscale,
+                 scene->downscale != scene->downscale_least ? "; others are divided by others"
+                                                            : "");
+    }
     if (scene->masks_rule)
         cln_info("masks: %s", scene->masks_rule);
     cln_info("%s: %s", scene->space.forward ? "space" : "cube", scene->bounds_rule);
@@ -148,10 +159,12 @@ static void say_what_runs(cln_trainer *t)
         cln_info("scene: keys of its files that are not used: %s",
                  join(scene->ignored, ", ", text, sizeof text));
     if (t->batch.shown)
-        cln_info(
-            "depths: %lld pixel%s of the training views show%s sparse points (--depth-loss %g)",
-            (long long)scene->sight_count, cln_plural((double)scene->sight_count, "", "s"),
-            cln_plural((double)scene->sight_count, "s", ""), t->model.config.depth_loss);
+        cln_info("depths: of %lld pixel%s of the training views, by %s (--depth-loss %g)",
+                 (long long)scene->sight_count, cln_plural((double)scene->sight_count, "", "s"),
+                 scene->depth_sights == 0                    ? "sparse points"
+                 : scene->depth_sights == scene->sight_count ? "depth images"
+                                                             : "sparse points and depth images",
+                 t->model.config.depth_loss);
     cln_tune_text(&t->pipeline.tune, text);
     cln_debug("kernel parameters: %s (%s)", text, t->pipeline.tune_from);
     if (rows && *rows && strncmp(t->pipeline.tune_from, rows, strlen(rows)) == 0)
@@ -652,6 +665,8 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
     cln_config usual = *config;
     bool given = cln_settings_has(settings, "opaque-loss");
 
+    if (scene->still)
+        cln_warn("%s: %s", scene->folder, CLN_STILL_ADVICE);
     if (!scene->backdrop)
         return;
     if (settings->preset[0] && cln_config_preset(settings->preset, &usual) == CLN_OK)

@@ -307,7 +307,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(opaque_loss, "opaque-loss", 0, 0.01, 0, 1e3,                                              \
          "weight of (1 - opacity)^2 per ray, for images without alpha", .flags = CLN_ROW_LATER)    \
     REAL(depth_loss, "depth-loss", 0, 2, 0, 1e3,                                                   \
-         "weight of the distance between where a ray ends and a sparse point that it shows",       \
+         "weight of the distance between where a ray ends and a depth that is known there: of a "  \
+         "sparse point, or by a depth image",                                                      \
          .flags = CLN_ROW_LATER)                                                                   \
     REAL(depth_until, "depth-until", 0.5, 1, 0, 1,                                                 \
          "depth-loss: falls to 0 until this fraction of the budget", .flags = CLN_ROW_LATER)       \
@@ -414,6 +415,9 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "masks beside photos: the alpha of an object, outside of which is nothing, or pixels "    \
          "that do not count; auto: alpha if nearly all keep one part around the middle and drop "  \
          "the border; inverted: alpha, black is the object",                                       \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
+    BOOL(multiplied_alpha, "multiplied-alpha", false, false,                                       \
+         "photos with alpha: colours are multiplied by it, as of cut-outs over black: divide",     \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     REAL(device_mem, "device-mem", 0, 0, 0, 1e15,                                                  \
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",                     \

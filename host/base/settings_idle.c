@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 54 };
+enum { IDLE_ROWS = 55 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -113,6 +113,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"slab", c->slab && facts->no_box,
          "no box in the cube is known, as there are no sparse points; give --bbox"},
         {"masks", facts->no_masks, "no photo has a mask; leave it out"},
+        {"multiplied-alpha", c->multiplied_alpha && !facts->has_alpha,
+         "no photo has alpha; leave it out"},
         {"holdout holdout-from", facts->has_splits, "the dataset names the splits; leave it out"},
         {"holdout holdout-from", c->test_views[0],
          "--test-views names the test views; leave one out"},

@@ -452,7 +452,7 @@ static cln_status read_environment(parser *p)
         const cln_arg *arg = &cln_args[i];
         const char *text = arg->env ? getenv(arg->env) : NULL;
 
-        if (!text || !*text || !cln_command_takes_arg(p->out->command, arg))
+        if (!text || !*text || p->given[i] || !cln_command_takes_arg(p->out->command, arg))
             continue;
         /* Only TEXT and WORD options have a variable. */
         if (arg->kind == CLN_ARG_WORD && !is_word_of(arg->words, text))
@@ -824,8 +824,9 @@ cln_status cln_options_parse(int argc, char **argv, cln_options *out)
     CLN_TRY(parse_first(&p));
     if (!out->command || out->help)
         goto done;
-    CLN_TRY(read_environment(&p));
     CLN_TRY(parse_rest(&p));
+    if (!out->help && !out->version)
+        CLN_TRY(read_environment(&p));
     if (out->help && takes_preset(out->command) && is_given(&p, "preset"))
         out->help_preset = out->preset;
     if (!out->help && !out->version)

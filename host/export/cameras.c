@@ -13,6 +13,7 @@
 #include "base/text.h"
 #include "export/export.h"
 #include "io/disk.h"
+#include "render/frames.h"
 #include "scene/transforms_write.h"
 
 enum { FRAME_BYTES = 2048 }; /* of a view in either form, at most */
@@ -35,7 +36,7 @@ static cln_camera camera_of(const cln_view *view)
 static bool same_camera(const cln_view *a, const cln_view *b)
 {
     return a->file_width == b->file_width && a->file_height == b->file_height &&
-           cln_camera_is_like(&a->camera, &b->camera);
+           a->disc == b->disc && cln_camera_is_like(&a->camera, &b->camera);
 }
 
 /* Was this photo there before, as one that is in two splits is? */
@@ -56,7 +57,10 @@ static bool put_intrinsics(json_t *to, const cln_view *view)
 {
     const cln_camera c = camera_of(view);
 
-    return cln_transforms_put_camera(to, &c);
+    const double radius = view->disc * (c.width > c.height ? c.width : c.height);
+
+    return cln_transforms_put_camera(to, &c) &&
+           (radius == 0 || json_object_set_new(to, "fisheye_crop_radius", json_real(radius)) == 0);
 }
 
 static const char *lens_name(const cln_view *view)
@@ -120,6 +124,68 @@ static bool fill_lists(json_t *document, const char *const keys[CLN_SPLITS],
     return lost == 0;
 }
 
+/* Has the view a depth image that transforms JSON can name? It knows no confidence. */
+static bool has_plain_depth(const cln_view *view)
+{
+    return view->depth.depth && !view->depth.confidence && isinf(view->depth.most);
+}
+
+static cln_status put_depth_unit(const cln_export_job *job, const cln_scene *scene,
+                                 json_t *document)
+{
+    for (int i = 0; i < scene->view_count; i++)
+        if (has_plain_depth(&scene->views[i]))
+            return json_object_set_new(document, "depth_unit_scale_factor",
+                                       json_real(scene->views[i].depth.unit * job->scale)) == 0
+                       ? CLN_OK
+                       : cln_fail(CLN_MEMORY, "%s: cannot make JSON", job->desc->file);
+    return CLN_OK;
+}
+
+/* What ns-process-data did to the poses of the scene's file, by which nerfstudio's paths are
+ * brought to them, holds for the same poses in this one; not for scaled ones
+ * (render/pose_frame.c). */
+static cln_status put_applied(const cln_export_job *job, const cln_scene *scene, json_t *document)
+{
+    static const double none[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    double applied[12], scale = 1;
+    bool gone = false;
+    json_t *rows = NULL;
+    int lost = 0;
+
+    CLN_TRY(cln_frames_transforms(job->desc->run, job->desc->scene, scene->dialect, &path, &gone));
+    if (!path)
+        goto done;
+    st = cln_frames_applied(path, applied, &scale);
+    if (st == CLN_INPUT) { /* then it brings no path either */
+        cln_clear_error();
+        st = CLN_OK;
+        goto done;
+    }
+    CLN_TRY(st);
+    if (memcmp(applied, none, sizeof none) == 0 && scale == 1)
+        goto done;
+    if (job->scale != 1) {
+        cln_info("cameras: nerfstudio's camera paths of the scene do not fit what is scaled");
+        goto done;
+    }
+    rows = json_array();
+    for (int r = 0; r < 3; r++)
+        lost |=
+            json_array_append_new(rows, json_pack("[f,f,f,f]", applied[4 * r], applied[4 * r + 1],
+                                                  applied[4 * r + 2], applied[4 * r + 3]));
+    lost |= json_object_set_new(document, "applied_transform", rows);
+    if (scale != 1)
+        lost |= json_object_set_new(document, "applied_scale", json_real(scale));
+    if (lost)
+        st = cln_fail(CLN_MEMORY, "%s: cannot make JSON", job->desc->file);
+done:
+    free(path);
+    return st;
+}
+
 static cln_status write_transforms(const cln_export_job *job, const cln_scene *scene)
 {
     static const char *const keys[CLN_SPLITS] = {"train_filenames", "val_filenames",
@@ -140,6 +206,7 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
     if (one_camera && scene->view_count > 0)
         lost |= !put_intrinsics(document, &scene->views[0]);
     lost |= json_object_set_new(document, "frames", frames);
+    CLN_TRY(put_applied(job, scene, document));
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         json_t *frame = NULL;
@@ -165,9 +232,12 @@ static cln_status write_transforms(const cln_export_job *job, const cln_scene *s
             break;
         CLN_TRY(put_path(scene, frame, view->alpha_mask ? "mask_path" : "alpha_path",
                          view->alpha_path));
+        if (has_plain_depth(view))
+            CLN_TRY(put_path(scene, frame, "depth_file_path", view->depth.depth));
         if (!view->mask_black) /* where black counts, no key says so */
             CLN_TRY(put_path(scene, frame, "mask_path", view->mask_path));
     }
+    CLN_TRY(put_depth_unit(job, scene, document));
     lost |= !fill_lists(document, keys, lists);
     text = lost ? NULL : json_dumps(document, JSON_INDENT(1));
     if (!text)
@@ -413,7 +483,7 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
     /* a shell may be around another cube than the box's */
     const bool boxed = scene->has_box && !space->shell;
     char box[6][CLN_NUMBER_BYTES]; /* far from the origin, as many digits as it takes */
-    bool masks = false, held_out = false, edges = false;
+    bool masks = false, held_out = false, edges = false, depths = false;
     /* what takes most of a scene's quality away, where only a split was wanted */
     const char *points = scene->has_sights
                              ? ". Without these points --depth-loss has nothing to work on: only "
@@ -421,7 +491,13 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
                              : "";
 
     for (int i = 0; i < scene->view_count; i++)
-        edges = edges || scene->views[i].edge > 0;
+        depths = depths ||
+                 (scene->views[i].depth.depth && (!json || !has_plain_depth(&scene->views[i])));
+    if (depths)
+        cln_info("cameras: depth images are left out%s",
+                 json ? ", as the file has no place for their confidence" : "; FILE.json has them");
+    for (int i = 0; i < scene->view_count; i++)
+        edges = edges || scene->views[i].edge > 0 || (scene->views[i].disc > 0 && !json);
     if (edges)
         cln_warn("cameras: photos are black along their edges, which other readers than that of "
                  "this scene do not know; give them masks");

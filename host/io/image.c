@@ -559,6 +559,19 @@ done:
     return st;
 }
 
+void cln_image_divide_alpha(uint8_t *pixels, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        uint8_t *p = pixels + 4 * i;
+
+        for (int c = 0; c < 3 && p[3] > 0; c++) {
+            const int value = (255 * p[c] + p[3] / 2) / p[3];
+
+            p[c] = (uint8_t)(value < 255 ? value : 255);
+        }
+    }
+}
+
 cln_status cln_image_load(const char *path, int *width, int *height, int *channels,
                           uint8_t **pixels)
 {

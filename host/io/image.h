@@ -63,6 +63,10 @@ cln_status cln_image_fit(int to_width, int to_height, int *width, int *height, i
  * replaced. CLN_MEMORY. */
 cln_status cln_image_turn(int orientation, int *width, int *height, int channels, uint8_t **pixels);
 
+/* Divides colours by their alpha, in place: pixels of four channels whose colours were multiplied
+ * by it. Where alpha is 0 they stay. */
+void cln_image_divide_alpha(uint8_t *pixels, size_t count);
+
 /* Gives an image of `count` pixels the alpha of another of 3 or 4 channels: the largest of its
  * three colours, as it may be a coloured mask. *pixels is replaced and has 4 channels.
  * CLN_MEMORY. */

@@ -160,6 +160,14 @@ done:
     return st;
 }
 
+/* nerfstudio's films last `seconds`; it knows no fps. 0: the file does not say. */
+static double rate_by_seconds(const json_t *root, int frames)
+{
+    const double rate = frames / json_number_value(json_object_get(root, "seconds"));
+
+    return rate >= CLN_FILM_LEAST_FPS && rate <= 1000 ? rate : 0;
+}
+
 static cln_status read_path(const char *path, const json_t *root, const json_t *stations, int width,
                             int height, cln_frames *out)
 {
@@ -168,6 +176,8 @@ static cln_status read_path(const char *path, const json_t *root, const json_t *
     json_t *own = json_string("scene");
 
     CLN_TRY(read_film(root, width, height, &f, &out->fps));
+    if (out->fps == 0)
+        out->fps = rate_by_seconds(root, out->count);
     CLN_TRY(read_crop(path, root, out));
     /* as our viewer marks its own */
     out->foreign = !json_equal(json_object_get(root, "poses_in"), own);
@@ -302,6 +312,11 @@ cln_status cln_frames_read(const char *path, int width, int height, cln_frames *
     stations = json_object_get(root, "camera_path");
     frames = stations ? stations : json_object_get(root, "frames");
     count = json_array_size(frames);
+    if (json_is_object(json_array_get(json_object_get(root, "path"), 0)))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: a camera path of instant-ngp, which is not read: make the path anew "
+                         "in `cl-nascent view`",
+                         path));
     if (!json_is_array(frames))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: it has neither camera_path, as nerfstudio writes it, nor frames, as "

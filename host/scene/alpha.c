@@ -233,11 +233,14 @@ bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
     }
     if (whole.count == 0 || whole.count > few * views || left > CLN_MASKS_LEAVE * masks)
         return false;
+    if (masks && !scene->masks_doubtful)
+        return false; /* of what is to be ignored: many a photo has none of it */
     snprintf(text, CLN_EMPTY_BYTES,
              "of %d of %d photos %s hides nothing: %s. If %s failed, leave them out, as they teach "
-             "that what is around the object is part of it",
+             "that what is around the object is part of it%s",
              whole.count, views, masks ? "the mask" : "alpha", whole.text,
-             masks ? "these" : "their masks");
+             masks ? "the masks are of an object, these" : "their masks",
+             masks ? "; if masks hide what is to be ignored, all is well" : "");
     return true;
 }
 
@@ -328,7 +331,7 @@ bool cln_scene_is_multiplied(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
     snprintf(text, CLN_EMPTY_BYTES,
              "no colour exceeds its pixel's alpha in any of %d photos, as if colours were "
              "multiplied by it. They are read as straight alpha: edges get dark rims if they were. "
-             "Divide them by alpha, or save them without premultiplication",
+             "--multiplied-alpha divides them by it",
              views);
     return views > 0 && soft >= SOFT * (double)views && brightest >= BRIGHT;
 }

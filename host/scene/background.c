@@ -15,8 +15,14 @@ enum { PIXELS = 1 << 18, SIDE = 64 };
  * so many a photo, have it, but for so much of a channel. Lenses that see further to the sides than
  * this cosine may have a border that shows nothing. */
 enum { BORDER = 256, BACKDROP_OFF = 3 };
-#define BACKDROP_SHARE 0.95
-#define BACKDROP_AHEAD 0.4
+/* They stand before one picture that does not move if so many of these pixels differ by so little
+ * from photo to photo, of so many at least, while the mean of the cameras' axes is as short. */
+enum { STILL_VIEWS = 8 };
+#define STILL_SHARE     0.9
+#define STILL_DEVIATION 8.0
+#define STILL_AXES      0.95
+#define BACKDROP_SHARE  0.95
+#define BACKDROP_AHEAD  0.4
 
 /* Adds the view's colours over alpha, at the middles of side x side parts; [3] is the weight. */
 static void add(const cln_view *view, int side, uint64_t sums[4])
@@ -141,6 +147,54 @@ done:
     return st;
 }
 
+/* Do the cameras turn by so much that what lies around cannot look alike to all? */
+static bool turn_much(const cln_scene *scene)
+{
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    double sum[3] = {0};
+
+    for (int i = 0; i < views; i++)
+        for (int a = 0; a < 3; a++)
+            sum[a] += cln_scene_training_view(scene, i)->camera.c2w[4 * a + 2] / views;
+    return views >= STILL_VIEWS && hypot(hypot(sum[0], sum[1]), sum[2]) < STILL_AXES;
+}
+
+/* Is what is along the photos' borders one picture in all of them, as of a backdrop that stands
+ * still while the object turns before a camera? */
+static cln_status find_still(cln_scene *scene, bool looked)
+{
+    cln_status st = CLN_OK;
+    const int views = looked ? cln_scene_split_count(scene, CLN_SPLIT_TRAIN) : 0;
+    uint64_t *sums = NULL; /* [BORDER] number, sum and sum of squares of grey */
+    int still = 0;
+
+    CLN_TRY(cln_alloc(&sums, 3 * BORDER, sizeof *sums, "borders"));
+    for (int i = 0; i < views * BORDER; i++) {
+        const cln_view *view = cln_scene_training_view(scene, i / BORDER);
+        uint64_t *sum = sums + (size_t)3 * (size_t)(i % BORDER);
+        uint8_t p[4] = {0};
+
+        if (!cln_view_is_loaded(view) || !border_pixel(view, i % BORDER, p))
+            continue;
+        for (int c = 0; c < 3; c++) {
+            sum[0]++;
+            sum[1] += p[c];
+            sum[2] += (uint64_t)p[c] * p[c];
+        }
+    }
+    CLN_TRY(add_ranks(sums, 3 * BORDER));
+    for (int k = 0; k < BORDER; k++) {
+        const double n = (double)sums[3 * k], mean = (double)sums[3 * k + 1] / n;
+
+        still += n >= 3 * STILL_VIEWS &&
+                 (double)sums[3 * k + 2] / n - mean * mean < STILL_DEVIATION * STILL_DEVIATION;
+    }
+    scene->still = still >= STILL_SHARE * BORDER;
+done:
+    free(sums);
+    return st;
+}
+
 cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
 {
     cln_status st = CLN_OK;
@@ -166,6 +220,8 @@ cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
     CLN_TRY(find_backdrop(scene,
                           kind == CLN_BACKGROUND_AUTO && !scene->has_alpha && looks_ahead(scene),
                           scene->background, &scene->backdrop));
+    CLN_TRY(find_still(scene, !scene->has_alpha && !scene->backdrop && looks_ahead(scene) &&
+                                  turn_much(scene)));
 done:
     return st;
 }

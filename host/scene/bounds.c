@@ -330,6 +330,33 @@ done:
     return st;
 }
 
+/* Photos show what lies beyond a cube that was found by sparse points or guessed, but not if their
+ * alpha cuts an object out, nor if their file gives a box that is not for that, too. */
+static bool chooses_shell(const evidence *e, const cln_config *config, bool found)
+{
+    return config->space == CLN_SPACE_AUTO && config->stage1 == CLN_STAGE1_GATHER && found &&
+           e->result->beyond && !e->scene->has_alpha;
+}
+
+/* instant-ngp's box with room for all around, of cameras that look at nothing in it, says nothing
+ * of where the scene is. */
+static cln_status is_void(const evidence *e, const cln_config *config, bool *is)
+{
+    cln_status st = CLN_OK;
+    cln_space core;
+    char *rule = NULL;
+
+    *is = false;
+    if (!e->result->wide || e->result->space.half > HALF_MAX ||
+        !(chooses_shell(e, config, true) || config->space == CLN_SPACE_SHELL))
+        return CLN_OK;
+    CLN_TRY(looked_at(e, &core, &rule));
+    *is = !rule;
+done:
+    free(rule);
+    return st;
+}
+
 /* Whether the lens of the first training camera sees far to the sides, by a grid of its pixels. */
 static bool sees_aside(const cln_scene *scene)
 {
@@ -348,14 +375,6 @@ static bool sees_aside(const cln_scene *scene)
         aside += along < ASIDE;
     }
     return aside > ASIDE_SHARE * rays;
-}
-
-/* Photos show what lies beyond a cube that was found by sparse points or guessed, but not if their
- * alpha cuts an object out, nor if their file gives a box that is not for that, too. */
-static bool chooses_shell(const evidence *e, const cln_config *config, bool found)
-{
-    return config->space == CLN_SPACE_AUTO && config->stage1 == CLN_STAGE1_GATHER && found &&
-           e->result->beyond && !e->scene->has_alpha;
 }
 
 /* Adds to bounds_rule why the space is not a forward one, and that a shell is around the cube. */
@@ -385,11 +404,14 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
     cln_space *space = &scene->space;
     evidence e = {.scene = scene, .result = result, .bbox = config->bbox};
     char refused[CLN_REFUSED_BYTES];
-    bool sane = true, chosen = false, wide = false;
+    bool sane = true, chosen = false, wide = false, says_nothing = false;
 
     CLN_TRY(find_forward(scene, result, config, refused));
     gather_axes(scene, &e.mean);
+    CLN_TRY(is_void(&e, config, &says_nothing));
     for (size_t i = 0; i < sizeof rules / sizeof *rules && !scene->bounds_rule; i++) {
+        if (rules[i] == of_dataset && says_nothing)
+            continue;
         CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
         if (!scene->bounds_rule)
             continue;
@@ -402,7 +424,7 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
         space->shell = chosen || config->space == CLN_SPACE_SHELL;
         if (space->shell && (rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)))
             CLN_TRY(looked_at_in_shell(&e, space, &scene->bounds_rule));
-        if (chosen && wide && space->half == result->space.half) /* nothing is looked at */
+        if (chosen && wide && space->half == result->space.half) /* it is smaller than the box */
             space->shell = chosen = false;
     }
     if (!space->forward)

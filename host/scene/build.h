@@ -124,6 +124,15 @@ cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_resu
 
 /* sights.c: fills sights from the reader's observations. Views have their sizes and kept pixels. */
 cln_status cln_scene_find_sights(cln_scene *scene, const cln_reader_result *result);
+/* depth_points.c: whether training views' depth images fit each other: depths_fit. If not, that is
+ * told, and their points are no points. CLN_MEMORY. */
+cln_status cln_scene_check_depths(cln_scene *scene, cln_reader_result *result,
+                                  const cln_callbacks *callbacks);
+/* Adds the sights of depth images, if they fit. CLN_MEMORY. */
+cln_status cln_scene_depth_sights(cln_scene *scene);
+/* Leaves those out whose pixels alpha cuts away or masks drop: what a depth image or a point shows
+ * there is not of the object. Photos are read. CLN_MEMORY. */
+cln_status cln_scene_clear_sights(cln_scene *scene);
 /* Finds their pixels anew, after the cameras have moved. */
 void cln_scene_place_sights(cln_scene *scene);
 

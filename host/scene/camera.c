@@ -40,6 +40,28 @@ void cln_camera_span_sphere(cln_camera *camera)
     camera->cy = pixels[3];
 }
 
+cln_status cln_camera_add_terms(cln_camera *camera, const double terms[2], const char *frame)
+{
+    const double most = 0.1; /* pixels */
+    const double series[4] = {camera->distortion[0], camera->distortion[1], terms[0], terms[1]};
+    const double x = fmax(camera->cx, camera->width - camera->cx) / camera->fx;
+    const double y = fmax(camera->cy, camera->height - camera->cy) / camera->fy;
+    double lens[6] = {0}, off = INFINITY;
+
+    if (hypot(x, y) > 0 && isfinite(hypot(x, y)))
+        off = cln_lens_from_series(series, hypot(x, y), lens) * fmax(camera->fx, camera->fy);
+    if (!(off <= most))
+        return cln_fail(CLN_INPUT,
+                        "%s: its lens has four terms, k1 to k4 = %g, %g, %g, %g, to which no lens "
+                        "model here comes nearer than %.2g pixels; calibrate it with three (k4 = "
+                        "0), or undistort the photos",
+                        frame, series[0], series[1], series[2], series[3], off);
+    camera->lens = CLN_LENS_FULL_OPENCV;
+    memcpy(camera->distortion, lens, 2 * sizeof *lens);
+    memcpy(camera->distortion + 4, lens + 2, 4 * sizeof *lens);
+    return CLN_OK;
+}
+
 bool cln_camera_spans_sphere(const cln_camera *camera)
 {
     cln_camera whole = *camera;

@@ -110,6 +110,7 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
     } flags[] = {{"leads_out", view->leads_out},
                  {"alpha_mask", view->alpha_mask},
                  {"turned", view->turned},
+                 {"multiplied", view->multiplied},
                  {"mask_black", view->mask_path && view->mask_black},
                  {"trained", view->trained && view->split != CLN_SPLIT_TRAIN}};
 
@@ -123,6 +124,8 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
         json_object_set_new(row, "orientation", json_integer(view->orientation));
     if (view->edge > 0)
         json_object_set_new(row, "edge", json_integer(view->edge));
+    if (view->disc > 0)
+        json_object_set_new(row, "disc", json_real(view->disc));
     st = put(to, before, row);
     row = NULL;
 done:
@@ -289,8 +292,12 @@ static cln_status read_view(const char *path, const json_t *row, int i, const cl
         view->orientation = 1; /* none, or of an older run */
     if (!get_whole(row, "edge", 1, CLN_IMAGE_MAX_SIDE, &view->edge))
         view->edge = 0;
+    view->disc = json_number_value(json_object_get(row, "disc"));
+    if (!(view->disc > 0 && view->disc < 1e6))
+        view->disc = 0;
     view->leads_out = json_is_true(json_object_get(row, "leads_out"));
     view->turned = json_is_true(json_object_get(row, "turned"));
+    view->multiplied = json_is_true(json_object_get(row, "multiplied"));
     view->mask_black = json_is_true(json_object_get(row, "mask_black"));
     view->alpha_mask = json_is_true(json_object_get(row, "alpha_mask"));
     view->trained = json_is_true(json_object_get(row, "trained"));

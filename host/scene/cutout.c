@@ -3,7 +3,8 @@
  * Nothing in the files says which. `auto` looks at some masks, evenly chosen:
  *   of an object     what is kept is one part around the middle, well below the whole, and nearly
  *                    all of the border is dropped
- *   of the camera    the same for all photos (a rig, a window), or round (a fisheye's image)
+ *   of the camera    the same for all photos (a window), or for all of each camera of a rig, or
+ *                    round (a fisheye's image)
  *   else             a bonnet, a drone's leg, people, the sky: the border is mostly kept
  * Masks are alpha if nearly all photos have one and nearly all of these are of an object; where
  * something speaks against it, they are not, as pixels that do not count do less harm. */
@@ -11,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include "base/callbacks.h"
 #include "base/files.h"
 #include "base/log.h"
@@ -20,6 +22,7 @@
 #include "scene/build.h"
 #include "scene/dealt.h"
 
+enum { FIXED_KINDS = 3, MOST_BYTES = 1 << 28 };  /* masks of a file, at least; of a file */
 enum { LOOKED_AT = 16, LEAST = 3, CELLS = 128 }; /* masks; cells along the longer side of one */
 static const double NEARLY_ALL = 0.8;            /* of photos and of masks */
 static const double MOST_KEPT = 0.7;             /* of an object's mask */
@@ -288,6 +291,72 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
     return NULL;
 }
 
+/* ---- masks of a rig's cameras ---- */
+
+typedef struct content {
+    int64_t bytes;
+    uint64_t digest; /* of those of files as long as others */
+    const char *path;
+} content;
+
+static int by_content(const void *a, const void *b)
+{
+    const content *x = a, *y = b;
+
+    if (x->bytes != y->bytes)
+        return x->bytes < y->bytes ? -1 : 1;
+    return x->digest < y->digest ? -1 : x->digest > y->digest;
+}
+
+/* The content of a file that others are as long as; one that cannot be read is refused later. */
+static cln_status read_content(content *c)
+{
+    cln_status st = CLN_OK;
+    char *data = NULL;
+    size_t bytes = 0;
+
+    st = cln_read_file(c->path, MOST_BYTES, &data, &bytes);
+    if (st == CLN_INPUT) {
+        cln_clear_error();
+        st = CLN_OK;
+    }
+    c->digest = cln_digest(CLN_DIGEST_START, data, data ? bytes : 0);
+    free(data);
+    return st;
+}
+
+/* Has nearly every mask the same file as others, as each camera of a rig has one? Silhouettes of an
+ * object differ from photo to photo. */
+static cln_status are_fixed(const cln_scene *scene, int masks, bool *fixed)
+{
+    cln_status st = CLN_OK;
+    content *all = NULL;
+    int count = 0, kinds = 0;
+
+    *fixed = false;
+    CLN_TRY(cln_alloc(&all, (size_t)masks, sizeof *all, "masks"));
+    for (int i = 0; i < scene->view_count; i++) {
+        struct stat info;
+
+        if (!is_mask(&scene->views[i]))
+            continue;
+        all[count].path = scene->views[i].mask_path;
+        all[count++].bytes = stat(scene->views[i].mask_path, &info) == 0 ? info.st_size : -1;
+    }
+    qsort(all, (size_t)count, sizeof *all, by_content);
+    for (int i = 0; i < count; i++)
+        if ((i > 0 && all[i - 1].bytes == all[i].bytes) ||
+            (i + 1 < count && all[i + 1].bytes == all[i].bytes))
+            CLN_TRY(read_content(&all[i]));
+    qsort(all, (size_t)count, sizeof *all, by_content);
+    for (int i = 0; i < count; i++)
+        kinds += i == 0 || by_content(&all[i - 1], &all[i]) != 0;
+    *fixed = FIXED_KINDS * kinds <= count;
+done:
+    free(all);
+    return st;
+}
+
 /* A view's alpha in coarse cells, one pixel of each. `alpha`: room for CELLS * CELLS. */
 static void fill_of_view(grid *g, const cln_view *view, uint8_t *alpha)
 {
@@ -374,6 +443,7 @@ cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc)
     looks seen = {0};
     const char *why = NULL;
     int masks = 0;
+    bool fixed = false;
 
     if (desc->without_masks)
         drop_masks(scene);
@@ -390,6 +460,11 @@ cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc)
     if (asked == CLN_MASKS_AUTO) {
         CLN_TRY(look(scene, masks, desc->callbacks, &seen));
         why = why_not(scene, masks, &seen, &scene->masks_doubtful);
+        if (!why)
+            CLN_TRY(are_fixed(scene, masks, &fixed));
+        scene->masks_doubtful |= fixed;
+        if (fixed)
+            why = "the same for several photos each, as of the cameras of a rig";
     }
     scene->masks_reversed = why == REVERSED;
     if (asked == CLN_MASKS_ALPHA || asked == CLN_MASKS_INVERTED ||

@@ -71,15 +71,9 @@ cln_status cln_dataset_image_folder(const char *base, char **out);
 /* points_ply.c: reads the points of a PLY file into result->points. CLN_INPUT, CLN_MEMORY. */
 cln_status cln_dataset_read_ply(const char *path, cln_reader_result *result);
 
-/* depth_points.c: a depth image, a grey PNG of 16 bits of any size: 0 and 65535 are
- * not known. A view's pose
- * and camera are read before; of a file that is no such image there are no points. CLN_MEMORY. */
-typedef struct cln_depth_image {
-    const char *depth, *confidence; /* files; NULL: there is none. 255 of confidence is full */
-    double unit, most;              /* scene units of a value of 1; the farthest that counts */
-} cln_depth_image;
-cln_status cln_dataset_depth_points(const cln_view *view, const cln_depth_image *image,
-                                    cln_reader_result *result);
+/* depth_points.c: points of the view's depth image, for the cube. A view's pose and camera are read
+ * before; of a file that is no such image there are no points. CLN_MEMORY. */
+cln_status cln_dataset_depth_points(const cln_view *view, cln_reader_result *result);
 /* Tells if there were some, but no point in any of them. */
 void cln_dataset_tell_depths(const char *where, const cln_reader_result *result);
 /* Of so many photos, evenly chosen, depth images are read. */

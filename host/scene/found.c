@@ -93,6 +93,8 @@ typedef struct survey {
     char *first[KINDS]; /* name of the first of each, in natural order */
     int scenes;         /* folders that are a scene */
     char *scene;        /* the first of them */
+    int deeper;         /* the same of folders in its folders */
+    char *deep;
 } survey;
 
 /* " ending " of a name, in small letters, as lists of endings have it; false if it has none. */
@@ -196,6 +198,9 @@ static cln_status look(const char *folder, const char *within, bool (*is_scene)(
             CLN_TRY(keep_first(&found->scene, name));
         } else if (!within) {
             CLN_TRY(look(path, name, is_scene, found));
+        } else if (is_scene(path)) {
+            found->deeper++;
+            CLN_TRY(keep_first(&found->deep, name));
         }
         found->count[kind]++;
         CLN_TRY(keep_first(&found->first[kind], name));
@@ -323,6 +328,11 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     CLN_TRY(describe_folder(path, &found, what, &known));
     if (*advice)
         goto done;
+    if (!found.scenes && found.deeper) {
+        found.scenes = found.deeper;
+        found.scene = found.deep;
+        found.deep = NULL;
+    }
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
                              found.scenes > 1 ? ", or another of its folders" : ""));
@@ -340,6 +350,7 @@ done:
     for (int kind = 0; kind < KINDS; kind++)
         free(found.first[kind]);
     free(found.scene);
+    free(found.deep);
     free(found.of_it);
     free(around);
     return st;

@@ -277,6 +277,8 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
 
+        view->multiplied =
+            desc->config->multiplied_alpha && view->channels == 4 && !view->alpha_path;
         if (view->alpha_path)
             view->channels = 4;
         CLN_TRY(fit_camera(view, view->file_width, view->file_height, &warned));
@@ -649,6 +651,8 @@ static cln_status read_view(job *work, int index)
         CLN_TRY(changed(view->path));
     if (wanted && view->opaque)
         CLN_TRY(drop_alpha(work, view, &channels, pixels));
+    if (wanted && view->multiplied && channels == 4)
+        cln_image_divide_alpha(pixels, (size_t)width * (size_t)height);
     if (view->alpha_path && wanted)
         CLN_TRY(cln_view_add_alpha(view, width, height, digest, &channels, &pixels));
     else if (view->alpha_path)
@@ -837,7 +841,9 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
             *test = cln_digest(*test, &work.digests[i], sizeof work.digests[i]);
     }
     say_masks(scene);
-    if (cln_scene_is_empty(scene, empty) || cln_scene_is_whole(scene, empty))
+    if (cln_scene_is_empty(scene, empty))
+        cln_warn("%s: %s", scene->folder, empty);
+    if (cln_scene_is_whole(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);
     if (scene->has_alpha && cln_scene_is_multiplied(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);

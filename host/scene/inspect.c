@@ -99,9 +99,11 @@ static void check_overlap(cln_inspection *in)
             lone > ALONE_DOUBT * a->looked_at ? "Take more photos, at most 20 degrees apart"
             : lone == 1
                 ? "Look at it: of something else, turned, or with a wrong pose, it is better left "
-                  "out; else photos between it and the others would help"
+                  "out. Else keep it, as one along the narrow side of a thing shows little; photos "
+                  "between it and the others would help"
                 : "Look at them: of something else, turned, or with wrong poses, they are better "
-                  "left out; else photos between them and the others would help");
+                  "left out. Else keep them, as some along the narrow side of a thing show little; "
+                  "photos between them and the others would help");
     if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS)
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "only %d training photos: surfaces that fewer than three of them show are "
@@ -719,7 +721,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     cln_scene_tell_missed(scene, in.findings);
     if (cln_scene_is_empty(scene, empty))
         cln_found_fault(in.findings, "alpha", true, NULL, "%s", empty);
-    else if (cln_scene_is_whole(scene, empty))
+    if (cln_scene_is_whole(scene, empty))
         cln_found_fault(in.findings, scene->has_alpha ? "alpha" : "masks", false, NULL, "%s",
                         empty);
     CLN_TRY(cln_scene_find_reversed(scene, empty));

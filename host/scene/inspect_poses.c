@@ -1,5 +1,6 @@
 /* Whether photos fit their poses, and what would fit better: findings of inspect.h by what two
  * photos show alike (agree.h). */
+#include "scene/inspect.h"
 #include "scene/inspection.h"
 
 #include <math.h>
@@ -215,6 +216,8 @@ cln_status cln_inspect_poses(cln_inspection *in)
                         "while the object turns before a camera. It would be learnt as fog around "
                         "the object: mask all but the object (--masks), or cut it out as alpha",
                         100 * a->still_share);
+    else if (in->scene->still)
+        cln_found_fault(in->findings, "backdrop", true, NULL, "%s", CLN_STILL_ADVICE);
     in->posed = judged == RIGHT;
     if (isnan(a->share))
         soften_axes(in);
@@ -300,7 +303,7 @@ cln_status cln_inspect_poses(cln_inspection *in)
                         "where both poses put it (of most good captures 80%% or more), and only "
                         "%.0f%% of that exactly (60%% or more). Likely each photo has the pose of "
                         "another one near it, as if names and poses are in different orders, or "
-                        "the poses are inexact",
+                        "the poses are inexact, or computed on a circle without the cameras' tilt",
                         100 * a->share, 100 * exact);
     else if (a->share > SOUND)
         cln_findings_take_back(in->findings, "axes");

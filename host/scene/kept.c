@@ -1,6 +1,6 @@
 /* Which pixels of a view count: not those beyond the fold of its lens, which no direction maps to,
- * nor those along the edges of its file that show nothing. Views whose maps are the same share one.
- */
+ * nor those along the edges of its file, or beyond the disc of a fisheye, that show nothing. Views
+ * whose maps are the same share one. */
 #include "scene/build.h"
 
 #include <math.h>
@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
 
 enum { SMALL = 8 }; /* rectangles up to this side are tested pixel by pixel */
@@ -121,26 +122,37 @@ static int edge_of(const cln_view *view)
     return view->edge > 0 ? (view->edge + view->downscale - 1) / view->downscale : 0;
 }
 
+/* Does all of the pixel lie in the file's disc? */
+static bool is_on_disc(const cln_view *view, int x, int y)
+{
+    const double n = view->downscale, wide = view->file_width, high = view->file_height;
+    const double across = fabs((x + 0.5) * n - 0.5 * wide) + 0.5 * (n - 1);
+    const double down = fabs((y + 0.5) * n - 0.5 * high) + 0.5 * (n - 1);
+
+    return view->disc == 0 || hypot(across, down) <= view->disc * fmax(wide, high);
+}
+
 /* *map is NULL if all pixels count. */
 static cln_status make_map(const cln_view *view, uint8_t **map, int64_t *left_out)
 {
     cln_status st = CLN_OK;
     const int wide = view->camera.width, high = view->camera.height, edge = edge_of(view);
     const size_t all = (size_t)wide * (size_t)high, bytes = (all + 7) / 8;
+    const bool cut = edge > 0 || view->disc > 0;
 
     *map = NULL;
     *left_out = 0;
     if (cln_camera_is_distorted(&view->camera))
         CLN_TRY(map_rays(&view->camera, map));
-    if (edge > 0 && !*map) {
+    if (cut && !*map) {
         CLN_TRY(cln_alloc(map, bytes, 1, "pixels that count"));
         memset(*map, 0xFF, bytes);
         (*map)[bytes - 1] = (uint8_t)(0xFF >> (8 * bytes - all));
     }
-    for (size_t at = 0; edge > 0 && at < all; at++) {
+    for (size_t at = 0; cut && at < all; at++) {
         const int x = (int)(at % (size_t)wide), y = (int)(at / (size_t)wide);
 
-        if (x < edge || y < edge || x >= wide - edge || y >= high - edge)
+        if (x < edge || y < edge || x >= wide - edge || y >= high - edge || !is_on_disc(view, x, y))
             (*map)[at / 8] &= (uint8_t) ~(1 << at % 8);
     }
     if (*map)
@@ -155,7 +167,8 @@ static bool is_like(const cln_view *a, const cln_view *b)
     const bool distorted = cln_camera_is_distorted(&a->camera);
 
     return a->camera.width == b->camera.width && a->camera.height == b->camera.height &&
-           edge_of(a) == edge_of(b) && distorted == cln_camera_is_distorted(&b->camera) &&
+           edge_of(a) == edge_of(b) && a->disc == b->disc &&
+           distorted == cln_camera_is_distorted(&b->camera) &&
            (!distorted || cln_camera_is_like(&a->camera, &b->camera));
 }
 
@@ -182,7 +195,7 @@ cln_status cln_scene_find_kept(cln_scene *scene)
         cln_view *view = &scene->views[v];
         int same = 0;
 
-        if (!cln_camera_is_distorted(&view->camera) && view->edge == 0)
+        if (!cln_camera_is_distorted(&view->camera) && view->edge == 0 && view->disc == 0)
             continue;
         while (same < count && !is_like(view, &scene->views[looked[same]]))
             same++;
@@ -193,6 +206,11 @@ cln_status cln_scene_find_kept(cln_scene *scene)
         view->kept = scene->maps[same];
         view->left_out = scene->views[looked[same]].left_out;
         if (view->left_out == (int64_t)view->camera.width * view->camera.height) {
+            if (view->disc > 0)
+                CLN_TRY(cln_fail(CLN_INPUT,
+                                 "%s: frame '%s': no pixel is within its fisheye_crop_radius; "
+                                 "correct that",
+                                 scene->folder, view->name));
             if (view->edge > 0)
                 CLN_TRY(cln_fail(CLN_INPUT,
                                  "%s: frame '%s': %d x %d pixels are all edge; give larger images",
@@ -204,6 +222,11 @@ cln_status cln_scene_find_kept(cln_scene *scene)
                              scene->folder, view->name, lens));
         }
     }
+    if (scene->view_count > 0 && scene->views[0].disc > 0)
+        cln_info("%s: fisheye_crop_radius: %.3g %% of the pixels of '%s' count", scene->folder,
+                 100 - 100.0 * (double)scene->views[0].left_out /
+                           ((double)scene->views[0].camera.width * scene->views[0].camera.height),
+                 scene->views[0].name);
 done:
     free(looked);
     return st;
@@ -224,7 +247,7 @@ cln_fold cln_scene_fold(const cln_scene *scene)
     for (int v = 0; v < scene->view_count; v++) {
         const cln_view *view = &scene->views[v];
 
-        if (!view->left_out || view->edge > 0)
+        if (!view->left_out || view->edge > 0 || view->disc > 0)
             continue;
         fold.views++;
         left_out += (double)view->left_out;

@@ -62,6 +62,12 @@ double cln_lens_limit(cln_lens lens, const double *params);
  * tangent. */
 bool cln_lens_is_fisheye(cln_lens lens);
 
+/* lens_series.c: a radial series of four terms, 1 + k1 t + ... + k4 t^4 with t the squared radius,
+ * by FULL_OPENCV's quotient: out has its k1, k2, k3, then k4, k5, k6. place: the largest radius in
+ * the image, in focal lengths. Returns what places are off by at most, in focal lengths; infinite
+ * if no quotient is near. */
+double cln_lens_from_series(const double k[4], double place, double out[6]);
+
 /* ---- COLMAP's camera models ---- */
 
 /* How the parameter list of a COLMAP camera is to be read: `focals` focal lengths (f, or fx fy),

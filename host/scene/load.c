@@ -63,6 +63,8 @@ static void free_views(cln_view *views, int count)
         free(views[i].name);
         free(views[i].path);
         free(views[i].alpha_path);
+        free(views[i].depth.depth);
+        free(views[i].depth.confidence);
         free(views[i].file);
         free(views[i].mask_path);
         free(views[i].masked);
@@ -352,16 +354,20 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     digest_cameras(scene);
     CLN_TRY(cln_scene_size_views(scene, desc));
     CLN_TRY(cln_scene_find_kept(scene));
+    CLN_TRY(cln_scene_check_depths(scene, result, desc->callbacks));
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config));
     if (!desc->unseen)
         CLN_TRY(cln_scene_check_seen(scene));
     cln_scene_find_doubts(scene, result);
     if ((desc->config->depth_loss > 0 || desc->config->points_near > 0) &&
-        desc->pixels[CLN_SPLIT_TRAIN])
+        desc->pixels[CLN_SPLIT_TRAIN]) {
         CLN_TRY(cln_scene_find_sights(scene, result));
+        CLN_TRY(cln_scene_depth_sights(scene));
+    }
     CLN_TRY(cln_scene_deal(scene));
     CLN_TRY(cln_scene_place_images(scene, desc));
     CLN_TRY(cln_scene_read_images(scene, desc));
+    CLN_TRY(cln_scene_clear_sights(scene));
     CLN_TRY(cln_scene_check_opaque(scene, desc));
     CLN_TRY(cln_scene_find_background(scene, desc->config));
 done:

@@ -388,6 +388,23 @@ done:
     return st;
 }
 
+/* Do the poses as they are join the part to the others, by the ties of all its pairs together? Of
+ * neighbours that share little, as photos along the narrow side of a thing, it is one by chance. */
+static bool is_joined(const work *w, int part)
+{
+    int ties = 0, exact = 0;
+
+    for (int i = 0; i < w->out->tie_count; i++) {
+        const cln_tie *t = &w->out->ties[i];
+
+        if ((part_of(w, t->a) == part) == (part_of(w, t->b) == part))
+            continue;
+        ties++;
+        exact += is_exact(w, t);
+    }
+    return exact >= LINK && exact >= LINK_SHARE * ties;
+}
+
 /* Is the part in another frame than the largest? */
 static cln_status judge(work *w, int part)
 {
@@ -396,6 +413,8 @@ static cln_status judge(work *w, int part)
     similarity s = none;
     int most = 0;
 
+    if (is_joined(w, part))
+        goto done;
     CLN_TRY(find_marks(w, part, w->list[0]));
     most = find_similarity(w, &s);
     if (most < COMMON || most < MOST * w->mark_count || count_fitting(w, &none) > SAME * most)

@@ -1,8 +1,8 @@
 /* Reader of COLMAP's sparse models (colmap_model.c has the files): in the folder given, or in its
- * sparse, sparse/0 or colmap/sparse/0. Images lie in `images` beside it or above it, smaller copies
- * in images_2, _4, _8 (dataset.h); cameras follow the images' size. Poses are world-to-camera with
- * our axes; the centre of the top-left pixel is (0.5, 0.5) there, too. Points say where the cube
- * is. One camera and several are the same case. */
+ * sparse, sparse/0, colmap/sparse/0 or distorted/sparse/0. Images lie in `images` beside it or
+ * above it, smaller copies in images_2, _4, _8 (dataset.h); cameras follow the images' size. Poses
+ * are world-to-camera with our axes; the centre of the top-left pixel is (0.5, 0.5) there, too.
+ * Points say where the cube is. One camera and several are the same case. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -19,7 +19,11 @@
 static const struct {
     const char *folder;
     int depth;
-} places[] = {{"", 0}, {"sparse", 1}, {"sparse/0", 2}, {"colmap/sparse/0", 3}};
+} places[] = {{"", 0},
+              {"sparse", 1},
+              {"sparse/0", 2},
+              {"colmap/sparse/0", 3},
+              {"distorted/sparse/0", 3}}; /* the last: before photos are undistorted for splats */
 enum { PLACES = sizeof places / sizeof *places, BASES = 4 };
 
 static cln_status place_folder(const char *path, int place, char **out)

@@ -190,11 +190,11 @@ static cln_status set_lens(const char *where, const cln_metashape_sensor *s, cln
     if (!s->calibrated || !(s->f > 0))
         return cln_fail(CLN_INPUT, "%s: its sensor has no focal length; align the photos first",
                         where);
-    if (s->p[2] != 0 || s->p[3] != 0 || (s->kind == CLN_METASHAPE_FRAME && s->k[3] != 0))
+    if (s->p[2] != 0 || s->p[3] != 0)
         return cln_fail(CLN_INPUT,
-                        "%s: its sensor has %s, which no lens model here has; fix it at 0 in "
+                        "%s: its sensor has p3 or p4, which no lens model here has; fix it at 0 in "
                         "Metashape (Camera Calibration), optimise, and export again",
-                        where, s->p[2] != 0 || s->p[3] != 0 ? "p3 or p4" : "k4");
+                        where);
     c->fx = s->f + s->b1;
     c->fy = s->f;
     c->cx = s->width / 2.0 + s->cx;
@@ -213,6 +213,8 @@ static cln_status set_lens(const char *where, const cln_metashape_sensor *s, cln
     c->distortion[1] = s->k[1];
     c->distortion[2] = s->p[1];
     c->distortion[3] = s->p[0];
+    if (s->kind == CLN_METASHAPE_FRAME && s->k[3] != 0)
+        return cln_camera_add_terms(c, s->k + 2, where);
     return CLN_OK;
 }
 

@@ -201,28 +201,23 @@ static cln_status read_depths(const char *keyframes, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     const int step = (result->view_count + CLN_DEPTH_PHOTOS - 1) / CLN_DEPTH_PHOTOS;
-    char *folders[2] = {NULL}, *files[2] = {NULL};
+    char *folders[2] = {NULL};
 
     CLN_TRY(cln_path_join(&folders[0], keyframes, "depth"));
     CLN_TRY(cln_path_join(&folders[1], keyframes, "confidence"));
-    for (int i = 0; i < result->view_count; i += step) {
-        const cln_view *view = &result->views[i];
-        cln_depth_image image = {.unit = 1e-3, .most = FARTHEST};
+    for (int i = 0; i < result->view_count; i++) {
+        cln_view *view = &result->views[i];
 
-        for (int k = 0; k < 2; k++) {
-            free(files[k]);
-            files[k] = NULL;
-            CLN_TRY(cln_dataset_beside(folders[k], view->name, ".png", &files[k]));
-        }
-        image.depth = files[0];
-        image.confidence = files[1];
-        CLN_TRY(cln_dataset_depth_points(view, &image, result));
+        view->depth = (cln_depth_image){.unit = 1e-3, .most = FARTHEST};
+        CLN_TRY(cln_dataset_beside(folders[0], view->name, ".png", &view->depth.depth));
+        CLN_TRY(cln_dataset_beside(folders[1], view->name, ".png", &view->depth.confidence));
+        if (i % step == 0)
+            CLN_TRY(cln_dataset_depth_points(view, result));
     }
     cln_dataset_tell_depths(keyframes, result);
 done:
     for (int k = 0; k < 2; k++) {
         free(folders[k]);
-        free(files[k]);
     }
     return st;
 }

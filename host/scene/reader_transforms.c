@@ -187,6 +187,8 @@ static void free_view(cln_view *view)
     free(view->path);
     free(view->alpha_path);
     free(view->mask_path);
+    free(view->depth.depth);
+    free(view->depth.confidence);
     memset(view, 0, sizeof *view);
 }
 
@@ -277,12 +279,15 @@ static cln_status take_listed(frames *f, const char *key, const json_t *list, cl
         name = NULL;
         *view = *frame;
         view->name = view->path = view->alpha_path = view->mask_path = NULL;
+        view->depth.depth = view->depth.confidence = NULL;
         view->split = split;
         result->view_count++;
         CLN_TRY(cln_strdup(&view->name, frame->name));
         CLN_TRY(cln_strdup(&view->path, frame->path));
         CLN_TRY(cln_strdup(&view->alpha_path, frame->alpha_path));
         CLN_TRY(cln_strdup(&view->mask_path, frame->mask_path));
+        CLN_TRY(cln_strdup(&view->depth.depth, frame->depth.depth));
+        CLN_TRY(cln_strdup(&view->depth.confidence, frame->depth.confidence));
     }
 done:
     free(name);
@@ -562,8 +567,8 @@ done:
     return st;
 }
 
-/* Without other points, those of depth images: nerfstudio's, in thousandths of the poses' units if
- * depth_unit_scale_factor does not say otherwise, or instant-ngp's. */
+/* Depth images: nerfstudio's, in thousandths of the poses' units if depth_unit_scale_factor does
+ * not say otherwise, or instant-ngp's. Without other points, theirs are the scene's. */
 static cln_status read_depths(const char *folder, const char *file, const json_t *root,
                               cln_reader_result *result)
 {
@@ -572,30 +577,31 @@ static cln_status read_depths(const char *folder, const char *file, const json_t
                                        "integer_depth_scale"};
     const json_t *listed = json_object_get(root, "frames");
     const int step = (result->view_count + CLN_DEPTH_PHOTOS - 1) / CLN_DEPTH_PHOTOS;
-    cln_depth_image image = {.unit = 1e-3, .most = INFINITY};
-    char *path = NULL;
+    const bool points = result->point_count == 0 && (!result->has_bounds || result->wide);
+    double unit = 1e-3;
+    int images = 0;
     bool found = false;
 
-    if (result->point_count > 0 || result->has_bounds)
-        return CLN_OK;
-    CLN_TRY(cln_transforms_number(file, root, "integer_depth_scale", &image.unit, &found));
+    CLN_TRY(cln_transforms_number(file, root, "integer_depth_scale", &unit, &found));
     if (!found)
-        CLN_TRY(cln_transforms_number(file, root, "depth_unit_scale_factor", &image.unit, &found));
-    for (int i = 0; i < result->view_count; i += step) {
+        CLN_TRY(cln_transforms_number(file, root, "depth_unit_scale_factor", &unit, &found));
+    for (int i = 0; i < result->view_count; i++) {
+        cln_view *view = &result->views[i];
         const json_t *frame = json_array_get(listed, (size_t)i);
         const char *name = json_string_value(json_object_get(frame, "depth_file_path"));
 
         name = name ? name : json_string_value(json_object_get(frame, "depth_path"));
         if (!name)
             continue;
-        free(path);
-        path = NULL;
-        CLN_TRY(cln_path_join(&path, folder, name));
-        image.depth = path;
-        CLN_TRY(cln_dataset_depth_points(&result->views[i], &image, result));
+        view->depth = (cln_depth_image){.unit = unit, .most = INFINITY};
+        CLN_TRY(cln_path_join(&view->depth.depth, folder, name));
+        images += cln_is_file(view->depth.depth);
+        if (points && i % step == 0)
+            CLN_TRY(cln_dataset_depth_points(view, result));
     }
     cln_dataset_tell_depths(file, result);
-    for (size_t i = json_array_size(result->ignored); i-- > 0 && result->depth_points;) {
+    for (size_t i = json_array_size(result->ignored);
+         i-- > 0 && (points ? result->depth_points : images > 0);) {
         const char *key = json_string_value(json_array_get(result->ignored, i));
 
         for (size_t k = 0; k < sizeof used / sizeof *used; k++)
@@ -605,7 +611,6 @@ static cln_status read_depths(const char *folder, const char *file, const json_t
             }
     }
 done:
-    free(path);
     return st;
 }
 

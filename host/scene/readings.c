@@ -50,7 +50,10 @@ const cln_reading cln_readings[CLN_READINGS] = {
      false,
      CLN_W_IS_RIGHT},
     {"of mirrored photos",
-     "mirror the photos",
+     "poses that were computed, as of a turntable, go round the wrong way: negate the angle. Only "
+     "if "
+     "writing reads backwards in the photos, mirror these (by the wrong one of the two all becomes "
+     "its mirror image)",
      {-1, 0, 0, 0, 1, 0, 0, 0, 1},
      false,
      CLN_W_IS_RIGHT},

@@ -42,6 +42,10 @@ bool cln_camera_is_like(const cln_camera *a, const cln_camera *b);
 /* What kernels must know to trace it: 1 << lens; 0 for a pinhole. Sets of cameras join with |. */
 unsigned cln_camera_lenses(const cln_camera *camera);
 
+/* Adds the third and fourth term of a radial series, k3 and k4, to OPENCV's two, as the FULL_OPENCV
+ * that is nearest over the image. CLN_INPUT if that is off by more than a tenth of a pixel. */
+cln_status cln_camera_add_terms(cln_camera *camera, const double terms[2], const char *frame);
+
 /* Checks intrinsics and pose, and replaces the rotation by the nearest exact one. `frame` names the
  * camera in the sentence. CLN_INPUT. */
 cln_status cln_camera_check(cln_camera *camera, const char *frame);
@@ -80,6 +84,12 @@ typedef struct cln_by_file {
     int angle[2]; /* fx, fy: 1 by an angle across the width, 2 across the height; 0: given */
 } cln_by_file;
 
+/* A depth image: a grey PNG of 16 bits of any size; 0 and 65535 are not known. */
+typedef struct cln_depth_image {
+    char *depth, *confidence; /* files; NULL: there is none. 255 of confidence is full */
+    double unit, most;        /* scene units of a value of 1; the farthest that counts */
+} cln_depth_image;
+
 typedef struct cln_view {
     char *name;       /* as the dataset names it: path relative to the scene folder */
     char *path;       /* file */
@@ -88,9 +98,10 @@ typedef struct cln_view {
     char *alpha_path; /* a file whose brightness is the image's alpha; NULL = none */
     bool alpha_mask;  /* it is a mask, which may be of labels or a cut-out (cln_mask_to_alpha) */
     bool alpha_black; /* and black is what it keeps, not white */
-    char *mask_path;  /* a file that says which pixels count; NULL = all */
-    bool mask_black;  /* the black ones count; else all others do */
-    int mask_least;   /* a mask's pixel is black if all its values are below this; 1: no JPEG */
+    cln_depth_image depth;
+    char *mask_path; /* a file that says which pixels count; NULL = all */
+    bool mask_black; /* the black ones count; else all others do */
+    int mask_least;  /* a mask's pixel is black if all its values are below this; 1: no JPEG */
     cln_split split;
     cln_split named;             /* of a scene without training views: its split */
     cln_camera camera;           /* at the size of `pixels` */
@@ -105,6 +116,7 @@ typedef struct cln_view {
     int alpha_turn, mask_turn; /* orientations that bring those files onto `pixels`; 1: none */
     bool masks_known;          /* sizes or EXIF data tell these, or those of other masks */
     int channels;              /* 3, or 4 with straight alpha */
+    bool multiplied;           /* its file's colours are multiplied by its alpha */
     int most_alpha;   /* 1 + its largest alpha (128 and more count alike); 0: was not read */
     bool hides;       /* its alpha is below 128 somewhere; if it was read */
     bool opaque;      /* its file has alpha, which is left out as it hides nothing */
@@ -113,8 +125,11 @@ typedef struct cln_view {
     cln_store *store; /* the scene's, if it has the pixels, at `place`; else NULL */
     size_t place;
     const uint8_t *kept; /* the scene's; NULL if no pixel is left out (cln_view_keeps) */
-    int64_t left_out;    /* number of pixels beyond the fold of its lens, or along its edge */
+    int64_t left_out;    /* number of pixels beyond the fold of its lens, along its edge or
+                            beyond its disc */
     int edge;            /* pixels of its file along the edges that show nothing */
+    double disc;         /* radius of what its file shows, about the middle; in its longer side; 0:
+                            all is shown */
     bool trained;        /* the run that it is read for was trained on it; false where none is */
     uint8_t *masked;     /* what `kept` is, if the view has a mask and pixels; else NULL */
 } cln_view;
@@ -123,6 +138,7 @@ typedef struct cln_view {
 typedef struct cln_sight {
     int view, x, y; /* index in cln_scene.views; x, y: -1 if a moved camera no longer shows it */
     float trust;    /* 0..1, less the worse the point fits its images */
+    float z; /* along the axis, of a depth image, which moves with its camera; 0: a point's */
     double point[3];
 } cln_sight;
 
@@ -167,9 +183,12 @@ typedef struct cln_scene {
     double before_share;   /* of sparse points in their pictures, those before them; likewise */
     bool has_sights;       /* its files name points and images that show them */
     int64_t sight_count;   /* with config.depth_loss, for training: what points tell of depths */
-    cln_sight *sights;     /* by view, then by point */
+    cln_sight *sights;     /* by point or by view */
+    bool depths_fit;       /* its depth images, each other; false: it has none */
+    int64_t depth_sights;  /* of these, those by depth images */
     float background[3];   /* composited behind alpha and behind the scene */
     bool backdrop;         /* it is the one colour along the photos' borders */
+    bool still;            /* the photos' borders are one picture, although the cameras turn */
     bool background_mean;  /* it is that, or the training photos' mean colour ... */
     bool background_known; /* ... and these are loaded; else it is white here */
     uint64_t digest;       /* of poses, intrinsics, split, names and image bytes on disk */

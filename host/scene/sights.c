@@ -6,8 +6,10 @@
 #include <math.h>
 #include <stdlib.h>
 #include "base/memory.h"
+#include "ranks/ranks.h"
 #include "scene/build.h"
 
+enum { RANKS_COUNT = 1 << 16 };      /* numbers that processes compare at once */
 enum { NO_VIEW = -1, SEVERAL = -2 }; /* in place of a point's only training view */
 
 /* Maps the reader's numbers of views to indices of training views; other views get NO_VIEW. The
@@ -35,6 +37,17 @@ static bool place(const cln_scene *scene, cln_sight *sight)
     const cln_view *view = &scene->views[sight->view];
     double u, v;
 
+    if (sight->z > 0) {
+        double o[3], d[3], along = 0;
+
+        if (!cln_camera_ray(&view->camera, sight->x + 0.5, sight->y + 0.5, o, d))
+            return false;
+        for (int a = 0; a < 3; a++)
+            along += d[a] * view->camera.c2w[4 * a + 2];
+        for (int a = 0; a < 3; a++)
+            sight->point[a] = o[a] + d[a] * (double)sight->z / along;
+        return true;
+    }
     sight->x = sight->y = -1;
     if (!cln_camera_shows(&view->camera, sight->point, &u, &v))
         return false;
@@ -47,6 +60,54 @@ void cln_scene_place_sights(cln_scene *scene)
 {
     for (int64_t i = 0; i < scene->sight_count; i++)
         (void)place(scene, &scene->sights[i]);
+}
+
+/* Which sights' pixels show something, by every process's own photos; *shown [sights], 1: it does.
+ */
+static cln_status find_shown(const cln_scene *scene, double **shown)
+{
+    cln_status st = CLN_OK;
+
+    CLN_TRY(cln_alloc(shown, (size_t)scene->sight_count, sizeof **shown, "depths of points"));
+    for (int64_t i = 0; i < scene->sight_count; i++) {
+        const cln_sight *sight = &scene->sights[i];
+        const cln_view *view = &scene->views[sight->view];
+        uint8_t p[4] = {0, 0, 0, 255};
+
+        if (!cln_view_is_loaded(view) ||
+            (sight->x >= 0 && !cln_view_keeps(view, sight->x, sight->y)))
+            continue;
+        if (sight->x >= 0)
+            cln_view_bytes(view, sight->x, sight->y, p);
+        (*shown)[i] = view->channels < 4 || p[3] >= 128;
+    }
+    for (int64_t from = 0; from < scene->sight_count; from += RANKS_COUNT)
+        cln_ranks_largest(*shown + from,
+                          (int)fmin(RANKS_COUNT, (double)(scene->sight_count - from)));
+done:
+    return st;
+}
+
+cln_status cln_scene_clear_sights(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    double *shown = NULL;
+    int64_t left = 0, by_images = scene->sight_count - scene->depth_sights;
+
+    if (scene->sight_count == 0)
+        return CLN_OK;
+    CLN_TRY(find_shown(scene, &shown));
+    scene->depth_sights = 0;
+    for (int64_t i = 0; i < scene->sight_count; i++) {
+        if (shown[i] <= 0)
+            continue;
+        scene->depth_sights += i >= by_images;
+        scene->sights[left++] = scene->sights[i];
+    }
+    scene->sight_count = left;
+done:
+    free(shown);
+    return st;
 }
 
 static double mean_error(const cln_reader_result *result)

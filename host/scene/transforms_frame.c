@@ -203,8 +203,9 @@ static bool is_panorama(const char *name)
 }
 
 /* Reads the lens model, OPENCV if none is named, and its parameters; refuses parameters that the
- * model lacks. k, alpha and beta are not looked for: other programs' keys may have these names. */
-static cln_status read_lens(const source *src, cln_camera *camera)
+ * model lacks. k, alpha and beta are not looked for: other programs' keys may have these names.
+ * series: k3 and k4 of OPENCV's series, if it has so many terms. */
+static cln_status read_lens(const source *src, cln_camera *camera, double series[2])
 {
     static const char *const others[] = {"k3", "k4", "k5", "k6"};
     static const char *const strays[] = {"k0", "k1", "k2", "p0",  "p1",  "p2",   "s0",
@@ -244,10 +245,14 @@ static cln_status read_lens(const source *src, cln_camera *camera)
     CLN_TRY(parameter_of(src, &list, "k4", &k4));
     if (camera->lens == CLN_LENS_OPENCV && json_is_true(value_of(src, "is_fisheye")))
         camera->lens = CLN_LENS_OPENCV_FISHEYE; /* instant-ngp's way to say it */
-    /* k3 with k4 is ambiguous: to some, k4 belongs to OpenCV's divisor, to others, to the
-     * series. */
-    if (camera->lens == CLN_LENS_OPENCV && k3 != 0 && k4 == 0)
+    /* Of a file that does not say OPENCV, k4 is ambiguous: it may belong to OpenCV's divisor. To
+     * nerfstudio it is the fourth term of the series. */
+    if (camera->lens == CLN_LENS_OPENCV && k4 != 0 && json_is_string(named)) {
+        series[0] = k3;
+        series[1] = k4;
+    } else if (camera->lens == CLN_LENS_OPENCV && k3 != 0 && k4 == 0) {
         camera->lens = CLN_LENS_FULL_OPENCV; /* OPENCV with more terms */
+    }
     model = &cln_lens_models[camera->lens];
     for (int k = 0; k < NAMED + (list.names ? list.count : 0); k++) {
         const char *key = k < OTHERS  ? others[k]
@@ -255,6 +260,8 @@ static cln_status read_lens(const source *src, cln_camera *camera)
                                       : list.names[k - NAMED];
         double value = 0;
 
+        if (series[1] != 0 && (strcmp(key, "k3") == 0 || strcmp(key, "k4") == 0))
+            continue;
         if (k >= OTHERS && k < NAMED && !has_parameter(model, key))
             value = stray_parameter(src, &list, key);
         else if (!has_parameter(model, key))
@@ -363,13 +370,39 @@ done:
     return st;
 }
 
+/* How far from the middle a fisheye's photos show something, as nerfstudio has it: in pixels, of
+ * such lenses alone. */
+static cln_status read_disc(const source *src, cln_view *view)
+{
+    cln_status st = CLN_OK;
+    const cln_camera *c = &view->camera;
+    const cln_lens lens = c->lens;
+    double radius = 0;
+
+    if (lens != CLN_LENS_OPENCV_FISHEYE && lens != CLN_LENS_THIN_PRISM_FISHEYE &&
+        lens != CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE)
+        return CLN_OK;
+    CLN_TRY(number_of(src, "fisheye_crop_radius", NAN, &radius));
+    if (isnan(radius))
+        return CLN_OK;
+    if (!(radius > 0 && isfinite(radius)))
+        return cln_fail(CLN_INPUT, "%s: fisheye_crop_radius must be pixels above 0; correct it",
+                        src->where);
+    if (radius < 0.5 * hypot(c->width, c->height)) /* else all is shown */
+        view->disc = radius / (c->width > c->height ? c->width : c->height);
+done:
+    return st;
+}
+
 /* Reads the intrinsics. If no size is given anywhere, the camera keeps its own, if it has one. */
 static cln_status read_intrinsics(const source *src, const char *image, cln_camera *camera,
                                   cln_by_file *by)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(read_lens(src, camera));
+    double series[2] = {0};
+
+    CLN_TRY(read_lens(src, camera, series));
     CLN_TRY(read_size(src, image, camera, by));
     if (camera->lens == CLN_LENS_EQUIRECTANGULAR) {
         st = read_sphere(src, camera, by);
@@ -382,6 +415,8 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
     by->centre[1] = isnan(camera->cy);
     camera->cx = by->centre[0] ? 0.5 * camera->width : camera->cx;
     camera->cy = by->centre[1] ? 0.5 * camera->height : camera->cy;
+    if (series[1] != 0)
+        CLN_TRY(cln_camera_add_terms(camera, series, src->where));
 done:
     return st;
 }
@@ -610,6 +645,7 @@ cln_status cln_transforms_finish(const char *folder, const char *file, const jso
                          json_string_value(json_object_get(src.frame, "file_path"))));
     CLN_TRY(find_masks(&src, moved, view));
     CLN_TRY(read_intrinsics(&src, view->path, &view->camera, &view->by_file));
+    CLN_TRY(read_disc(&src, view));
 done:
     free(src.where);
     return st;

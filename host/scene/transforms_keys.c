@@ -65,6 +65,7 @@ static const struct {
             {"is_fisheye", true, true},
             {"ftheta_p0", true, true},
             {"distortion_params", true, true},
+            {"fisheye_crop_radius", true, true},
             {"k3", true, true},
             {"k4", true, true},
             {"k5", true, true},

@@ -378,6 +378,8 @@ static cln_status paint_photo(const cln_painter *painter, cln_painting *g)
     CLN_TRY(cln_image_load(view->path, &width, &height, &channels, &pixels));
     if (view->turned)
         CLN_TRY(cln_image_turn(view->orientation, &width, &height, channels, &pixels));
+    if (view->multiplied && channels == 4)
+        cln_image_divide_alpha(pixels, (size_t)width * (size_t)height);
     if (view->alpha_path)
         CLN_TRY(cln_view_add_alpha(view, width, height, NULL, &channels, &pixels));
     longer = width > height ? width : height;

@@ -906,6 +906,13 @@ section_nerfstudio() {
     expect "a path in nerfstudio's, with its file" 0 "~poses:.*nerfstudio.s.frame..scale.0.5" \
         "$cln" render "$run" --poses "$their/camera_path.json" -o "$work/their"
     check "is the same picture" cmp "$work/own/path_0000.png" "$work/their/path_0000.png"
+    expect "the scene's cameras" 0 "" "$cln" export "$run" --cameras "$s/exported.json"
+    expect "train on these" 0 "" "$cln" train "$s/exported.json" -o "$work/exported run" \
+        "${small[@]}"
+    expect "the path, brought to them" 0 "~poses:.*nerfstudio.s.frame..scale.0.5" \
+        "$cln" render "$work/exported run" --poses "$their/camera_path.json" -o "$work/again" --json
+    check "stands where it did" cmp <(tr -d ' \n' <"$work/their/transforms.json") \
+        <(tr -d ' \n' <"$work/again/transforms.json")
     rm "$their/dataparser_transforms.json"
     expect "without that file" 0 "" "$cln" render "$run" --poses "$their/camera_path.json" \
         -o "$work/wrong"

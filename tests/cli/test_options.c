@@ -513,6 +513,12 @@ static void terminals_that_cannot_redraw_get_lines(void **state)
     done(&l);
     setenv("CL_NASCENT_PROGRESS", "lines", 1);
     assert_refused("eval r", "CL_NASCENT_PROGRESS|'lines'|auto|line");
+    parsed(&l, "eval r --progress none"); /* what is given goes before */
+    assert_string_equal(l.options.progress, "none");
+    done(&l);
+    parsed(&l, "eval --help");
+    assert_true(l.options.help);
+    done(&l);
     unsetenv("CL_NASCENT_PROGRESS");
 }
 

@@ -247,7 +247,7 @@ static void make_polycam(void)
 
     format_cameras(cameras);
     phone_polycam(".", cameras, false, 1);
-    phone_depths(".", cameras, centre, 1, true);
+    phone_depths(".", cameras, centre, 1, true, 4000);
     clear_photos("keyframes/images", "view_%02d.png");
 }
 

@@ -81,6 +81,28 @@ static void test_camera_path(void **state)
     cln_frames_free(&f);
 }
 
+/* Without fps a film lasts the file's seconds, as nerfstudio's. */
+static void test_seconds(void **state)
+{
+    static const struct {
+        const char *keys;
+        double fps;
+    } rows[] = {{"\"seconds\": 0.5, ", 4},
+                {"\"seconds\": 0.5, \"fps\": 30, ", 30},
+                {"\"seconds\": 0, ", 0}};
+
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        char text[1024];
+        cln_frames f = {0};
+
+        snprintf(text, sizeof text, "{%s\"camera_path\": [%s, %s]}", rows[i].keys,
+                 POSE(PLAIN, ", \"fov\": 90"), POSE(PLAIN, ", \"fov\": 60"));
+        assert_int_equal(cln_frames_read(put(state, text), 40, 30, &f), CLN_OK);
+        assert_true(f.fps == rows[i].fps);
+        cln_frames_free(&f);
+    }
+}
+
 #define CROPPED(rest) FILM("\"camera_path\": [" POSE(PLAIN, ", \"fov\": 90") "], \"crop\": " rest)
 
 /* A file's crop box: middle, sides, colour; turned about its middle by angles about x, y and z, one
@@ -953,6 +975,7 @@ int test_group_frames(void)
                                        ON_DISK(test_transforms),
                                        ON_DISK(test_nulls_of_transforms),
                                        ON_DISK(test_names_from_root),
+                                       ON_DISK(test_seconds),
                                        ON_DISK(test_path_with_crop),
                                        ON_DISK(test_nerfstudios_frame),
                                        cmocka_unit_test(test_through),

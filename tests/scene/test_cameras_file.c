@@ -92,6 +92,7 @@ static void assert_same_view(const cln_scene *scene, const cln_scene *other, int
     assert_int_equal(v->trained, w->trained);
     assert_int_equal(v->orientation, w->orientation);
     assert_int_equal(v->edge, w->edge);
+    assert_true(v->disc == w->disc && v->multiplied == w->multiplied);
     assert_int_equal(cln_view_turn(v), cln_view_turn(w));
     assert_int_equal(v->mask_path && v->mask_black, w->mask_black);
     assert_false(cln_view_is_loaded(w));
@@ -108,6 +109,8 @@ static void test_there_and_back(void **state)
     scene->views[1].orientation = 8;
     scene->views[2].orientation = 6;
     scene->views[1].edge = 15;
+    scene->views[2].disc = 0.4375;
+    scene->views[3].multiplied = true;
     assert_int_not_equal(scene->views[4].split, CLN_SPLIT_TRAIN);
     scene->views[4].trained = true; /* as if by an earlier split */
     assert_ok(cln_cameras_write(run, scene, NULL));

@@ -23,6 +23,7 @@ typedef enum {
     FISHEYE,  /* a disc as high as the photo */
     CROPPED,  /* a disc higher than the photo */
     VASE,     /* one and the same thing */
+    RIG,      /* a window each of two cameras */
     NOTHING,  /* black */
     ALL,      /* white */
     CLOSE_UP, /* a thing; but the first is white, too near */
@@ -62,6 +63,8 @@ static bool keeps(drawing what, int view, int column, int row)
         return in_disc(x, y, 32 + n / 10, 24, 26, 26);
     case VASE:
         return in_disc(x, y, 32, 24, 8, 20);
+    case RIG:
+        return in_disc(x, y, 28 + 6 * (view % 2), 24, 8, 20);
     case NOTHING:
         return false;
     case ALL:
@@ -140,6 +143,7 @@ static void test_kinds(void **state)
         {FISHEYE, false, false, "round"},
         {CROPPED, false, false, "round"},
         {VASE, false, true, "the same for all"},
+        {RIG, false, true, "the same for several photos each"},
         {ALL, false, false, "the same for all"},
         {FEW, false, true, "some of the photos"},
     };

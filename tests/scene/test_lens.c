@@ -541,6 +541,56 @@ static void test_models(void **state)
     assert_non_null(cln_lens_models[CLN_LENS_FOV].refuse((double[]){-3.2}));
 }
 
+/* Series of four terms, as of RealityCapture: places by the series itself, over the image. */
+static void test_series(void **state)
+{
+    static const struct {
+        double k[4];
+        bool near; /* has a quotient */
+    } rows[] = {{{-0.05, 0.02, -0.01, 0.02}, true},
+                {{0.12, -0.3, 0.25, -0.08}, true},
+                {{-0.28, 0.1, -0.02, 0.001}, true},
+                {{0, 0, 0, 0.05}, true},
+                {{-3, 30, -90, 200}, false}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        const double *k = rows[i].k, p1 = 0.001, p2 = -0.0005;
+        cln_camera c = {.width = 4000,
+                        .height = 3000,
+                        .fx = 3000,
+                        .fy = 3000,
+                        .cx = 2000,
+                        .cy = 1500,
+                        .lens = CLN_LENS_OPENCV,
+                        .distortion = {k[0], k[1], p1, p2}};
+        double worst = 0;
+
+        cln_clear_error();
+        assert_int_equal(cln_camera_add_terms(&c, k + 2, "frame 3"),
+                         rows[i].near ? CLN_OK : CLN_INPUT);
+        if (!rows[i].near) {
+            assert_non_null(strstr(cln_error_text(), "frame 3: its lens has four terms"));
+            continue;
+        }
+        assert_int_equal(c.lens, CLN_LENS_FULL_OPENCV);
+        for (int at = 0; at < 400; at++) {
+            const double x = (at % 20 - 9.5) / 15, y = (double)(at / 20 - 9.5) / 20;
+            const double t = x * x + y * y;
+            const double by = 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
+            const double u = x * by + 2 * p1 * x * y + p2 * (t + 2 * x * x);
+            const double v = y * by + p1 * (t + 2 * y * y) + 2 * p2 * x * y;
+            double place[2];
+
+            assert_true(cln_lens_distort(c.lens, c.distortion, (double[3]){x, y, 1}, place));
+            worst = fmax(worst, 3000 * hypot(place[0] - u, place[1] - v));
+        }
+        if (!(worst < 0.1))
+            fail_msg("row %zu: off by %g pixels", i, worst);
+    }
+    cln_clear_error();
+}
+
 int test_group_lens(void)
 {
     const struct CMUnitTest tests[] = {
@@ -548,6 +598,7 @@ int test_group_lens(void)
         cmocka_unit_test(test_jacobian), cmocka_unit_test(test_limit),
         cmocka_unit_test(test_beyond),   cmocka_unit_test(test_colmap),
         cmocka_unit_test(test_models),   cmocka_unit_test(test_kept),
+        cmocka_unit_test(test_series),
     };
 
     return cmocka_run_group_tests_name("lens", tests, NULL, NULL);

@@ -620,12 +620,15 @@ static void test_bounds(void **state)
                  (double[3]){0, 0.5, -1}, 2, "scale and offset");
     check_bounds(folder, CLN_SPACE_CUBE, "", "\"scale\":0.5,\"offset\":0.25,", crossing,
                  (double[3]){0.5, 0.5, 0.5}, 1, "scale and offset");
-    /* Above 4, a shell is around what the cameras look at, 4 away, if they look at something. */
+    /* Above 4, a shell is around what the cameras look at, 4 away; if they look at nothing, the box
+     * says nothing either. */
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
                  2 / 0.33, "aabb_scale 4");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":32,", crossing, (double[3]){0, 0, 0},
                  2, "and a shell, as photos show");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":32,", outwards, (double[3]){0, 0, 0},
+                 4, "because they look outwards; --bbox sets a better one; and a shell");
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":32,", outwards, (double[3]){0, 0, 0},
                  16 / 0.33, "aabb_scale 32");
     check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":32,", crossing, (double[3]){0, 0, 0},
                  16 / 0.33, "aabb_scale 32");

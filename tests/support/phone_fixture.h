@@ -86,9 +86,9 @@ static inline void phone_polycam(const char *folder, const cln_camera *cameras, 
 }
 
 /* depth and confidence of each: a ball of this radius about `centre`, in millimetres; what misses
- * it is 4 m away, of low confidence. */
+ * it is `beside`, of low confidence. */
 static inline void phone_depths(const char *folder, const cln_camera *cameras,
-                                const double centre[3], double radius, bool rated)
+                                const double centre[3], double radius, bool rated, uint16_t beside)
 {
     for (int v = 0; v < FORMAT_VIEWS; v++) {
         const cln_camera *c = &cameras[v];
@@ -109,7 +109,7 @@ static inline void phone_depths(const char *folder, const cln_camera *cameras,
                 cosine += d[a] * c->c2w[4 * a + 2];
             }
             root = along * along - square;
-            depth[i] = (uint16_t)(root > 0 ? 1000 * cosine * (along - sqrt(root)) + 0.5 : 4000);
+            depth[i] = (uint16_t)(root > 0 ? 1000 * cosine * (along - sqrt(root)) + 0.5 : beside);
             sure[i] = root > 0 ? 255 : 127;
         }
         phone_grey(scratch_path(folder, "keyframes/depth"), name, true, PHONE_DEPTH_WIDTH,

@@ -31,6 +31,7 @@ int test_group_exposure(void);
 int test_group_exposure_guess(void);
 int test_group_float64(void);
 int test_group_crop(void);
+int test_group_depth_images(void);
 int test_group_depth_picture(void);
 int test_group_devices(void);
 int test_group_distil(void);
