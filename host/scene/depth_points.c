@@ -43,6 +43,8 @@ static const double AGREE_ONE = 0.3, LEAST_SEEN = 0.1; /* the latter: hidden one
 static const double LARGER = 1.5;                      /* than this a unit differs from another */
 static const double MORE = 2; /* times as many in another unit than in the given one; by the ray: */
 static const double MORE_BY_RAY = 1.1;
+/* Trust of depths beside alpha, which tells most of an object's shape: more costs colours. */
+static const float TRUST_BESIDE_ALPHA = 0.25f;
 static const double SHAPE = 0.03; /* by which a depth image's may differ from its photo's */
 
 /* Depths at a grid of an image's pixels; 0 where none is known. */
@@ -476,8 +478,11 @@ static cln_status add_sights(const depths *d, cln_scene *scene)
             pixel_of(d, k, at, &u, &v);
             if (r->cosine == 0 || !g->even[at] || u >= c->width || v >= c->height)
                 continue;
-            *s = (cln_sight){
-                .view = d->view[k], .x = (int)u, .y = (int)v, .trust = 1, .z = g->z[at]};
+            *s = (cln_sight){.view = d->view[k],
+                             .x = (int)u,
+                             .y = (int)v,
+                             .z = g->z[at],
+                             .trust = scene->has_alpha ? TRUST_BESIDE_ALPHA : 1};
             for (int a = 0; a < 3; a++)
                 s->point[a] = r->o[a] + r->d[a] * (double)g->z[at];
             scene->sight_count++;
