@@ -3,6 +3,7 @@
  *     large. And whether the cube is beside it or cuts it: then rays through opaque pixels miss it.
  *   whether colours were multiplied by it: then none exceeds it, in any pixel of any photo. */
 #include "scene/build.h"
+#include "scene/dealt.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -60,7 +61,8 @@ cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text)
 
     text[0] = 0;
     for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++)
-        if (!cln_view_is_loaded(cln_scene_training_view(scene, i)))
+        if (cln_view_is_here(cln_scene_training_view(scene, i)) &&
+            !cln_view_is_loaded(cln_scene_training_view(scene, i)))
             goto done;
     if (!scene->cube_guessed || !cln_scene_shown_box(scene, box))
         goto done;

@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "ranks/ranks.h"
+#include "scene/dealt.h"
 
 /* Blocks of a photo along its longer side; pixels looked at along the side of a block; halvings of
  * the space; photos that must see a cell; photos from which on
@@ -50,6 +52,7 @@ static bool is_opaque(const cln_view *view, const silhouette *s, int bx, int by)
     return false;
 }
 
+/* Of several processes the one that has the photo tells the others. */
 static cln_status sum_up(const cln_view *view, silhouette *s)
 {
     cln_status st = CLN_OK;
@@ -61,7 +64,7 @@ static cln_status sum_up(const cln_view *view, silhouette *s)
     s->down = (int)ceil(h / s->block);
     CLN_TRY(cln_alloc(&s->sums, (size_t)(s->across + 1) * (size_t)(s->down + 1), sizeof *s->sums,
                       "silhouettes"));
-    for (int y = 0; y < s->down; y++) {
+    for (int y = 0; y < s->down && cln_view_is_here(view); y++) {
         uint32_t *above = s->sums + (size_t)y * (size_t)(s->across + 1);
         uint32_t *row = above + s->across + 1, line = 0;
 
@@ -70,6 +73,9 @@ static cln_status sum_up(const cln_view *view, silhouette *s)
             row[x + 1] = above[x + 1] + line;
         }
     }
+    if (cln_ranks_count() > 1)
+        cln_ranks_tell_from(view->rank, s->sums,
+                            (size_t)(s->across + 1) * (size_t)(s->down + 1) * sizeof *s->sums);
 done:
     return st;
 }
@@ -210,7 +216,7 @@ cln_status cln_scene_silhouette(const cln_scene *scene, const double box[6], dou
         const cln_view *view = cln_scene_training_view(scene, i);
         silhouette *s = &h.views[h.count];
 
-        if (view->channels != 4 || !cln_view_is_loaded(view))
+        if (view->channels != 4 || (cln_view_is_here(view) && !cln_view_is_loaded(view)))
             continue;
         CLN_TRY(sum_up(view, s));
         if (opaque_blocks(s, 0, 0, s->across, s->down) > 0)

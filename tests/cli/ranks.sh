@@ -323,6 +323,13 @@ section_voxels() {
         -o "$work/decoder-2" "${decoded[@]}" "${step[@]}"
     check "the decoder's gradient is that of one" \
         equal "$work/decoder-1" "$work/decoder-2" decoder_m 4
+    "$make_scene" "$work/masked" --format nerfstudio --masks --size 40 --train 30 --test 2 \
+        >/dev/null || bad "make-scene"
+    run "$cln" train "$work/masked" -o "$work/masked-1" "${voxels[@]}" --steps 8
+    check "one process takes the box that masks show" said "~cube:.the.cube.around.--bbox"
+    expect "so do two" 0 "~cube:.the.cube.around.--bbox" "${mpi[@]}" -n 2 "$ranked" train \
+        "$work/masked" -o "$work/masked-2" "${voxels[@]}" "${samples[@]}" --steps 8
+    check "their model is that of one" same_model "$work/masked-1" "$work/masked-2"
     cp -r "$work/vox-2" "$work/vox-on-1"
     expect "one process goes on with voxels of two" 0 "resumed" "$cln" train \
         --resume "$work/vox-on-1" --skip-selftest --progress none --steps +10
