@@ -295,6 +295,12 @@ static bool is_other_form(const char *a, const char *b)
     return other;
 }
 
+static bool learns_depths(const cln_scene_desc *desc)
+{
+    return (desc->config->depth_loss > 0 || desc->config->points_near > 0) &&
+           desc->pixels[CLN_SPLIT_TRAIN];
+}
+
 static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -354,13 +360,13 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     digest_cameras(scene);
     CLN_TRY(cln_scene_size_views(scene, desc));
     CLN_TRY(cln_scene_find_kept(scene));
-    CLN_TRY(cln_scene_check_depths(scene, result, desc->callbacks));
+    if (learns_depths(desc) || result->depth_points)
+        CLN_TRY(cln_scene_check_depths(scene, result, desc->callbacks));
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config));
     if (!desc->unseen)
         CLN_TRY(cln_scene_check_seen(scene));
     cln_scene_find_doubts(scene, result);
-    if ((desc->config->depth_loss > 0 || desc->config->points_near > 0) &&
-        desc->pixels[CLN_SPLIT_TRAIN]) {
+    if (learns_depths(desc)) {
         CLN_TRY(cln_scene_find_sights(scene, result));
         CLN_TRY(cln_scene_depth_sights(scene));
     }
