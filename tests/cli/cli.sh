@@ -270,7 +270,7 @@ section_names() {
     check "the report has all images" \
         [ "$(grep -oE 'data:image/(png|jpeg)' "$r/report.html" | wc -l)" -ge 6 ]
     check "the report has the run's name, escaped" grep -qF \
-        '<h1>run a [b] (c)+*&quot;q&#39; &lt;i&gt;&amp;amp; ü%41#?;<' "$r/report.html"
+        '<h1>run a [b] (c)+*&quot;q&#39; &lt;i&gt;&amp;amp; ü%41#?; <' "$r/report.html"
     check "the report has a view's name, escaped" grep -qF \
         '<b>test/r [0] (+)*&quot;&#39;&lt;b&gt;&amp;ü%d.0002</b>' "$r/report.html"
     check "the report has no name unescaped" eval '! grep -qF -e "<i>&" -e "<b>&" "$r/report.html"'

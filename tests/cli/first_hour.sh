@@ -645,7 +645,7 @@ section_voxels() {
     check "the report calls them voxels" eval 'grep -qF "voxels forward" "$r/report.html" &&
         ! grep -qF "networks forward" "$r/report.html"'
     check "settings of networks are not listed, but named" eval \
-        '! grep -qF "<td>view-width<td" "$r/report.html" &&
+        '! grep -qF "<th scope=row>view-width<td" "$r/report.html" &&
         grep -qE "Not listed, .*: .*view-width, " "$r/report.html"'
     expect "render -v" 0 "~seconds.of.the.device:.*voxels.forward" "$cln" render "$r" --orbit 1 \
         --width 8 -v
