@@ -606,7 +606,7 @@ section_sparse() {
         >/dev/null
     for loss in 0 5; do
         says=
-        [ $loss = 0 ] || says="~pixels.of.the.training.views.show.sparse.points"
+        [ $loss = 0 ] || says="~pixels.of.the.training.views,.by.sparse.points"
         expect "train with --depth-loss $loss" 0 "$says" "$cln" train "$air" -o "$air run $loss" \
             "${net[@]}" --depth-loss $loss
         expect "render held-out views" 0 "" "$cln" render "$air run $loss" -o "$air views $loss"
@@ -910,9 +910,10 @@ section_nerfstudio() {
     expect "train on these" 0 "" "$cln" train "$s/exported.json" -o "$work/exported run" \
         "${small[@]}"
     expect "the path, brought to them" 0 "~poses:.*nerfstudio.s.frame..scale.0.5" \
-        "$cln" render "$work/exported run" --poses "$their/camera_path.json" -o "$work/again" --json
+        "$cln" render "$work/exported run" --poses "$their/camera_path.json" \
+        -o "$work/exported path" --json
     check "stands where it did" cmp <(tr -d ' \n' <"$work/their/transforms.json") \
-        <(tr -d ' \n' <"$work/again/transforms.json")
+        <(tr -d ' \n' <"$work/exported path/transforms.json")
     rm "$their/dataparser_transforms.json"
     expect "without that file" 0 "" "$cln" render "$run" --poses "$their/camera_path.json" \
         -o "$work/wrong"
