@@ -302,7 +302,7 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     cln_status st = CLN_OK;
     const char *known = NULL;
     char *around = NULL;
-    bool run = false;
+    bool run = false, plain = false;
     survey found = {0};
 
     *what = *advice = NULL;
@@ -328,7 +328,9 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     CLN_TRY(describe_folder(path, &found, what, &known));
     if (*advice)
         goto done;
-    if (!found.scenes && found.deeper) {
+    for (int kind = 0; kind < KINDS; kind++) /* what is marked as something else is not */
+        plain = plain || known == kinds[kind].advice;
+    if (!found.scenes && found.deeper && plain) {
         found.scenes = found.deeper;
         found.scene = found.deep;
         found.deep = NULL;
