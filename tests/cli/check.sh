@@ -152,7 +152,8 @@ section_check() {
         "about [0-9]+ steps within --time-limit, [0-9.]+ ms a step .* ms a picture"'
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
     check "it shows 14 photos" [ "$(grep -c 'base64,' "$work/page.html")" = 14 ]
-    check "and every camera from three sides" [ "$(grep -c '</title><line' "$work/page.html")" = 42 ]
+    check "and every camera from three sides" \
+        [ "$(grep -c '</title><line' "$work/page.html")" = 42 ]
     check "the cube from three sides" \
         [ "$(grep -c "<rect x=.*stroke='#1d2329'" "$work/page.html")" = 3 ]
     run "$cln" check "$work/sound" --probe 0 --json
