@@ -249,6 +249,8 @@ static void test_points(void **state)
         for (int i = 0; i < result.view_count; i++) {
             free(result.views[i].name);
             free(result.views[i].path);
+            free(result.views[i].depth.depth);
+            free(result.views[i].depth.confidence);
         }
         free(result.views);
         free(result.points);
