@@ -13,10 +13,12 @@
  * of what is compared; NULL: none. */
 cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callbacks, json_t **out);
 
-/* Of cln_scene.still. */
+/* What becomes of a backdrop that stands still while the object turns; of cln_scene.still. */
+#define CLN_STILL_EFFECT                                                                         \
+    "It would be learnt as fog around the object: mask all but the object (--masks), or cut it " \
+    "out as alpha"
 #define CLN_STILL_ADVICE                                                                           \
     "the photos' borders are the same in all of them, although the cameras turn: a backdrop that " \
-    "stands still while the object turns before a camera. It would be learnt as fog around the "   \
-    "object: mask all but the object (--masks), or cut it out as alpha"
+    "stands still while the object turns before a camera. " CLN_STILL_EFFECT
 
 #endif

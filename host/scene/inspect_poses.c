@@ -213,8 +213,7 @@ cln_status cln_inspect_poses(cln_inspection *in)
         cln_found_fault(in->findings, "backdrop", true, NULL,
                         "%.0f%% of what two photos show stands at one place in both pictures, "
                         "although the cameras move: a backdrop, lamp or ruler that stands still "
-                        "while the object turns before a camera. It would be learnt as fog around "
-                        "the object: mask all but the object (--masks), or cut it out as alpha",
+                        "while the object turns before a camera. " CLN_STILL_EFFECT,
                         100 * a->still_share);
     else if (in->scene->still)
         cln_found_fault(in->findings, "backdrop", true, NULL, "%s", CLN_STILL_ADVICE);
