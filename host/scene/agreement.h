@@ -80,6 +80,9 @@ typedef struct cln_agreement {
     cln_agree_merged merged;
     const char *order;   /* "each has the pose that ...": what fits better; NULL: nothing does */
     double order_exact;  /* share of the ties that agree exactly in that order */
+    double tilt;         /* degrees by which all cameras are raised around what they look at, so
+                            that most ties agree exactly; 0: as they are */
+    double tilt_exact;   /* share of the ties that then do */
     double kept_share;   /* of what agrees, cut away or not: what masks and alpha keep; or NaN */
     int turned, stored;  /* of photos that EXIF data turn and that are taken as stored: ties that
                             agree if these are turned, and as they are */

@@ -32,6 +32,7 @@ static const double FOCAL_WIDER = 1.15; /* the same of the shares that agree at 
 /* Factor and degrees by which frames of two parts differ, to be told. */
 static const double FRAME_SCALE = 1.04, FRAME_TURN = 6;
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
+static const double TILT_LEAST = 2; /* degrees; of gains, the bounds of focal lengths hold */
 
 /* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
  * and share little, those around something would show the same from behind. */
@@ -79,15 +80,27 @@ static verdict judge(const cln_agreement *a, double exact, bool thin)
     return thin || exact + SURE * sqrt(exact * (1 - exact) / a->agreeing) > EXACT ? UNCLEAR : WRONG;
 }
 
+/* Is a share that agrees exactly above that with the given poses by more than chance, where the
+ * best of many was taken? */
+static bool gains(const cln_agreement *a, double exact)
+{
+    return exact > FOCAL_GAIN * a->strict_share && exact > LEAST_STRICT &&
+           (exact - a->strict_share) * a->tie_count >
+               SURE_BEST * sqrt(a->strict_share * a->tie_count);
+}
+
+static bool has_tilt(const cln_agreement *a)
+{
+    return fabs(a->tilt) >= TILT_LEAST && gains(a, a->tilt_exact) &&
+           a->tilt_exact > a->focal_share && !(a->order && a->order_exact >= a->tilt_exact);
+}
+
 /* Do other focal lengths fit better, by more than chance? */
 static bool has_other_focal(const cln_agreement *a)
 {
-    const double gain = a->focal_share - a->strict_share;
-
-    return a->focal_share > FOCAL_GAIN * a->strict_share && a->focal_share > LEAST_STRICT &&
-           fmax(a->focal, 1 / a->focal) > FOCAL_LEAST && a->focal_exact > FOCAL_EXACT &&
-           a->focal_share / a->focal_exact > FOCAL_WIDER * a->given_share &&
-           gain * a->tie_count > SURE_BEST * sqrt(a->strict_share * a->tie_count);
+    return gains(a, a->focal_share) && fmax(a->focal, 1 / a->focal) > FOCAL_LEAST &&
+           a->focal_exact > FOCAL_EXACT &&
+           a->focal_share / a->focal_exact > FOCAL_WIDER * a->given_share;
 }
 
 /* The median over the photos that were compared; NaN: none. */
@@ -249,6 +262,18 @@ cln_status cln_inspect_poses(cln_inspection *in)
     }
     if (a->merged.parts) {
         tell_merged(in);
+        goto done;
+    }
+    if (has_tilt(a)) {
+        in->posed = false;
+        cln_found_fault(
+            in->findings, "tilt", true, NULL,
+            "the photos fit cameras that all stand about %.0f degrees %s around what they "
+            "look at, and look %s at it (%.0f%% of what two photos show lies exactly "
+            "where both poses put it, as given %.0f%%). Likely the poses were computed "
+            "on a circle without the camera's tilt: compute them with it",
+            fabs(a->tilt), a->tilt > 0 ? "higher" : "lower", a->tilt > 0 ? "down" : "up",
+            100 * a->tilt_exact, 100 * a->strict_share);
         goto done;
     }
     if (a->order && a->order_exact > a->focal_share && (judged != RIGHT || a->share < UNSOUND)) {

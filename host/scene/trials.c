@@ -21,6 +21,8 @@ static const double COARSE = 1.02, FINE = 1.004; /* steps of focal lengths */
 static const double DOUBT = 0.7, INEXACT = 0.45; /* as UNSURE and EXACT of inspect_poses.c */
 static const double PART_GAIN = 1.5, PART_LEAST = 0.15, PART_EXACT = 0.5;
 static const double ORDER_GAIN = 1.5, ORDER_LEAST = 0.35;
+static const double TILT_MOST = 75, TILT_COARSE = 2.5, TILT_FINE = 0.5; /* degrees */
+static const double AROUND = 0.9; /* length of the mean of axes that go around something */
 
 /* ---- two rays ---- */
 
@@ -58,7 +60,8 @@ static cln_camera tried(const cln_scene *scene, int view, const cln_trial *trial
     cln_camera c = scene->views[view].camera;
     const int pose = trial->pose_of ? trial->pose_of[view] : view;
 
-    cln_reading_pose(trial->reading, scene->views[pose].camera.c2w, c.c2w);
+    cln_reading_pose(trial->reading,
+                     trial->poses ? trial->poses[pose] : scene->views[pose].camera.c2w, c.c2w);
     c.fx *= focal_of(trial, view);
     c.fy *= focal_of(trial, view);
     return c;
@@ -351,5 +354,78 @@ done:
     free(natural);
     free(bytes);
     free(pose_of);
+    return st;
+}
+
+/* ---- tilts ---- */
+
+/* Do the cameras look at one point, from around it? */
+static bool look_inwards(const cln_scene *scene, double centre[3])
+{
+    double mean[3] = {0};
+
+    if (!cln_scene_focus(scene, centre))
+        return false;
+    for (int i = 0; i < scene->view_count; i++)
+        for (int a = 0; a < 3; a++)
+            mean[a] += scene->views[i].camera.c2w[4 * a + 2] / scene->view_count;
+    return cln_dot(mean, mean) < AROUND * AROUND;
+}
+
+/* Raises each camera by an angle around a line through the centre that is parallel to its rows of
+ * pixels. */
+static void raise_all(const cln_scene *scene, const double centre[3], double degrees,
+                      double (*out)[12])
+{
+    const double angle = degrees / 57.295779513082321, c = cos(angle), s = sin(angle);
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const double *m = scene->views[i].camera.c2w;
+        const double axis[3] = {m[0], m[4], m[8]};
+
+        for (int k = 0; k < 4; k++) { /* of the pose's columns the last is a point */
+            double v[3], across[3];
+
+            for (int a = 0; a < 3; a++)
+                v[a] = m[4 * a + k] - (k == 3 ? centre[a] : 0);
+            cln_cross(axis, v, across);
+            for (int a = 0; a < 3; a++) /* by Rodrigues' formula */
+                out[i][4 * a + k] = c * v[a] - s * across[a] +
+                                    (1 - c) * cln_dot(axis, v) * axis[a] + (k == 3 ? centre[a] : 0);
+        }
+    }
+}
+
+cln_status cln_try_tilts(const cln_scene *scene, cln_agreement *out)
+{
+    cln_status st = CLN_OK;
+    const int step = out->tie_count / PART_TRIED + 1;
+    double centre[3], middle = 0, (*poses)[12] = NULL;
+
+    if (isnan(out->share) || !look_inwards(scene, centre))
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&poses, (size_t)scene->view_count, sizeof *poses, "poses"));
+    for (int pass = 0; pass < 2; pass++) {
+        const double by = pass ? TILT_FINE : TILT_COARSE, most = pass ? TILT_COARSE : TILT_MOST;
+
+        middle = out->tilt;
+        for (int i = -(int)(most / by); i <= (int)(most / by); i++) {
+            const double degrees = middle + i * by;
+            const cln_trial trial = {.reading = &cln_readings[0],
+                                     .focal = 1,
+                                     .poses = (const double(*)[12])poses,
+                                     .strict = STRICT};
+            double share = 0;
+
+            raise_all(scene, centre, degrees, poses);
+            share = share_of(scene, out, &trial, step);
+            if (share > out->tilt_exact) {
+                out->tilt_exact = share;
+                out->tilt = degrees;
+            }
+        }
+    }
+done:
+    free(poses);
     return st;
 }

@@ -1,6 +1,6 @@
 /* Do two rays of a tie meet, with cameras as given or with others that are tried? And which others
  * fit best: readings of the poses (readings.c), focal lengths of all photos or of some, orders of
- * the poses. Part of agree.h, which finds the ties. */
+ * the poses, a tilt of all cameras. Part of agree.h, which finds the ties. */
 #ifndef CLN_TRIALS_H
 #define CLN_TRIALS_H
 
@@ -12,6 +12,7 @@ typedef struct cln_trial {
     double focal;               /* factor on focal lengths: of the views of `group`, NULL: of all */
     const bool *group;          /* [view] */
     const int *pose_of;         /* [view] whose pose its photo has, -1: none; NULL: its own */
+    const double (*poses)[12];  /* [view] instead of the given ones, as cln_reading_pose; NULL */
     double strict;              /* share of a tie's tolerance that counts */
 } cln_trial;
 
@@ -32,5 +33,8 @@ void cln_try_readings(const cln_scene *scene, cln_agreement *out);
 /* Fills `part` and `order`, if a large part of the ties does not agree. CLN_MEMORY. */
 cln_status cln_try_parts(const cln_scene *scene, cln_agreement *out);
 cln_status cln_try_orders(const cln_scene *scene, cln_agreement *out);
+
+/* Fills tilt, tilt_exact, if cameras stand around something. CLN_MEMORY. */
+cln_status cln_try_tilts(const cln_scene *scene, cln_agreement *out);
 
 #endif

@@ -480,6 +480,54 @@ static void test_merged(void **state)
     }
 }
 
+/* A camera that looks at the middle of what is painted from a distance of 1, by degrees. */
+static void stand_around(double azimuth, double elevation, double c2w[12])
+{
+    const double a = azimuth / 57.29577951308232, e = elevation / 57.29577951308232;
+    const double out[3] = {cos(a) * cos(e), sin(a) * cos(e), -sin(e)}; /* the wall's front is -z */
+    const double right[3] = {sin(a), -cos(a), 0};
+
+    for (int i = 0; i < 3; i++) {
+        const int k = (i + 1) % 3, n = (i + 2) % 3;
+
+        c2w[4 * i] = right[i];
+        c2w[4 * i + 1] = right[k] * out[n] - right[n] * out[k];
+        c2w[4 * i + 2] = -out[i];
+        c2w[4 * i + 3] = out[i] + (i == 2);
+    }
+}
+
+/* Poses on a circle with another tilt than the camera's are a fault, and it is found. */
+static void test_tilt(void **state)
+{
+    static const struct {
+        double shown, given;
+        const char *text; /* NULL: none */
+    } cases[] = {
+        {50, 40, "all stand about 10 degrees higher around what they look at, and look down"},
+        {50, 60, "all stand about 10 degrees lower around what they look at, and look up"},
+        {50, 50, NULL},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        seen *s = make_seen(SEEN_MOST, 0, 0);
+        char *text = NULL;
+        bool fault = false;
+
+        for (int k = 0; k < SEEN_MOST; k++) {
+            stand_around(10.0 * k, cases[i].shown, s->views[k].camera.c2w);
+            see(s, k);
+            stand_around(10.0 * k, cases[i].given, s->views[k].camera.c2w);
+        }
+        text = told_of(s, "tilt", &fault);
+        if (fault != !!cases[i].text || (fault && !strstr(text, cases[i].text)))
+            fail_msg("case %zu: '%s'", i, text);
+        free(text);
+        free(s);
+    }
+}
+
 int test_group_agree(void)
 {
     const struct CMUnitTest tests[] = {
@@ -491,6 +539,7 @@ int test_group_agree(void)
         cmocka_unit_test(test_robots_poses),
         cmocka_unit_test(test_bad_pose),
         cmocka_unit_test(test_merged),
+        cmocka_unit_test(test_tilt),
     };
 
     return cmocka_run_group_tests_name("agree", tests, NULL, NULL);
