@@ -308,23 +308,48 @@ done:
     return st;
 }
 
+/* How far from a point pictures show what is as far from their cameras as it is: the largest of the
+ * training cameras. */
+static double seen_radius(const cln_scene *scene, const double point[3])
+{
+    double radius = 0;
+
+    for (int v = 0; v < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); v++) {
+        const cln_camera *camera = &scene->views[v].camera;
+        double o[3], d[3], depth = 0;
+
+        position_and_axis(camera, o, d);
+        for (int i = 0; i < 3; i++)
+            depth += d[i] * (point[i] - o[i]);
+        radius = fmax(radius, depth * view_radius(camera));
+    }
+    return radius;
+}
+
 /* Without points, the cube of a shell is half of what looked_at finds, as the cameras may stand in
- * the shell. It also replaces a larger box of instant-ngp, which holds what lies beyond, too. */
+ * the shell; through long lenses it is what they show. It also replaces a larger box of
+ * instant-ngp, which holds what lies beyond, too. */
 static cln_status looked_at_in_shell(const evidence *e, cln_space *space, char **because)
 {
     cln_status st = CLN_OK;
     cln_space core = *space;
     char *rule = NULL;
+    double seen = 0;
 
     CLN_TRY(looked_at(e, &core, &rule));
-    if (!rule || (e->result->has_bounds && CORE_SHARE * core.half >= space->half))
+    seen = seen_radius(e->scene, core.centre);
+    core.half *= CORE_SHARE;
+    if (!rule || (e->result->has_bounds && fmin(core.half, seen) >= space->half))
         goto done;
-    space->half = CORE_SHARE * core.half;
+    space->half = fmin(core.half, seen);
     memcpy(space->centre, core.centre, sizeof space->centre);
     free(*because);
     *because = NULL;
-    CLN_TRY(cln_strdup(because, "around the point nearest to all optical axes, half way out to the "
-                                "cameras; --bbox sets a tighter one"));
+    CLN_TRY(cln_strdup(because, seen < core.half
+                                    ? "around the point nearest to all optical axes, as wide as "
+                                      "the photos show there; --bbox sets a tighter one"
+                                    : "around the point nearest to all optical axes, half way out "
+                                      "to the cameras; --bbox sets a tighter one"));
 done:
     free(rule);
     return st;

@@ -648,6 +648,10 @@ static void test_bounds(void **state)
      * box where that is smaller. */
     check_bounds(folder, CLN_SPACE_AUTO, "", "", crossing, (double[3]){0, 0, 0}, 2,
                  "half way out to the cameras; --bbox sets a tighter one; and a shell");
+    /* Through a long lens no more is seen there. */
+    check_bounds(folder, CLN_SPACE_AUTO, "", "\"fl_y\":1000,", crossing, (double[3]){0, 0, 0},
+                 4 * hypot(0.4, 0.004),
+                 "as wide as the photos show there; --bbox sets a tighter one; and a shell");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
                  2 / 0.33, "aabb_scale 4");
     check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
