@@ -566,6 +566,8 @@ typedef struct cln_check_desc {
     cln_device_desc device;
     double probe;            /* seconds to measure the time of a step in, up to 600; 0 = not */
     const char *page;        /* an HTML file that shows it; NULL = none */
+    const char *mask;        /* a PNG, black where something stands in all photos: CLN_INPUT if
+                                nothing does; NULL = none */
     bool overwrite;          /* else an existing file is CLN_OUTPUT */
     cln_callbacks callbacks; /* work: of the photos and pairs of them, then of the timed trees */
 } cln_check_desc;

@@ -6,12 +6,15 @@
 
 #include "api/needs.h"
 #include "base/callbacks.h"
+#include "base/files.h"
 #include "base/given.h"
+#include "base/memory.h"
 #include "cl_nascent.h"
 #include "device/kernel_dir.h"
 #include "io/disk.h"
 #include "report/scene_page.h"
 #include "scene/inspect.h"
+#include "scene/standing.h"
 
 static cln_status check_page(const cln_check_desc *desc)
 {
@@ -22,6 +25,24 @@ static cln_status check_page(const cln_check_desc *desc)
     if (!ending || strcasecmp(ending, ".html") != 0)
         return cln_fail(CLN_USAGE, "%s: the page is HTML; end the name with .html", desc->page);
     return cln_disk_check_new(desc->page, desc->overwrite);
+}
+
+/* Its folder need not be there: `masks` is none of most scenes. */
+static cln_status check_mask(const cln_check_desc *desc)
+{
+    cln_status st = CLN_OK;
+    const char *ending = strrchr(desc->mask, '.'), *slash = strrchr(desc->mask, '/');
+    char *folder = NULL;
+
+    if (!ending || strcasecmp(ending, ".png") != 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "%s: the mask is a PNG; end the name with .png", desc->mask));
+    CLN_TRY(cln_asprintf(&folder, "%.*s", slash ? (int)(slash - desc->mask) : 1,
+                         slash ? desc->mask : "."));
+    CLN_TRY(cln_is_dir(folder) ? cln_disk_check_new(desc->mask, desc->overwrite)
+                               : cln_disk_check(folder, 0, "the mask"));
+done:
+    free(folder);
+    return st;
 }
 
 static cln_status check(const cln_check_desc *desc, const cln_settings *settings, char **json)
@@ -42,6 +63,8 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
     if (config.missing == CLN_MISSING_AUTO)
         config.missing = CLN_MISSING_SKIP; /* a finding, however many they are */
     CLN_TRY(check_page(desc));
+    if (desc->mask)
+        CLN_TRY(check_mask(desc));
     CLN_TRY(cln_kernel_dir_check(desc->device.kernel_dir));
     CLN_TRY(cln_scene_load(&wanted, &scene));
     CLN_TRY(cln_scene_narrow_cube(scene, sizeof box, box)); /* as train does */
@@ -60,6 +83,8 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
     *json = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
     if (!*json)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", desc->scene));
+    if (desc->mask)
+        CLN_TRY(cln_scene_write_standing(scene, desc->mask));
     if (desc->page)
         CLN_TRY(cln_scene_page(desc->page, scene, document));
 done:

@@ -30,6 +30,7 @@
 #include "render/recorded.h"
 #include "report/report.h"
 #include "scene/inspect.h"
+#include "scene/standing.h"
 #include "train/begin.h"
 #include "train/loop.h"
 #include "train/plans.h"
@@ -664,9 +665,12 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
     const cln_settings *settings = t->desc->settings;
     cln_config usual = *config;
     bool given = cln_settings_has(settings, "opaque-loss");
+    char standing[CLN_STANDING_BYTES];
 
     if (scene->still)
         cln_warn("%s: %s", scene->folder, CLN_STILL_ADVICE);
+    else if (cln_scene_tell_standing(scene, standing))
+        cln_warn("%s: %s", scene->folder, standing);
     if (!scene->backdrop)
         return;
     if (settings->preset[0] && cln_config_preset(settings->preset, &usual) == CLN_OK)

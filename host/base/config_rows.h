@@ -409,7 +409,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER | CLN_ROW_NONE | CLN_ROW_FILE)     \
     ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
          "frames whose image is not there or cannot be read: leave them out while they are fewer " \
-         "than a tenth, leave them out however many, or refuse the scene",                         \
+         "than a tenth, leave them out however many (and photos without alpha or mask, where "     \
+         "most cut an object out), or refuse the scene",                                           \
          .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
     ENUM(masks, "masks", CLN_MASKS_IGNORE, CLN_MASKS_AUTO, "auto|alpha|ignore|inverted",           \
          "masks beside photos: the alpha of an object, outside of which is nothing, or pixels "    \

@@ -186,6 +186,7 @@ cln_status cln_cmd_check(const cln_options *options)
                            .device = options->device,
                            .probe = options->probe,
                            .page = options->output,
+                           .mask = options->write_mask,
                            .overwrite = options->overwrite};
     cln_console console = {0};
     char *text = NULL;
@@ -210,6 +211,8 @@ cln_status cln_cmd_check(const cln_options *options)
     print_training(json_object_get(document, "training"));
     if (options->output)
         printf("page     %s\n", options->output);
+    if (options->write_mask)
+        printf("mask     %s\n", options->write_mask);
 done:
     cln_console_close(&console);
     json_decref(document);

@@ -129,6 +129,8 @@ const cln_arg cln_args[] = {
          "file to put the row in", .letter = 'o', .shown = "that of --tune-file"),
     TEXT(CLN_CHECK_SCENE, "output", output, "FILE.html",
          "a page that shows cameras, points, photos and the cube, too", .letter = 'o'),
+    TEXT(CLN_CHECK_SCENE, "write-mask", write_mask, "FILE.png",
+         "draw a mask that is black where something stands in all photos (a logo, bars)"),
     TEXT(CLN_POSES, "output", output, "SCENE",
          "folder of the scene; made if it is not there", .letter = 'o'),
     WORD(CLN_POSES, "match", match, "auto|all|next",

@@ -16,7 +16,8 @@ typedef struct cln_options {
     char *line;      /* the whole command line, quoted for a shell */
     char *tune_path; /* file of the user's tuning rows, which may not exist; NULL = no home */
 
-    const char *output, *settings_of, *resume, *scene, *like, *preset, *split, *progress, *color;
+    const char *output, *write_mask, *settings_of, *resume, *scene, *like, *preset, *split,
+        *progress, *color;
     const char *help_preset; /* help: whose values; NULL = an option's in several presets */
     const char *dump_program, *match, *lens, *views;
     const char *box_colour;                /* export --octree: "level" or "error" */

@@ -35,6 +35,11 @@ cln_status cln_scene_keep_split(cln_scene *scene, const cln_scene *kept, bool co
  * no training view remains. Called after the split, so that the others stay in theirs. */
 cln_status cln_scene_leave_out(cln_scene *scene, int rule);
 
+/* load.c: likewise frames without alpha or mask, where masks or images of at least half the others
+ * cut an object out: what surrounds it would be part of it. Once masks are read, before sizes.
+ * CLN_INPUT if no training view remains. */
+cln_status cln_scene_leave_uncut_out(cln_scene *scene);
+
 /* load.c: fills in the views' `file`. CLN_MEMORY. */
 cln_status cln_scene_name_files(cln_scene *scene);
 

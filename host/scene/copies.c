@@ -61,7 +61,7 @@ static bool look_alike(const cln_photo *a, const cln_photo *b)
            cln_photo_difference(a, b) < COPY;
 }
 
-cln_pair cln_pair_of(const cln_scene *scene, const cln_photo *photos, int a, int b)
+cln_pair cln_pair_of(const cln_scene *scene, const cln_photo *photos, int a, int b, bool posed)
 {
     const cln_view *one = &scene->views[a], *other = &scene->views[b];
     const bool alike = look_alike(&photos[a], &photos[b]);
@@ -69,10 +69,13 @@ cln_pair cln_pair_of(const cln_scene *scene, const cln_photo *photos, int a, int
 
     if (in_two_held_out(one, other))
         return CLN_PAIR_APART;
+    if (apart < COPY_PIXELS && apart > SAME_PIXELS) {
+        if (is_near(scene, a, b, STOOD_STILL, 2 * sin(STOOD_ANGLE * M_PI / 360)))
+            return CLN_PAIR_NOISE;
+        if (posed)
+            return CLN_PAIR_APART;
+    }
     if (apart < COPY_PIXELS)
-        return apart > SAME_PIXELS &&
-                       is_near(scene, a, b, STOOD_STILL, 2 * sin(STOOD_ANGLE * M_PI / 360))
-                   ? CLN_PAIR_NOISE
-                   : CLN_PAIR_COPY;
+        return CLN_PAIR_COPY;
     return is_near(scene, a, b, SAME_POSE, SAME_POSE) ? CLN_PAIR_SAME_POSE : CLN_PAIR_APART;
 }

@@ -14,7 +14,8 @@ typedef enum cln_pair {
 } cln_pair;
 
 /* What views a and b, which are loaded, are to each other; photos: [view]. One frame that the val
- * and the test set share, as in many datasets, is no copy. */
-cln_pair cln_pair_of(const cln_scene *scene, const cln_photo *photos, int a, int b);
+ * and the test set share, as in many datasets, is no copy; nor are two that differ a little, of
+ * places apart, if both are known to fit their poses, as in a light field. */
+cln_pair cln_pair_of(const cln_scene *scene, const cln_photo *photos, int a, int b, bool posed);
 
 #endif

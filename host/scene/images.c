@@ -19,6 +19,7 @@
 #include "io/progress.h"
 #include "ranks/ranks.h"
 #include "scene/dealt.h"
+#include "scene/photos.h"
 
 /* MASK_CHANNELS: as decoded, at least */
 enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600, MASK_CHANNELS = 3 };
@@ -91,8 +92,8 @@ static void warn_mixed_alpha(const cln_scene *scene)
                  cln_plural(scene->view_count - opaque, "has", "have"), first_alpha);
     else if (opaque > 0)
         cln_warn("%s: %d of %d images %s no %s ('%s'%s), unlike the others: all that "
-                 "%s counts as opaque, background included; make %s, or leave these photos out of "
-                 "the scene",
+                 "%s counts as opaque, background included; make %s, or leave these photos out "
+                 "(--missing skip)",
                  scene->folder, opaque, scene->view_count, cln_plural(opaque, "has", "have"),
                  scene->masks_alpha ? "mask" : "alpha channel", first, opaque > 1 ? ", ..." : "",
                  cln_plural(opaque, "it shows", "these show"),
@@ -272,6 +273,8 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     if (!desc->keep_alpha)
         CLN_TRY(cln_scene_find_opaque(scene, desc));
     CLN_TRY(cln_scene_read_masks(scene, desc));
+    if (desc->config->missing == CLN_MISSING_SKIP && !desc->unseen) /* asked for, not check's own */
+        CLN_TRY(cln_scene_leave_uncut_out(scene));
     cln_scene_find_turns(scene);
     CLN_TRY(cln_scene_turn_masks(scene));
     for (int i = 0; i < scene->view_count; i++) {
@@ -844,6 +847,8 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     if (cln_scene_is_empty(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);
     if (cln_scene_is_whole(scene, empty))
+        cln_warn("%s: %s", scene->folder, empty);
+    if (cln_scene_has_blank(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);
     if (scene->has_alpha && cln_scene_is_multiplied(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);

@@ -18,6 +18,7 @@
 #include "scene/build.h"
 #include "scene/copies.h"
 #include "scene/inspection.h"
+#include "scene/standing.h"
 
 static const double FAR_OFF = 8;       /* distance from the middle, in median distances */
 static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over that of pixels */
@@ -482,6 +483,10 @@ done:
 
 /* Of at least so many photos with one pose it is said at once, not of each pair. */
 enum { GROUP = 4 };
+/* Ties of a photo, and the share of them that agree, that tell that its pose is right. */
+enum { FITTING = 24 };
+static const double FITTING_SHARE = 0.8;
+static const double MOVED = 0.1; /* pixels between a mark's places in two photos */
 
 /* Tells of photos with one pose: first[i] is the first photo with photo i's. Takes those told out
  * of the list of pairs. */
@@ -520,6 +525,32 @@ static void tell_groups(cln_inspection *in, const int *first, json_t *pairs)
     }
 }
 
+/* Is a photo known to fit its pose? */
+static bool fits(const cln_inspection *in, int view)
+{
+    const cln_agree_view *v = &in->agreement.views[view];
+
+    return v->ties >= FITTING && v->agreeing >= FITTING_SHARE * v->ties;
+}
+
+/* Do marks that two photos share stand elsewhere in one than in the other? So it is, too, if they
+ * were not compared. */
+static bool shows_moves(const cln_inspection *in, int a, int b)
+{
+    const cln_agreement *all = &in->agreement;
+    int ties = 0, moved = 0;
+
+    for (int i = 0; i < all->tie_count; i++) {
+        const cln_tie *t = &all->ties[i];
+
+        if ((t->a != a || t->b != b) && (t->a != b || t->b != a))
+            continue;
+        ties++;
+        moved += hypot((double)(t->ub - t->ua), (double)(t->vb - t->va)) > MOVED;
+    }
+    return 2 * moved >= ties;
+}
+
 static cln_status check_duplicates(cln_inspection *in)
 {
     cln_status st = CLN_OK;
@@ -533,11 +564,14 @@ static cln_status check_duplicates(cln_inspection *in)
         CLN_TRY(cln_tell_work(in->callbacks, NULL, 0, 0));
         first[i] = i;
         for (int k = 0; k < i; k++) {
-            const cln_pair pair = cln_pair_of(in->scene, in->photos, i, k);
-            json_t *list = pair == CLN_PAIR_NOISE ? still : pair == CLN_PAIR_COPY ? photos : poses;
+            cln_pair pair = cln_pair_of(in->scene, in->photos, i, k, false);
+            json_t *list = NULL;
 
+            if (pair == CLN_PAIR_COPY && fits(in, i) && fits(in, k) && shows_moves(in, i, k))
+                pair = cln_pair_of(in->scene, in->photos, i, k, true);
             if (pair == CLN_PAIR_APART)
                 continue;
+            list = pair == CLN_PAIR_NOISE ? still : pair == CLN_PAIR_COPY ? photos : poses;
             if (list == poses && first[i] == i)
                 first[i] = first[k];
             cln_inspect_add(list, in, k);
@@ -570,6 +604,16 @@ done:
     json_decref(poses);
     json_decref(still);
     return st;
+}
+
+static json_t *list_blank(const cln_inspection *in)
+{
+    json_t *views = json_array();
+
+    for (int i = 0; i < in->scene->view_count; i++)
+        if (cln_photo_is_blank(&in->scene->views[i]))
+            cln_inspect_add(views, in, i);
+    return views;
 }
 
 static void check_files(cln_inspection *in)
@@ -703,7 +747,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
                          .callbacks = callbacks,
                          .findings = json_array(),
                          .measures = json_object()};
-    char empty[CLN_EMPTY_BYTES];
+    char empty[CLN_EMPTY_BYTES], standing[CLN_STANDING_BYTES];
 
     *out = NULL;
     CLN_TRY(cln_alloc(&in.photos, (size_t)scene->view_count, sizeof *in.photos, "photos"));
@@ -728,6 +772,11 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
     if (empty[0])
         cln_found_fault(in.findings, scene->masks_alpha ? "masks" : "alpha", true, NULL, "%s",
                         empty);
+    if (cln_scene_has_blank(scene, empty))
+        cln_found_fault(in.findings, "blank", true, list_blank(&in), "%s", empty);
+    in.standing = cln_scene_tell_standing(scene, standing);
+    if (in.standing)
+        cln_found_fault(in.findings, "overlay", true, NULL, "%s", standing);
     CLN_TRY(cln_inspect_poses(&in));
     cln_inspect_strays(&in);
     CLN_TRY(check_far(&in));

@@ -222,7 +222,7 @@ cln_status cln_inspect_poses(cln_inspection *in)
     cln_inspect_measure(in, "agreeing_share", a->share);
     cln_inspect_measure(in, "exact_share", isnan(a->share) ? NAN : exact);
     cln_inspect_measure(in, "still_share", a->still_share);
-    if (a->still)
+    if (a->still && !in->standing)
         cln_found_fault(in->findings, "backdrop", true, NULL,
                         "%.0f%% of what two photos show stands at one place in both pictures, "
                         "although the cameras move: a backdrop, lamp or ruler that stands still "

@@ -12,7 +12,8 @@ typedef struct cln_inspection {
     cln_agreement agreement;
     cln_photo *photos; /* [view] */
     json_t *findings, *measures;
-    bool posed; /* photos fit their poses, as far as is known */
+    bool posed;    /* photos fit their poses, as far as is known */
+    bool standing; /* something stands in all photos (standing.h) */
 } cln_inspection;
 
 void cln_inspect_measure(const cln_inspection *in, const char *name, double value);

@@ -256,6 +256,48 @@ done:
     return st;
 }
 
+static bool has_alpha(const cln_view *view)
+{
+    return view->alpha_path || view->channels == 4;
+}
+
+cln_status cln_scene_leave_uncut_out(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    const int total = scene->view_count;
+    cln_view *views = NULL;
+    char *names = NULL;
+    int cut = 0, filled = 0, left = 0;
+
+    for (int i = 0; i < total; i++)
+        cut += has_alpha(&scene->views[i]);
+    if (cut == total || 2 * cut < total)
+        return CLN_OK;
+    left = total - cut;
+    CLN_TRY(cln_alloc(&views, (size_t)total, sizeof *views, "views"));
+    for (int pass = 0; pass < 2; pass++)
+        for (int i = 0; i < total; i++)
+            if (has_alpha(&scene->views[i]) == (pass == 0))
+                views[filled++] = scene->views[i];
+    memcpy(scene->views, views, (size_t)total * sizeof *views);
+    scene->view_count = cut;
+    scene->missing += left;
+    CLN_TRY(name_frames(scene, cut, left, &names));
+    if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no training view is left: %d of %d images have no %s (%s); make it, "
+                         "or go without --missing skip",
+                         scene->folder, left, total, scene->masks_alpha ? "mask" : "alpha", names));
+    cln_warn("%s: %d of %d images %s no %s, unlike the others (%s); %s left out (--missing skip)",
+             scene->folder, left, total, cln_plural(left, "has", "have"),
+             scene->masks_alpha ? "mask" : "alpha", names,
+             cln_plural(left, "this frame is", "these frames are"));
+done:
+    free(names);
+    free(views);
+    return st;
+}
+
 cln_status cln_scene_name_files(cln_scene *scene)
 {
     cln_status st = CLN_OK;

@@ -6,7 +6,8 @@
  *   masks/STEM_mask.ENDING  Metashape's export
  *   STEM_mask.ENDING  OpenDroneMap, beside the photo: "Using Image Masks" of its documentation
  *                     ("Color in black the areas to exclude")
- * The folder may be called mask, too, both in any case; in it, two photos never share a mask. */
+ * The folder may be called mask, too, both in any case; in it, two photos never share a mask, but a
+ * single image is that of all photos of its shape, unless it is called like one. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -255,6 +256,31 @@ done:
     return st;
 }
 
+/* Gives all photos of its shape the only image in the folder. */
+static cln_status take_for_all(const cln_moved *masks, cln_reader_result *result, int *count)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    other_sizes other = {0};
+
+    CLN_TRY(cln_path_join(&path, masks->folder, masks->files.name[0]));
+    for (int i = 0; i < result->view_count; i++) {
+        char *own = NULL;
+
+        CLN_TRY(cln_strdup(&own, path));
+        if (take(own, &result->views[i], &other))
+            (*count)++;
+        else
+            free(own);
+    }
+    if (*count)
+        cln_info("%s: the only image there, so it is the mask of %d of %d photos", path, *count,
+                 result->view_count);
+done:
+    free(path);
+    return st;
+}
+
 cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
@@ -284,6 +310,8 @@ cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_rea
     part(loose, taken, result);
     for (int i = 0; i < result->view_count; i++)
         found += result->views[i].mask_path != NULL;
+    if (masks && !found && !other.count && in_folder.files.count == 1)
+        CLN_TRY(take_for_all(&in_folder, result, &found));
     result->mask_count = found;
     if (other.count)
         cln_warn("%s: %d mask%s not read, as %s not the shape of %s photo%s: %s",

@@ -2,9 +2,12 @@
 #include "scene/photos.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
+#include "base/text.h"
 
-static const float STRONG = 6; /* gradients that count, of 255 */
+static const float STRONG = 6;                  /* gradients that count, of 255 */
+enum { ONE_COLOUR = 10, SIDE = 64, NAMED = 5 }; /* levels, at most; pixels of a side looked at */
 
 static float grey(const cln_view *view, int x, int y)
 {
@@ -59,6 +62,56 @@ void cln_photo_measure(const cln_view *view, cln_photo *out)
     out->mean = mean;
     out->contrast = sqrtf(fmaxf(square - mean * mean, 0));
     out->sharpness = sharpness(view);
+}
+
+bool cln_photo_is_blank(const cln_view *view)
+{
+    const int wide = view->camera.width, high = view->camera.height;
+    uint8_t low[3] = {255, 255, 255}, top[3] = {0};
+    int seen = 0;
+
+    if (view->channels == 4 || !cln_view_is_loaded(view))
+        return false;
+    for (int k = 0; k < SIDE * SIDE; k++) {
+        const int x = (int)((2 * (k % SIDE) + 1) * (int64_t)wide / (2 * SIDE));
+        const int y = (int)((2 * (k / SIDE) + 1) * (int64_t)high / (2 * SIDE));
+        uint8_t p[4];
+
+        if (!cln_view_keeps(view, x, y))
+            continue;
+        cln_view_bytes(view, x, y, p);
+        seen++;
+        for (int c = 0; c < 3; c++) {
+            low[c] = p[c] < low[c] ? p[c] : low[c];
+            top[c] = p[c] > top[c] ? p[c] : top[c];
+            if (top[c] - low[c] > ONE_COLOUR)
+                return false;
+        }
+    }
+    return seen > 0;
+}
+
+bool cln_scene_has_blank(const cln_scene *scene, char text[CLN_BLANK_BYTES])
+{
+    char names[512] = "";
+    int count = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const size_t length = strlen(names);
+
+        if (!cln_photo_is_blank(&scene->views[i]))
+            continue;
+        if (count++ < NAMED)
+            snprintf(names + length, sizeof names - length, "%s%s", length ? ", " : "",
+                     scene->views[i].name);
+    }
+    snprintf(text, CLN_BLANK_BYTES,
+             "%d of %d photos %s one colour alone, as of a camera that failed: %s%s. Leave %s out, "
+             "as %s that all is of that colour",
+             count, scene->view_count, cln_plural(count, "shows", "show"), names,
+             count > NAMED ? ", ..." : "", cln_plural(count, "it", "them"),
+             cln_plural(count, "it teaches", "they teach"));
+    return count > 0 && count < scene->view_count;
 }
 
 double cln_photo_difference(const cln_photo *a, const cln_photo *b)

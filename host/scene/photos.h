@@ -16,6 +16,12 @@ typedef struct cln_photo {
  * mean gradient, where the gradient is strong; a blur makes both smaller, the former more. */
 void cln_photo_measure(const cln_view *view, cln_photo *out);
 
+/* Do loaded photos without alpha show one colour alone, as of a camera that failed? Then a text
+ * with the first names, and what to do. */
+enum { CLN_BLANK_BYTES = 1024 };
+bool cln_scene_has_blank(const cln_scene *scene, char text[CLN_BLANK_BYTES]);
+bool cln_photo_is_blank(const cln_view *view); /* is this one of them? */
+
 /* Root mean square difference of two thumbnails; not below that of their means. */
 double cln_photo_difference(const cln_photo *a, const cln_photo *b);
 

@@ -216,6 +216,29 @@ static void test_stood_still(void **state)
     }
 }
 
+/* Photos of an array of cameras that hardly differ are no copies. */
+static void test_light_field(void **state)
+{
+    static const double shift = 0.16; /* pixels from photo to photo */
+    wall *w = make_wall(6);
+
+    (void)state;
+    for (int v = 0; v < 6; v++) {
+        w->views[v].camera.c2w[3] = shift * v / WIDE;
+        for (int p = 0; p < WIDE * HIGH; p++) {
+            const double x = p % WIDE + shift * v, y = p / WIDE;
+
+            memset(w->pixels[v] + 3 * p,
+                   (int)(128 + 30 * sin(x / 4.1) * cos(y / 5.3) + 20 * sin(x / 7 + y / 4.7) +
+                         20 * cos(x / 9.3 - y / 6.1) + 40 * sin(y / 11)),
+                   3);
+        }
+    }
+    w->scene.space.half = 0.05;
+    assert_string_equal(text_of(inspect(w, "duplicates")), "");
+    free_wall(w);
+}
+
 /* ---- the cube ---- */
 
 /* The photos show -0.5 to 1.42, and a third to either side in height; two of them most of that. */
@@ -531,6 +554,7 @@ int test_group_inspect(void)
         cmocka_unit_test(test_cameras_apart), cmocka_unit_test(test_masks_without_effect),
         cmocka_unit_test(test_backdrop),      cmocka_unit_test(test_no_backdrop),
         cmocka_unit_test(test_stopped),       cmocka_unit_test(test_stood_still),
+        cmocka_unit_test(test_light_field),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);

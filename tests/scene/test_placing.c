@@ -100,6 +100,22 @@ static void test_mask_names(void **state)
     }
 }
 
+/* A single image is all photos' mask, if none is called like it and it has their shape. */
+static void test_one_for_all(void **state)
+{
+    const char *folder = *state;
+
+    put_scene(folder);
+    put_folder(folder, "masks");
+    put_image(folder, "masks/rig.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 200);
+    expect_masks(folder, "masks/rig.png", "masks/rig.png", "");
+    put_image(folder, "masks/rig.png", FORMAT_WIDTH, 3 * FORMAT_HEIGHT, 1, 200);
+    expect_masks(folder, "", "", "no mask is read");
+    put_image(folder, "masks/rig.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 200);
+    put_image(folder, "masks/other.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 200);
+    expect_masks(folder, "", "", "no mask is read");
+}
+
 /* Photos named by paths of another machine: masks by what the photos are called. */
 static void test_other_machine(void **state)
 {
@@ -239,6 +255,7 @@ int test_group_placing(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_mask_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_one_for_all, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_other_machine, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks_beside_a_scene, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_shared_mask, scratch_make, scratch_remove),

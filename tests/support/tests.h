@@ -118,6 +118,7 @@ int test_group_space(void);
 int test_group_sight_rays(void);
 int test_group_sights(void);
 int test_group_splat(void);
+int test_group_standing(void);
 int test_group_store(void);
 int test_group_structure(void);
 int test_group_clip(void);

@@ -1,0 +1,144 @@
+/* What stands in all photos: logos, bars and round fields are found and become a mask; the dark sky
+ * around a body, and photos that hardly differ, are none. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/rng.h"
+#include "io/image.h"
+#include "scene/standing.h"
+#include "scene_fixture.h"
+#include "tests.h"
+
+enum { COUNT = 12, WIDE = 96, HIGH = 64 };
+
+typedef enum drawn { NOTHING, LOGO, BARS, FIELD, BODY, SAME } drawn;
+
+typedef struct photos {
+    cln_scene scene;
+    cln_view views[COUNT];
+    uint8_t pixels[COUNT][WIDE * HIGH * 3];
+} photos;
+
+/* Is it drawn there: black, or the logo's stripes? */
+static bool is_drawn(drawn what, int view, int x, int y)
+{
+    const double r = hypot(x - 47.5, y - 31.5);
+
+    switch (what) {
+    case LOGO:
+        return x >= 70 && x < 90 && y >= 50 && y < 60;
+    case BARS:
+        return y < 8 || y >= 56;
+    case FIELD:
+        return r > 30;
+    case BODY: /* its outline is another in each photo */
+        return r > 24 + 5 * sin(3 * atan2(y - 31.5, x - 47.5) + view);
+    default:
+        return false;
+    }
+}
+
+static char folder[] = "my photos";
+
+static photos *draw(drawn what)
+{
+    photos *p = calloc(1, sizeof *p);
+
+    assert_non_null(p);
+    p->scene =
+        (cln_scene){.views = p->views, .view_count = COUNT, .folder = folder, .path = folder};
+    for (int v = 0; v < COUNT; v++) {
+        p->views[v].camera = (cln_camera){.width = WIDE, .height = HIGH};
+        p->views[v].channels = 3;
+        p->views[v].pixels = p->pixels[v];
+        for (int i = 0; i < WIDE * HIGH; i++) {
+            const int x = i % WIDE, y = i / WIDE, of = what == SAME ? 0 : v;
+            const double noise =
+                cln_uniform_hash(3, 1, 0, (uint32_t)(x / 3), (uint32_t)of, (uint32_t)(y / 3));
+            const double level = !is_drawn(what, v, x, y) ? 20 + 220 * noise
+                                 : what == LOGO           ? 100 + 100 * (x / 4 % 2)
+                                                          : 0;
+
+            memset(p->pixels[v] + 3 * i, (int)level + v % 3, 3); /* and a little noise */
+        }
+    }
+    return p;
+}
+
+static void test_found(void **state)
+{
+    static const struct {
+        drawn what;
+        double share;
+        const char *where; /* NULL: nothing stands */
+    } cases[] = {
+        {NOTHING, 0, NULL},
+        {LOGO, 200.0 / (WIDE * HIGH), "(bottom right)"},
+        {BARS, 0.25, "(top, bottom)"},
+        {FIELD, 1 - M_PI * 900 / (WIDE * HIGH), "(top left, top right, bottom left, bottom right)"},
+        {BODY, 0, NULL},
+        {SAME, 0, NULL},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        photos *p = draw(cases[i].what);
+        cln_standing found;
+        char text[CLN_STANDING_BYTES];
+
+        assert_int_equal(cln_scene_find_standing(&p->scene, WIDE, &found), CLN_OK);
+        if (!cases[i].where != !found.is)
+            fail_msg("case %zu: %s", i, found.is ? found.where : "nothing");
+        assert_true(fabs(found.share - cases[i].share) < 0.02);
+        assert_int_equal(cln_scene_tell_standing(&p->scene, text), found.is != NULL);
+        if (found.is && (!strstr(text, cases[i].where) ||
+                         !strstr(text, "check 'my photos' --write-mask 'my photos/masks/all.png'")))
+            fail_msg("case %zu: %s", i, text);
+        free(found.is);
+        p->scene.has_alpha = true; /* says it itself */
+        assert_int_equal(cln_scene_find_standing(&p->scene, WIDE, &found), CLN_OK);
+        assert_null(found.is);
+        free(p);
+    }
+}
+
+/* The mask drops what stands and little around it, in a folder that was not there. */
+static void test_mask(void **state)
+{
+    const char *path = scratch_path(*state, "masks/all.png");
+    photos *p = draw(LOGO), *other = draw(NOTHING);
+    int width = 0, height = 0, channels = 0, wrong = 0, wider = 0;
+    uint8_t *mask = NULL;
+
+    assert_int_equal(cln_scene_write_standing(&other->scene, path), CLN_INPUT);
+    assert_int_equal(cln_scene_write_standing(&p->scene, path), CLN_OK);
+    assert_int_equal(cln_image_load(path, &width, &height, &channels, &mask), CLN_OK);
+    assert_int_equal(width, WIDE);
+    assert_int_equal(height, HIGH);
+    for (int i = 0; i < WIDE * HIGH; i++) {
+        const bool logo = is_drawn(LOGO, 0, i % WIDE, i / WIDE);
+
+        wrong += logo && mask[channels * i] != 0;
+        wider += !logo && mask[channels * i] == 0;
+    }
+    assert_int_equal(wrong, 0);
+    assert_in_range(wider, 40, 140);
+    free(mask);
+    free(p);
+    free(other);
+}
+
+int test_group_standing(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_found),
+        cmocka_unit_test_setup_teardown(test_mask, scratch_make, scratch_remove),
+    };
+
+    return cmocka_run_group_tests_name("standing", tests, NULL, NULL);
+}
