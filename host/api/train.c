@@ -32,6 +32,7 @@
 #include "scene/inspect.h"
 #include "scene/standing.h"
 #include "train/begin.h"
+#include "train/found_anew.h"
 #include "train/loop.h"
 #include "train/plans.h"
 #include "train/record.h"
@@ -59,6 +60,7 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
     CLN_TRY(cln_given("cln_settings_of_run", "run", run));
     CLN_TRY(cln_settings_create(NULL, &settings));
     CLN_TRY(cln_run_config(run, &settings->config));
+    CLN_TRY(cln_strdup(&settings->run, run));
     CLN_TRY(cln_run_read(run, &document));
     result = json_object_get(document, "result");
     settings->used.steps = whole(json_object_get(result, "step"));
@@ -701,6 +703,7 @@ static cln_status prepare(cln_trainer *t)
     if (!t->desc->resume) {
         CLN_TRY(choose_box(t, &config));
         choose_by_photos(t, &config);
+        CLN_TRY(cln_found_anew_tell(t->scene, t->desc->settings));
     }
     CLN_TRY(cln_begin_model(t, &config));
     if (!t->desc->resume)

@@ -46,6 +46,8 @@ done:
 
 void cln_settings_free(cln_settings *settings)
 {
+    if (settings)
+        free(settings->run);
     free(settings);
 }
 

@@ -13,6 +13,7 @@ struct cln_settings {
     char preset[CLN_PRESET_BYTES]; /* its name; "" for a run's settings */
     bool given[CLN_SETTINGS_MAX];  /* [row] set explicitly */
     cln_config used;               /* of a run: its CLN_ROW_BUDGET are where it ended, or 0 */
+    char *run;                     /* NULL: they are no run's */
 };
 
 /* Returns whether this row was set explicitly. */

@@ -236,13 +236,25 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
 {
     cln_status st = CLN_OK;
     cln_since since = {0};
-    char far[2 * CLN_SINCE_BYTES], text[CLN_SINCE_BYTES];
+    char far[2 * CLN_SINCE_BYTES], text[CLN_SINCE_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (!kept)
         return CLN_OK;
     CLN_TRY(cln_scene_moved_since(scene, kept, &since));
+    if (!since.elsewhere && since.changed > 1 && since.changed == since.known) {
+        cln_warn("%s: all %d photos that %s knows by their names, or their masks, have changed since "
+                 "it began: if they show another moment, what it learnt of the old ones stays as "
+                 "ghosts%s%s%s",
+                 scene->folder, since.known, run,
+                 resumes ? "; begin anew then (-o NEW --settings-of " : "",
+                 resumes ? cln_shell_quote(run, quoted, sizeof quoted) : "", resumes ? ")" : "");
+        return CLN_OK;
+    }
     if (!since.elsewhere) {
         cln_since_text(&since, text);
+        if (!*text && since.changed > 0)
+            snprintf(text, sizeof text, "%d of %d photos, or their masks, have changed",
+                     since.changed, since.known);
         cln_info("scene: since it began %s",
                  *text ? text : "photos, masks or lenses of the same names have changed");
         return CLN_OK;
@@ -449,6 +461,7 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_sc
 cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene)
 {
     cln_status st = CLN_OK;
+    char quoted[CLN_QUOTED_BYTES];
     bool same = false;
 
     CLN_TRY(load(run, desc, true, scene, &same));
@@ -457,8 +470,9 @@ cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_
         *scene = NULL;
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: not the scene that %s began with, so nothing is trained; leave it "
-                         "out, or train a new run on it with -o",
-                         desc->path, run));
+                         "out, or train a new run on it from its beginning, as none begins with "
+                         "another scene's model: -o NEW --settings-of %s",
+                         desc->path, run, cln_shell_quote(run, quoted, sizeof quoted)));
     }
 done:
     return st;

@@ -225,6 +225,8 @@ static void find_outcome(const side *s, const char *option, const char *setting,
     for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++)
         if (strcmp(option, pairs[i][0]) == 0)
             value = json_object_get(s->dataset, pairs[i][1]);
+    if (strcmp(option, "masks") == 0)
+        value = json_object_get(json_object_get(s->dataset, "masks"), "as");
     if (strcmp(option, "downscale") == 0 && json_is_integer(value)) {
         char span[CLN_SPAN_BYTES];
 

@@ -101,6 +101,7 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
                            const cln_view *view, int camera, const double pose[12])
 {
     cln_status st = CLN_OK;
+    char digest[CLN_DIGEST_TEXT];
     json_t *row =
         json_pack("{s:s, s:s, s:i, s:o}", "name", view->name, "split", cln_split_names[view->split],
                   "camera", camera, "pose", list_of(pose, 12));
@@ -120,6 +121,10 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
     for (size_t i = 0; i < sizeof flags / sizeof *flags; i++)
         if (flags[i].set)
             json_object_set_new(row, flags[i].key, json_true());
+    if (view->digest) {
+        cln_digest_text(view->digest, digest);
+        json_object_set_new(row, "digest", json_string(digest));
+    }
     if (view->orientation > 1)
         json_object_set_new(row, "orientation", json_integer(view->orientation));
     if (view->edge > 0)
@@ -301,6 +306,7 @@ static cln_status read_view(const char *path, const json_t *row, int i, const cl
     view->mask_black = json_is_true(json_object_get(row, "mask_black"));
     view->alpha_mask = json_is_true(json_object_get(row, "alpha_mask"));
     view->trained = json_is_true(json_object_get(row, "trained"));
+    view->digest = strtoull(cln_json_text(row, "digest"), NULL, 16); /* 0: of an older run */
     if (!*name)
         return fail_row(path, "views", (size_t)i, "name");
     if (!get_numbers(json_object_get(row, "pose"), 12, view->camera.c2w))

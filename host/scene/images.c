@@ -839,6 +839,7 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     for (int i = 0; i < scene->view_count; i++) {
         uint64_t *test = &scene->test_digest;
 
+        scene->views[i].digest = work.digests[i];
         scene->digest = cln_digest(scene->digest, &work.digests[i], sizeof work.digests[i]);
         if (scene->views[i].split == CLN_SPLIT_TEST)
             *test = cln_digest(*test, &work.digests[i], sizeof work.digests[i]);

@@ -132,6 +132,7 @@ typedef struct cln_view {
                             all is shown */
     bool trained;        /* the run that it is read for was trained on it; false where none is */
     uint8_t *masked;     /* what `kept` is, if the view has a mask and pixels; else NULL */
+    uint64_t digest;     /* of the bytes of its photo, alpha and mask on disk; 0: not known */
 } cln_view;
 
 /* A pixel of a training view that shows a point whose place is known. */
@@ -231,9 +232,10 @@ uint64_t cln_scene_training_names(const cln_scene *scene);
  * lacks. Of the known ones how many moved by more than a hundredth of the cameras' median distance
  * from their middle, or turned by more than a degree, about ten pixels; and the medians of both,
  * that distance being 1. elsewhere: these are beyond it, or no view is known, by its name or, of
- * most, by its place. */
+ * most, by its place. Of those whose files' digests are known on both sides (told), how many have
+ * another one. */
 typedef struct cln_since {
-    int known, fresh, gone, moved;
+    int known, fresh, gone, moved, told, changed;
     double shift, degrees;
     bool elsewhere;
 } cln_since;

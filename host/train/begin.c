@@ -13,6 +13,7 @@
 #include "io/run_folder.h"
 #include "model/checkpoint.h"
 #include "model/structure.h"
+#include "scene/cameras_file.h"
 #include "train/carve.h"
 
 /* half sides by which a cube reaches beyond another before anybody needs to know */
@@ -85,6 +86,37 @@ cln_status cln_begin_check_tree(const char *run)
     return st;
 }
 
+/* A tree of other photos lacks leaves where something is that was not there, and gets none. */
+static cln_status warn_other_photos(const char *run, const cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    cln_scene *its = NULL;
+    cln_since since = {0};
+    char many[96] = "";
+
+    st = cln_cameras_read(run, &its);
+    if (st == CLN_INPUT) { /* a run without them tells nothing */
+        cln_clear_error();
+        return CLN_OK;
+    }
+    CLN_TRY(st);
+    if (its->digest == scene->digest)
+        goto done;
+    CLN_TRY(cln_scene_moved_since(scene, its, &since));
+    if (since.changed + since.fresh > 0)
+        snprintf(many, sizeof many, "%d of %d photos are not those that",
+                 since.changed + since.fresh, scene->view_count);
+    else if (since.told < since.known)
+        snprintf(many, sizeof many, "the scene is not the one that");
+    if (many[0])
+        cln_warn("--tree-from '%s': %s it was trained on; where things have moved since, leaves "
+                 "are missing, and none come; leave it out to train anew",
+                 run, many);
+done:
+    cln_scene_free(its);
+    return st;
+}
+
 /* Creates a model on the tree of the run config.tree_from: with its leaves, not its weights. */
 static cln_status create_on_tree_of(const cln_config *config, const cln_scene *scene,
                                     cln_model *out)
@@ -98,6 +130,7 @@ static cln_status create_on_tree_of(const cln_config *config, const cln_scene *s
         cln_note("reading the tree for --tree-from");
     CLN_TRY(st);
     CLN_TRY(check_same_cube(run, &other, scene));
+    CLN_TRY(warn_other_photos(run, scene));
     if (other.tree.leaf_count == 0)
         CLN_TRY(cln_fail(CLN_USAGE, "--tree-from '%s': its tree has no leaf left; give another run",
                          run));

@@ -327,6 +327,66 @@ section_reused() {
     rm "$work/scene/cl-nascent.conf"
 }
 
+# What a run found by itself, where it is found otherwise for another scene: the options that keep
+# it do.
+section_anew() {
+    local -a keep
+    local kind
+    for kind in 1 2; do
+        "$make_scene" "$work/moment $kind" --format nerfstudio --masks --size 48 --train 12 \
+            --test 2 --seed $kind >/dev/null
+    done
+    run "$cln" train "$work/moment 1" -o "$work/first moment" "${tiny[@]}" --steps 1
+    expect "the same scene again" 0 "" "$cln" train "$work/moment 1" -o "$work/again" \
+        --settings-of "$work/first moment" --skip-selftest --progress none
+    check "nothing is found otherwise" not_said "found anew"
+    sed -i 's/"as": "alpha"/"as": "ignore"/; s/"space": "cube"/"space": "shell"/' \
+        "$work/first moment/run.json"
+    sed -i '/"background": \[/,/\]/ s/1.0/0.25/' "$work/first moment/run.json"
+    expect "another one: what differs is told" 0 "~found.anew ~masks.alpha..there.ignore.
+        ~space.cube..there.shell. ~background.1,1,1..there.0.25,0.25,0.25. ~cube.of.half.side" \
+        "$cln" train "$work/moment 2" -o "$work/second moment" \
+        --settings-of "$work/first moment" --skip-selftest --progress none
+    read -ra keep <<<"$(sed -n "s/.*to keep the run's://p" "$work/err")"
+    check "by four options" [ ${#keep[@]} = 4 ]
+    expect "which keep them" 0 "~what.they.drop.does.not.count" "$cln" train "$work/moment 2" \
+        -o "$work/kept moment" --settings-of "$work/first moment" --skip-selftest \
+        --progress none "${keep[@]}"
+    check "so that nothing is found otherwise" not_said "found anew"
+    check "nor is the cube another" [ "$("$query" dataset.half <"$work/kept moment/run.json")" = \
+        "$("$query" dataset.half <"$work/first moment/run.json")" ]
+    expect "side by side" 0 "" "$cln" info "$work/second moment" "$work/kept moment"
+    check "the runs differ in masks" grep -qE '^  masks +alpha \(auto\) +ignore$' "$work/out"
+}
+
+# Photos of another moment by the same names and poses: told where a run goes on with them, and
+# where its tree is taken over. A run goes on with no other scene.
+section_moments() {
+    local s=$work/stage
+    local -a box=(--bbox=-1.5,-1.5,-1.5,1.5,1.5,1.5)
+    "$make_scene" "$s" --format nerfstudio --size 32 --train 8 --test 2 >/dev/null
+    "$make_scene" "$work/other moment" --format nerfstudio --size 32 --train 8 --test 2 \
+        --seed 2 >/dev/null
+    run "$cln" train "$s" -o "$work/moment" "${tiny[@]}" "${box[@]}" --steps 4
+    expect "its tree, for the same photos" 0 "~tree.of" "$cln" train "$s" -o "$work/same tree" \
+        "${tiny[@]}" "${box[@]}" --steps 4 --tree-from "$work/moment" --holdout 3
+    check "is no mistake" not_said "leaves are missing"
+    expect "another scene: refused" 3 "~none.begins.with.another.scene's.model ~settings-of" \
+        "$cln" train --resume "$work/moment" "$work/other moment" --steps 8
+    cp "$s/images/frame_00002.png" "$s/images/frame_00001.png"
+    expect "one photo is another" 0 "~1.of.10.photos,.or.their.masks,.have.changed" \
+        "$cln" train --resume "$work/moment" --steps 6 --progress none --skip-selftest
+    check "which is no warning" not_said "ghosts"
+    cp "$work/other moment/images/"*.png "$s/images"
+    expect "all are: a warning" 0 "~warning:.*all.10.photos ~ghosts" "$cln" eval "$work/moment" \
+        -o "$work/judged moment"
+    expect "its tree, for other photos" 0 "~warning:.*10.of.10.photos.are.not ~are.missing" \
+        "$cln" train "$s" -o "$work/other tree" "${tiny[@]}" "${box[@]}" --steps 4 \
+        --tree-from "$work/moment"
+    expect "the run goes on with all of them" 0 "~all.10.photos ~ghosts ~settings-of.*/moment" \
+        "$cln" train --resume "$work/moment" --steps 8 --progress none --skip-selftest
+}
+
 # A run whose parts are links to another's: training would change that one.
 section_links() {
     local name
@@ -671,5 +731,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued lost reused links target points kept \
+run_sections "killed short doubtful exposure again requeued lost reused anew moments links target points kept \
     disk cache shared memory demo" "$@"

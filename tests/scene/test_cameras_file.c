@@ -120,6 +120,7 @@ static void test_there_and_back(void **state)
         const cln_view *v = &back->views[i];
 
         assert_same_view(scene, back, i);
+        assert_true(v->digest && v->digest == scene->views[i].digest);
         lenses += cln_camera_is_distorted(&v->camera);
         alphas += v->alpha_path != NULL;
         masks += v->mask_path != NULL;
