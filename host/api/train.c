@@ -747,13 +747,20 @@ static void say_no_averages(const cln_trainer *t)
 /* Says of a training whose test views stayed far behind what can be done. */
 static void say_doubt(const cln_trainer *t)
 {
-    const cln_doubt of = {t->psnr_train, t->psnr_test, t->psnr_fitted,
-                          t->model.exposed || t->model.has_alpha};
+    const cln_scene *scene = t->scene;
+    const cln_doubt of = {.psnr_train = t->psnr_train,
+                          .psnr_test = t->psnr_test,
+                          .psnr_fitted = t->psnr_fitted,
+                          .exposed = t->model.exposed || t->model.has_alpha,
+                          .alpha = t->model.has_alpha,
+                          .cube_guessed = scene->cube_guessed,
+                          .masks_doubtful = scene->masks_doubtful,
+                          .training_photos = cln_scene_split_count(scene, CLN_SPLIT_TRAIN)};
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (t->writes && cln_report_doubt(&of, doubt))
         cln_warn("%s; `cl-nascent check %s` looks for what is wrong", doubt,
-                 cln_shell_quote(t->scene->path, quoted, sizeof quoted));
+                 cln_shell_quote(scene->path, quoted, sizeof quoted));
 }
 
 static cln_status train(const cln_train_desc *desc, cln_train_result *result)

@@ -57,6 +57,9 @@ static void put_title(FILE *to, const char *run)
  * less. */
 static const double FEW_DB = 20, GAP_DB = 1.5;
 
+/* So few photos are the likeliest cause. */
+enum { FEW_PHOTOS = 8 };
+
 bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
 {
     const double psnr_train = of->psnr_train, psnr_test = of->psnr_test;
@@ -64,7 +67,12 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
     const double gain = of->psnr_fitted - psnr_test; /* blurred renders gain a decibel */
     const bool light = gain > 2 && gain > (psnr_train - psnr_test) / 2;
 
+    char few[64] = "";
+
     out[0] = 0;
+    if (of->training_photos > 0 && of->training_photos <= FEW_PHOTOS)
+        snprintf(few, sizeof few, "%d training photo%s few, or ", of->training_photos,
+                 cln_plural(of->training_photos, " is", "s are"));
     if (doubtful && light)
         cln_format(
             out, CLN_DOUBT_BYTES,
@@ -74,9 +82,16 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
             of->exposed ? "" : " (--exposure fits gains to them)");
     else if (doubtful)
         cln_format(out, CLN_DOUBT_BYTES,
-                   "test views are %.1f dB below training views, at %.1f dB: poses or lenses are "
-                   "wrong, or the photos are few, or look elsewhere",
-                   psnr_train - psnr_test, psnr_test);
+                   "test views are %.1f dB below training views, at %.1f dB: %s%s%sposes or lenses "
+                   "are wrong, or the photos %slook elsewhere%s",
+                   psnr_train - psnr_test, psnr_test,
+                   of->cube_guessed ? "the cube, which is a guess, may be far too large or small "
+                                      "(--bbox), or "
+                                    : "",
+                   of->masks_doubtful ? "the masks may be of an object (--masks alpha), or " : "",
+                   few, *few ? "" : "are few, or ",
+                   of->alpha ? "" : ", or something stands in every photo (a logo, bars, a "
+                                    "bonnet): mask it (--camera-mask)");
     return doubtful;
 }
 
@@ -84,12 +99,20 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
 static void put_doubt(FILE *to, const json_t *document)
 {
     const json_t *result = json_object_get(document, "result");
-    const char *path = cln_json_text(json_object_get(document, "dataset"), "path");
+    const json_t *dataset = json_object_get(document, "dataset");
+    const char *path = cln_json_text(dataset, "path");
+    const bool alpha = json_is_true(json_object_get(dataset, "alpha"));
     const cln_doubt of = {
-        cln_json_number(result, "psnr_train"), cln_json_number(result, "psnr_test"),
-        cln_json_number(result, "psnr_fitted"),
-        json_is_true(json_object_get(result, "exposed")) ||
-            json_is_true(json_object_get(json_object_get(document, "dataset"), "alpha"))};
+        .psnr_train = cln_json_number(result, "psnr_train"),
+        .psnr_test = cln_json_number(result, "psnr_test"),
+        .psnr_fitted = cln_json_number(result, "psnr_fitted"),
+        .exposed = alpha || json_is_true(json_object_get(result, "exposed")),
+        .alpha = alpha,
+        .cube_guessed = json_is_true(json_object_get(dataset, "cube_guessed")),
+        .masks_doubtful =
+            json_is_true(json_object_get(json_object_get(dataset, "masks"), "doubtful")),
+        .training_photos =
+            (int)json_integer_value(json_object_get(json_object_get(dataset, "splits"), "train"))};
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (!cln_report_doubt(&of, doubt))

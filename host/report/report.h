@@ -9,12 +9,16 @@
 
 /* Do held-out views look wrong (few dB) where training views look better? Poses or lenses are
  * wrong, or photos are few or look elsewhere, or differ in exposure, as a fit of colours shows:
- * more training does not mend it. `out` says so, in the middle of a sentence; "" if not, or if a
- * PSNR of the first two is not finite. */
-enum { CLN_DOUBT_BYTES = 256 };
+ * more training does not mend it. `out` says so, in the middle of a sentence, what is known of this
+ * scene first; "" if not, or if a PSNR of the first two is not finite. */
+enum { CLN_DOUBT_BYTES = 512 };
 typedef struct cln_doubt {
     double psnr_train, psnr_test, psnr_fitted; /* the last: NaN if not known */
     bool exposed; /* it was trained with gains of the photos, or alpha has none */
+    bool alpha;          /* its photos have alpha */
+    bool cube_guessed;   /* from the cameras alone */
+    bool masks_doubtful; /* masks are ignored, and may be of an object */
+    int training_photos; /* 0: not known */
 } cln_doubt;
 bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES]);
 

@@ -158,8 +158,9 @@ static json_t *describe_masks(const cln_scene *scene)
 {
     if (!scene->mask_count)
         return json_null();
-    return json_pack("{s:i, s:s, s:s}", "views", scene->mask_count, "as",
-                     scene->masks_alpha ? "alpha" : "ignore", "because", scene->masks_rule);
+    return json_pack("{s:i, s:s, s:s, s:b}", "views", scene->mask_count, "as",
+                     scene->masks_alpha ? "alpha" : "ignore", "because", scene->masks_rule,
+                     "doubtful", scene->masks_doubtful);
 }
 
 static cln_status describe(const cln_scene *scene, json_t **out)
@@ -191,7 +192,7 @@ static cln_status describe(const cln_scene *scene, json_t **out)
     *out = json_pack(
         "{s:s, s:s, s:s, s:i, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:o, s:b, s:{s:i, s:f}, "
         "s:i, "
-        "s:i, s:o, s:o, s:s, s:s, s:o, s:s, s:s*, s:o, s:o, s:o, s:o, s:o, s:o, s:o}",
+        "s:i, s:o, s:o, s:s, s:s, s:b, s:o, s:s, s:s*, s:o, s:o, s:o, s:o, s:o, s:o, s:o}",
         "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
         scene->view_count, "missing", scene->missing, "unreadable", scene->unreadable,
         "missing_names", describe_missing(scene), "splits", splits, "split_rule", scene->split_rule,
@@ -200,7 +201,7 @@ static cln_status describe(const cln_scene *scene, json_t **out)
         describe_masks(scene), "distortion", scene->lenses != 0, "beyond_fold", "views", fold.views,
         "share", fold.share, "downscale", scene->downscale, "downscale_least",
         scene->downscale_least, "centre", centre, "half", cln_json_real(scene->space.half), "space",
-        cln_space_name(&scene->space), "bounds_rule", scene->bounds_rule, "background", background,
+        cln_space_name(&scene->space), "bounds_rule", scene->bounds_rule, "cube_guessed", scene->cube_guessed, "background", background,
         "digest", digest, "test_digest",
         cln_scene_split_count(scene, CLN_SPLIT_TEST) ? test_digest : NULL, "camera_distance",
         cln_json_real(distance), "cube_share", cln_json_real(scene->cube_share), "spread",

@@ -89,9 +89,9 @@ section_short() {
     check "no number of steps is advised" not_said "or more"
 }
 
-# pose_of_next SCENE: each photo gets the pose of the next one
+# pose_of_next FOLDER: each photo in it gets the pose of the next one
 pose_of_next() {
-    local i files=("$1"/train/*.png)
+    local i files=("$1"/*.png)
     mv "${files[0]}" "$1/first"
     for ((i = 1; i < ${#files[@]}; i++)); do mv "${files[i]}" "${files[i - 1]}"; done
     mv "$1/first" "${files[-1]}"
@@ -103,7 +103,7 @@ section_doubtful() {
     local -a learn=(--preset voxel --rays 4096 --skip-selftest --progress none)
     "$make_scene" "$work/good" --size 48 --train 40 --test 4 >/dev/null
     cp -r "$work/good" "$work/shifted ones"
-    pose_of_next "$work/shifted ones"
+    pose_of_next "$work/shifted ones/train"
     expect "poses that are wrong: the next step" 0 "~warning:.test.views.are ~poses check" \
         "$cln" train "$work/shifted ones" -o "$work/wrong" "${learn[@]}" --steps 160 --json
     check "its command is quoted" said "\`cl-nascent check '$work/shifted ones'\`"
@@ -111,6 +111,14 @@ section_doubtful() {
         "$work/wrong/report.html"
     check "with the command" grep -q "<code>cl-nascent check .*/shifted ones.*</code> looks" \
         "$work/wrong/report.html"
+    "$make_scene" "$work/guessed" --format nerfstudio --size 48 --train 7 --test 4 >/dev/null
+    pose_of_next "$work/guessed/images"
+    expect "of few photos, in a cube that is a guess" 0 "~warning:.test.views.are" \
+        "$cln" train "$work/guessed" -o "$work/guess" "${learn[@]}" --steps 160
+    check "these come first" said "the cube, which is a guess, may be far too large or small \
+(--bbox), or 7 training photos are few, or poses or lenses are wrong"
+    check "the report says the same" grep -qF -- "$(advice "test views are .*camera-mask\)")" \
+        "$work/guess/report.html"
     expect "after a few steps nothing is known" 0 "" \
         "$cln" train "$work/shifted ones" -o "$work/early" "${learn[@]}" --steps 4
     check "nothing is said" not_said "test views are"

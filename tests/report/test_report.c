@@ -744,24 +744,27 @@ static void an_earlier_error_is_kept(void **state)
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
 /* Test views far below training views: whose fault, by what a fit of colours mends. */
+#define DOUBT(train, test, fitted, gains)                                                          \
+    {.psnr_train = train, .psnr_test = test, .psnr_fitted = fitted, .exposed = gains}
+
 static void doubt_knows_exposure(void **state)
 {
     const struct {
         cln_doubt of;
         const char *words; /* NULL: no doubt */
     } cases[] = {
-        {{28.1, 19.2, 19.6, false}, "poses or lenses are wrong"},
-        {{28.1, 19.2, NAN, false}, "poses or lenses are wrong"},
-        {{28.1, 19.2, 27, false}, "differs between photos (--exposure fits gains to them)"},
-        {{28.1, 12, 20.5, true}, "after a fit of colours: exposure"},
-        {{28, 19.9, 20.1, false}, "poses or lenses are wrong"},
-        {{17, 15, 16.9, false}, "poses or lenses are wrong"},
-        {{24, 12, 18.5, true}, "white balance differs between photos"},
-        {{24, 12, 17.5, true}, "poses or lenses are wrong"},
-        {{28.1, 20.1, 27, false}, NULL},
-        {{20, 19.2, 19.3, false}, NULL},
-        {{NAN, 12, 27, false}, NULL},
-        {{28, NAN, NAN, false}, NULL}};
+        {DOUBT(28.1, 19.2, 19.6, false), "poses or lenses are wrong"},
+        {DOUBT(28.1, 19.2, NAN, false), "poses or lenses are wrong"},
+        {DOUBT(28.1, 19.2, 27, false), "differs between photos (--exposure fits gains to them)"},
+        {DOUBT(28.1, 12, 20.5, true), "after a fit of colours: exposure"},
+        {DOUBT(28, 19.9, 20.1, false), "poses or lenses are wrong"},
+        {DOUBT(17, 15, 16.9, false), "poses or lenses are wrong"},
+        {DOUBT(24, 12, 18.5, true), "white balance differs between photos"},
+        {DOUBT(24, 12, 17.5, true), "poses or lenses are wrong"},
+        {DOUBT(28.1, 20.1, 27, false), NULL},
+        {DOUBT(20, 19.2, 19.3, false), NULL},
+        {DOUBT(NAN, 12, 27, false), NULL},
+        {DOUBT(28, NAN, NAN, false), NULL}};
 
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -773,6 +776,35 @@ static void doubt_knows_exposure(void **state)
         else
             assert_string_equal(text, "");
     }
+}
+
+/* What is known of the scene comes first, and a mask for all photos last. */
+static void doubt_knows_the_scene(void **state)
+{
+    static const cln_doubt wrong = DOUBT(28, 12, 12, false);
+    cln_doubt of = wrong;
+    char text[CLN_DOUBT_BYTES];
+
+    (void)state;
+    of.training_photos = 40;
+    assert_true(cln_report_doubt(&of, text));
+    assert_string_equal(text,
+                        "test views are 16.0 dB below training views, at 12.0 dB: poses or lenses "
+                        "are wrong, or the photos are few, or look elsewhere, or something stands "
+                        "in every photo (a logo, bars, a bonnet): mask it (--camera-mask)");
+    of.cube_guessed = of.masks_doubtful = true;
+    of.training_photos = 8;
+    assert_true(cln_report_doubt(&of, text));
+    assert_non_null(strstr(text, "dB: the cube, which is a guess, may be far too large or small "
+                                 "(--bbox), or the masks may be of an object (--masks alpha), or "
+                                 "8 training photos are few, or poses or lenses are wrong, or the "
+                                 "photos look elsewhere, or something"));
+    assert_non_null(strstr(text, "mask it (--camera-mask)"));
+    of = wrong;
+    of.alpha = true;
+    assert_true(cln_report_doubt(&of, text));
+    assert_non_null(strstr(text, "or look elsewhere"));
+    assert_null(strstr(text, "camera-mask"));
 }
 
 int test_group_report(void)
@@ -800,6 +832,7 @@ int test_group_report(void)
         ON_DISK(an_earlier_error_is_kept),
         ON_DISK(colours_are_for_light_and_dark),
         cmocka_unit_test(doubt_knows_exposure),
+        cmocka_unit_test(doubt_knows_the_scene),
     };
 
     return cmocka_run_group_tests_name("report", tests, NULL, NULL);
