@@ -48,6 +48,12 @@ cln_status cln_scene_name_files(cln_scene *scene);
  * CLN_INPUT if a mask cannot be read. */
 cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc);
 
+/* images.c: the share of their pixels that the masks of loaded views leave, 1 without any; views:
+ * how many have one. */
+double cln_scene_masks_leave(const cln_scene *scene, int *views);
+
+/* Below this share likely the wrong colour counts. */
+#define CLN_MASKS_LEAST 0.1
 /* Below this share of the pixels masks leave little; then masks_doubtful is worth a remark. */
 #define CLN_MASKS_LEAVE 0.7
 #define CLN_MASKS_ADVICE                                                                           \

@@ -36,8 +36,10 @@ static bool in_folder_of_copies(const char *path, double factor)
 
 /* Brings a camera that is given for another image size to the size of the file: smaller copies of a
  * dataset keep the cameras of the originals. Another shape is an error. */
-static cln_status fit_camera(cln_view *view, int width, int height, bool *warned)
+static cln_status fit_camera(const char *dialect, cln_view *view, int width, int height,
+                             bool *warned)
 {
+    const bool colmap = strcmp(dialect, "COLMAP") == 0;
     cln_camera *camera = &view->camera;
 
     if (camera->width == 0 && camera->height == 0) {
@@ -57,7 +59,9 @@ static cln_status fit_camera(cln_view *view, int width, int height, bool *warned
             : camera->lens == CLN_LENS_EQUIRECTANGULAR
                 ? "correct w and h, with fl_x = fl_y = w / (2 pi), cx and cy if the panorama was "
                   "cut above or below, or replace the image"
-                : "correct w and h or replace the image");
+            : colmap ? "replace the image, or correct its camera in cameras.txt: the size, after a "
+                       "crop also cx and cy (of .bin files, COLMAP's model_converter writes .txt)"
+                     : "correct w and h, after a crop also cx and cy, or replace the image");
     if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width)) {
         cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
                  "scaled to the images",
@@ -284,7 +288,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
             desc->config->multiplied_alpha && view->channels == 4 && !view->alpha_path;
         if (view->alpha_path)
             view->channels = 4;
-        CLN_TRY(fit_camera(view, view->file_width, view->file_height, &warned));
+        CLN_TRY(fit_camera(scene->dialect, view, view->file_width, view->file_height, &warned));
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
         CLN_TRY(cln_camera_check(&view->camera, frame));
@@ -584,30 +588,38 @@ static bool hides(const uint8_t *pixels, size_t count)
     return false;
 }
 
-/* Logs how much the masks leave, as a warning if it is all or little: then their colours are mostly
- * swapped, or, if nobody said what they are, they may be of an object. */
-static void say_masks(const cln_scene *scene)
+double cln_scene_masks_leave(const cln_scene *scene, int *views)
 {
     double left = 0, all = 0;
-    int views = 0;
 
+    *views = 0;
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         const size_t count = (size_t)view->camera.width * (size_t)view->camera.height;
 
         if (!view->masked)
             continue;
-        views++;
+        ++*views;
         all += (double)count;
         for (size_t k = 0; k < (count + 7) / 8; k++)
             left += __builtin_popcount(view->masked[k]);
     }
+    return all > 0 ? left / all : 1;
+}
+
+/* Logs how much the masks leave, as a warning if it is all or little: then their colours are mostly
+ * swapped, or, if nobody said what they are, they may be of an object. */
+static void say_masks(const cln_scene *scene)
+{
+    int views = 0;
+    const double left = cln_scene_masks_leave(scene, &views);
+
     if (views)
-        cln_log(left < 0.1 * all || left == all ? CLN_LOG_WARN : CLN_LOG_INFO,
+        cln_log(left < CLN_MASKS_LEAST || left >= 1 ? CLN_LOG_WARN : CLN_LOG_INFO,
                 "%s: the mask%s of %d image%s leave%s %.3g %% of %s pixels", scene->folder,
                 cln_plural(views, "", "s"), views, cln_plural(views, "", "s"),
-                cln_plural(views, "s", ""), 100 * left / all, cln_plural(views, "its", "their"));
-    if (views && scene->masks_doubtful && left < CLN_MASKS_LEAVE * all)
+                cln_plural(views, "s", ""), 100 * left, cln_plural(views, "its", "their"));
+    if (views && scene->masks_doubtful && left < CLN_MASKS_LEAVE)
         cln_warn("%s: " CLN_MASKS_ADVICE, scene->folder);
 }
 

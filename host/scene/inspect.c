@@ -22,7 +22,6 @@
 
 static const double FAR_OFF = 8;       /* distance from the middle, in median distances */
 static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over that of pixels */
-static const double MASKS_LEAST = 0.1; /* kept share of the pixels */
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 /* Factors of 2; of an object that is cut out, on which light from one side does much. */
 static const double EXPOSURE_RANGE = 0.6, EXPOSURE_RANGE_CUT = 0.8;
@@ -382,13 +381,12 @@ static double kept_pixels(const cln_view *view)
 static void check_masks(cln_inspection *in)
 {
     const double agreeing = in->agreement.kept_share;
-    double area = 0;
+    double area = 0, left = 0;
     int masks = 0;
 
-    for (int i = 0; i < in->scene->view_count; i++) {
+    for (int i = 0; i < in->scene->view_count; i++)
         area += kept_pixels(&in->scene->views[i]) / in->scene->view_count;
-        masks += in->scene->views[i].masked != NULL;
-    }
+    left = cln_scene_masks_leave(in->scene, &masks);
     if (!masks && !in->scene->has_alpha)
         return;
     cln_inspect_measure(in, "kept", area);
@@ -401,18 +399,19 @@ static void check_masks(cln_inspection *in)
                         100 * agreeing,
                         masks ? ", or, if they are of an object, --masks inverted reads them so"
                               : "");
-    else if (masks && (area < MASKS_LEAST || area > 1 - 1e-9))
+    else if (masks && (left < CLN_MASKS_LEAST || left >= 1))
         cln_found_fault(
             in->findings, "masks", false, NULL,
-            "the mask%s of %d photo%s leave%s %.3g%% of the pixels; if the wrong colour "
+            "the mask%s of %d photo%s leave%s %.3g%% of %s pixels; if the wrong colour "
             "counts, invert %s",
             cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
-            cln_plural(masks, "s", ""), 100 * area, cln_plural(masks, "it", "them"));
-    else if (masks && in->scene->masks_doubtful && area < CLN_MASKS_LEAVE)
+            cln_plural(masks, "s", ""), 100 * left, cln_plural(masks, "its", "their"),
+            cln_plural(masks, "it", "them"));
+    else if (masks && in->scene->masks_doubtful && left < CLN_MASKS_LEAVE)
         cln_found_fault(in->findings, "masks", false, NULL,
-                        "the mask%s of %d photo%s leave%s %.3g%% of the pixels: " CLN_MASKS_ADVICE,
+                        "the mask%s of %d photo%s leave%s %.3g%% of %s pixels: " CLN_MASKS_ADVICE,
                         cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
-                        cln_plural(masks, "s", ""), 100 * area);
+                        cln_plural(masks, "s", ""), 100 * left, cln_plural(masks, "its", "their"));
 }
 
 /* Finds photos that are brighter or darker than their neighbours, much more than these than theirs:

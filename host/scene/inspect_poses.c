@@ -9,6 +9,7 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/text.h"
+#include "scene/build.h"
 
 static const double SOUND = 0.5;   /* share of agreeing ties above which poses are right */
 static const double UNSOUND = 0.3; /* share below which they are wrong */
@@ -32,6 +33,7 @@ static const double FOCAL_WIDER = 1.15; /* the same of the shares that agree at 
 /* Factor and degrees by which frames of two parts differ, to be told. */
 static const double FRAME_SCALE = 1.04, FRAME_TURN = 6;
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
+static const double ONE_WAY = 0.985; /* mean cosine from the mean of directions: 10 degrees */
 static const double TILT_LEAST = 2; /* degrees; of gains, the bounds of focal lengths hold */
 
 /* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
@@ -201,6 +203,35 @@ static void tell_merged(cln_inspection *in)
     json_decref(views);
 }
 
+/* Do all training cameras look the same way, from one side of what they look at? So do those before
+ * which an object turned; where the cube is, the cameras of those in parallel do not tell. */
+static bool stand_still(const cln_scene *scene)
+{
+    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    double axes[3] = {0}, sides[3] = {0};
+
+    for (int i = 0; i < count; i++) {
+        const double *m = cln_scene_training_view(scene, i)->camera.c2w, *c = scene->space.centre;
+        const double to[3] = {c[0] - m[3], c[1] - m[7], c[2] - m[11]};
+
+        for (int k = 0; k < 3; k++) {
+            axes[k] += m[4 * k + 2] / count;
+            sides[k] += to[k] / fmax(hypot(hypot(to[0], to[1]), to[2]), 1e-12) / count;
+        }
+    }
+    /* a mean of unit vectors is as short as they differ */
+    return count > 1 && hypot(hypot(axes[0], axes[1]), axes[2]) > ONE_WAY &&
+           (scene->in_parallel || hypot(hypot(sides[0], sides[1]), sides[2]) > ONE_WAY);
+}
+
+/* Do masks drop most of their photos, while what they drop just does not count? */
+static bool drop_most(const cln_scene *scene)
+{
+    int masks = 0;
+
+    return cln_scene_masks_leave(scene, &masks) < 0.5;
+}
+
 cln_status cln_inspect_poses(cln_inspection *in)
 {
     cln_status st = CLN_OK;
@@ -316,18 +347,25 @@ cln_status cln_inspect_poses(cln_inspection *in)
     else if (a->share < UNSOUND)
         cln_found_fault(in->findings, "poses", true, NULL,
                         "the photos do not fit their poses: only %.0f%% of what two photos show "
-                        "lies where both poses put it. Likely names and poses are in different "
+                        "lies where both poses put it. Likely %snames and poses are in different "
                         "orders, or the poses are those of other photos or of another thing than "
                         "the camera, or quaternions were read in a wrong order, or the photos were "
-                        "cropped and the intrinsics were not",
-                        100 * a->share);
+                        "cropped and the intrinsics were not%s, or what they show repeats, as "
+                        "tiles do",
+                        100 * a->share,
+                        stand_still(in->scene)
+                            ? "the object turned before cameras that stood still (give poses in "
+                              "the object's frame), or "
+                            : "",
+                        drop_most(in->scene) ? ", or masks have black and white exchanged" : "");
     else if (!in->posed)
         cln_found_fault(in->findings, "poses", true, NULL,
                         "the photos hardly fit their poses: %.0f%% of what two photos show lies "
                         "where both poses put it (of most good captures 80%% or more), and only "
                         "%.0f%% of that exactly (60%% or more). Likely each photo has the pose of "
                         "another one near it, as if names and poses are in different orders, or "
-                        "the poses are inexact, or computed on a circle without the cameras' tilt",
+                        "the poses are inexact, or computed on a circle without the cameras' tilt, "
+                        "or what they show repeats, as tiles do",
                         100 * a->share, 100 * exact);
     else if (a->share > SOUND)
         cln_findings_take_back(in->findings, "axes");

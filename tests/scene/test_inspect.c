@@ -407,8 +407,67 @@ static void test_masks_without_effect(void **state)
     memset(all, 255, sizeof all);
     for (int i = 0; i < COUNT; i++)
         w->views[i].kept = w->views[i].masked = all;
-    assert_non_null(strstr(text_of(inspect(w, "masks")), "masks of 10 photos leave 100% of"));
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "masks of 10 photos leave 100% of their"));
     free_wall(w);
+}
+
+/* Some photos have no mask: the share is of those that have one. */
+static void test_masks_of_some(void **state)
+{
+    wall *w = make_wall(VIEWS);
+    static uint8_t some[WIDE * HIGH / 8];
+
+    (void)state;
+    memset(some, 255, sizeof some / 16);
+    for (int i = 0; i < VIEWS / 2; i++)
+        w->views[i].kept = w->views[i].masked = some;
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "of 6 photos leave 6.25% of their"));
+    free_wall(w);
+}
+
+/* Photos that do not fit their poses: causes that poses and masks tell come with the usual ones. */
+static void test_causes(void **state)
+{
+    static uint8_t most[WIDE * HIGH / 8];
+    static const struct {
+        bool turned, masks;
+        const char *has, *lacks;
+    } cases[] = {
+        {false, false, "Likely the object turned before cameras that stood still (give", "masks"},
+        {true, false, "Likely names and poses are in", "turned before"},
+        {true, true, "or masks have black and white exchanged, or what they show repeats", "none"},
+    };
+
+    (void)state;
+    memset(most, 255, sizeof most);
+    memset(most, 0, sizeof most * 9 / 16);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        wall *w = make_wall(VIEWS);
+        const char *text = NULL;
+
+        w->scene.in_parallel = true;
+        for (int v = 0; v < VIEWS; v++) {
+            double *m = w->views[v].camera.c2w;
+
+            for (uint32_t a = 0; a < 3; a++) /* of anything else */
+                m[4 * a + 3] = 0.3 * cln_uniform_hash(9, a, 0, (uint32_t)v, 0, 0);
+            m[0] = m[10] = cos(0.15 * (v % 3 - 1));
+            m[2] = sin(0.15 * (v % 3 - 1));
+            m[8] = -m[2];
+            if (cases[i].turned && v % 2) { /* half of the cameras look along x */
+                m[0] = m[10] = 0;
+                m[2] = 1;
+                m[8] = -1;
+            }
+            if (cases[i].masks && v < 3) /* of the others enough is left to compare */
+                w->views[v].kept = w->views[v].masked = most;
+        }
+        text = text_of(inspect(w, "poses"));
+        assert_non_null(strstr(text, cases[i].has));
+        assert_null(strstr(text, cases[i].lacks));
+        assert_non_null(strstr(text, "or what they show repeats, as tiles do"));
+        free_wall(w);
+    }
 }
 
 /* ---- what stands still ---- */
@@ -552,6 +611,8 @@ int test_group_inspect(void)
         cmocka_unit_test(test_copies),        cmocka_unit_test(test_box),
         cmocka_unit_test(test_inside),        cmocka_unit_test(test_nothing_to_compare),
         cmocka_unit_test(test_cameras_apart), cmocka_unit_test(test_masks_without_effect),
+        cmocka_unit_test(test_masks_of_some),
+        cmocka_unit_test(test_causes),
         cmocka_unit_test(test_backdrop),      cmocka_unit_test(test_no_backdrop),
         cmocka_unit_test(test_stopped),       cmocka_unit_test(test_stood_still),
         cmocka_unit_test(test_light_field),
