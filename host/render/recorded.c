@@ -242,12 +242,13 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
         return CLN_OK;
     CLN_TRY(cln_scene_moved_since(scene, kept, &since));
     if (!since.elsewhere && since.changed > 1 && since.changed == since.known) {
-        cln_warn("%s: all %d photos that %s knows by their names, or their masks, have changed since "
-                 "it began: if they show another moment, what it learnt of the old ones stays as "
-                 "ghosts%s%s%s",
-                 scene->folder, since.known, run,
-                 resumes ? "; begin anew then (-o NEW --settings-of " : "",
-                 resumes ? cln_shell_quote(run, quoted, sizeof quoted) : "", resumes ? ")" : "");
+        cln_warn(
+            "%s: all %d photos that %s knows by their names, or their masks, have changed since "
+            "it began: if they show another moment, what it learnt of the old ones stays as "
+            "ghosts%s%s%s",
+            scene->folder, since.known, run,
+            resumes ? "; begin anew then (-o NEW --settings-of " : "",
+            resumes ? cln_shell_quote(run, quoted, sizeof quoted) : "", resumes ? ")" : "");
         return CLN_OK;
     }
     if (!since.elsewhere) {

@@ -90,8 +90,9 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
                                     : "",
                    of->masks_doubtful ? "the masks may be of an object (--masks alpha), or " : "",
                    few, *few ? "" : "are few, or ",
-                   of->alpha ? "" : ", or something stands in every photo (a logo, bars, a "
-                                    "bonnet): mask it (--camera-mask)");
+                   of->alpha ? ""
+                             : ", or something stands in every photo (a logo, bars, a "
+                               "bonnet): mask it (--camera-mask)");
     return doubtful;
 }
 
@@ -102,17 +103,16 @@ static void put_doubt(FILE *to, const json_t *document)
     const json_t *dataset = json_object_get(document, "dataset");
     const char *path = cln_json_text(dataset, "path");
     const bool alpha = json_is_true(json_object_get(dataset, "alpha"));
-    const cln_doubt of = {
-        .psnr_train = cln_json_number(result, "psnr_train"),
-        .psnr_test = cln_json_number(result, "psnr_test"),
-        .psnr_fitted = cln_json_number(result, "psnr_fitted"),
-        .exposed = alpha || json_is_true(json_object_get(result, "exposed")),
-        .alpha = alpha,
-        .cube_guessed = json_is_true(json_object_get(dataset, "cube_guessed")),
-        .masks_doubtful =
-            json_is_true(json_object_get(json_object_get(dataset, "masks"), "doubtful")),
-        .training_photos =
-            (int)json_integer_value(json_object_get(json_object_get(dataset, "splits"), "train"))};
+    const cln_doubt of = {.psnr_train = cln_json_number(result, "psnr_train"),
+                          .psnr_test = cln_json_number(result, "psnr_test"),
+                          .psnr_fitted = cln_json_number(result, "psnr_fitted"),
+                          .exposed = alpha || json_is_true(json_object_get(result, "exposed")),
+                          .alpha = alpha,
+                          .cube_guessed = json_is_true(json_object_get(dataset, "cube_guessed")),
+                          .masks_doubtful = json_is_true(
+                              json_object_get(json_object_get(dataset, "masks"), "doubtful")),
+                          .training_photos = (int)json_integer_value(
+                              json_object_get(json_object_get(dataset, "splits"), "train"))};
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (!cln_report_doubt(&of, doubt))

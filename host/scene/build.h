@@ -152,6 +152,10 @@ cln_status cln_scene_check_seen(const cln_scene *scene);
 
 /* doubts.c: of fewer training photos, nothing is known of what lies how far. */
 enum { CLN_LEAST_PHOTOS = 3 };
+/* Do fewer than CLN_FEW_AROUND training photos, but not fewer than those, stand around what they
+ * look at, apart by 60 degrees or more? */
+enum { CLN_FEW_AROUND = 9 };
+bool cln_scene_few_around(const cln_scene *scene);
 
 /* Tells if most rays through opaque pixels of training photos with alpha miss the cube, and names a
  * box around what they show. Counts loaded photos alone. */

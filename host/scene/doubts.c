@@ -21,6 +21,7 @@
 enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3, POINTS = 256, POINTS_MIN = 16 };
 static const double OFF_MAX = 0.2; /* of a principal point, in sides of the image */
 static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, ONE_PLACE = 1e-9, APART_MAX = 0.8;
+static const double FROM_AROUND = 0.5;             /* cosine of 60 degrees between two axes */
 static const double DIFFER = 0.030153689607045808; /* squared sine of 10 degrees */
 
 /* At most CAMERAS training cameras, evenly chosen: their number, and below, camera i of them. */
@@ -174,18 +175,54 @@ static void tell_shared(const cln_scene *scene, json_t *findings)
     json_decref(names);
 }
 
+bool cln_scene_few_around(const cln_scene *scene)
+{
+    const int train = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    double point[3];
+    bool around = false;
+
+    if (train < CLN_LEAST_PHOTOS || train >= CLN_FEW_AROUND || !cln_scene_focus(scene, point))
+        return false;
+    for (int i = 0; i < train; i++) {
+        const double *m = cln_scene_training_view(scene, i)->camera.c2w;
+        double along = 0;
+
+        for (int a = 0; a < 3; a++)
+            along += m[4 * a + 2] * (point[a] - m[4 * a + 3]);
+        if (along <= 0)
+            return false; /* it looks away */
+        for (int k = 0; k < i; k++) {
+            const double *n = cln_scene_training_view(scene, k)->camera.c2w;
+
+            around |= m[2] * n[2] + m[6] * n[6] + m[10] * n[10] < FROM_AROUND;
+        }
+    }
+    return around;
+}
+
+/* Where every Nth photo is held out of few. */
+static const char *few_held(const cln_scene *scene)
+{
+    const bool held = !scene->has_splits && cln_scene_split_count(scene, CLN_SPLIT_TEST) > 0;
+
+    return held ? ", or hold none out: --holdout 0 (or fewer: --test-views)" : "";
+}
+
 static void tell_few(const cln_scene *scene, json_t *findings)
 {
     const int train = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 
+    if (cln_scene_few_around(scene))
+        cln_found_fault(findings, "photos", false, NULL,
+                        "only %d training photos around an object: views from between them come "
+                        "out hardly better than a blend of the photos (of 9 they were 5 dB better "
+                        "than of 5, and 20 or more are usual). Take more photos%s",
+                        train, few_held(scene));
     if (train < CLN_LEAST_PHOTOS)
         cln_found_fault(findings, "photos", true, NULL,
                         "only %d training photo%s: what fewer than three show can be at any "
                         "distance, so views from elsewhere will be wrong. Take more photos%s",
-                        train, cln_plural(train, "", "s"),
-                        !scene->has_splits && scene->view_count > train
-                            ? ", or hold fewer out (--holdout, --test-views)"
-                            : "");
+                        train, cln_plural(train, "", "s"), few_held(scene));
 }
 
 /* The sign of a camera that is given for another image size, where no width and height tell it. */

@@ -104,7 +104,7 @@ static void check_overlap(cln_inspection *in)
                 : "Look at them: of something else, turned, or with wrong poses, they are better "
                   "left out. Else keep them, as some along the narrow side of a thing show little; "
                   "photos between them and the others would help");
-    if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS)
+    if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS && !cln_scene_few_around(in->scene))
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "only %d training photos: surfaces that fewer than three of them show are "
                         "learnt badly",
@@ -400,13 +400,12 @@ static void check_masks(cln_inspection *in)
                         masks ? ", or, if they are of an object, --masks inverted reads them so"
                               : "");
     else if (masks && (left < CLN_MASKS_LEAST || left >= 1))
-        cln_found_fault(
-            in->findings, "masks", false, NULL,
-            "the mask%s of %d photo%s leave%s %.3g%% of %s pixels; if the wrong colour "
-            "counts, invert %s",
-            cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
-            cln_plural(masks, "s", ""), 100 * left, cln_plural(masks, "its", "their"),
-            cln_plural(masks, "it", "them"));
+        cln_found_fault(in->findings, "masks", false, NULL,
+                        "the mask%s of %d photo%s leave%s %.3g%% of %s pixels; if the wrong colour "
+                        "counts, invert %s",
+                        cln_plural(masks, "", "s"), masks, cln_plural(masks, "", "s"),
+                        cln_plural(masks, "s", ""), 100 * left, cln_plural(masks, "its", "their"),
+                        cln_plural(masks, "it", "them"));
     else if (masks && in->scene->masks_doubtful && left < CLN_MASKS_LEAVE)
         cln_found_fault(in->findings, "masks", false, NULL,
                         "the mask%s of %d photo%s leave%s %.3g%% of %s pixels: " CLN_MASKS_ADVICE,

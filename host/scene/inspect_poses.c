@@ -34,7 +34,7 @@ static const double FOCAL_WIDER = 1.15; /* the same of the shares that agree at 
 static const double FRAME_SCALE = 1.04, FRAME_TURN = 6;
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
 static const double ONE_WAY = 0.985; /* mean cosine from the mean of directions: 10 degrees */
-static const double TILT_LEAST = 2; /* degrees; of gains, the bounds of focal lengths hold */
+static const double TILT_LEAST = 2;  /* degrees; of gains, the bounds of focal lengths hold */
 
 /* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
  * and share little, those around something would show the same from behind. */

@@ -1,6 +1,6 @@
 /* Which view is train, val or test, and the order of views. Where a dataset names no test views,
  * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do, or
- * from another one (--holdout-from), for folds; for that, names are ordered byte by byte, as Python
+ * from another one (--holdout-from), for folds, but none of two or three photos; for that, names are ordered byte by byte, as Python
  * sorts them, so that results compare. Or a list names them (test_list.c). The views themselves
  * stand in an order for people: by split, then by name in natural order. */
 #include "scene/build.h"
@@ -10,6 +10,8 @@
 #include <string.h>
 #include "base/memory.h"
 #include "base/text.h"
+
+enum { LEAST_TO_HOLD = 4 }; /* of fewer photos --holdout takes none, if it is above their number */
 
 const char *const cln_split_names[CLN_SPLITS] = {"train", "val", "test"};
 
@@ -70,13 +72,24 @@ done:
     return st;
 }
 
+/* Of two or three photos none can be spared, unless the run that is read for held one out. */
+static bool is_spare(const cln_scene *scene, const cln_scene_desc *desc)
+{
+    const cln_config *config = desc->config;
+
+    return scene->view_count < 2 || scene->view_count >= LEAST_TO_HOLD ||
+           config->holdout <= scene->view_count || config->holdout_from > 0 ||
+           (desc->kept && cln_scene_split_count(desc->kept, CLN_SPLIT_TEST) > 0);
+}
+
 /* Every Nth view, or none, by config. */
-static cln_status take_every(cln_scene *scene, const cln_config *config)
+static cln_status take_every(cln_scene *scene, const cln_scene_desc *desc)
 {
     cln_status st = CLN_OK;
-    const int holdout = config->holdout, first = config->holdout_from;
+    const int holdout = desc->config->holdout, first = desc->config->holdout_from;
+    const bool spare = is_spare(scene, desc);
 
-    CLN_TRY(hold_out(scene, holdout, first));
+    CLN_TRY(hold_out(scene, spare ? holdout : 0, first));
     if (holdout > 0 && first > 0)
         CLN_TRY(cln_asprintf(&scene->split_rule,
                              "1 in %d images by name, from number %d on (the first is 0), is test "
@@ -84,8 +97,8 @@ static cln_status take_every(cln_scene *scene, const cln_config *config)
                              holdout, first));
     else if (holdout > 0)
         CLN_TRY(cln_asprintf(&scene->split_rule,
-                             "1 in %d images by name, from the first, is test (--holdout)",
-                             holdout));
+                             "1 in %d images by name, from the first, is test (--holdout)%s",
+                             holdout, spare ? "" : ", but of 2 or 3 none"));
     else
         CLN_TRY(cln_strdup(&scene->split_rule, "all images are train (--holdout 0)"));
 done:
@@ -109,7 +122,7 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_
     else if (listed)
         CLN_TRY(take_list(scene, desc));
     else
-        CLN_TRY(take_every(scene, desc->config));
+        CLN_TRY(take_every(scene, desc));
     if (desc->kept)
         CLN_TRY(cln_scene_keep_split(scene, desc->kept, !named_splits && !listed));
     qsort(scene->views, (size_t)scene->view_count, sizeof *scene->views, by_split_and_name);

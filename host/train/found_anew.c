@@ -151,9 +151,10 @@ cln_status cln_found_anew_tell(const cln_scene *scene, const cln_settings *setti
     if (!config->bbox[0] && !config->tree_from[0]) /* a tree brings its cube */
         compare_cube(scene, its, found, &all);
     if (all.words[0])
-        cln_info("settings of %s: what it found by itself is found anew for this scene, and differs: "
-                 "%s; to keep the run's:%s",
-                 settings->run, all.words, all.options);
+        cln_info(
+            "settings of %s: what it found by itself is found anew for this scene, and differs: "
+            "%s; to keep the run's:%s",
+            settings->run, all.words, all.options);
 done:
     json_decref(document);
     return st;

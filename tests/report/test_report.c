@@ -744,8 +744,10 @@ static void an_earlier_error_is_kept(void **state)
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
 /* Test views far below training views: whose fault, by what a fit of colours mends. */
-#define DOUBT(train, test, fitted, gains)                                                          \
-    {.psnr_train = train, .psnr_test = test, .psnr_fitted = fitted, .exposed = gains}
+#define DOUBT(train, test, fitted, gains)                                               \
+    {                                                                                   \
+        .psnr_train = train, .psnr_test = test, .psnr_fitted = fitted, .exposed = gains \
+    }
 
 static void doubt_knows_exposure(void **state)
 {

@@ -231,7 +231,8 @@ static void test_colmap_images(void **state)
                    (const char *const[3]){"1 of 6 images is not there", "'view_03.png'"},
                    "one image gone");
     put_image(folder, "images/view_03.png", 16, 5, 3, 0);
-    assert_refused(folder, plain(), (const char *const[3]){"view_03.png", "16 x 5",
+    assert_refused(folder, plain(),
+                   (const char *const[3]){"view_03.png", "16 x 5",
                                           "16 x 12; replace the image, or correct its camera in "
                                           "cameras.txt: the size, after a crop also cx and cy"},
                    "shape");

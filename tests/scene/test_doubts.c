@@ -180,6 +180,45 @@ static void a_guess_is_told(void **state)
     }
 }
 
+/* Few photos around an object: what comes of them, and what holds none out. Of more, or of as few
+ * from one side, nothing. */
+static void few_around_are_told(void **state)
+{
+    static const struct {
+        int count;
+        double degrees;
+        bool told;
+    } cases[] = {{2, 360, true}, {3, 360, true}, {8, 360, true}, {9, 360, false}, {8, 40, false}};
+    capture c;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        for (int held = 0; held < 2; held++) {
+            const int step = CAMERAS / cases[i].count;
+            char text[512] = "", names[CAMERAS][8];
+
+            around(&c, 1.5, 4, cases[i].degrees);
+            for (int v = 0; v <= cases[i].count; v++) {
+                c.views[v] = c.views[(v * step) % CAMERAS];
+                snprintf(names[v], sizeof names[v], "%d", v);
+                c.views[v].name = names[v];
+                c.views[v].orientation = c.views[v].alpha_turn = c.views[v].mask_turn = 1;
+                c.views[v].masks_known = true;
+            }
+            c.scene.view_count = cases[i].count + held;
+            if (held)
+                c.views[cases[i].count].split = CLN_SPLIT_TEST;
+            assert_int_equal(warnings(&c), cases[i].told);
+            cln_log_set_sink(keep_warning, text);
+            cln_scene_warn_doubts(&c.scene);
+            cln_log_set_sink(NULL, NULL);
+            if (cases[i].told)
+                assert_non_null(strstr(text, cases[i].count < 3 ? "at any distance" : "a blend"));
+            assert_int_equal(strstr(text, "--holdout 0") != NULL, held && cases[i].told);
+        }
+    }
+}
+
 /* Sparse points decide: before cameras that lean apart, as in a strip over land, nothing is
  * doubted; behind turned ones it is. */
 static void test_points(void **state)
@@ -285,11 +324,9 @@ static void multiplied_colours_are_told(void **state)
 int test_group_doubts(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_sound_captures),
-        cmocka_unit_test(a_guess_is_told),
-        cmocka_unit_test(test_points),
-        cmocka_unit_test(test_planted_faults),
-        cmocka_unit_test(multiplied_colours_are_told),
+        cmocka_unit_test(test_sound_captures), cmocka_unit_test(a_guess_is_told),
+        cmocka_unit_test(few_around_are_told), cmocka_unit_test(test_points),
+        cmocka_unit_test(test_planted_faults), cmocka_unit_test(multiplied_colours_are_told),
     };
 
     return cmocka_run_group_tests_name("doubts", tests, NULL, NULL);

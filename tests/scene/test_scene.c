@@ -406,17 +406,18 @@ static void test_downscale(void **state)
 static void test_wanted_splits(void **state)
 {
     const char *folder = *state;
-    const cln_config config = default_config();
+    cln_config config = default_config();
     const cln_scene_desc train = {
         .path = folder, .config = &config, .pixels = {true, false, false}};
     cln_scene *all = NULL, *some = NULL;
 
+    config.holdout = 2;
     put_image(folder, "0.png", 8, 8, 3, 0);
     put_image(folder, "1.png", 8, 8, 3, 1);
     put_text(folder, "transforms.json",
              "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[" FRAME(
                  "0.png", POSE_FRONT) "," FRAME("1.png", POSE_FRONT) "]}");
-    all = load(folder, NULL);
+    all = load(folder, &config);
     assert_int_equal(cln_scene_load(&train, &some), CLN_OK);
     assert_non_null(some->views[0].pixels);
     assert_null(some->views[1].pixels);
@@ -868,14 +869,16 @@ static void test_known_opaque(void **state)
 static void test_describe(void **state)
 {
     const char *folder = *state;
+    cln_config config = default_config();
     cln_scene *scene = NULL;
     json_t *text = NULL, *row = NULL;
     char digest[17];
 
+    config.holdout = 2;
     put_image(folder, "0.png", 8, 6, 4, 0);
     put_image(folder, "1.png", 8, 6, 4, 1);
     put_text(folder, "transforms.json", DOCUMENT("0.8", "1.png", POSE_SIDE));
-    scene = load(folder, NULL);
+    scene = load(folder, &config);
     assert_int_equal(cln_scene_describe(scene, &text), CLN_OK);
     assert_string_equal(json_string_value(json_object_get(text, "dialect")), "instant-ngp");
     assert_int_equal(json_integer_value(json_object_get(text, "views")), 2);

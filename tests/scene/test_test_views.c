@@ -327,9 +327,46 @@ static void test_every_format(void **state)
     }
 }
 
+/* Of two or three photos none is held out, unless a --holdout of no more asks for it; nor of a run
+ * that had none, once others came. */
+static void test_holds_none_of_few(void **state)
+{
+    static const struct {
+        int photos, holdout, tests;
+    } cases[] = {{2, 8, 0}, {3, 8, 0}, {4, 8, 1}, {3, 3, 1}, {2, 2, 1}, {3, 2, 2}};
+    const char *folder = *state;
+    cln_config config = default_config();
+    cln_scene *scene = NULL, *kept = NULL;
+    cln_scene_desc desc = {.path = folder, .config = &config};
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char json[2048] = "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":[";
+
+        for (int v = 0; v < cases[i].photos; v++) {
+            char name[32], frame[256];
+
+            snprintf(name, sizeof name, "few_%d.png", v);
+            put_image(folder, name, 4, 4, 3, v);
+            snprintf(frame, sizeof frame, FRAME("%s", POSE_FRONT) "%s", name,
+                     v + 1 < cases[i].photos ? "," : "]}");
+            strcat(json, frame);
+        }
+        put_text(folder, "transforms.json", json);
+        config.holdout = cases[i].holdout;
+        desc.kept = i == 2 ? kept : NULL; /* four photos, of which a run has three */
+        assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+        assert_int_equal(cln_scene_split_count(scene, CLN_SPLIT_TEST), i == 2 ? 0 : cases[i].tests);
+        assert_true(strstr(scene->split_rule, "but of 2 or 3 none") != NULL || cases[i].tests > 0);
+        cln_scene_free(kept);
+        kept = scene;
+    }
+    cln_scene_free(kept);
+}
+
 int test_group_test_views(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_holds_none_of_few, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wrong_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_kept, scratch_make, scratch_remove),
