@@ -389,11 +389,11 @@ void cln_view_fetch(const cln_view *view, int x, int y);
 
 /* The scene as a JSON object (docs/formats.md): dialect, because, folder, views, missing (how
  * many), unreadable (of these), missing_names (the first), splits, split_rule, ignored_keys, sizes,
- * channels, alpha, masks ({views, as, because, doubtful} or null), distortion, beyond_fold (cln_fold),
- * downscale, downscale_least, centre, half, space (cube, ndc or shell), bounds_rule, cube_guessed,
- * background, digest (16 hex digits), camera_distance (mean, to the centre), cube_share, spread, apart_share,
- * intrinsics [{views, width, height, fx, fy, cx, cy, lens, params}], cameras [{name, split, width,
- * height}]. */
+ * channels, alpha, masks ({views, as, because, doubtful} or null), distortion, beyond_fold
+ * (cln_fold), downscale, downscale_least, centre, half, space (cube, ndc or shell), bounds_rule,
+ * cube_guessed, background, digest (16 hex digits), camera_distance (mean, to the centre),
+ * cube_share, spread, apart_share, intrinsics [{views, width, height, fx, fy, cx, cy, lens,
+ * params}], cameras [{name, split, width, height}]. */
 cln_status cln_scene_describe(const cln_scene *scene, json_t **out);
 
 #endif

@@ -1,8 +1,9 @@
 /* Which view is train, val or test, and the order of views. Where a dataset names no test views,
  * every Nth image by name is held out, from the first on, as evaluations on COLMAP scenes do, or
- * from another one (--holdout-from), for folds, but none of two or three photos; for that, names are ordered byte by byte, as Python
- * sorts them, so that results compare. Or a list names them (test_list.c). The views themselves
- * stand in an order for people: by split, then by name in natural order. */
+ * from another one (--holdout-from), for folds, but none of two or three; for that, names are
+ * ordered byte by byte, as Python sorts them, so that results compare. Or a list names them
+ * (test_list.c). The views themselves stand in an order for people: by split, then by name in
+ * natural order. */
 #include "scene/build.h"
 
 #include <math.h>

@@ -371,7 +371,7 @@ section_anew() {
 # where its tree is taken over. A run goes on with no other scene.
 section_moments() {
     local s=$work/stage
-    local -a box=(--bbox=-1.5,-1.5,-1.5,1.5,1.5,1.5)
+    local -a box=("--bbox=-1.5,-1.5,-1.5,1.5,1.5,1.5")
     "$make_scene" "$s" --format nerfstudio --size 32 --train 8 --test 2 >/dev/null
     "$make_scene" "$work/other moment" --format nerfstudio --size 32 --train 8 --test 2 \
         --seed 2 >/dev/null
@@ -393,6 +393,37 @@ section_moments() {
         --tree-from "$work/moment"
     expect "the run goes on with all of them" 0 "~all.10.photos ~ghosts ~settings-of.*/moment" \
         "$cln" train --resume "$work/moment" --steps 8 --progress none --skip-selftest
+}
+
+# The manual's example of moments of a fixed rig: one lacks photos, the others give a film, figures
+# and surfaces.
+section_rig() {
+    local i m
+    for i in 0 1 2; do
+        "$make_scene" "$work/rig/moment_000$i" --format nerfstudio --masks --size 32 --train 10 --test 0 \
+            --seed $((i + 1)) >/dev/null
+    done
+    rm "$work"/rig/moment_0001/images/frame_0000[1-4].png
+    cd "$work/rig" || exit 1
+    expect "the first moment" 0 "" "$cln" train moment_0000 -o run_0000 "${tiny[@]}" --steps 8 \
+        --bbox=-1.5,-1.5,-1.5,1.5,1.5,1.5 --masks alpha --holdout 0
+    for i in 1 2; do
+        m=$(printf %04d $i)
+        run "$cln" train "moment_$m" -o "run_$m" --settings-of run_0000 --progress none \
+            --skip-selftest || :
+        [ $rc = 0 ] || echo "$m: exit code $rc" >>failed.txt
+    done
+    check "one that lacks photos is left out" [ "$(cat failed.txt)" = "0001: exit code 3" ]
+    expect "a path" 0 "" "$cln" export run_0000 --cameras path.json
+    for i in 0 2; do
+        m=$(printf %04d $i)
+        expect "a frame of each" 0 "" "$cln" render "run_$m" --poses path.json --frames $i -o film/
+        expect "figures" 0 "" "$cln" eval "run_$m" --split train --json
+        expect "and a surface" 0 "" "$cln" export "run_$m" --mesh "$m.glb"
+    done
+    check "frames have their numbers" eval '[ -e film/images_frame_00001.png ] &&
+        [ -e film/images_frame_00003.png ]'
+    cd "$here" || exit 1
 }
 
 # A run whose parts are links to another's: training would change that one.
@@ -739,5 +770,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued lost reused anew moments links target points kept \
-    disk cache shared memory demo" "$@"
+run_sections "killed short doubtful exposure again requeued lost reused anew moments rig links \
+    target points kept disk cache shared memory demo" "$@"
