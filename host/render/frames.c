@@ -105,15 +105,49 @@ done:
     return st;
 }
 
+/* Where the scene was not read (NULL), sizes are those that the run keeps. */
+static cln_status find_sizes(const cln_render_desc *desc, const cln_scene *scene, const json_t *run,
+                             const cln_orbit_frame *seen, cln_frame_sizes *out)
+{
+    cln_status st = CLN_OK;
+    const json_t *dataset = json_object_get(run, "dataset");
+    const int divided = (int)json_integer_value(json_object_get(dataset, "downscale"));
+    cln_scene *kept = NULL;
+    const cln_view *first = NULL;
+
+    *out = (cln_frame_sizes){.width = seen->width, .height = seen->height};
+    if (!scene)
+        st = cln_recorded_cameras(desc->run, &kept);
+    if (st == CLN_INPUT) { /* an older run: all but the pixels that the division left over */
+        cln_clear_error();
+        out->file_width = seen->width * (divided > 1 ? divided : 1);
+        out->file_height = seen->height * (divided > 1 ? divided : 1);
+        return CLN_OK;
+    }
+    CLN_TRY(st);
+    scene = scene ? scene : kept;
+    first = cln_scene_training_view(scene, 0);
+    out->file_width = first->file_width;
+    out->file_height = first->file_height;
+    for (int i = 0; i < scene->view_count; i++)
+        out->vary |= scene->views[i].file_width != first->file_width ||
+                     scene->views[i].file_height != first->file_height;
+done:
+    cln_scene_free(kept);
+    return st;
+}
+
 /* The poses of a file, or max_images of them, evenly chosen. */
 static cln_status of_file(const cln_render_desc *desc, const cln_scene *scene, const json_t *run,
                           const cln_orbit_frame *seen, cln_frames *out)
 {
     cln_status st = CLN_OK;
     char *transforms = NULL, *dataparser = NULL;
+    cln_frame_sizes sizes;
     int kept = 0;
 
-    CLN_TRY(cln_frames_read(desc->poses, seen->width, seen->height, out));
+    CLN_TRY(find_sizes(desc, scene, run, seen, &sizes));
+    CLN_TRY(cln_frames_read(desc->poses, &sizes, out));
     if (out->foreign)
         CLN_TRY(cln_frames_dataparser(desc->poses, &dataparser));
     if (dataparser) {

@@ -47,9 +47,17 @@ cln_status cln_frames_transforms(const char *run, const char *scene, const char 
 
 /* ---- pose_file.c ---- */
 
+/* Sizes of pictures, where neither a file of poses nor a photo gives them. Lenses of transforms
+ * JSON are of the photos' files, as in a scene; those of a path are angles. */
+typedef struct cln_frame_sizes {
+    int width, height;           /* of a path: the training views' */
+    int file_width, file_height; /* of transforms frames: the first training view's file's */
+    bool vary;                   /* not all photos have that one */
+} cln_frame_sizes;
+
 /* Reads nerfstudio's camera_path.json, or the frames of a transforms JSON file with its lenses.
- * width, height: for poses of which neither the file nor a photo gives the size. CLN_INPUT. */
-cln_status cln_frames_read(const char *path, int width, int height, cln_frames *out);
+ * CLN_INPUT. */
+cln_status cln_frames_read(const char *path, const cln_frame_sizes *sizes, cln_frames *out);
 
 /* ---- pose_frame.c ---- */
 

@@ -267,12 +267,13 @@ done:
     return st;
 }
 
-static cln_status read_frames(const char *path, const json_t *root, int width, int height,
+static cln_status read_frames(const char *path, const json_t *root, const cln_frame_sizes *sizes,
                               cln_frames *out)
 {
     cln_status st = CLN_OK;
     const json_t *frames = json_object_get(root, "frames");
     bool from_root = true;
+    int guessed = 0;
     char **names = NULL, *folder = NULL;
 
     CLN_TRY(cln_scene_folder(path, &folder));
@@ -281,12 +282,20 @@ static cln_status read_frames(const char *path, const json_t *root, int width, i
         cln_camera *camera = &out->frame[i].camera;
         const json_t *frame = json_array_get(frames, (size_t)i);
         const char *file = json_string_value(json_object_get(frame, "file_path"));
+        bool sized = false;
 
         from_root = from_root && file && *file == '/';
-        camera->width = width;
-        camera->height = height;
-        CLN_TRY(cln_transforms_camera(folder, path, root, i, &names[i], camera));
+        camera->width = sizes->file_width;
+        camera->height = sizes->file_height;
+        CLN_TRY(cln_transforms_camera(folder, path, root, i, &names[i], camera, &sized));
+        guessed += !sized;
     }
+    if (guessed > 0 && sizes->vary)
+        cln_warn("%s: %d of its frames %s no w and h, and the photos have several sizes; %d x %d "
+                 "is taken, the first training photo's: give w and h of the photos that fl_x, cx "
+                 "and cy are of",
+                 path, guessed, cln_plural(guessed, "has", "have"), sizes->file_width,
+                 sizes->file_height);
     CLN_TRY(name_frames(path, names, from_root, out));
     CLN_TRY(tell_ignored(path, root, frames));
 done:
@@ -297,7 +306,7 @@ done:
     return st;
 }
 
-cln_status cln_frames_read(const char *path, int width, int height, cln_frames *out)
+cln_status cln_frames_read(const char *path, const cln_frame_sizes *sizes, cln_frames *out)
 {
     cln_status st = CLN_OK;
     json_t *root = NULL;
@@ -332,9 +341,9 @@ cln_status cln_frames_read(const char *path, int width, int height, cln_frames *
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it has %zu poses; give 1 to %d", path, count, (int)MOST));
     CLN_TRY(cln_frames_room((int)count, out));
     if (stations)
-        CLN_TRY(read_path(path, root, stations, width, height, out));
+        CLN_TRY(read_path(path, root, stations, sizes->width, sizes->height, out));
     else
-        CLN_TRY(read_frames(path, root, width, height, out));
+        CLN_TRY(read_frames(path, root, sizes, out));
 done:
     json_decref(root);
     return st;

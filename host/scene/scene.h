@@ -80,6 +80,7 @@ bool cln_camera_sees(const cln_camera *camera, const cln_space *space);
 /* What of a camera its format does not give, so that it follows from the stored file's size. */
 typedef struct cln_by_file {
     bool size, centre[2]; /* centre: cx, cy */
+    bool none;    /* nor is there a file: the size is what the caller has for such a camera */
     bool cut;     /* of a panorama: focal lengths and centre are given, as it may have been cut */
     int angle[2]; /* fx, fy: 1 by an angle across the width, 2 across the height; 0: given */
 } cln_by_file;

@@ -35,9 +35,9 @@ cln_status cln_transforms_unread_alpha(const json_t *root, int index, const cln_
                                        bool *found);
 
 /* Name and camera of frames[index], checked, for a picture to be rendered: no image need be there.
- * *camera has the size to take if neither file nor image gives one. Without a file_path its name is
- * pose_0000. The caller frees *name, also on failure. */
+ * *camera has the size to take if neither file nor image gives one: *sized is false then. Without a
+ * file_path its name is pose_0000. The caller frees *name, also on failure. */
 cln_status cln_transforms_camera(const char *folder, const char *file, const json_t *root,
-                                 int index, char **name, cln_camera *camera);
+                                 int index, char **name, cln_camera *camera, bool *sized);
 
 #endif

@@ -325,6 +325,7 @@ static cln_status read_size(const source *src, const char *image, cln_camera *ca
         goto done;
     }
     by->size = !own[0] || cln_is_file(image);
+    by->none = !by->size;
     if (by->size)
         st = cln_image_info(image, &camera->width, &camera->height, &channels);
     if (st == CLN_INPUT && src->read_later && cln_is_file(image)) {
@@ -399,7 +400,6 @@ static cln_status read_intrinsics(const source *src, const char *image, cln_came
                                   cln_by_file *by)
 {
     cln_status st = CLN_OK;
-
     double series[2] = {0};
 
     CLN_TRY(read_lens(src, camera, series));
@@ -652,7 +652,7 @@ done:
 }
 
 cln_status cln_transforms_camera(const char *folder, const char *file, const json_t *root,
-                                 int index, char **name, cln_camera *camera)
+                                 int index, char **name, cln_camera *camera, bool *sized)
 {
     cln_status st = CLN_OK;
     source src = {.folder = folder, .file = file, .root = root};
@@ -674,6 +674,7 @@ cln_status cln_transforms_camera(const char *folder, const char *file, const jso
     }
     CLN_TRY(read_pose(&src, camera->c2w));
     CLN_TRY(read_intrinsics(&src, image, camera, &by_file));
+    *sized = !by_file.none;
     CLN_TRY(cln_camera_check(camera, src.where));
 done:
     free(src.where);

@@ -331,4 +331,36 @@ section_engines() {
         "$cln" info "$s"
 }
 
-run_sections "edges limits windows flights twice reused forms engines" "$@"
+# Photos that are divided, with cameras that do not say their size: a pose has the same picture in
+# the scene's file and in one elsewhere.
+section_divided() {
+    local s=$work/divided r="$work/divided run" i
+    "$make_scene" "$s" --format nerfstudio --size 33 --train 8 --test 2 >/dev/null
+    sed -i '/^ "[wh]": /d' "$s/transforms.json"
+    sed 's,images/frame,new/pose,' "$s/transforms.json" >"$work/new.json"
+    run "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --downscale 2
+    expect "poses beside their photos" 0 "" "$cln" render "$r" --poses "$s/transforms.json" \
+        --frames 1 -o "$work/beside"
+    expect "new poses" 0 "" "$cln" render "$r" --poses "$work/new.json" --frames 1 -o "$work/new"
+    check "have the photos' size" \
+        [ "$("$query" frames.0.w <"$work/new/transforms.json")" = 33 ]
+    check "and show the same" cmp "$work/beside/images_frame_00002.png" \
+        "$work/new/new_pose_00002.png"
+    mv "$s" "$s.away"
+    expect "without the scene" 0 "" "$cln" render "$r" --poses "$work/new.json" --frames 1 \
+        -o "$work/alone"
+    check "they do so, too" cmp "$work/alone/new_pose_00002.png" "$work/new/new_pose_00002.png"
+    rm "$r/cameras.json"
+    expect "of an older run" 0 "" "$cln" render "$r" --poses "$work/new.json" --frames 1 \
+        -o "$work/older"
+    check "all that was trained on" \
+        [ "$("$query" frames.0.w <"$work/older/transforms.json")" = 32 ]
+    mv "$s.away" "$s"
+    "$make_scene" "$work/smaller" --format nerfstudio --size 27 --train 8 --test 2 >/dev/null
+    cp "$work/smaller/images/frame_00002.png" "$s/images/frame_00002.png"
+    run "$cln" train "$s" -o "$r.2" "${small[@]}" --steps 3
+    expect "photos of several sizes" 0 "~new.json: ~several.sizes ~33.x.33.is.taken ~w.and.h" \
+        "$cln" render "$r.2" --poses "$work/new.json" --frames 1 -o "$work/several"
+}
+
+run_sections "edges limits windows flights twice reused forms engines divided" "$@"

@@ -389,9 +389,11 @@ static void check_frames(const cln_frames *f)
 static void read_poses(void)
 {
     for (int i = 0; i < 2; i++) {
+        const cln_frame_sizes sizes = {
+            .width = 80, .height = 60, .file_width = 160, .file_height = 120};
         cln_frames keys = {0}, path = {0};
 
-        if (!refused(cln_frames_read(chosen->files[i], 80, 60, &keys))) {
+        if (!refused(cln_frames_read(chosen->files[i], &sizes, &keys))) {
             check_frames(&keys);
             if (keys.count < 100 &&
                 !refused(cln_frames_through(&keys, 7, NULL, NULL, false, &path)))

@@ -15,6 +15,10 @@
 #include "tests.h"
 
 static const double DEGREE = 3.14159265358979323846 / 180;
+/* a scene of photos of 80 x 61 pixels, trained on at half their size */
+static const cln_frame_sizes SIZES = {
+    .width = 40, .height = 30, .file_width = 80, .file_height = 61};
+static const cln_frame_sizes NO_SIZES;
 
 static const char *put(void **state, const char *text)
 {
@@ -27,7 +31,7 @@ static const char *put(void **state, const char *text)
 static void refuses(void **state, const char *text, const char *word)
 {
     cln_frames frames = {0};
-    const cln_status st = cln_frames_read(put(state, text), 40, 30, &frames);
+    const cln_status st = cln_frames_read(put(state, text), &SIZES, &frames);
 
     if (st != CLN_INPUT || !strstr(cln_error_text(), word))
         fail_msg("%s: '%s' does not name '%s'", cln_status_phrase(st), cln_error_text(), word);
@@ -51,7 +55,7 @@ static void test_camera_path(void **state)
                     PLAIN, ", \"fov\": 90, "
                            "\"aspect\": 2") "," POSE("[1,0,0,2],[0,1,0,3],[0,0,1,4],[0,0,0,1]",
                                                      ", \"fov\": 60") "]")),
-            0, 0, &f),
+            &NO_SIZES, &f),
         CLN_OK);
     assert_int_equal(f.count, 2);
     assert_true(f.fps == 30);
@@ -67,14 +71,14 @@ static void test_camera_path(void **state)
     cln_frames_free(&f);
     assert_int_equal(cln_frames_read(put(state, FILM("\"camera_type\": \"fisheye\", \"camera_path\""
                                                      ": [" POSE(PLAIN, ", \"fov\": 90") "]")),
-                                     0, 0, &f),
+                                     &NO_SIZES, &f),
                      CLN_OK);
     assert_int_equal(f.frame[0].camera.lens, CLN_LENS_OPENCV_FISHEYE);
     cln_frames_free(&f);
     assert_int_equal(
         cln_frames_read(put(state, "{\"camera_type\": \"equirectangular\", \"camera_path\": [" POSE(
                                        PLAIN, "") "]}"),
-                        40, 30, &f),
+                        &SIZES, &f),
         CLN_OK);
     assert_int_equal(f.frame[0].camera.lens, CLN_LENS_EQUIRECTANGULAR);
     assert_true(f.frame[0].camera.width == 40 && f.fps == 0);
@@ -97,7 +101,7 @@ static void test_seconds(void **state)
 
         snprintf(text, sizeof text, "{%s\"camera_path\": [%s, %s]}", rows[i].keys,
                  POSE(PLAIN, ", \"fov\": 90"), POSE(PLAIN, ", \"fov\": 60"));
-        assert_int_equal(cln_frames_read(put(state, text), 40, 30, &f), CLN_OK);
+        assert_int_equal(cln_frames_read(put(state, text), &SIZES, &f), CLN_OK);
         assert_true(f.fps == rows[i].fps);
         cln_frames_free(&f);
     }
@@ -114,14 +118,14 @@ static void test_path_with_crop(void **state)
     int inside = 0;
     cln_frames f = {0};
 
-    assert_int_equal(cln_frames_read(put(state, CROPPED("null")), 0, 0, &f), CLN_OK);
+    assert_int_equal(cln_frames_read(put(state, CROPPED("null")), &NO_SIZES, &f), CLN_OK);
     assert_false(f.crop.on);
     cln_frames_free(&f);
     assert_int_equal(
         cln_frames_read(
             put(state, CROPPED("{\"crop_center\": [1, 2, 3], \"crop_scale\": [2, 8, 1], "
                                "\"crop_bg_color\": {\"r\": 0, \"g\": 51, \"b\": 255}}")),
-            0, 0, &f),
+            &NO_SIZES, &f),
         CLN_OK);
     assert_true(f.crop.on && !cln_crop_is_turned(&f.crop));
     for (int i = 0; i < 6; i++)
@@ -133,7 +137,7 @@ static void test_path_with_crop(void **state)
         cln_frames_read(
             put(state, CROPPED("{\"crop_center\": [1, 2, 3], \"crop_scale\": [2, 8, 1], "
                                "\"crop_rot\": [0.3, -0.7, 1.9]}")),
-            0, 0, &f),
+            &NO_SIZES, &f),
         CLN_OK);
     cln_crop_place(&space, &f.crop);
     for (int i = 0; i < 4000; i++) { /* points of the box and around it, before they are turned */
@@ -206,14 +210,15 @@ static void test_transforms(void **state)
                            ", \"file_path\": \"a/b.png\", \"w\": 64, \"h\": 48, \"camera_model\": "
                            "\"OPENCV_FISHEYE\", \"k1\": 0.1") "," FRAME(", \"file_path\": "
                                                                         "\"./a/b.png\"") "]}"),
-            40, 30, &f),
+            &SIZES, &f),
         CLN_OK);
     assert_int_equal(f.count, 3);
     assert_string_equal(f.frame[0].name, "pose_0000");
     assert_string_equal(f.frame[1].name, "a_b");
     assert_string_equal(f.frame[2].name, "a_b-0002");
-    assert_true(f.frame[0].camera.width == 40 && f.frame[0].camera.height == 30);
-    assert_true(f.frame[0].camera.cx == 20 && f.frame[0].camera.fx == 50);
+    /* a focal length is of the photos, not of what was trained on */
+    assert_true(f.frame[0].camera.width == 80 && f.frame[0].camera.height == 61);
+    assert_true(f.frame[0].camera.cx == 40 && f.frame[0].camera.fx == 50);
     assert_true(f.frame[1].camera.width == 64 && f.frame[1].camera.height == 48);
     assert_int_equal(f.frame[1].camera.lens, CLN_LENS_OPENCV_FISHEYE);
     assert_true(f.frame[1].camera.distortion[0] == 0.1);
@@ -231,20 +236,20 @@ static void test_names_from_root(void **state)
             put(state,
                 "{\"frames\": [" FRAME(", \"file_path\": \"/shot 1/cam.A/1001.exr\"") "," FRAME(
                     ", \"file_path\": \"/shot 1/cam.B/1001.exr\"") "]}"),
-            40, 30, &f),
+            &SIZES, &f),
         CLN_OK);
     assert_string_equal(f.frame[0].name, "cam.A_1001");
     assert_string_equal(f.frame[1].name, "cam.B_1001");
     cln_frames_free(&f);
     assert_int_equal(
         cln_frames_read(put(state, "{\"frames\": [" FRAME(", \"file_path\": \"/s/1001.exr\"") "]}"),
-                        40, 30, &f),
+                        &SIZES, &f),
         CLN_OK);
     assert_string_equal(f.frame[0].name, "1001");
     cln_frames_free(&f);
     assert_int_equal(
         cln_frames_read(put(state, "{\"frames\": [" FRAME(", \"file_path\": \"s/1001.exr\"") "]}"),
-                        40, 30, &f),
+                        &SIZES, &f),
         CLN_OK);
     assert_string_equal(f.frame[0].name, "s_1001");
     cln_frames_free(&f);
@@ -259,7 +264,7 @@ static void test_nulls_of_transforms(void **state)
         cln_frames_read(put(state, "{\"distortion_params\": [0.1,0,0,0,0,0], \"ftheta_p0\": null, "
                                    "\"frames\": [" FRAME(", \"distortion_params\": null, "
                                                          "\"camera_model\": null") "]}"),
-                        40, 30, &f),
+                        &SIZES, &f),
         CLN_OK);
     assert_true(f.frame[0].camera.distortion[0] == 0.1);
     cln_frames_free(&f);
@@ -931,7 +936,7 @@ static void test_nerfstudios_frame(void **state)
             scratch_put(scene, rows[i].scene, strlen(rows[i].scene));
         assert_int_equal(cln_frames_dataparser(poses, &path), CLN_OK);
         assert_string_equal(path, beside);
-        assert_int_equal(cln_frames_read(poses, 0, 0, &f), CLN_OK);
+        assert_int_equal(cln_frames_read(poses, &NO_SIZES, &f), CLN_OK);
         assert_true(f.foreign);
         assert_int_equal(cln_frames_from_nerfstudio(path, poses, rows[i].scene ? *state : NULL, &f),
                          CLN_OK);
@@ -952,7 +957,7 @@ static void test_nerfstudios_frame(void **state)
     }
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         scratch_put(beside, wrong[i][0], strlen(wrong[i][0]));
-        assert_int_equal(cln_frames_read(poses, 0, 0, &f), CLN_OK);
+        assert_int_equal(cln_frames_read(poses, &NO_SIZES, &f), CLN_OK);
         assert_int_equal(cln_frames_from_nerfstudio(beside, poses, NULL, &f), CLN_INPUT);
         assert_non_null(strstr(cln_error_text(), wrong[i][1]));
         cln_clear_error();
@@ -962,7 +967,7 @@ static void test_nerfstudios_frame(void **state)
     poses =
         put(state,
             FILM("\"poses_in\": \"scene\", \"camera_path\": [" POSE(PLAIN, ", \"fov\": 90") "]"));
-    assert_int_equal(cln_frames_read(poses, 0, 0, &f), CLN_OK);
+    assert_int_equal(cln_frames_read(poses, &NO_SIZES, &f), CLN_OK);
     assert_false(f.foreign);
     cln_frames_free(&f);
 }
