@@ -240,7 +240,8 @@ typedef struct cln_train_result {
     int eval_views, test_views;   /* number of views of psnr_test (0 if it is NaN), and of all
                                      test views */
     int leaves;
-    double device_peak, host_peak; /* most bytes of device buffers, and of the process */
+    double device_peak, host_peak; /* most bytes of device buffers, and of the process, of all
+                                      starts of the run */
     uint64_t digest;               /* model_digest */
     int psnr_train_steps;          /* psnr_train is over the last so many steps; 0 if unknown */
     double cpu_seconds; /* of processors for `seconds`; NaN if earlier starts tell none */

@@ -804,8 +804,8 @@ done:
     result->eval_views = isfinite(t.psnr_test) ? t.eval_count : 0;
     result->test_views = t.scene ? cln_scene_split_count(t.scene, CLN_SPLIT_TEST) : 0;
     result->leaves = t.model.tree.leaf_count;
-    result->device_peak = t.device ? (double)t.device->peak : 0;
-    result->host_peak = cln_peak_rss();
+    result->device_peak = cln_record_device_peak(&t);
+    result->host_peak = cln_record_host_peak(&t);
     if (t.model.params && t.run)
         result->digest = cln_record_digest(&t);
     state = st == CLN_OK                            ? "done"

@@ -191,6 +191,45 @@ done:
     return st;
 }
 
+/* Likewise the most bytes of device and host: of run.json, whose result a start removes, but not
+ * its earlier_peaks, and of the newest row, which a killed process leaves. */
+static cln_status take_peaks(cln_trainer *t, const json_t *before)
+{
+    cln_status st = CLN_OK;
+    const json_t *earlier = json_object_get(before, "earlier_peaks");
+    const json_t *result = json_object_get(before, "result");
+    json_t *row = NULL;
+
+    CLN_TRY(cln_metrics_last(t->desc->run, t->model.step, NULL, &row));
+    t->device_peak = fmax(fmax(cln_json_number(earlier, "device"), cln_json_number(row, "dev_mem")),
+                          cln_json_number(result, "device_peak"));
+    t->host_peak = fmax(fmax(cln_json_number(earlier, "host"), cln_json_number(row, "host_mem")),
+                        cln_json_number(result, "host_peak"));
+done:
+    json_decref(row);
+    return st;
+}
+
+static cln_status add_peaks(const cln_trainer *t)
+{
+    json_t *peaks = json_pack("{s:o, s:o}", "device", cln_json_whole(t->device_peak), "host",
+                              cln_json_whole(t->host_peak));
+
+    if (!peaks || json_object_set_new(t->run, "earlier_peaks", peaks) != 0)
+        return cln_fail(CLN_MEMORY, "run.json: cannot make JSON");
+    return CLN_OK;
+}
+
+double cln_record_device_peak(const cln_trainer *t)
+{
+    return fmax(t->device_peak, t->device ? (double)t->device->peak : 0);
+}
+
+double cln_record_host_peak(const cln_trainer *t)
+{
+    return fmax(t->host_peak, cln_peak_rss());
+}
+
 enum { PROGRAM_BYTES = 128 };
 
 static void write_program(const char *version, const char *commit, char out[PROGRAM_BYTES])
@@ -240,6 +279,8 @@ cln_status cln_record_start(cln_trainer *t)
                  cln_history_other_program(history));
     if (t->desc->resume)
         CLN_TRY(take_processor_seconds(t, json_object_get(before, "result")));
+    if (t->desc->resume)
+        CLN_TRY(take_peaks(t, before));
     cln_tune_text(&t->pipeline.tune, tune);
     t->run =
         json_pack("{s:s, s:s, s:s, s:s, s:s, s:o, s:o, s:o, s:s, s:s, s:n, s:o, s:o, s:s, "
@@ -256,6 +297,8 @@ cln_status cln_record_start(cln_trainer *t)
         goto done;
     }
     CLN_TRY(add_left_out(t));
+    if (t->desc->resume)
+        CLN_TRY(add_peaks(t));
     if (t->box_found || json_is_true(json_object_get(before, "bbox_found")))
         json_object_set_new(t->run, "bbox_found", json_true());
     if (json_object_get(before, "held_back"))
@@ -316,8 +359,8 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
             "eval_views", isfinite(t->psnr_test) ? t->eval_count : 0, "leaves",
             t->model.tree.leaf_count, "params",
             cln_json_whole(cln_network_learned(&t->model.net, t->model.tree.leaf_count)),
-            "device_peak", cln_json_whole((double)t->device->peak), "host_peak",
-            cln_json_whole(cln_peak_rss()), "model_digest", digest));
+            "device_peak", cln_json_whole(cln_record_device_peak(t)), "host_peak",
+            cln_json_whole(cln_record_host_peak(t)), "model_digest", digest));
     if (t->model.exposed)
         json_object_set_new(json_object_get(run, "result"), "exposed", json_true());
 }

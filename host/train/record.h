@@ -20,6 +20,11 @@ typedef struct cln_decision {
 /* Of the model's weights; by ranks, of the newest checkpoint's, as no rank has them all. */
 uint64_t cln_record_digest(const cln_trainer *t);
 
+/* Most bytes of device buffers, and of the process, over all starts of the run; by ranks, this
+ * one's. */
+double cln_record_device_peak(const cln_trainer *t);
+double cln_record_host_peak(const cln_trainer *t);
+
 /* Write run.json: at the start with state "running", and then the scene's cameras
  * (scene/cameras_file.h); at the end with state and result. */
 cln_status cln_record_start(cln_trainer *t);

@@ -55,26 +55,27 @@ typedef struct cln_trainer {
         bool none_came;          /* no decision until --structure-until */
         bool host_full;          /* host memory exceeds --host-mem */
     } said;
-    bool hit_target;              /* --target-psnr */
-    double began, checkpoint_at;  /* monotonic seconds */
-    int64_t from_step;            /* step that this process began after */
-    double clock, from_clock;     /* training seconds by this rank's clock; at from_step */
-    double cpu_began;             /* this process's, when `clock` last went on */
-    double device_began;          /* the device's, likewise */
-    double cpu_seconds;           /* of processors for these; NaN if an earlier start tells none */
-    double psnr_train, psnr_test; /* newest, NaN before */
-    int psnr_train_steps;         /* steps that psnr_train is of; 0 before */
-    int64_t eval_step;            /* that psnr_test is of */
-    double psnr_fitted;           /* of the same evaluation; NaN if not known */
-    double psnr_exposed;          /* of the same views as psnr_test (cln_eval_image) */
-    double start_seconds;         /* from `began` to the first step; NaN before it */
-    double eval_seconds;          /* time of the newest evaluation; NaN before the first */
-    cln_train_progress shown;     /* rates and means of the newest results */
-    int signal;                   /* SIGINT or SIGTERM came: stop after a checkpoint */
-    bool save_wanted;             /* SIGUSR1 came */
-    int64_t saved_step;           /* of the newest checkpoint of this process; -1 before */
-    uint64_t parts_digest;        /* of its weights, if ranks wrote it: none has them all; else 0 */
-    struct cln_watch *watch;      /* NULL = nobody can watch */
+    bool hit_target;               /* --target-psnr */
+    double began, checkpoint_at;   /* monotonic seconds */
+    int64_t from_step;             /* step that this process began after */
+    double clock, from_clock;      /* training seconds by this rank's clock; at from_step */
+    double cpu_began;              /* this process's, when `clock` last went on */
+    double device_began;           /* the device's, likewise */
+    double cpu_seconds;            /* of processors for these; NaN if an earlier start tells none */
+    double device_peak, host_peak; /* bytes, of the starts before this one; 0 of a new run */
+    double psnr_train, psnr_test;  /* newest, NaN before */
+    int psnr_train_steps;          /* steps that psnr_train is of; 0 before */
+    int64_t eval_step;             /* that psnr_test is of */
+    double psnr_fitted;            /* of the same evaluation; NaN if not known */
+    double psnr_exposed;           /* of the same views as psnr_test (cln_eval_image) */
+    double start_seconds;          /* from `began` to the first step; NaN before it */
+    double eval_seconds;           /* time of the newest evaluation; NaN before the first */
+    cln_train_progress shown;      /* rates and means of the newest results */
+    int signal;                    /* SIGINT or SIGTERM came: stop after a checkpoint */
+    bool save_wanted;              /* SIGUSR1 came */
+    int64_t saved_step;            /* of the newest checkpoint of this process; -1 before */
+    uint64_t parts_digest;   /* of its weights, if ranks wrote it: none has them all; else 0 */
+    struct cln_watch *watch; /* NULL = nobody can watch */
 
     int *eval_views, eval_count; /* test views for evaluations during training */
     char *eval_folder;           /* of the final one */

@@ -190,11 +190,17 @@ section_again() {
     check "nothing was written" [ "$(sums "$work/done")" = "$before" ]
     expect "other views of the evaluation" 0 "~nothing.is.left" \
         "$cln" train --resume "$work/done" --skip-selftest --progress none --eval-images 1
+    # as if the first start had taken more memory
+    sed -i -e 's/"device_peak": [0-9]*/"device_peak": 8000000000000001/' \
+        -e 's/"host_peak": [0-9]*/"host_peak": 8000000000000002/' "$work/done/run.json"
     expect "smaller photos and more steps" 0 "" "$cln" train --resume "$work/done" \
         --skip-selftest --progress none --downscale 2 --steps +2 --json
     check "processors' seconds are told" number_above "$(json cpu_seconds)" 0
     cp "$work/done/run.json" "$work/out"
     check "they are in run.json" number_above "$(json result.cpu_seconds)" 0
+    check "memory is the most of all starts" [ \
+        "$(json result.device_peak) $(json result.host_peak)" = \
+        "8000000000000001 8000000000000002" ]
     check "the start that went on is in the history, and what it changed" \
         [ "$(json history.1.step) $(json history.1.changed.steps.0)" = "20 20" ]
     tail -n 1 "$work/done/metrics.jsonl" >"$work/out"
@@ -206,6 +212,13 @@ section_again() {
     cp -r "$work/done" "$work/twin"
     expect "beside its twin" 0 "" "$cln" info "$work/done" "$work/twin"
     check "it is no run in one go" printed "No setting of the last start differs."
+    # a start that is killed leaves no result, but what starts before it took, and its newest row
+    cp -r "$work/done" "$work/gone"
+    sed -i 's/"device_peak": [0-9]*/"device_peak": 1/' "$work/gone/run.json"
+    sed -i '$s/"host_mem":[0-9]*/"host_mem":9000000000000000/' "$work/gone/metrics.jsonl"
+    run "$cln" train --resume "$work/gone" --skip-selftest --progress none --steps +2 --json
+    check "memory, after one that was killed" [ "$(json device_peak) $(json host_peak)" = \
+        "8000000000000001 9000000000000000" ]
 }
 
 # A batch job that is begun again, by the same line whatever became of it before.
