@@ -10,6 +10,10 @@
 #include "train/measure.h"
 #include "train/step.h"
 
+/* A share of leaves, mostly in corners where single photos were taken from near, that hardly any
+ * sample meets. */
+static const double FEW = 0.05;
+
 /* Would a training of so many steps with these settings make a decision, and at which level? Its
  * levels come when a training like this one's would (grow.c), which has reached a level with so
  * many leaves; a level that it has not reached counts twice the leaves of the one before, as few as
@@ -70,16 +74,17 @@ static bool waits_to_decide(const cln_trainer *t, double steps, cln_config *out)
     return false;
 }
 
-/* Could a decision at this level split any leaf? If not, its voxels are as fine as the photos. */
-static bool can_split(cln_trainer *t, int level)
+/* The share of the leaves of this level that a decision could split; of the others voxels are as
+ * fine as the photos. */
+static double can_split(cln_trainer *t, int level)
 {
     int finest = 0;
-    bool can = true;
+    double share = 1;
 
     if (cln_grow_finest(t, &finest) != CLN_OK ||
-        cln_measure_can_split(t, level < finest ? level : finest, &can) != CLN_OK)
+        cln_measure_can_split(t, level < finest ? level : finest, &share) != CLN_OK)
         cln_clear_error();
-    return can;
+    return share;
 }
 
 void cln_advise_none_came(cln_trainer *t, double fraction)
@@ -88,7 +93,7 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
     const bool timed = t->steps == 0 || (c->time_limit > 0 && /* as cln_step_fraction divides */
                                          t->model.train_seconds / c->time_limit >= fraction);
     const double steps = timed ? floor((double)t->model.step / fraction) : (double)t->steps;
-    double enough = 0;
+    double enough = 0, share = 0;
     int level = 0;
     char longer[96] = "", sooner[96] = "", text[400];
     cln_config other;
@@ -99,10 +104,12 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
         return;
     t->said.none_came = true;
     enough = steps_to_decide(t, steps, &level);
-    if (enough > 0 && !can_split(t, level)) {
-        cln_info("no single leaf was split, nor would any be in more steps: voxels half as wide "
-                 "would be below --cell-pixels %g of the photos",
-                 c->cell_pixels);
+    share = enough > 0 ? can_split(t, level) : 1;
+    if (share < FEW) {
+        cln_info("no single leaf was split, %s be in more steps: voxels half as wide would be "
+                 "below --cell-pixels %g of the photos%s",
+                 share > 0 ? "and hardly any would" : "nor would any", c->cell_pixels,
+                 share > 0 ? " almost everywhere" : "");
         return;
     }
     if (enough > 0 && timed) /* steps take longer in a larger tree */
@@ -117,7 +124,7 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
              "no single leaf was split: of %s%.0f steps, those before --structure-until %g went by "
              "while whole levels came and were measured%s%s%s%s",
              timed ? "about " : "", steps, c->structure_until,
-             *longer || *sooner ? "; single leaves would be split by " : "", longer,
+             *longer || *sooner ? "; single leaves may be split by " : "", longer,
              *longer && *sooner ? ", or by " : "", sooner);
     if (steps < 2 * (2 * c->cull_after + c->refresh_every))
         cln_info("%s", text);

@@ -8,6 +8,7 @@
 #include "base/clock.h"
 #include "base/config.h"
 #include "base/log.h"
+#include "base/text.h"
 #include "model/integer_program.h"
 #include "model/structure.h"
 #include "train/advice.h"
@@ -82,7 +83,8 @@ static int leaf_budget(cln_trainer *t)
     return n;
 }
 
-static void say(const cln_trainer *t, const cln_decision *d)
+/* fine: leaves that --cell-pixels kept from being split. */
+static void say(const cln_trainer *t, const cln_decision *d, int fine)
 {
     const bool merges = cln_leaf_kind_of(t->model.config.encoding)->merges;
     char psnr[96] = "";
@@ -94,6 +96,11 @@ static void say(const cln_trainer *t, const cln_decision *d)
               "%.4g%s; %.1f s",
               (long long)t->model.step, d->leaves_before, d->leaves, d->splits, d->merges, d->keeps,
               d->objective_before, d->objective, psnr, d->work_seconds);
+    if (d->splits == 0 && fine > 0)
+        cln_debug("step %lld: of %d %s voxels half as wide would be below --cell-pixels %g of the "
+                  "photos, so %s not split",
+                  (long long)t->model.step, fine, cln_plural(fine, "leaf", "leaves"),
+                  t->model.config.cell_pixels, cln_plural(fine, "it was", "they were"));
     if (d->infeasible)
         cln_warn("no choice of splits and merges meets --max-leaves %d; %s", d->budget,
                  merges ? "only merges were made"
@@ -130,6 +137,7 @@ static cln_status decide(cln_trainer *t, double fraction)
     const double began = cln_now(), square = m->sum_square / (double)m->sum_rays;
     cln_leaf_measure *measures = NULL;
     uint8_t *children = NULL;
+    int fine = 0;
     cln_integer_program_result r = {0};
     cln_restructuring how;
     cln_decision d = {.leaves_before = t->pipeline.leaves,
@@ -146,7 +154,7 @@ static cln_status decide(cln_trainer *t, double fraction)
 
     if (desc.max_leaves < m->config.max_leaves)
         CLN_TRY(cln_record_held(t));
-    CLN_TRY(cln_measure_leaves(t, fraction, &measures, &children));
+    CLN_TRY(cln_measure_leaves(t, fraction, &measures, &children, &fine));
     desc.measures = measures;
     CLN_TRY(solve(t, children, &desc, &r, &how));
     if (t->desc->dump_program)
@@ -169,7 +177,7 @@ static cln_status decide(cln_trainer *t, double fraction)
         CLN_TRY(cln_measure_restart(t));
     }
     d.work_seconds = cln_now() - began;
-    say(t, &d);
+    say(t, &d, fine);
     CLN_TRY(cln_record_decision(t, &d));
 done:
     free(measures);

@@ -134,7 +134,7 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     const int level = t->model.level + 1;
     const double cell = cell_of(c, level);
     double pixel = 0;
-    bool splits = false;
+    double splits = 0;
 
     *grows = !cln_leaf_kind_of(c->encoding)->levels_first;
     if (*grows || t->next_level.finest)
@@ -163,7 +163,7 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     cln_info("the tree stays at level %d%s: voxels of the next level would be %.2g pixels of the "
              "photos wide (--cell-pixels)",
              t->model.level,
-             splits        ? ", but for single leaves"
+             splits > 0    ? ", but for single leaves"
              : c->adaptive ? ", and single leaves cannot split"
                            : "",
              cell / pixel);

@@ -9,6 +9,8 @@
 #include "pipeline/stages.h"
 #include "train/children.h"
 
+enum { MOST_LOOKED = 2048 }; /* leaves that are looked at for what they might become */
+
 cln_status cln_measure_restart(cln_trainer *t)
 {
     cln_model_restart_measures(&t->model);
@@ -82,56 +84,59 @@ done:
     return st;
 }
 
-/* Are the voxels of some part of the box wide enough to be halved, once it is split `deeper` times
- * more? Looked at in up to four places along an axis. */
-static bool has_wide(const cln_trainer *t, const float box[4], int deeper, double *each)
+/* The share of the box whose voxels, once it is split `deeper` times more, are wide enough to be
+ * halved. Looked at in up to four places along an axis; what no photo sees is not met, either. */
+static double wide_share(const cln_trainer *t, const float box[4], int deeper, double *each)
 {
     const cln_config *c = &t->model.config;
     const double half = ldexp(0.5 * box[3] / c->grid_cells, -deeper);
-    const int parts = 1 << (deeper < 2 ? deeper : 2);
+    const int parts = 1 << (deeper < 2 ? deeper : 2), all = parts * parts * parts;
+    int wide = 0;
 
-    for (int i = 0; i < parts * parts * parts; i++) {
+    for (int i = 0; i < all; i++) {
         const int at[3] = {i % parts, i / parts % parts, i / parts / parts};
-        double centre[3];
+        double centre[3], pixels = 0;
 
         for (int a = 0; a < 3; a++)
             centre[a] = box[a] + (at[a] + 0.5) * box[3] / parts;
-        if (cln_scene_cell_pixels(t->scene, &t->model.space, centre, half, each) >=
-            cln_measure_cell_pixels(t))
-            return true;
+        pixels = cln_scene_cell_pixels(t->scene, &t->model.space, centre, half, each);
+        wide += isfinite(pixels) && pixels >= cln_measure_cell_pixels(t);
     }
-    return false;
+    return (double)wide / all;
 }
 
-cln_status cln_measure_can_split(cln_trainer *t, int level, bool *can)
+cln_status cln_measure_can_split(cln_trainer *t, int level, double *share)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
     const cln_octree *tree = &t->model.tree;
     const int deeper = level > t->model.level ? level - t->model.level : 0;
-    double *each = NULL;
+    const int step = 1 + tree->leaf_count / MOST_LOOKED;
+    double *each = NULL, sum = 0;
+    int looked = 0;
 
-    *can = level < c->max_level;
-    if (!*can || c->encoding != CLN_ENCODING_VOXEL || c->cell_pixels <= 0)
+    *share = level < c->max_level;
+    if (level >= c->max_level || c->encoding != CLN_ENCODING_VOXEL || c->cell_pixels <= 0)
         return CLN_OK;
-    *can = false;
     CLN_TRY(cln_alloc(&each, (size_t)cln_scene_split_count(t->scene, CLN_SPLIT_TRAIN), sizeof *each,
                       "views"));
-    for (int s = 0; s < tree->leaf_count && !*can; s++) {
+    for (int s = 0; s < tree->leaf_count; s += step) {
         float box[4];
 
+        looked++;
         if (tree->level[tree->leaf[s]] + deeper >= c->max_level + t->model.space.shell)
             continue;
         cln_octree_box(tree, tree->leaf[s], box);
-        *can = has_wide(t, box, deeper, each);
+        sum += wide_share(t, box, deeper, each);
     }
+    *share = looked > 0 ? sum / looked : 0;
 done:
     free(each);
     return st;
 }
 
 cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure **out,
-                              uint8_t **children)
+                              uint8_t **children, int *fine)
 {
     cln_status st = CLN_OK;
     cln_model *m = &t->model;
@@ -151,7 +156,9 @@ cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure 
     CLN_TRY(cln_buffer_read(t->device, &p->leaf_met, 0, met, leaves * sizeof *met));
     CLN_TRY(fine_leaves(t, met, &stays));
     CLN_TRY(cln_alloc(&asked, leaves, 1, "leaf marks"));
+    *fine = 0;
     for (size_t i = 0; i < leaves; i++) {
+        *fine += stays[i];
         stays[i] = stays[i] || met[i] < m->config.split_samples;
         asked[i] = !stays[i] && fraction >= m->config.cull_from;
     }

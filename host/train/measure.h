@@ -16,18 +16,20 @@ cln_status cln_measure_restart(cln_trainer *t);
 cln_status cln_measure_stats(cln_trainer *t, cln_leaf_stats *out);
 
 /* Measures every leaf, (*out)[slot]: error per ray, density, whether it may split, and into which
- * children, (*children)[slot] (children.h): before --cull-from, into all. Errors also go into the
- * model. fraction: 0..1 of the budget. The caller frees both. Cached densities must be fresh, some
- * rays measured, and no results owed. CLN_MEMORY, CLN_CL. */
+ * children, (*children)[slot] (children.h): before --cull-from, into all. *fine: how many of those
+ * that met enough samples may not for --cell-pixels. Errors also go into the model. fraction: 0..1
+ * of the budget. The caller frees both. Cached densities must be fresh, some rays measured, and no
+ * results owed. CLN_MEMORY, CLN_CL. */
 cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure **out,
-                              uint8_t **children);
+                              uint8_t **children, int *fine);
 
 /* The least pixels of a photo that a voxel may have now: --cell-pixels, and where pixels are means
  * of n x n rays, an n-th of that, as what is between their centres is seen, too. */
 double cln_measure_cell_pixels(const cln_trainer *t);
 
-/* *can: some leaf of the whole level `level`, which the present tree has or may grow to, could be
- * split by --max-level and --cell-pixels, however much it is met. CLN_MEMORY. */
-cln_status cln_measure_can_split(cln_trainer *t, int level, bool *can);
+/* *share: of the leaves of the whole level `level`, which the present tree has or may grow to, those
+ * that could be split by --max-level and --cell-pixels, however much they are met; 0..1, of a few
+ * thousand of them. CLN_MEMORY. */
+cln_status cln_measure_can_split(cln_trainer *t, int level, double *share);
 
 #endif

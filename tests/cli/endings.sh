@@ -87,6 +87,14 @@ section_short() {
         --level-at 2:0.01,3:0.03
     check "nor is that hoped of single leaves" said "level 1, and single leaves cannot split"
     check "no number of steps is advised" not_said "or more"
+    # by the generator's cameras a few corners of the cube are near enough to one or two of them
+    expect "photos that tell them in some corners alone" 0 "~hardly.any.would.*cell-pixels.0.3" \
+        "$cln" train -o "$work/corners" "${grows[@]}" --steps 60 --cell-pixels 0.3
+    check "nor is it then" not_said "or more"
+    expect "and with more steps" 0 "" "$cln" train -o "$work/corners on" "${grows[@]}" \
+        --steps 260 --cell-pixels 0.3 --split-samples 0 -v
+    check "decisions say why they split none" grep -qE \
+        "of [0-9]+ leaves voxels half as wide .* --cell-pixels 0.3 .* were not split" "$work/err"
 }
 
 # pose_of_next FOLDER: each photo in it gets the pose of the next one
