@@ -273,6 +273,7 @@ typedef struct cln_eval_image {
                              NAN where there are none */
     int turn; /* EXIF orientation (1, 3, 6, 8) that its pictures, which are as its pixels are
                  stored, are to be turned by to be seen as people see the photo; 1: as they are */
+    int file_width, file_height, downscale; /* of the photo's file, which was divided by so much */
 } cln_eval_image;
 
 /* Changes of the field over a small step: of the colour (mean over channels), and of the alpha of a

@@ -83,6 +83,26 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
                    "or see what `cl-nascent check` says of them");
 }
 
+/* Photos that were divided: figures of them do not compare with those of whole ones. */
+static void print_sizes(const cln_eval_result *r)
+{
+    const cln_eval_image *most = &r->images[0];
+    bool alike = true;
+
+    for (int i = 1; i < r->count; i++) {
+        const cln_eval_image *e = &r->images[i];
+
+        alike = alike && e->downscale == most->downscale && e->file_width == most->file_width &&
+                e->file_height == most->file_height;
+        most = e->downscale > most->downscale ? e : most;
+    }
+    if (most->downscale > 1)
+        printf("%s of %d x %d pixels, measured at %d x %d (--downscale %d; a training with 1 "
+               "leaves them as they are)\n",
+               alike ? "photos:" : "photos: some", most->file_width, most->file_height, most->width,
+               most->height, most->downscale);
+}
+
 static void print_table(const cln_eval_result *r, bool exposure)
 {
     const bool all = strcmp(r->split, "all") == 0;
@@ -113,6 +133,7 @@ static void print_table(const cln_eval_result *r, bool exposure)
                    100 * r->opaque_air);
         putchar('\n');
     }
+    print_sizes(r);
     printf("\n%d%s%s image%s%s at step %s, after %s of training; background %g,%g,%g; model %s\n",
            r->count, all ? "" : " ", all ? "" : r->split, cln_plural(r->count, "", "s"),
            all ? " of all splits" : "", step, duration, r->background[0], r->background[1],

@@ -255,6 +255,9 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     for (size_t i = 0; i < pixels * 3; i++)
         rounded[i] = (float)cln_to_u8(picture->rgb[i]) / 255.0f;
     image->turn = cln_view_turn(v);
+    image->file_width = v->file_width;
+    image->file_height = v->file_height;
+    image->downscale = v->downscale;
     image->width = width;
     image->height = height;
     image->mse = cln_image_mse(width, height, kept, picture->rgb, truth);
@@ -426,6 +429,7 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
             cln_json_real(e->mse), "opacity_error", cln_json_real(e->opacity_error), "opaque_air",
             cln_json_real(e->opaque_air), "seconds", e->seconds);
 
+        json_object_set_new(one, "downscale", json_integer(e->downscale));
         if (one && e->turn > 1)
             json_object_set_new(one, "turn", json_integer(e->turn));
         json_array_append_new(images, one);

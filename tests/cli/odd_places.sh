@@ -339,6 +339,11 @@ section_divided() {
     sed -i '/^ "[wh]": /d' "$s/transforms.json"
     sed 's,images/frame,new/pose,' "$s/transforms.json" >"$work/new.json"
     run "$cln" train "$s" -o "$r" "${small[@]}" --steps 3 --downscale 2
+    expect "eval of divided photos" 0 "" "$cln" eval "$r" --no-save-images
+    check "tells their size and the one it measured at" grep -q \
+        "^photos: of 33 x 33 pixels, measured at 16 x 16 (--downscale 2;" "$work/out"
+    run "$cln" eval "$r" --no-save-images --json
+    check "so does its document" [ "$(json images.0.downscale) $(json images.0.width)" = "2 16" ]
     expect "poses beside their photos" 0 "" "$cln" render "$r" --poses "$s/transforms.json" \
         --frames 1 -o "$work/beside"
     expect "new poses" 0 "" "$cln" render "$r" --poses "$work/new.json" --frames 1 -o "$work/new"
@@ -359,6 +364,8 @@ section_divided() {
     "$make_scene" "$work/smaller" --format nerfstudio --size 27 --train 8 --test 2 >/dev/null
     cp "$work/smaller/images/frame_00002.png" "$s/images/frame_00002.png"
     run "$cln" train "$s" -o "$r.2" "${small[@]}" --steps 3
+    expect "eval of whole ones" 0 "" "$cln" eval "$r.2" --no-save-images
+    check "has no word of sizes" eval '! grep -q "^photos:" "$work/out"'
     expect "photos of several sizes" 0 "~new.json: ~several.sizes ~33.x.33.is.taken ~w.and.h" \
         "$cln" render "$r.2" --poses "$work/new.json" --frames 1 -o "$work/several"
 }
