@@ -16,6 +16,8 @@
 
 #define WITH_POSES "with `cl-nascent poses` or COLMAP, whose models are read"
 
+#define OWN_POSES "write them as a transforms.json: docs/formats.md, \"Your own poses\""
+
 #define POLYCAM \
     "turn Polycam's Developer mode on, process the scan again, and export it as Raw data"
 
@@ -26,6 +28,7 @@ static const struct {
     {"keyframes", "a Polycam capture", POLYCAM},
     {"mesh_info.json", "a Polycam capture", POLYCAM},
     {"EXR_RGBD", "a Record3D capture", "export it again, as EXR + JPG"},
+    {"pose", "files of poses as NeRF++ and ScanNet have them", OWN_POSES},
     {"run.json", "a run", "continue it with train --resume, or give the folder of its scene"},
     {"checkpoint/latest", "a run without its run.json", "copy the run again, all of it"},
 };
@@ -61,7 +64,7 @@ static const struct {
 
 #define IMAGE_ALONE GIVE_SCENE "; of photos without poses find these first, " WITH_POSES
 
-enum { ENDING_BYTES = 16, HEAD_BYTES = 4096 };
+enum { ENDING_BYTES = 16, HEAD_BYTES = 4096, MOST_READ = 64 << 20 };
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };
 
 /* Kinds of files, with the advice for a folder that has some; the advice of an earlier kind goes
@@ -296,6 +299,22 @@ done:
     return st;
 }
 
+/* May the JSON file have frames? What is too large to be looked at, or cannot be read, may. */
+static bool may_have_frames(const char *folder, const char *name)
+{
+    char *path = NULL, *text = NULL;
+    size_t bytes = 0;
+    bool may = true;
+
+    if (cln_path_join(&path, folder, name) == CLN_OK && cln_is_file(path) &&
+        cln_read_file(path, MOST_READ, &text, &bytes) == CLN_OK)
+        may = strstr(text, "\"frames\"") != NULL;
+    cln_clear_error();
+    free(path);
+    free(text);
+    return may;
+}
+
 cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), char **what,
                         char **advice)
 {
@@ -338,6 +357,9 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
                              found.scenes > 1 ? ", or another of its folders" : ""));
+    else if (known == kinds[JSON].advice && found.count[JSON] == 1 &&
+             !may_have_frames(path, found.first[JSON]))
+        CLN_TRY(cln_strdup(advice, "no frames are in that; if poses are, " OWN_POSES));
     else if (known == kinds[JSON].advice && found.count[JSON] == 1)
         CLN_TRY(cln_asprintf(advice, "if its frames are in that, give the file: '%s/%s'", path,
                              found.first[JSON]));

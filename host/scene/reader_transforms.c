@@ -53,8 +53,10 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
         CLN_TRY(
             cln_fail(CLN_INPUT, "%s: it is a run's, not a scene's; give the run's folder", file));
     if (!frames)
-        CLN_TRY(cln_fail(
-            CLN_INPUT, "%s: it has no frames, so it is not a scene; give the folder of one", file));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: it has no frames, so it is not a scene; give the folder of one, or "
+                         "write the poses that it has as one: docs/formats.md, \"Your own poses\"",
+                         file));
     if (!json_is_array(frames))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: frames must be an array", file));
     count = json_array_size(frames);

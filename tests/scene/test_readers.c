@@ -80,7 +80,13 @@ static const no_scene cases[] = {
     {"JSON of another name",
      {"cameras.json", "a.png"},
      "",
-     {"it holds a JSON file ('cameras.json'), an image ('a.png'); ", "/cameras.json'"}},
+     {"it holds a JSON file ('cameras.json'), an image ('a.png'); ",
+      "no frames are in that; if poses are",
+      "as a transforms.json: docs/formats.md, \"Your own poses\""}}, /* below with frames */
+    {"NeRF++, poses in files",
+     {"rgb/a.png", "pose/a.txt", "intrinsics/a.txt"},
+     "",
+     {"files of poses", "(pose), an image ('rgb/a.png'); ", "\"Your own poses\""}},
     {"test without train",
      {"transforms_test.json"},
      "",
@@ -143,6 +149,18 @@ static void test_not_a_scene(void **state)
                 fail_msg("%s: '%s' lacks '%s'", c->what, cln_error_text(), c->words[k]);
         cln_clear_error();
     }
+}
+
+/* A single JSON file is proposed only if it may be a scene's. */
+static void test_frames_elsewhere(void **state)
+{
+    const char *folder = *state;
+    cln_scene *scene = NULL;
+
+    put_text(folder, "cameras.json", "{\"frames\": []}");
+    assert_int_equal(try_load(folder, NULL, &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "if its frames are in that, give the file: '"));
+    cln_clear_error();
 }
 
 /* A missing path, and a folder with an unreadable subfolder. */
@@ -335,6 +353,7 @@ int test_group_readers(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_not_a_scene, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_frames_elsewhere, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unreadable, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_odd_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_name_not_utf8, scratch_make, scratch_remove),

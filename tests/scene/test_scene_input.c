@@ -57,7 +57,9 @@ static const broken documents[] = {
      "{\"frames\":\"\xff\xfe\"}",
      {"transforms.json", "line 1 is not UTF-8", "CP1252"}},
     /* Frames */
-    {"no frames", "{\"camera_angle_x\":0.8}", {"transforms.json", "it has no frames"}},
+    {"no frames",
+     "{\"camera_angle_x\":0.8}",
+     {"transforms.json", "it has no frames", "\"Your own poses\""}},
     {"frames an object", "{\"frames\":{\"0\":1}}", {"transforms.json", "frames must be an array"}},
     {"frames a string", "{\"frames\":\"all\"}", {"transforms.json", "frames must be an array"}},
     {"zero frames", DOC(""), {"zero frames"}},
