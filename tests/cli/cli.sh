@@ -470,6 +470,8 @@ section_results() {
     check "the folder's cameras are those of all its pictures, in order" [ "$(for i in 0 1 2; do
         "$query" frames.$i.file_path <"$work/ranges/transforms.json"
     done | tr '\n' ' ')" = "test_r_000.png test_r_001.png test_r_002.png " ]
+    check "render.json has them as they were rendered" [ "$(sed -n \
+        's/^ *"test_r_00\([0-9]\)":.*/\1/p' "$work/ranges/render.json" | tr -d '\n')" = 102 ]
     check "RGBA of 16 bits" [ \
         "$(od -An -tu1 -j24 -N2 "$work/ranges/test_r_001.png" | tr -s ' ')" = " 16 6" ]
     expect "the same poses again, in 8 bits" 0 "" "$cln" render "$work/whole" --transparent \
