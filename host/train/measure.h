@@ -27,9 +27,9 @@ cln_status cln_measure_leaves(cln_trainer *t, double fraction, cln_leaf_measure 
  * of n x n rays, an n-th of that, as what is between their centres is seen, too. */
 double cln_measure_cell_pixels(const cln_trainer *t);
 
-/* *share: of the leaves of the whole level `level`, which the present tree has or may grow to, those
- * that could be split by --max-level and --cell-pixels, however much they are met; 0..1, of a few
- * thousand of them. CLN_MEMORY. */
+/* *share: of the leaves of the whole level `level`, which the present tree has or may grow to,
+ * those that could be split by --max-level and --cell-pixels, however much they are met; 0..1, of a
+ * few thousand of them. CLN_MEMORY. */
 cln_status cln_measure_can_split(cln_trainer *t, int level, double *share);
 
 #endif
