@@ -57,7 +57,7 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
     cln_settings_facts facts;
     cln_scene *scene = NULL;
     json_t *document = NULL, *about = NULL, *inspected = NULL;
-    char box[CLN_SETTING_BYTES];
+    cln_placed placed;
 
     *json = NULL;
     if (config.missing == CLN_MISSING_AUTO)
@@ -67,7 +67,7 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
         CLN_TRY(check_mask(desc));
     CLN_TRY(cln_kernel_dir_check(desc->device.kernel_dir));
     CLN_TRY(cln_scene_load(&wanted, &scene));
-    CLN_TRY(cln_scene_narrow_cube(scene, sizeof box, box)); /* as train does */
+    CLN_TRY(cln_scene_place_cube(scene, &config, &desc->callbacks, &placed)); /* as train does */
     facts = cln_needs_facts(scene, &settings->config);
     cln_settings_warn_idle(settings, &facts);
     CLN_TRY(cln_scene_describe(scene, &about));

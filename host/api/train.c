@@ -635,11 +635,13 @@ done:
     return st;
 }
 
-/* The box that alpha tells becomes a setting, so that all that follows has the same. */
+/* The box that photos tell becomes a setting, so that all that follows has the same. */
 static cln_status choose_box(cln_trainer *t, cln_config *config)
 {
+    const cln_callbacks callbacks = early_callbacks(t);
     cln_status st = CLN_OK;
     cln_config other = {0};
+    cln_placed placed;
     char box[CLN_SETTING_BYTES] = "";
 
     if (config->bbox[0])
@@ -650,7 +652,9 @@ static cln_status choose_box(cln_trainer *t, cln_config *config)
         if (box[0])
             CLN_TRY(cln_scene_take_box(t->scene, box));
     } else {
-        CLN_TRY(cln_scene_narrow_cube(t->scene, sizeof box, box));
+        CLN_TRY(cln_scene_place_cube(t->scene, config, &callbacks, &placed));
+        snprintf(box, sizeof box, "%s", placed.box);
+        config->space = placed.space;
     }
     t->box_found = box[0] != 0;
     if (t->box_found)

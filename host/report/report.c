@@ -92,7 +92,7 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
                    few, *few ? "" : "are few, or ",
                    of->alpha ? ""
                              : ", or something stands in every photo (a logo, bars, a "
-                               "bonnet): mask it (--camera-mask)");
+                               "bonnet): mask it (check --write-mask)");
     return doubtful;
 }
 

@@ -319,7 +319,7 @@ void cln_scene_warn_doubts(const cln_scene *scene)
         cln_warn("%s: %s", scene->folder,
                  json_string_value(json_object_get(json_array_get(findings, i), "text")));
     json_decref(findings);
-    if (scene->in_parallel || scene->outwards)
+    if (scene->cube_guessed && (scene->in_parallel || scene->outwards))
         cln_warn("%s: the cube is a guess, half side %g, by how far the cameras moved, as they "
                  "look %s: it may be far smaller than what the photos show, %s, or several times "
                  "as large, and detail is lost then. `cl-nascent check` proposes a box for --bbox; "

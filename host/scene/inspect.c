@@ -10,10 +10,12 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/callbacks.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "base/text.h"
 #include "io/json.h"
+#include "ranks/ranks.h"
 #include "scene/agree.h"
 #include "scene/build.h"
 #include "scene/copies.h"
@@ -25,7 +27,8 @@ static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over t
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 /* Factors of 2; of an object that is cut out, on which light from one side does much. */
 static const double EXPOSURE_RANGE = 0.6, EXPOSURE_RANGE_CUT = 0.8;
-static const double EXPOSURE_TREND = 2;                    /* a jump over those around it */
+static const double EXPOSURE_TREND = 2; /* a jump over those around it */
+static const double FITTING_SHARE = 0.8;
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 enum { FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
@@ -182,6 +185,46 @@ static cln_status find_middle(const cln_agreement *a, double low[3], double high
     }
 done:
     free(values);
+    return st;
+}
+
+cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
+                                const cln_callbacks *callbacks, cln_placed *out)
+{
+    cln_status st = CLN_OK;
+    cln_agreement found = {0};
+    double low[3], high[3];
+
+    *out = (cln_placed){.space = config->space};
+    CLN_TRY(cln_scene_narrow_cube(scene, sizeof out->box, out->box));
+    if (out->box[0] || !scene->cube_guessed || !scene->in_parallel || cln_ranks_count() > 1)
+        goto done;
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].split == CLN_SPLIT_TRAIN && !cln_view_is_loaded(&scene->views[i]))
+            goto done;
+    CLN_TRY(cln_agree(scene, callbacks, &found));
+    if (found.point_count < FEW_POINTS || !(found.share > FITTING_SHARE))
+        goto done;
+    CLN_TRY(find_middle(&found, low, high));
+    for (int axis = 0; axis < 3; axis++) {
+        const double margin = 0.1 * (high[axis] - low[axis]);
+
+        low[axis] -= margin;
+        high[axis] += margin;
+    }
+    write_box(low, high, out->box);
+    CLN_TRY(cln_scene_take_box(scene, out->box));
+    if (config->space == CLN_SPACE_AUTO && !scene->has_alpha &&
+        config->stage1 == CLN_STAGE1_GATHER) {
+        scene->space.shell = true;
+        out->space = CLN_SPACE_SHELL;
+    }
+    cln_info("%s: a box around %d places that photos show alike, as cameras that look in parallel "
+             "do not tell how far things are: %s--bbox=%s",
+             scene->folder, found.point_count,
+             out->space == CLN_SPACE_SHELL ? "--space shell " : "", out->box);
+done:
+    cln_agreement_free(&found);
     return st;
 }
 
@@ -483,7 +526,6 @@ done:
 enum { GROUP = 4 };
 /* Ties of a photo, and the share of them that agree, that tell that its pose is right. */
 enum { FITTING = 24 };
-static const double FITTING_SHARE = 0.8;
 static const double MOVED = 0.1; /* pixels between a mark's places in two photos */
 
 /* Tells of photos with one pose: first[i] is the first photo with photo i's. Takes those told out

@@ -13,6 +13,18 @@
  * of what is compared; NULL: none. */
 cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callbacks, json_t **out);
 
+/* Where a new training's cube is, if neither settings nor the dataset say so: around what alpha
+ * shows (cln_scene_narrow_cube), or, of cameras that look in parallel, whose guess says nothing of
+ * how far things are, around what their photos show alike, with a shell where --space lets it.
+ * Changes the scene, and says so. box: as --bbox, "": nothing changed. For one process; training
+ * photos are loaded. CLN_MEMORY; CLN_SIGINT, CLN_SIGTERM. */
+typedef struct cln_placed {
+    char box[CLN_SETTING_BYTES];
+    int space; /* config.space from now on */
+} cln_placed;
+cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
+                                const cln_callbacks *callbacks, cln_placed *out);
+
 /* What becomes of a backdrop that stands still while the object turns; of cln_scene.still. */
 #define CLN_STILL_EFFECT                                                                         \
     "It would be learnt as fog around the object: mask all but the object (--masks), or cut it " \

@@ -31,7 +31,7 @@ typedef struct cln_trainer {
     cln_batch batch;
     cln_ray_result *results; /* [config.rays] */
     bool drawn;              /* the next step's batch is drawn */
-    bool box_found;          /* config.bbox is by the photos' alpha, nobody's choice */
+    bool box_found;          /* config.bbox is by what photos show, nobody's choice */
     bool undone;             /* the step on its way will be undone */
     cln_exposure exposure;
     cln_refine refine;

@@ -125,7 +125,7 @@ section_doubtful() {
         "$cln" train "$work/guessed" -o "$work/guess" "${learn[@]}" --steps 160
     check "these come first" said "the cube, which is a guess, may be far too large or small \
 (--bbox), or 7 training photos are few, or poses or lenses are wrong"
-    check "the report says the same" grep -qF -- "$(advice "test views are .*camera-mask\)")" \
+    check "the report says the same" grep -qF -- "$(advice "test views are .*write-mask\)")" \
         "$work/guess/report.html"
     expect "after a few steps nothing is known" 0 "" \
         "$cln" train "$work/shifted ones" -o "$work/early" "${learn[@]}" --steps 4

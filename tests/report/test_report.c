@@ -793,7 +793,7 @@ static void doubt_knows_the_scene(void **state)
     assert_string_equal(text,
                         "test views are 16.0 dB below training views, at 12.0 dB: poses or lenses "
                         "are wrong, or the photos are few, or look elsewhere, or something stands "
-                        "in every photo (a logo, bars, a bonnet): mask it (--camera-mask)");
+                        "in every photo (a logo, bars, a bonnet): mask it (check --write-mask)");
     of.cube_guessed = of.masks_doubtful = true;
     of.training_photos = 8;
     assert_true(cln_report_doubt(&of, text));
@@ -801,12 +801,12 @@ static void doubt_knows_the_scene(void **state)
                                  "(--bbox), or the masks may be of an object (--masks alpha), or "
                                  "8 training photos are few, or poses or lenses are wrong, or the "
                                  "photos look elsewhere, or something"));
-    assert_non_null(strstr(text, "mask it (--camera-mask)"));
+    assert_non_null(strstr(text, "mask it (check --write-mask)"));
     of = wrong;
     of.alpha = true;
     assert_true(cln_report_doubt(&of, text));
     assert_non_null(strstr(text, "or look elsewhere"));
-    assert_null(strstr(text, "camera-mask"));
+    assert_null(strstr(text, "write-mask"));
 }
 
 int test_group_report(void)

@@ -11,6 +11,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/config.h"
+#include "base/memory.h"
 #include "base/rng.h"
 #include "base/text.h"
 #include "scene/inspect.h"
@@ -604,6 +606,37 @@ static void test_stopped(void **state)
     free_wall(w);
 }
 
+/* The cube of cameras that look in parallel, if it is a guess, goes where photos show something: a
+ * wall at distance 1. */
+static void test_placed(void **state)
+{
+    cln_config config;
+
+    (void)state;
+    assert_int_equal(cln_config_preset(CLN_DEFAULT_PRESET, &config), CLN_OK);
+    for (int i = 0; i < 4; i++) {
+        wall *w = make_wall(VIEWS);
+        cln_placed placed;
+
+        w->scene.in_parallel = i != 1;
+        w->scene.cube_guessed = i != 2;
+        w->scene.space.half = 0.01;
+        assert_int_equal(cln_strdup(&w->scene.bounds_rule, rule), CLN_OK);
+        config.space = i == 3 ? CLN_SPACE_CUBE : CLN_SPACE_AUTO;
+        assert_int_equal(cln_scene_place_cube(&w->scene, &config, NULL, &placed), CLN_OK);
+        assert_int_equal(placed.box[0] != 0, i == 0 || i == 3);
+        assert_int_equal(placed.space, i == 0 ? CLN_SPACE_SHELL : config.space);
+        assert_int_equal(w->scene.space.shell, i == 0);
+        if (placed.box[0]) {
+            assert_true(fabs(w->scene.space.centre[2] - 1) < 0.05);
+            assert_true(w->scene.space.half > 0.2 && w->scene.space.half < 1);
+            assert_false(w->scene.cube_guessed);
+        }
+        free(w->scene.bounds_rule);
+        free_wall(w);
+    }
+}
+
 int test_group_inspect(void)
 {
     const struct CMUnitTest tests[] = {
@@ -614,7 +647,7 @@ int test_group_inspect(void)
         cmocka_unit_test(test_masks_of_some), cmocka_unit_test(test_causes),
         cmocka_unit_test(test_backdrop),      cmocka_unit_test(test_no_backdrop),
         cmocka_unit_test(test_stopped),       cmocka_unit_test(test_stood_still),
-        cmocka_unit_test(test_light_field),
+        cmocka_unit_test(test_light_field),   cmocka_unit_test(test_placed),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);
