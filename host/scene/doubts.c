@@ -214,9 +214,9 @@ static void tell_few(const cln_scene *scene, json_t *findings)
 
     if (cln_scene_few_around(scene))
         cln_found_fault(findings, "photos", false, NULL,
-                        "only %d training photos around an object: views from between them come "
-                        "out hardly better than a blend of the photos (of 9 they were 5 dB better "
-                        "than of 5, and 20 or more are usual). Take more photos%s",
+                        "only %d training photos around an object: views between them will be "
+                        "hardly better than a blend of the photos (9 gave 5 dB more than 5). Take "
+                        "more%s",
                         train, few_held(scene));
     if (train < CLN_LEAST_PHOTOS)
         cln_found_fault(findings, "photos", true, NULL,
