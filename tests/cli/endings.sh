@@ -421,8 +421,8 @@ section_moments() {
 section_rig() {
     local i m
     for i in 0 1 2; do
-        "$make_scene" "$work/rig/moment_000$i" --format nerfstudio --masks --size 32 --train 10 --test 0 \
-            --seed $((i + 1)) >/dev/null
+        "$make_scene" "$work/rig/moment_000$i" --format nerfstudio --masks --size 32 \
+            --train 10 --test 0 --seed $((i + 1)) >/dev/null
     done
     rm "$work"/rig/moment_0001/images/frame_0000[1-4].png
     cd "$work/rig" || exit 1
