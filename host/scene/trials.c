@@ -22,7 +22,8 @@ static const double DOUBT = 0.7, INEXACT = 0.45; /* as UNSURE and EXACT of inspe
 static const double PART_GAIN = 1.5, PART_LEAST = 0.15, PART_EXACT = 0.5;
 static const double ORDER_GAIN = 1.5, ORDER_LEAST = 0.35;
 static const double TILT_MOST = 75, TILT_COARSE = 2.5, TILT_FINE = 0.5; /* degrees */
-static const double AROUND = 0.9; /* length of the mean of axes that go around something */
+static const double AROUND = 0.9;       /* length of the mean of axes that go around something */
+static const double EQUALLY_FAR = 1.02; /* the farthest camera over the nearest one */
 
 /* ---- two rays ---- */
 
@@ -359,17 +360,26 @@ done:
 
 /* ---- tilts ---- */
 
-/* Do the cameras look at one point, from around it? */
+/* Do the cameras look at one point, from around it and equally far, as poses that are computed of
+ * circles do? */
 static bool look_inwards(const cln_scene *scene, double centre[3])
 {
-    double mean[3] = {0};
+    double mean[3] = {0}, nearest = INFINITY, farthest = 0;
 
     if (!cln_scene_focus(scene, centre))
         return false;
-    for (int i = 0; i < scene->view_count; i++)
-        for (int a = 0; a < 3; a++)
-            mean[a] += scene->views[i].camera.c2w[4 * a + 2] / scene->view_count;
-    return cln_dot(mean, mean) < AROUND * AROUND;
+    for (int i = 0; i < scene->view_count; i++) {
+        const double *m = scene->views[i].camera.c2w;
+        double square = 0;
+
+        for (int a = 0; a < 3; a++) {
+            mean[a] += m[4 * a + 2] / scene->view_count;
+            square += pow(m[4 * a + 3] - centre[a], 2);
+        }
+        nearest = fmin(nearest, sqrt(square));
+        farthest = fmax(farthest, sqrt(square));
+    }
+    return cln_dot(mean, mean) < AROUND * AROUND && farthest <= EQUALLY_FAR * nearest;
 }
 
 /* Raises each camera by an angle around a line through the centre that is parallel to its rows of
