@@ -22,9 +22,11 @@ enum {
     CELLS = 192
 };
 static const double STANDS = 0.97; /* share of the pairs that are alike where something stands */
-static const double MOVES = 0.5;   /* mean of that share elsewhere, at most */
-static const double EDGE = 0.35;   /* and of it beside what stands, of the way from there to 1 */
-static const double MOST = 0.4;    /* of the picture, unless it is of one colour, as bars are */
+/* Mean of that share elsewhere, at most; and beside what stands, of the way from there to 1. The
+ * second is of what has one colour. */
+static const double MOVES[2] = {0.5, 0.25};
+static const double EDGE[2] = {0.35, 0.1};
+static const double MOST = 0.4;  /* of the picture, unless it is of one colour, as bars are */
 static const double PART = 0.12; /* of what stands, from which on a part of the picture is named */
 static const double WIDER = 0.003; /* of the longer side, by which a mask is wider */
 
@@ -135,8 +137,9 @@ static bool is_beside(const cln_standing *grid, const uint8_t *is, int x, int y,
     return false;
 }
 
-/* Do the photos differ elsewhere, and beside what stands nearly as much? */
-static bool has_edges(const cln_standing *grid, const float *share, const uint8_t *is)
+/* Do the photos differ elsewhere, and beside what stands nearly as much? plain: it may as well be
+ * what is behind an object, so they must do so more. */
+static bool has_edges(const cln_standing *grid, const float *share, const uint8_t *is, bool plain)
 {
     const int cells = grid->width * grid->height;
     double all = 0, beside = 0;
@@ -156,7 +159,8 @@ static bool has_edges(const cln_standing *grid, const float *share, const uint8_
     }
     all /= all_count;
     beside /= beside_count;
-    return all_count > 0 && beside_count > 0 && all < MOVES && beside < all + EDGE * (1 - all);
+    return all_count > 0 && beside_count > 0 && all < MOVES[plain] &&
+           beside < all + EDGE[plain] * (1 - all);
 }
 
 /* Is what stands of one grey, but for noise? */
@@ -219,6 +223,7 @@ cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_stand
     chosen c = {0};
     float *share = NULL;
     int side = 0, count = 0;
+    bool plain = false;
 
     *out = (cln_standing){0};
     if (scene->has_alpha || cln_scene_split_count(scene, CLN_SPLIT_TRAIN) < 1)
@@ -236,8 +241,9 @@ cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_stand
     CLN_TRY(compare(&c, out, share));
     count = mark(out, share, out->is);
     out->share = (double)count / ((double)out->width * out->height);
-    if (count >= LEAST_CELLS && has_edges(out, share, out->is) &&
-        (out->share <= MOST || is_plain(&c, out, out->is)))
+    plain = count >= LEAST_CELLS && is_plain(&c, out, out->is);
+    if (count >= LEAST_CELLS && (plain || out->share <= MOST) &&
+        has_edges(out, share, out->is, plain))
         name_parts(out, out->is, count, out->where, sizeof out->where);
     else {
         free(out->is);
