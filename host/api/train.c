@@ -683,7 +683,9 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
         given = given || config->opaque_loss != usual.opaque_loss;
     else
         given = true; /* all are another run's */
-    cln_info("photos: they stand before one colour (%g,%g,%g), which is the background%s",
+    cln_info("photos: they stand before one colour (%g,%g,%g), which is the background%s. What has "
+             "nearly that colour may become transparent: for a shape that can be measured, cut the "
+             "object out (alpha, or --masks)",
              scene->background[0], scene->background[1], scene->background[2],
              given ? "" : "; without --opaque-loss");
     if (!given)

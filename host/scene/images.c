@@ -219,9 +219,59 @@ static void tell_panoramas(const cln_scene *scene)
                  scene->folder, pinholes, scene->view_count, flat->name);
 }
 
+/* How many of the 256 levels hold nearly all of what a photo of 16 bits shows besides its commonest
+ * one, as of a sky? 256 if it cannot be read, which others tell. */
+static int levels_left(const char *path)
+{
+    int width = 0, height = 0, levels = 0;
+    int64_t counts[256] = {0}, held = 0, all = 0;
+    bool deep = false;
+    uint16_t *values = NULL;
+
+    if (cln_image_load_grey(path, &width, &height, &deep, &values) != CLN_OK) {
+        cln_clear_error();
+        return 256;
+    }
+    for (int64_t i = 0; i < (int64_t)width * height; i++)
+        counts[values[i] >> 8]++;
+    free(values);
+    for (int pass = 0; pass <= 256; pass++) { /* the commonest first, which does not count */
+        int most = 0;
+
+        for (int v = 1; v < 256; v++)
+            most = counts[v] > counts[most] ? v : most;
+        if (pass == 0)
+            all = (int64_t)width * height - counts[most];
+        else if (50 * held >= 49 * all)
+            break;
+        held += pass ? counts[most] : 0;
+        levels += pass > 0;
+        counts[most] = 0;
+    }
+    return levels;
+}
+
+static void tell_deep(const cln_scene *scene, const cln_view *first, int count)
+{
+    enum { FEW = 128 };
+    const int levels = levels_left(first->path);
+    char few[320] = "";
+
+    if (levels < FEW)
+        snprintf(few, sizeof few,
+                 ": what '%s' shows has %d level%s of 256 then. If they are measurements, as of "
+                 "heat, stretch all from their lowest to their highest value first, (v - low) / "
+                 "(high - low)",
+                 first->name, levels, cln_plural(levels, "", "s"));
+    cln_warn("%s: %d of %d images ('%s'%s) %s grey of 16 bits and rounded to 8%s. If they are a "
+             "sensor's depths, name the photos in their place",
+             scene->folder, count, scene->view_count, first->name, count > 1 ? ", ..." : "",
+             cln_plural(count, "is", "are"), few);
+}
+
 static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
 {
-    const char *deep_grey = NULL; /* the first such photo */
+    const cln_view *deep_grey = NULL; /* the first such photo */
     profiles found = {0};
     int count = 0;
 
@@ -240,17 +290,14 @@ static cln_status read_heads(cln_scene *scene, const cln_callbacks *callbacks)
         view->file_height = head.height;
         view->channels = head.channels;
         view->orientation = head.orientation;
-        deep_grey = head.deep_grey && !deep_grey ? view->name : deep_grey;
+        deep_grey = head.deep_grey && !deep_grey ? view : deep_grey;
         count += head.deep_grey;
         add_profile(&found, view, &head);
     }
     tell_profiles(scene, &found);
     tell_panoramas(scene);
     if (count > 0)
-        cln_warn("%s: %d of %d images ('%s'%s) %s grey of 16 bits, as a sensor's depth images are, "
-                 "and count as photos; if they are depths, name the photos in their place",
-                 scene->folder, count, scene->view_count, deep_grey, count > 1 ? ", ..." : "",
-                 cln_plural(count, "is", "are"));
+        tell_deep(scene, deep_grey, count);
     return CLN_OK;
 }
 
