@@ -30,6 +30,7 @@
 #include "render/recorded.h"
 #include "report/report.h"
 #include "scene/inspect.h"
+#include "scene/photos.h"
 #include "scene/standing.h"
 #include "train/begin.h"
 #include "train/found_anew.h"
@@ -671,11 +672,13 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
     const cln_settings *settings = t->desc->settings;
     cln_config usual = *config;
     bool given = cln_settings_has(settings, "opaque-loss");
-    char standing[CLN_STANDING_BYTES];
+    char blank[CLN_BLANK_BYTES], standing[CLN_STANDING_BYTES];
 
+    if (!scene->store && cln_scene_has_blank(scene, blank)) /* check looks into a file's, too */
+        cln_warn("%s: %s", scene->folder, blank);
     if (scene->still)
         cln_warn("%s: %s", scene->folder, CLN_STILL_ADVICE);
-    else if (cln_scene_tell_standing(scene, standing))
+    else if (!scene->store && cln_scene_tell_standing(scene, standing))
         cln_warn("%s: %s", scene->folder, standing);
     if (!scene->backdrop)
         return;

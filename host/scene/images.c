@@ -19,7 +19,6 @@
 #include "io/progress.h"
 #include "ranks/ranks.h"
 #include "scene/dealt.h"
-#include "scene/photos.h"
 
 /* MASK_CHANNELS: as decoded, at least */
 enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600, MASK_CHANNELS = 3 };
@@ -907,8 +906,6 @@ cln_status cln_scene_read_images(cln_scene *scene, const cln_scene_desc *desc)
     if (cln_scene_is_empty(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);
     if (cln_scene_is_whole(scene, empty))
-        cln_warn("%s: %s", scene->folder, empty);
-    if (cln_scene_has_blank(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);
     if (scene->has_alpha && cln_scene_is_multiplied(scene, empty))
         cln_warn("%s: %s", scene->folder, empty);

@@ -111,7 +111,7 @@ bool cln_scene_has_blank(const cln_scene *scene, char text[CLN_BLANK_BYTES])
              count, scene->view_count, cln_plural(count, "shows", "show"), names,
              count > NAMED ? ", ..." : "", cln_plural(count, "it", "them"),
              cln_plural(count, "it teaches", "they teach"));
-    return count > 0 && count < scene->view_count;
+    return count > 0 && 2 * count <= scene->view_count; /* of more, it is what they are to show */
 }
 
 double cln_photo_difference(const cln_photo *a, const cln_photo *b)

@@ -9,6 +9,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/image.h"
+#include "scene/vectors.h"
 
 /* Photos at least; pairs of them that are compared at most; levels by which two may differ and be
  * alike; cells at least, over which a part of the picture is that. */
@@ -21,6 +22,7 @@ enum {
     SPECK = 5,
     CELLS = 192
 };
+static const double TURNED = 0.97; /* length of the mean of their axes, or of their right sides */
 static const double STANDS = 0.97; /* share of the pairs that are alike where something stands */
 /* Mean of that share elsewhere, at most; and beside what stands, of the way from there to 1. The
  * second is of what has one colour. */
@@ -217,6 +219,19 @@ static void name_parts(const cln_standing *grid, const uint8_t *is, int count, c
         snprintf(text, bytes, "all over");
 }
 
+/* Do the cameras turn, so that what is far away cannot stand still in their photos? */
+static bool cameras_turn(const chosen *c)
+{
+    double sum[2][3] = {{0}};
+
+    for (int i = 0; i < c->count; i++)
+        for (int a = 0; a < 3; a++) {
+            sum[0][a] += c->views[i]->camera.c2w[4 * a] / c->count;
+            sum[1][a] += c->views[i]->camera.c2w[4 * a + 2] / c->count;
+        }
+    return fmin(cln_dot(sum[0], sum[0]), cln_dot(sum[1], sum[1])) < TURNED * TURNED;
+}
+
 cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_standing *out)
 {
     cln_status st = CLN_OK;
@@ -229,7 +244,7 @@ cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_stand
     if (scene->has_alpha || cln_scene_split_count(scene, CLN_SPLIT_TRAIN) < 1)
         return CLN_OK;
     CLN_TRY(choose(scene, &c));
-    if (c.count < LEAST_VIEWS)
+    if (c.count < LEAST_VIEWS || !cameras_turn(&c))
         goto done;
     side = c.width > c.height ? c.width : c.height;
     longer = longer < side ? longer : side;

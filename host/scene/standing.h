@@ -1,6 +1,7 @@
 /* What stands still in all photos although their cameras move, with edges that stand still, too: a
  * logo, a date, a game's HUD, bars, the round field of an endoscope, the vehicle that carries the
- * camera. It is learnt as fog before each camera, unless a mask leaves it out. Ours: two photos far
+ * camera. Cameras must turn, as what is far away stands still, too, before those that do not. It
+ * is learnt as fog before each camera, unless a mask leaves it out. Ours: two photos far
  * apart in the set differ nearly everywhere else; before a backdrop of one colour, where they do
  * not, the object's outline moves, and such an edge is none. */
 #ifndef CLN_STANDING_H

@@ -173,7 +173,7 @@ section_check() {
     check "nothing is said of their exposures" [ "$(grep -c '"exposure": null' "$work/out")" = 3 ]
 
     "$make_scene" "$work/pair" --kind forward --size 64 --train 2 --test 0 >/dev/null
-    expect "train on two photos: one is too few" 0 "~only.1.training.photo:" \
+    expect "train on two photos: they are too few" 0 "~only.2.training.photos:" \
         "$cln" train "$work/pair" -o "$work/pair run" "${small[@]}" --steps 1
     expect "two photos" 0 "" "$cln" check "$work/pair" --probe 0 --json
     check "check takes two photos for a fault" [ "$(json findings.0.what)" = photos ]
@@ -303,6 +303,11 @@ section_plain() {
     expect "each photo with the pose of the one before it" 0 "" "$cln" check "$work/plain" --probe 0
     check "is a fault: hardly any mark fits" \
         grep -qE "FAULT  (poses|order): the photos do not fit" "$work/out"
+    expect "no mask of nothing" 3 "~nothing.stands.still" "$cln" check "$work/plain" --probe 0 \
+        --write-mask "$work/new/all.png"
+    check "and no file" [ ! -e "$work/new" ]
+    expect "a mask is a PNG" 2 "~end.the.name.with..png" "$cln" check "$work/plain" --probe 0 \
+        --write-mask "$work/all.jpg"
     "$make_scene" "$work/square" --plain --kind street --size 48 --train 24 --test 0 --seed 3 \
         --format nerfstudio >/dev/null
     untold "a plain street, a share that is under the bound by chance" "$work/square"

@@ -354,12 +354,47 @@ static void test_settings(void **state)
     cln_scene_free(scene);
 }
 
+/* Photos without a mask are left out where those of most cut an object out, if --missing skip asks
+ * for it; not where few have one. */
+static void test_uncut(void **state)
+{
+    static const struct {
+        drawing what;
+        int missing, views;
+    } cases[] = {
+        {ABSENT, CLN_MISSING_AUTO, FORMAT_VIEWS},
+        {ABSENT, CLN_MISSING_SKIP, FORMAT_VIEWS - 1},
+        {FEW, CLN_MISSING_SKIP, FORMAT_VIEWS - FORMAT_VIEWS / 2},
+        {THING, CLN_MISSING_SKIP, FORMAT_VIEWS},
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const char name[2] = {(char)('a' + (char)i), 0};
+        const char *folder = scratch_path(*state, name);
+        cln_config config = *plain();
+        cln_scene *scene = NULL;
+
+        put_folder(*state, name);
+        put_scene(folder, cases[i].what, GREY);
+        config.masks = CLN_MASKS_ALPHA;
+        config.missing = cases[i].missing;
+        scene = load(folder, &config);
+        assert_true(scene->has_alpha);
+        assert_int_equal(scene->view_count, cases[i].views);
+        assert_int_equal(scene->missing, FORMAT_VIEWS - cases[i].views);
+        for (int v = 0; v < scene->view_count && i > 0; v++)
+            assert_int_equal(scene->views[v].channels, 4);
+        cln_scene_free(scene);
+    }
+}
+
 int test_group_cutout(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_kinds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_values, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_inverted, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_uncut, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_partly_inverted, scratch_make, scratch_remove),
         cmocka_unit_test(test_soft),
         cmocka_unit_test_setup_teardown(test_settings, scratch_make, scratch_remove),

@@ -165,6 +165,7 @@ static void a_guess_is_told(void **state)
         char text[512] = "";
 
         around(&c, 1.5, 4, 360);
+        c.scene.cube_guessed = true;
         c.scene.in_parallel = k == 0;
         c.scene.outwards = k > 0;
         c.scene.space.shell = k == 2;

@@ -1,5 +1,5 @@
-/* What stands in all photos: logos, bars and round fields are found and become a mask; the dark sky
- * around a body, and photos that hardly differ, are none. */
+/* Photos that show nothing (scene/photos.h), and what stands in all: logos, bars and round fields
+ * are found and become a mask; the dark sky around a body, and photos that hardly differ, do not. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -10,6 +10,7 @@
 #include <string.h>
 #include "base/rng.h"
 #include "io/image.h"
+#include "scene/photos.h"
 #include "scene/standing.h"
 #include "scene_fixture.h"
 #include "tests.h"
@@ -54,6 +55,9 @@ static photos *draw(drawn what)
         (cln_scene){.views = p->views, .view_count = COUNT, .folder = folder, .path = folder};
     for (int v = 0; v < COUNT; v++) {
         p->views[v].camera = (cln_camera){.width = WIDE, .height = HIGH};
+        p->views[v].camera.c2w[0] = p->views[v].camera.c2w[10] = cos(0.2 * v);
+        p->views[v].camera.c2w[2] = sin(0.2 * v);
+        p->views[v].camera.c2w[8] = -sin(0.2 * v);
         p->views[v].channels = 3;
         p->views[v].pixels = p->pixels[v];
         for (int i = 0; i < WIDE * HIGH; i++) {
@@ -100,9 +104,13 @@ static void test_found(void **state)
                          !strstr(text, "check 'my photos' --write-mask 'my photos/masks/all.png'")))
             fail_msg("case %zu: %s", i, text);
         free(found.is);
-        p->scene.has_alpha = true; /* says it itself */
-        assert_int_equal(cln_scene_find_standing(&p->scene, WIDE, &found), CLN_OK);
-        assert_null(found.is);
+        for (int k = 0; k < 2; k++) { /* alpha tells it; before cameras that do not turn: the sky */
+            p->scene.has_alpha = k == 0;
+            for (int v = 0; v < COUNT && k == 1; v++)
+                p->views[v].camera = p->views[0].camera;
+            assert_int_equal(cln_scene_find_standing(&p->scene, WIDE, &found), CLN_OK);
+            assert_null(found.is);
+        }
         free(p);
     }
 }
@@ -133,10 +141,36 @@ static void test_mask(void **state)
     free(other);
 }
 
+/* Photos of one colour among others are named, but for noise. */
+static void test_blank(void **state)
+{
+    char text[CLN_BLANK_BYTES];
+
+    (void)state;
+    for (int blank = 0; blank < COUNT; blank += 3) {
+        static char names[COUNT][8];
+        photos *p = draw(NOTHING);
+
+        for (int v = 0; v < COUNT; v++) {
+            snprintf(names[v], sizeof names[v], "%d.png", v);
+            p->views[v].name = names[v];
+        }
+        for (int v = 0; v < blank; v++)
+            for (int i = 0; i < WIDE * HIGH; i++)
+                memset(p->pixels[v] + 3 * i, 100 + i % 5, 3);
+        assert_int_equal(cln_scene_has_blank(&p->scene, text), blank > 0 && blank <= COUNT / 2);
+        if (blank == 3)
+            assert_non_null(strstr(text, "3 of 12 photos show one colour alone, as of a camera "
+                                         "that failed: 0.png, 1.png, 2.png. "));
+        free(p);
+    }
+}
+
 int test_group_standing(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_found),
+        cmocka_unit_test(test_blank),
         cmocka_unit_test_setup_teardown(test_mask, scratch_make, scratch_remove),
     };
 
