@@ -1,5 +1,5 @@
 /* Photos that show nothing (scene/photos.h), and what stands in all: logos, bars and round fields
- * are found and become a mask; the dark sky around a body, and photos that hardly differ, do not. */
+ * are found and become a mask; a body in the dark, and photos that hardly differ, have none. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
