@@ -53,6 +53,7 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
                                    .config = &config,
                                    .pixels = {true, true, true},
                                    .unseen = true,
+                                   .all_told = settings->config.missing == CLN_MISSING_AUTO,
                                    .callbacks = &desc->callbacks};
     cln_settings_facts facts;
     cln_scene *scene = NULL;
@@ -68,6 +69,8 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
     CLN_TRY(cln_kernel_dir_check(desc->device.kernel_dir));
     CLN_TRY(cln_scene_load(&wanted, &scene));
     CLN_TRY(cln_scene_place_cube(scene, &config, &desc->callbacks, &placed)); /* as train does */
+    if (desc->mask)
+        CLN_TRY(cln_scene_write_standing(scene, desc->mask));
     facts = cln_needs_facts(scene, &settings->config);
     cln_settings_warn_idle(settings, &facts);
     CLN_TRY(cln_scene_describe(scene, &about));
@@ -83,8 +86,6 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
     *json = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
     if (!*json)
         CLN_TRY(cln_fail(CLN_MEMORY, "%s: cannot make JSON", desc->scene));
-    if (desc->mask)
-        CLN_TRY(cln_scene_write_standing(scene, desc->mask));
     if (desc->page)
         CLN_TRY(cln_scene_page(desc->page, scene, document));
 done:

@@ -652,9 +652,14 @@ static cln_status choose_box(cln_trainer *t, cln_config *config)
         snprintf(box, sizeof box, "%s", other.bbox);
         if (box[0])
             CLN_TRY(cln_scene_take_box(t->scene, box));
+        if (box[0] && config->space == CLN_SPACE_AUTO && other.space == CLN_SPACE_SHELL) {
+            t->scene->space.shell = t->space_found = true;
+            config->space = CLN_SPACE_SHELL;
+        }
     } else {
         CLN_TRY(cln_scene_place_cube(t->scene, config, &callbacks, &placed));
         snprintf(box, sizeof box, "%s", placed.box);
+        t->space_found = config->space != placed.space;
         config->space = placed.space;
     }
     t->box_found = box[0] != 0;
@@ -672,14 +677,19 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
     const cln_settings *settings = t->desc->settings;
     cln_config usual = *config;
     bool given = cln_settings_has(settings, "opaque-loss");
+    bool plain = false;
     char blank[CLN_BLANK_BYTES], standing[CLN_STANDING_BYTES];
 
     if (!scene->store && cln_scene_has_blank(scene, blank)) /* check looks into a file's, too */
         cln_warn("%s: %s", scene->folder, blank);
     if (scene->still)
         cln_warn("%s: %s", scene->folder, CLN_STILL_ADVICE);
-    else if (!scene->store && cln_scene_tell_standing(scene, standing))
-        cln_warn("%s: %s", scene->folder, standing);
+    else if (!scene->store && cln_scene_tell_standing(scene, standing, &plain)) {
+        if (plain)
+            cln_info("%s: %s", scene->folder, standing);
+        else
+            cln_warn("%s: %s", scene->folder, standing);
+    }
     if (!scene->backdrop)
         return;
     if (settings->preset[0] && cln_config_preset(settings->preset, &usual) == CLN_OK)

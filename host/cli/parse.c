@@ -506,12 +506,10 @@ static cln_status take_settings_of(const char *run, const bool *overridden, cln_
         cln_note("taking the settings of --settings-of");
     CLN_TRY(st);
     CLN_TRY(cln_run_read(run, &document));
-    if (json_is_true(
-            json_object_get(document, "bbox_found"))) { /* of its photos, nobody's choice */
+    if (json_is_true(json_object_get(document, "bbox_found"))) /* of its photos, nobody's choice */
         memset((*out)->config.bbox, 0, sizeof(*out)->config.bbox);
-        if ((*out)->config.space == CLN_SPACE_SHELL) /* alpha finds none with a shell: found, too */
-            (*out)->config.space = CLN_SPACE_AUTO;
-    }
+    if (json_is_true(json_object_get(document, "space_found")))
+        (*out)->config.space = CLN_SPACE_AUTO;
     cln_format((*out)->preset, sizeof(*out)->preset, "%s", cln_json_text(document, "preset"));
     if (cln_config_preset((*out)->preset, &known) != CLN_OK) { /* another version's */
         cln_clear_error();

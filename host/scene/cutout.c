@@ -277,8 +277,10 @@ static const char *why_not(const cln_scene *scene, int masks, const looks *seen,
     if (masks < LEAST)
         return "too few to tell what they are of";
     *doubt = seen->border < HALF * seen->count;
-    if (seen->alike == seen->count)
+    if (seen->alike == seen->count) { /* as of a vase that turns */
+        *doubt = *doubt && seen->of[OBJECT] == seen->count;
         return "the same for all photos";
+    }
     /* some may be exchanged: alpha.c tells which */
     if (seen->of[OBJECT] + seen->reversed >= NEARLY_ALL * seen->count &&
         seen->reversed > seen->of[OBJECT])

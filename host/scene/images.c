@@ -323,7 +323,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     if (!desc->keep_alpha)
         CLN_TRY(cln_scene_find_opaque(scene, desc));
     CLN_TRY(cln_scene_read_masks(scene, desc));
-    if (desc->config->missing == CLN_MISSING_SKIP && !desc->unseen) /* asked for, not check's own */
+    if (desc->config->missing == CLN_MISSING_SKIP && !desc->all_told)
         CLN_TRY(cln_scene_leave_uncut_out(scene));
     cln_scene_find_turns(scene);
     CLN_TRY(cln_scene_turn_masks(scene));

@@ -788,6 +788,7 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
                          .findings = json_array(),
                          .measures = json_object()};
     char empty[CLN_EMPTY_BYTES], standing[CLN_STANDING_BYTES];
+    bool plain = false;
 
     *out = NULL;
     CLN_TRY(cln_alloc(&in.photos, (size_t)scene->view_count, sizeof *in.photos, "photos"));
@@ -814,9 +815,9 @@ cln_status cln_scene_inspect(const cln_scene *scene, const cln_callbacks *callba
                         empty);
     if (cln_scene_has_blank(scene, empty))
         cln_found_fault(in.findings, "blank", true, list_blank(&in), "%s", empty);
-    in.standing = cln_scene_tell_standing(scene, standing);
+    in.standing = cln_scene_tell_standing(scene, standing, &plain);
     if (in.standing)
-        cln_found_fault(in.findings, "overlay", true, NULL, "%s", standing);
+        cln_found_fault(in.findings, "overlay", !plain, NULL, "%s", standing);
     CLN_TRY(cln_inspect_poses(&in));
     cln_inspect_strays(&in);
     CLN_TRY(check_far(&in));

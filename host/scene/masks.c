@@ -256,13 +256,38 @@ done:
     return st;
 }
 
-/* Gives all photos of its shape the only image in the folder. */
-static cln_status take_for_all(const cln_moved *masks, cln_reader_result *result, int *count)
+/* Is a mask called like a photo in the folder of images, which the scene may leave out? */
+static cln_status is_of_a_photo(const char *images, const char *mask, bool *is)
+{
+    static const char *const endings[] = {"", ".JPG", ".jpg", ".PNG", ".png", ".jpeg", ".JPEG"};
+    cln_status st = CLN_OK;
+    const int stem = stem_of(mask);
+    const int bare = cln_dataset_is_mask(mask) ? stem - (int)sizeof TAIL + 1 : stem;
+
+    *is = cln_has_file(images, mask);
+    for (size_t i = 0; i < sizeof endings / sizeof *endings && !*is; i++) {
+        char *name = NULL;
+
+        CLN_TRY(cln_asprintf(&name, "%.*s%s", bare, mask, endings[i]));
+        *is = cln_has_file(images, name);
+        free(name);
+    }
+done:
+    return st;
+}
+
+/* Gives all photos of its shape the only image in the folder, unless it is a single one's. */
+static cln_status take_for_all(const cln_moved *masks, const char *images,
+                               cln_reader_result *result, int *count)
 {
     cln_status st = CLN_OK;
     char *path = NULL;
     other_sizes other = {0};
+    bool single = false;
 
+    CLN_TRY(is_of_a_photo(images, masks->files.name[0], &single));
+    if (single)
+        goto done;
     CLN_TRY(cln_path_join(&path, masks->folder, masks->files.name[0]));
     for (int i = 0; i < result->view_count; i++) {
         char *own = NULL;
@@ -311,7 +336,7 @@ cln_status cln_dataset_find_masks(const char *scene, const char *images, cln_rea
     for (int i = 0; i < result->view_count; i++)
         found += result->views[i].mask_path != NULL;
     if (masks && !found && !other.count && in_folder.files.count == 1)
-        CLN_TRY(take_for_all(&in_folder, result, &found));
+        CLN_TRY(take_for_all(&in_folder, images, result, &found));
     result->mask_count = found;
     if (other.count)
         cln_warn("%s: %d mask%s not read, as %s not the shape of %s photo%s: %s",

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "io/npz.h"
+#include "scene/placing.h"
 #include "scene/dataset.h"
 #include "scene/vectors.h"
 
@@ -186,6 +187,8 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     }
     CLN_TRY(set_cube(file, npz, result));
     CLN_TRY(set_masks(path, result));
+    if (!cln_has_dir(path, "mask")) /* masks by name, as elsewhere */
+        CLN_TRY(cln_dataset_find_masks(path, folder, result));
     result->dialect = "NeuS";
     CLN_TRY(
         cln_asprintf(&result->because, "it has %s%s", file_name,

@@ -519,6 +519,7 @@ static cln_status read_blender(const char *folder, const char *given, cln_reader
             result->named_splits = true;
     }
     CLN_TRY(finish_frames(folder, files, roots, CLN_SPLITS, result));
+    CLN_TRY(find_masks(folder, result));
     if (!result->has_bounds) {
         result->has_bounds = true;
         result->space.half = 1.5;

@@ -208,6 +208,7 @@ typedef struct cln_scene_desc {
     bool pixels[CLN_SPLITS]; /* load the images of these splits, of several ranks each its own;
                                  cameras, sizes and masks always */
     bool unseen;             /* no error if no camera sees the cube */
+    bool all_told;           /* config.missing is nobody's choice: photos without alpha stay */
     bool measured;           /* its views are only measured: nor if there is no training view, but
                                  all count as such until cln_scene_return_splits */
     bool without_masks;      /* those that there are do not count, which is said */

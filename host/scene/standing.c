@@ -256,7 +256,7 @@ cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_stand
     CLN_TRY(compare(&c, out, share));
     count = mark(out, share, out->is);
     out->share = (double)count / ((double)out->width * out->height);
-    plain = count >= LEAST_CELLS && is_plain(&c, out, out->is);
+    plain = out->plain = count >= LEAST_CELLS && is_plain(&c, out, out->is);
     if (count >= LEAST_CELLS && (plain || out->share <= MOST) &&
         has_edges(out, share, out->is, plain))
         name_parts(out, out->is, count, out->where, sizeof out->where);
@@ -270,32 +270,34 @@ done:
     return st;
 }
 
-bool cln_scene_tell_standing(const cln_scene *scene, char text[CLN_STANDING_BYTES])
+bool cln_scene_tell_standing(const cln_scene *scene, char text[CLN_STANDING_BYTES], bool *plain)
 {
     cln_standing found = {0};
     char file[640], quoted[2][700];
     double percent = 0;
     bool any = false;
 
+    *plain = false;
     if (scene->still)
         return false;
     if (cln_scene_find_standing(scene, CELLS, &found) != CLN_OK)
         cln_clear_error(); /* a sentence less */
     any = found.is != NULL;
+    *plain = found.plain;
     percent = 100 * found.share;
     free(found.is);
     if (!any)
         return false;
     snprintf(file, sizeof file, "%.500s/masks/all.png", scene->folder);
     snprintf(text, CLN_STANDING_BYTES,
-             "%.*f%% of the picture (%s) is the same in all photos although the cameras move%s: a "
-             "logo, date or HUD burnt into them, bars, a round black field, what carries the "
-             "camera. It would be learnt as fog before each camera: mask it. `cl-nascent "
-             "check %s --write-mask %s` draws that mask%s",
+             "%.*f%% of the picture (%s) is the same in all photos although the cameras move%s "
+             "would be learnt as fog before each camera: mask it. `cl-nascent check %s "
+             "--write-mask %s` draws that mask%s",
              percent < 9.95, percent, found.where,
-             scene->backdrop
-                 ? " (unless an object fills one place of all photos, before that colour)"
-                 : "",
+             found.plain ? ", and of one colour. If it is sky, a wall or a backdrop, behind what "
+                           "keeps its place in all photos, all is well; bars, a round field or "
+                           "what carries the camera"
+                         : ": a logo, date or HUD burnt into them, or what carries the camera. It",
              cln_shell_quote(scene->path, quoted[0], sizeof quoted[0]),
              cln_shell_quote(file, quoted[1], sizeof quoted[1]),
              scene->mask_count > 0 ? "; add it to the photos' own ones" : " for all photos");
@@ -327,10 +329,12 @@ cln_status cln_scene_write_standing(const cln_scene *scene, const char *path)
 
     CLN_TRY(cln_scene_find_standing(scene, 1 << 16, &found));
     if (!found.is)
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: nothing stands still in its photos, so there is no mask to write; "
-                         "draw one if something does that changes, as the digits of a clock",
-                         scene->path));
+        CLN_TRY(
+            cln_fail(CLN_INPUT,
+                     "%s: nothing stands still in its photos, or in what masks leave of them, so "
+                     "there is no mask to write; draw one if something does that changes, as the "
+                     "digits of a clock",
+                     scene->path));
     CLN_TRY(cln_alloc(&mask, (size_t)found.width * (size_t)found.height, 1, "mask"));
     reach = (int)fmax(1, round(WIDER * fmax(found.width, found.height)));
     for (int i = 0; i < found.width * found.height; i++)

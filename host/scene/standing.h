@@ -13,6 +13,7 @@ typedef struct cln_standing {
     int width, height; /* of `is` */
     uint8_t *is;       /* [height][width] 1: it stands there; NULL: nothing does */
     double share;      /* of the picture */
+    bool plain;        /* of one colour, as bars, but as the sky or a backdrop, too */
     char where[96];    /* "top left, bottom" */
 } cln_standing;
 
@@ -22,9 +23,9 @@ typedef struct cln_standing {
 cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_standing *out);
 
 /* Is there any, of photos without a backdrop that stands still (cln_scene.still)? Then its text for
- * people: share, place, and what to do. */
+ * people: share, place, and what to do. *plain: as above; then it may be right as it is. */
 enum { CLN_STANDING_BYTES = 2048 };
-bool cln_scene_tell_standing(const cln_scene *scene, char text[CLN_STANDING_BYTES]);
+bool cln_scene_tell_standing(const cln_scene *scene, char text[CLN_STANDING_BYTES], bool *plain);
 
 /* Writes a mask of the photos' size, as they are loaded: black where something stands, a little
  * wider, else white. CLN_INPUT if nothing stands still, CLN_OUTPUT, CLN_MEMORY. */

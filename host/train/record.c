@@ -301,6 +301,8 @@ cln_status cln_record_start(cln_trainer *t)
         CLN_TRY(add_peaks(t));
     if (t->box_found || json_is_true(json_object_get(before, "bbox_found")))
         json_object_set_new(t->run, "bbox_found", json_true());
+    if (t->space_found || json_is_true(json_object_get(before, "space_found")))
+        json_object_set_new(t->run, "space_found", json_true());
     if (json_object_get(before, "held_back"))
         json_object_set(t->run, "held_back", json_object_get(before, "held_back"));
     CLN_TRY(cln_run_write(t->desc->run, t->run));

@@ -32,6 +32,7 @@ typedef struct cln_trainer {
     cln_ray_result *results; /* [config.rays] */
     bool drawn;              /* the next step's batch is drawn */
     bool box_found;          /* config.bbox is by what photos show, nobody's choice */
+    bool space_found;        /* and so is config.space */
     bool undone;             /* the step on its way will be undone */
     cln_exposure exposure;
     cln_refine refine;

@@ -112,6 +112,9 @@ static void test_one_for_all(void **state)
     put_image(folder, "masks/rig.png", FORMAT_WIDTH, 3 * FORMAT_HEIGHT, 1, 200);
     expect_masks(folder, "", "", "no mask is read");
     put_image(folder, "masks/rig.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 200);
+    put_image(folder, "images/rig.jpg", FORMAT_WIDTH, FORMAT_HEIGHT, 3, 200); /* without a pose */
+    expect_masks(folder, "", "", "no mask is read");
+    assert_int_equal(remove(scratch_path(folder, "images/rig.jpg")), 0);
     put_image(folder, "masks/other.png", FORMAT_WIDTH, FORMAT_HEIGHT, 1, 200);
     expect_masks(folder, "", "", "no mask is read");
 }

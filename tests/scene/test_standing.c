@@ -1,5 +1,6 @@
 /* Photos that show nothing (scene/photos.h), and what stands in all: logos, bars and round fields
- * are found and become a mask; a body in the dark, and photos that hardly differ, have none. */
+ * are found and become a mask, of one colour with another text, as a round body may be before a
+ * backdrop; bodies of other outlines, and photos that hardly differ, have none. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -80,13 +81,15 @@ static void test_found(void **state)
         drawn what;
         double share;
         const char *where; /* NULL: nothing stands */
+        bool plain;
     } cases[] = {
-        {NOTHING, 0, NULL},
-        {LOGO, 200.0 / (WIDE * HIGH), "(bottom right)"},
-        {BARS, 0.25, "(top, bottom)"},
-        {FIELD, 1 - M_PI * 900 / (WIDE * HIGH), "(top left, top right, bottom left, bottom right)"},
-        {BODY, 0, NULL},
-        {SAME, 0, NULL},
+        {NOTHING, 0, NULL, false},
+        {LOGO, 200.0 / (WIDE * HIGH), "(bottom right)", false},
+        {BARS, 0.25, "(top, bottom)", true},
+        {FIELD, 1 - M_PI * 900 / (WIDE * HIGH), "(top left, top right, bottom left, bottom right)",
+         true},
+        {BODY, 0, NULL, false},
+        {SAME, 0, NULL, false},
     };
 
     (void)state;
@@ -94,12 +97,15 @@ static void test_found(void **state)
         photos *p = draw(cases[i].what);
         cln_standing found;
         char text[CLN_STANDING_BYTES];
+        bool plain = false;
 
         assert_int_equal(cln_scene_find_standing(&p->scene, WIDE, &found), CLN_OK);
         if (!cases[i].where != !found.is)
             fail_msg("case %zu: %s", i, found.is ? found.where : "nothing");
         assert_true(fabs(found.share - cases[i].share) < 0.02);
-        assert_int_equal(cln_scene_tell_standing(&p->scene, text), found.is != NULL);
+        assert_int_equal(cln_scene_tell_standing(&p->scene, text, &plain), found.is != NULL);
+        assert_int_equal(plain, cases[i].plain);
+        assert_int_equal(found.is && strstr(text, "all is well"), plain);
         if (found.is && (!strstr(text, cases[i].where) ||
                          !strstr(text, "check 'my photos' --write-mask 'my photos/masks/all.png'")))
             fail_msg("case %zu: %s", i, text);
