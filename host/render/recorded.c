@@ -411,6 +411,7 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
                                   ((resumes || !given->path) && !divides_each(dataset))))
         config.downscale = (int)json_integer_value(json_object_get(dataset, "downscale"));
     desc.config = &config;
+    desc.held_out = cln_json_number(json_object_get(dataset, "splits"), "test") > 0;
     /* nor which masks are found; null: it had none */
     desc.without_masks =
         (resumes || !given->path) && json_is_null(json_object_get(dataset, "masks"));

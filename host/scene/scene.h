@@ -211,6 +211,7 @@ typedef struct cln_scene_desc {
     bool all_told;           /* config.missing is nobody's choice: photos without alpha stay */
     bool measured;           /* its views are only measured: nor if there is no training view, but
                                  all count as such until cln_scene_return_splits */
+    bool held_out;           /* the run that is read has test views: of 2 or 3 photos, too */
     bool without_masks;      /* those that there are do not count, which is said */
     bool keep_alpha;         /* photos that are opaque everywhere keep their alpha, too */
     uint64_t opaque_digest;  /* of the scene when its photos were found to be opaque: they are not

@@ -79,8 +79,7 @@ static bool is_spare(const cln_scene *scene, const cln_scene_desc *desc)
     const cln_config *config = desc->config;
 
     return scene->view_count < 2 || scene->view_count >= LEAST_TO_HOLD ||
-           config->holdout <= scene->view_count || config->holdout_from > 0 ||
-           (desc->kept && cln_scene_split_count(desc->kept, CLN_SPLIT_TEST) > 0);
+           config->holdout <= scene->view_count || config->holdout_from > 0 || desc->held_out;
 }
 
 /* Every Nth view, or none, by config. */
