@@ -76,8 +76,9 @@ section_nadir() {
     expect "cameras that look in parallel: the cube is a guess, and what to do" 0 \
         "~guess.*in.parallel ~cl-nascent.check.*--bbox" "$cln" info "$air" --missing skip --json
     half=$(json half)
-    expect "check proposes a box" 0 "" "$cln" check "$air" --missing skip --probe 0 --json
-    box=$(grep -o -- '--bbox=[-+.,0-9e]*' "$work/out")
+    expect "check takes a box and a shell, as train does" 0 "~look.in.parallel ~--space.shell" \
+        "$cln" check "$air" --missing skip --probe 0 --json
+    box=$(grep -o -- '--bbox=[-+.,0-9e]*' "$work/err")
     check "around the village and not much more: $box, where the guess has half a side of $half" \
         awk -v box="${box#--bbox=}" -v half="$half" 'BEGIN {
             n = split(box, b, ",")
