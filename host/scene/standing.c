@@ -11,8 +11,9 @@
 #include "io/image.h"
 #include "scene/vectors.h"
 
-/* Photos at least; pairs of them that are compared at most; levels by which two may differ and be
- * alike; cells at least, over which a part of the picture is that. */
+/* Photos at least; pairs of them that are compared, of large grids and at most; levels by which two
+ * may differ and be alike; cells that stand, at least; of a cell and the eight around it, those that
+ * must; cells along the longer side, where only what there is is told. */
 enum {
     LEAST_VIEWS = 8,
     FEWEST_PAIRS = 24,
@@ -265,6 +266,10 @@ cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_stand
         *out = (cln_standing){0};
     }
 done:
+    if (st != CLN_OK) {
+        free(out->is);
+        *out = (cln_standing){0};
+    }
     free(share);
     free(c.views);
     return st;
