@@ -11,9 +11,9 @@
 #include "io/image.h"
 #include "scene/vectors.h"
 
-/* Photos at least; pairs of them that are compared, of large grids and at most; levels by which two
- * may differ and be alike; cells that stand, at least; of a cell and the eight around it, those that
- * must; cells along the longer side, where only what there is is told. */
+/* Photos at least; pairs of them that are compared, of large grids and at most; levels by which
+ * two may differ and be alike; cells that stand, at least; of a cell and the eight around it, those
+ * that must; cells along the longer side, where it is only told. */
 enum {
     LEAST_VIEWS = 8,
     FEWEST_PAIRS = 24,
