@@ -115,7 +115,7 @@ part captures tests/cli/captures.sh
 part check tests/cli/check.sh
 part poses tests/cli/poses.sh
 # without the tests that build many kernels: they run the same host code
-part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64"
+part "sanitized unit: rest" groups build/sanitize/tests rest "tuner|float64|refine"
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
 part lint tests/lint.sh
 part faults env FAULTS=1 tests/faults.sh
@@ -127,6 +127,7 @@ part endings tests/cli/endings.sh
 sanitized=(env BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0")
 part "sanitized command line" "${sanitized[@]}" tests/cli/cli.sh usage scenes
 part "sanitized training" "${sanitized[@]}" tests/cli/training.sh resume
+part "sanitized unit: refine" "${sanitized[@]}" build/sanitize/tests refine
 part viewer tests/cli/view.sh
 part leaks tests/cli/leaks.sh
 part "unit: networks" groups build/tests networks
