@@ -27,8 +27,8 @@ static const double KEPT_LEAST = 0.25; /* kept share of agreeing features over t
 static const double BLURRED = 0.7;     /* sharpness over the median of all photos */
 /* Factors of 2; of an object that is cut out, on which light from one side does much. */
 static const double EXPOSURE_RANGE = 0.6, EXPOSURE_RANGE_CUT = 0.8;
-static const double EXPOSURE_TREND = 2; /* a jump over those around it */
-static const double FITTING_SHARE = 0.8;
+static const double EXPOSURE_TREND = 2;  /* a jump over those around it */
+static const double FITTING_SHARE = 0.8; /* of ties that agree: poses are right beyond doubt */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 enum { FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
@@ -188,6 +188,17 @@ done:
     return st;
 }
 
+/* Widens a box by a share of its sides, to either side. */
+static void add_margin(double low[3], double high[3], double share)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        const double margin = share * (high[axis] - low[axis]);
+
+        low[axis] -= margin;
+        high[axis] += margin;
+    }
+}
+
 cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
                                 const cln_callbacks *callbacks, cln_placed *out)
 {
@@ -206,12 +217,7 @@ cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
     if (found.point_count < FEW_POINTS || !(found.share > FITTING_SHARE))
         goto done;
     CLN_TRY(find_middle(&found, low, high));
-    for (int axis = 0; axis < 3; axis++) {
-        const double margin = 0.1 * (high[axis] - low[axis]);
-
-        low[axis] -= margin;
-        high[axis] += margin;
-    }
+    add_margin(low, high, 0.1);
     write_box(low, high, out->box);
     CLN_TRY(cln_scene_take_box(scene, out->box));
     if (config->space == CLN_SPACE_AUTO && !scene->has_alpha &&
@@ -255,23 +261,14 @@ static void judge_cube(cln_inspection *in, double inside, double low[3], double 
     /* of a thing that cameras stand around, smooth parts have no marks: a head, legs, a rim */
     const double more = is_around(in->scene, low, high) ? 1.0 / 3 : 0; /* half, with a tenth */
 
-    for (int axis = 0; axis < 3; axis++) {
-        const double margin = 0.1 * (high[axis] - low[axis]); /* a tenth more to either side */
-
+    for (int axis = 0; axis < 3; axis++)
         span = fmax(span, (high[axis] - low[axis]) / (2 * space->half));
-        low[axis] -= margin;
-        high[axis] += margin;
-    }
+    add_margin(low, high, 0.1);
     cln_inspect_measure(in, "points_span", span);
     json_object_set_new(
         in->measures, "points_box",
         json_pack("[f,f,f,f,f,f]", low[0], low[1], low[2], high[0], high[1], high[2]));
-    for (int axis = 0; axis < 3; axis++) {
-        const double margin = more * (high[axis] - low[axis]);
-
-        low[axis] -= margin;
-        high[axis] += margin;
-    }
+    add_margin(low, high, more);
     if (inside >= INSIDE_LEAST && cln_scene_shown_box(in->scene, shown)) {
         memcpy(low, shown, 3 * sizeof *low);
         memcpy(high, shown + 3, 3 * sizeof *high);
@@ -524,7 +521,7 @@ done:
 
 /* Of at least so many photos with one pose it is said at once, not of each pair. */
 enum { GROUP = 4 };
-/* Ties of a photo, and the share of them that agree, that tell that its pose is right. */
+/* Ties of a photo that tell, by the share of them that agree, that its pose is right. */
 enum { FITTING = 24 };
 static const double MOVED = 0.1; /* pixels between a mark's places in two photos */
 

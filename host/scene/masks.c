@@ -23,6 +23,9 @@
 
 #define TAIL "_mask"
 
+/* Of a mask or photo whose stem is known; "": the ending that it has. */
+static const char *const endings[] = {"", ".JPG", ".jpg", ".PNG", ".png", ".jpeg", ".JPEG"};
+
 static int stem_of(const char *path)
 {
     const char *dot = strrchr(path, '.');
@@ -112,7 +115,6 @@ done:
 
 static cln_status find_beside(cln_view *view, other_sizes *other)
 {
-    static const char *const endings[] = {"", ".JPG", ".jpg", ".PNG", ".png", ".jpeg", ".JPEG"};
     cln_status st = CLN_OK;
     const int stem = stem_of(view->path), before = other->count;
     char *path = NULL;
@@ -259,7 +261,6 @@ done:
 /* Is a mask called like a photo in the folder of images, which the scene may leave out? */
 static cln_status is_of_a_photo(const char *images, const char *mask, bool *is)
 {
-    static const char *const endings[] = {"", ".JPG", ".jpg", ".PNG", ".png", ".jpeg", ".JPEG"};
     cln_status st = CLN_OK;
     const int stem = stem_of(mask);
     const int bare = cln_dataset_is_mask(mask) ? stem - (int)sizeof TAIL + 1 : stem;
