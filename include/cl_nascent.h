@@ -545,7 +545,12 @@ typedef struct cln_export_result {
     int64_t open_edges;   /* mesh: those without a triangle on either side; 0 = it is closed */
     double volume;        /* of a closed mesh: what it encloses, in cubic units; else 0 */
     double unseen;        /* mesh, with `closed`: share of its area that no training view sees */
-    double taken_off[3];  /* STL: of coordinates that 32-bit numbers cannot hold; else 0 */
+    double fine;  /* points, mesh: width of the finest cells, or of the training views' pixels if
+                     these are wider; no place of the surface is known better; scene units times
+                     `scale`; of a forward space, whose cells grow with depth, 0 */
+    double faint; /* points, mesh: share of what training views show, but at outlines, that is seen
+                     through (opacity below 0.9): 0 of what is solid */
+    double taken_off[3]; /* STL: of coordinates that 32-bit numbers cannot hold; else 0 */
 } cln_export_result;
 
 /* Writes contents of the newest checkpoint, in the scene's coordinates unless `up` turns, `scale`

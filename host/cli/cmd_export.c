@@ -79,6 +79,9 @@ static cln_status print_document(const cln_options *options, const cln_export_re
         json_object_set_new(document, "box", box);
     }
     if (r->faces > 0) {
+        if (r->fine > 0)
+            json_object_set_new(document, "cell", json_real(r->fine));
+        json_object_set_new(document, "seen_through_share", json_real(r->faint));
         json_object_set_new(document, "area", json_real(r->area));
         json_object_set_new(document, "open_edges", json_integer((json_int_t)r->open_edges));
         json_object_set_new(document, "volume",
@@ -173,7 +176,12 @@ static void print_sentence(FILE *to, const char *file, bool scaled, json_int_t b
     if (r->vertices > 0)
         print_size(to, !scaled && cln_ends_with(file, ".glb"), r);
     if (r->faces > 0 && r->open_edges == 0)
-        fprintf(to, ", closed (area %.4g, volume %.4g)", r->area, r->volume);
+        fprintf(to, ", closed (area %.4g, volume %.4g", r->area, r->volume);
+    if (r->faces > 0 && r->open_edges == 0 && r->fine > 0)
+        fprintf(to, "; a surface off by one cell, %.2g, makes %.2g of it", r->fine,
+                r->area * r->fine);
+    if (r->faces > 0 && r->open_edges == 0)
+        fprintf(to, ")");
     else if (r->faces > 0)
         fprintf(to, ", open (area %.4g)", r->area);
     if (bytes >= 0) {

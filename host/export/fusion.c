@@ -16,6 +16,11 @@ enum { MOST_VIEWS = 100, VIEW_WIDTH = 800 };
 /* A pixel of less opacity than this shows no surface. */
 static const float opaque = 0.5f;
 
+/* Seen through is what has less opacity than `solid` where all pixels OUTLINE away show something:
+ * the outlines themselves are half covered. */
+static const float something = 0.1f, solid = 0.9f;
+enum { OUTLINE = 2 };
+
 struct cln_fusion_view {
     cln_camera camera;
     bool plain;    /* a pinhole */
@@ -226,12 +231,29 @@ done:
     return st;
 }
 
+/* Counts what a picture shows, but at outlines, and what of it is seen through. */
+static void count_faint(const cln_picture *p, size_t *shown, size_t *faint)
+{
+    for (int y = OUTLINE; y < p->height - OUTLINE; y++)
+        for (int x = OUTLINE; x < p->width - OUTLINE; x++) {
+            const float *at = p->opacity + (size_t)y * (size_t)p->width + x;
+            const ptrdiff_t rows = (ptrdiff_t)OUTLINE * p->width;
+
+            if (at[0] < something || at[-OUTLINE] < something || at[OUTLINE] < something ||
+                at[-rows] < something || at[rows] < something)
+                continue;
+            ++*shown;
+            *faint += at[0] < solid;
+        }
+}
+
 static cln_status render(cln_open_run *opened, const cln_camera *cameras,
                          const cln_callbacks *callbacks, cln_fusion *f)
 {
     cln_status st = CLN_OK;
     cln_picture picture = {0};
     float *depth = NULL, *pixels = NULL;
+    size_t shown = 0, faint = 0;
     int views = 0; /* that show something opaque */
 
     CLN_TRY(cln_alloc(&pixels, (size_t)f->count, sizeof *pixels, "views"));
@@ -242,6 +264,7 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
         cln_show_work(callbacks, "depths", i, f->count);
         CLN_TRY(cln_render_view(&opened->pipeline, i, opened->model.background, CLN_DEPTH_MEDIAN,
                                 callbacks, &picture));
+        count_faint(&picture, &shown, &faint);
         for (size_t k = 0; k < (size_t)picture.width * (size_t)picture.height; k++)
             if (picture.opacity[k] < opaque)
                 picture.depth[k] = -1;
@@ -261,6 +284,7 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
                      opened->run));
     cln_floats_sort(pixels, (size_t)views);
     f->pixel = pixels[views / 2];
+    f->faint = shown > 0 ? (double)faint / (double)shown : 0;
     cln_show_work(callbacks, "depths", f->count, f->count);
 done:
     cln_picture_free(&picture);

@@ -19,6 +19,7 @@ typedef struct cln_fusion {
     int count;
     cln_fusion_view *views; /* [count] */
     double pixel;           /* median width of a pixel where views see a surface; in the cube */
+    double faint;           /* share of what views show, but at outlines, that is seen through */
     double band;            /* how far behind a surface a view still counts; in the cube */
 } cln_fusion;
 

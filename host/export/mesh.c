@@ -196,6 +196,25 @@ done:
     return st;
 }
 
+/* Told from this share on: leaves, hair and glass have some, and young models. */
+static const double FAINT = 0.05;
+
+void cln_export_tell_surface(cln_export_job *job, const cln_surface *surface)
+{
+    const cln_space *space = &job->opened.model.space;
+
+    if (!space->forward)
+        job->result->fine = job->scale * cln_space_distance_to_scene(space, surface->fine);
+    job->result->faint = surface->faint;
+    if (!space->forward && surface->faint > FAINT)
+        cln_warn(
+            "%.2g %% of what the training views show is seen through (its opacity is below 0.9), "
+            "so depths lie too far there and the surface too deep: of photos before one "
+            "colour, which parts of the object have, too, cut it out by alpha or --masks and "
+            "train again; else train longer",
+            100 * surface->faint);
+}
+
 /* Crumbs hang in the air: a print needs them gone, and pictures rarely show them. */
 static cln_status tell_loose(const cln_surface *surface)
 {
@@ -296,6 +315,7 @@ cln_status cln_export_mesh(cln_export_job *job)
     uint8_t *plane = NULL;
 
     CLN_TRY(cln_surface_make(&how, &surface));
+    cln_export_tell_surface(job, &surface);
     cln_export_tell_parts(job, &parts);
     if (!desc->largest)
         CLN_TRY(tell_loose(&surface));

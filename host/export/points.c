@@ -99,6 +99,7 @@ cln_status cln_export_points(cln_export_job *job)
     size_t count = 0, face = 0;
 
     CLN_TRY(cln_surface_make(&how, &s));
+    cln_export_tell_surface(job, &s);
     cln_export_tell_parts(job, &parts);
     for (size_t f = 0; f < s.faces; f++)
         area += area_of(&s, f);

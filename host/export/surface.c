@@ -254,6 +254,8 @@ cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool cl
     fusion->band = BAND * fmax(2.0 / marching.cells, fusion->pixel);
     j.margin = 2.0 * (2 << CLN_MARCHING_LEVELS) / marching.cells;
     memset(out, 0, sizeof *out);
+    out->fine = finest;
+    out->faint = fusion->faint;
     out->most = (size_t)fmin(UINT32_MAX, cln_host_memory() / 2 / VERTEX_BYTES);
     if (cells == 0)
         CLN_TRY(choose_levels(fusion, marching.cells, cell, &levels));

@@ -14,6 +14,8 @@ typedef struct cln_surface {
     float (*towards)[3];  /* [vertex] unit, from the eye that saw it best; 0: none did */
     uint8_t (*colour)[3]; /* [vertex] sRGB */
     uint32_t (*face)[3];  /* [face] counter-clockwise as seen from outside */
+    double fine;          /* finest cell, or a pixel of the views if that is wider; in the cube */
+    double faint;         /* share of what the views show that is seen through (fusion.h) */
 } cln_surface;
 
 void cln_surface_free(cln_surface *surface); /* accepts a zeroed one */
