@@ -10,6 +10,7 @@
 #include "base/text.h"
 #include "io/cursor.h"
 #include "scene/dataset.h"
+#include "scene/placing.h"
 
 enum { MOST = 16, LINES = 4, MAX_BYTES = 1 << 20 };
 
@@ -205,6 +206,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     }
     name_splits(result);
     CLN_TRY(read_box(path, result));
+    CLN_TRY(cln_dataset_find_masks(path, folder, result));
     result->dialect = "NSVF";
     CLN_TRY(cln_strdup(&result->because, "it has intrinsics.txt, pose and rgb"));
 done:

@@ -16,6 +16,7 @@
 #include "io/image.h"
 #include "io/json.h"
 #include "scene/dataset.h"
+#include "scene/placing.h"
 #include "scene/transforms.h"
 
 enum {
@@ -161,7 +162,8 @@ static void find_edge(cln_view *view)
 }
 
 /* The photos that have a camera, as views. */
-static cln_status read_views(const char *keyframes, bool corrected, cln_reader_result *result)
+static cln_status read_views(const char *path, const char *keyframes, bool corrected,
+                             cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     char *cameras = NULL, *images = NULL, *file = NULL;
@@ -187,6 +189,7 @@ static cln_status read_views(const char *keyframes, bool corrected, cln_reader_r
         if (corrected)
             find_edge(&result->views[i]);
     }
+    CLN_TRY(cln_dataset_find_masks(path, images, result));
 done:
     cln_dataset_free_names(&names);
     free(cameras);
@@ -232,7 +235,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
 
     CLN_TRY(find_keyframes(path, &keyframes));
     CLN_TRY(find_corrected(keyframes, &corrected));
-    CLN_TRY(read_views(keyframes, corrected, result));
+    CLN_TRY(read_views(path, keyframes, corrected, result));
     CLN_TRY(read_depths(keyframes, result));
     result->dialect = "Polycam";
     result->up[1] = 1; /* phones are held upright, photos lie as the sensor does */

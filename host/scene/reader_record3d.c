@@ -15,6 +15,7 @@
 #include "base/text.h"
 #include "io/json.h"
 #include "scene/dataset.h"
+#include "scene/placing.h"
 #include "scene/transforms.h"
 
 static const size_t MAX_BYTES = (size_t)1 << 30; /* of the metadata: 100,000 photos have 40 MB */
@@ -187,6 +188,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     CLN_TRY(cln_path_join(&folder, path, places[place].photos));
     CLN_TRY(cln_json_read_large(file, MAX_BYTES, &root));
     CLN_TRY(read_views(file, root, folder, result));
+    CLN_TRY(cln_dataset_find_masks(path, folder, result));
     result->dialect = "Record3D";
     result->beyond = true;
     result->stored_poses = true;

@@ -7,6 +7,7 @@
 #include <cmocka.h>
 #include "format_fixture.h"
 #include "outcome.h"
+#include "phone_fixture.h"
 #include "tests.h"
 
 /* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
@@ -125,6 +126,45 @@ static void test_whole_masks(void **state)
             assert_non_null(strstr(text, "of 1 of 6 photos "));
             assert_non_null(strstr(text, alpha ? "alpha hides nothing: " : "the mask hides n"));
         }
+        cln_scene_free(scene);
+    }
+}
+
+/* A folder masks beside what has no other place for them: a mask each, or one for all. */
+static void test_folder_of_masks(void **state)
+{
+    static const char *const dialects[3] = {"NSVF", "Polycam", "Record3D"};
+    cln_camera cameras[FORMAT_VIEWS];
+
+    format_cameras(cameras);
+    for (int i = 0; i < 6; i++) {
+        const char in[] = {(char)('a' + i), 0}, *folder = scratch_path(*state, in);
+        cln_scene *scene = NULL;
+
+        put_folder(*state, in);
+        if (i / 2 == 0)
+            format_nsvf(folder, cameras, "", 0);
+        else if (i / 2 == 1)
+            phone_polycam(folder, cameras, false, 1);
+        else
+            phone_record3d(folder, "metadata.json", "rgb", cameras, false);
+        put_folder(folder, "masks");
+        scene = load(folder, plain());
+        assert_string_equal(scene->dialect, dialects[i / 2]);
+        assert_int_equal(scene->mask_count, 0);
+        for (int v = 0; v < FORMAT_VIEWS && i % 2 == 0; v++) {
+            char name[320];
+
+            snprintf(name, sizeof name, "masks/%s.png", scene->views[v].name);
+            put_mask(folder, name, 5, 1);
+        }
+        if (i % 2)
+            put_mask(folder, "masks/all.png", 5, 1);
+        cln_scene_free(scene);
+        scene = load(folder, plain());
+        assert_int_equal(scene->mask_count, FORMAT_VIEWS);
+        assert_false(cln_view_keeps(&scene->views[3], 4, 2));
+        assert_true(cln_view_keeps(&scene->views[3], 5, 2));
         cln_scene_free(scene);
     }
 }
@@ -385,6 +425,7 @@ int test_group_masks(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_neus_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_folder_of_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_whole_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
