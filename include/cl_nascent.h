@@ -540,6 +540,8 @@ typedef struct cln_export_result {
     int64_t faces_left_out; /* triangles of all but the largest, before `triangles` */
     double size[3]; /* points, mesh: along x, y and z of what is written; of a GLB file with y up */
     double box[6];  /* where they are, as `crop` takes it: in the scene's frame and units */
+    double written[6];    /* points, mesh: the lowest and the highest corner of what is written, as
+                          programs that read it have it: of a GLB file by its root node */
     bool beyond_left_out; /* points, mesh: of a shell, without what lies beyond its cube */
     double area;          /* mesh: in square units of what is written */
     int64_t open_edges;   /* mesh: those without a triangle on either side; 0 = it is closed */

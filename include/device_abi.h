@@ -27,6 +27,11 @@ typedef float cln_f32;
 /* Clamp of sigma * delta: exp(-80) is close to the smallest normal float (method.md 9). */
 #define CLN_MAX_OPTICAL_DEPTH 80.0f
 
+/* A target's alpha where a photo does not tell it, and below what it is that: pixels of several
+ * rays move it by up to 1. */
+#define CLN_ALPHA_UNTOLD (-4.0f)
+#define CLN_ALPHA_TOLD   (-1.0f)
+
 /* Lens models (scene/lens.h), as COLMAP calls them. */
 typedef enum cln_lens {
     CLN_LENS_OPENCV,

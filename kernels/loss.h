@@ -148,7 +148,8 @@ typedef struct ray_loss {
     float g_opacity;    /* dL/dA of the OPACITY regulariser */
 } ray_loss;
 
-/* colour: with the background behind it; through: T_end; target: r, g, b, a; pull: DEPTH_PASS. */
+/* colour: with the background behind it; through: T_end; target: r, g, b, a, which may be untold;
+ * pull: DEPTH_PASS. */
 HELPER ray_loss loss_of_ray(float4 colour, float4 back, float4 target, float through, float opacity,
                             float huber, float alpha_weight, float opacity_weight, float2 pull)
 {
@@ -171,7 +172,7 @@ HELPER ray_loss loss_of_ray(float4 colour, float4 back, float4 target, float thr
 #endif
     l.rest = dot(l.g.xyz, back.xyz); /* dL/dT_end */
 #if ALPHA
-    const float surplus = through - (1.0f - target.w);
+    const float surplus = target.w > CLN_ALPHA_TOLD ? through - (1.0f - target.w) : 0.0f;
 
     l.extra = alpha_weight * surplus * surplus;
     l.rest += 2.0f * alpha_weight * surplus;

@@ -43,15 +43,26 @@ static bool moves(const cln_export_desc *desc)
 
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text)
 {
-    const double *offset = job->desc->offset;
-    char times[64] = "", plus[128] = "";
+    const cln_export_desc *desc = job->desc;
+    const double *offset = desc->offset;
+    const uint64_t digest = cln_model_digest(&job->opened.model);
+    char times[64] = "", up[128] = "", plus[128] = "", model[64] = "", crop[256] = "";
 
+    if (job->turns)
+        cln_format(up, sizeof up, ", %.12g,%.12g,%.12g up", job->up[0], job->up[1], job->up[2]);
+    if (digest)
+        cln_format(model, sizeof model, "; model %016llx%s", (unsigned long long)digest,
+                   desc->closed ? ", closed" : "");
+    if (desc->cropped)
+        cln_format(crop, sizeof crop, "; crop %.12g,%.12g,%.12g,%.12g,%.12g,%.12g,%g,%g,%g",
+                   desc->crop[0], desc->crop[1], desc->crop[2], desc->crop[3], desc->crop[4],
+                   desc->crop[5], desc->crop_turn[0], desc->crop_turn[1], desc->crop_turn[2]);
     if (job->scale != 1)
         cln_format(times, sizeof times, " x %.12g", job->scale);
-    if (moves(job->desc))
+    if (moves(desc))
         cln_format(plus, sizeof plus, " + %.15g,%.15g,%.15g", offset[0], offset[1], offset[2]);
-    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s%s", what,
-                        (long long)job->opened.model.step, times, plus);
+    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s%s%s%s%s",
+                        what, (long long)job->opened.model.step, times, up, plus, model, crop);
 }
 
 static const char *ending_of(const char *file)

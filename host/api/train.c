@@ -670,7 +670,7 @@ done:
 }
 
 /* Settings of a new training that its photos decide, if neither the caller nor another run does.
- * Before their one colour a field of any opacity looks right, so that none is asked for. */
+ * Before their one colour, what differs from it is as sure to be opaque as where alpha says so. */
 static void choose_by_photos(const cln_trainer *t, cln_config *config)
 {
     const cln_scene *scene = t->scene;
@@ -696,13 +696,14 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
         given = given || config->opaque_loss != usual.opaque_loss;
     else
         given = true; /* all are another run's */
+    if (!given && usual.opaque_loss > 0)
+        config->opaque_loss = usual.alpha_loss;
     cln_info("photos: they stand before one colour (%g,%g,%g), which is the background%s. What has "
              "nearly that colour may become transparent: for a shape that can be measured, cut the "
              "object out (alpha, or --masks)",
              scene->background[0], scene->background[1], scene->background[2],
-             given ? "" : "; without --opaque-loss");
-    if (!given)
-        config->opaque_loss = 0;
+             config->opaque_loss > 0 ? "; what differs from it counts as opaque (--opaque-loss)"
+                                     : "");
 }
 
 /* Everything before the first step. What needs neither photos nor device is checked first. */

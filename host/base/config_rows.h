@@ -305,7 +305,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     REAL(alpha_loss, "alpha-loss", 0, 0.1, 0, 1e3,                                                 \
          "weight of (opacity - alpha)^2 per ray, for images with alpha", .flags = CLN_ROW_LATER)   \
     REAL(opaque_loss, "opaque-loss", 0, 0.01, 0, 1e3,                                              \
-         "weight of (1 - opacity)^2 per ray, for images without alpha", .flags = CLN_ROW_LATER)    \
+         "weight of (1 - opacity)^2 per ray, for images without alpha; of those whose borders "    \
+         "have "                                                                                   \
+         "the background's colour, where they differ from it",                                     \
+         .flags = CLN_ROW_LATER)                                                                   \
     REAL(depth_loss, "depth-loss", 0, 2, 0, 1e3,                                                   \
          "weight of the distance between where a ray ends and a depth that is known there: of a "  \
          "sparse point, or by a depth image",                                                      \

@@ -70,13 +70,16 @@ static cln_status print_document(const cln_options *options, const cln_export_re
                             json_integer((json_int_t)r->faces_left_out));
     }
     if (r->vertices > 0) {
-        json_t *box = json_array();
+        json_t *box = json_array(), *written = json_array();
 
-        for (int i = 0; i < 6; i++)
+        for (int i = 0; i < 6; i++) {
             json_array_append_new(box, json_real(r->box[i]));
+            json_array_append_new(written, json_real(r->written[i]));
+        }
         json_object_set_new(document, "size",
                             json_pack("[f,f,f]", r->size[0], r->size[1], r->size[2]));
         json_object_set_new(document, "box", box);
+        json_object_set_new(document, "written", written);
     }
     if (r->faces > 0) {
         if (r->fine > 0)
@@ -119,26 +122,37 @@ static void print_leaves(FILE *to, const cln_export_result *r)
 }
 
 /* The size as it is written, by which a wrong unit is seen, and the box as --crop takes it. */
-static void print_size(FILE *to, bool metres, const cln_export_result *r)
+static void print_box(FILE *to, const char *where, const double b[6])
 {
-    const double *b = r->box;
     const double side = fmax(fmax(b[3] - b[0], b[4] - b[1]), b[5] - b[2]);
     const int n = cln_reals_digits(6, b, side > 0 ? side : 1);
     char text[256];
 
-    cln_format(text, sizeof text,
-               ", %.3g x %.3g x %.3g units%s, in the scene's frame within "
-               "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g",
-               r->size[0], r->size[1], r->size[2],
-               metres ? " (to glTF they are metres: --scale)" : "", n, b[0], n, b[1], n, b[2], n,
-               b[3], n, b[4], n, b[5]);
+    cln_format(text, sizeof text, ", %s within %.*g,%.*g,%.*g,%.*g,%.*g,%.*g", where, n, b[0], n,
+               b[1], n, b[2], n, b[3], n, b[4], n, b[5]);
     fputs(text, to);
 }
 
-/* bytes: of the file; -1 = not told */
-static void print_sentence(FILE *to, const char *file, bool scaled, json_int_t bytes,
-                           const cln_export_result *r)
+/* changed: by options, so that the file's numbers are not the scene's. */
+static void print_size(FILE *to, bool metres, bool changed, const cln_export_result *r)
 {
+    fprintf(to, ", %.3g x %.3g x %.3g units%s", r->size[0], r->size[1], r->size[2],
+            metres ? " (to glTF they are metres: --scale)" : "");
+    if (changed)
+        print_box(to, "in the file", r->written);
+    print_box(to, "in the scene's frame", r->box);
+}
+
+/* bytes: of the file; -1 = not told */
+static void print_sentence(FILE *to, const char *file, const cln_export_desc *desc,
+                           json_int_t bytes, const cln_export_result *r)
+{
+    const bool scaled = desc->scale != 1;
+    const bool glb = cln_ends_with(file, ".glb");
+    const bool moved = desc->offset[0] != 0 || desc->offset[1] != 0 || desc->offset[2] != 0;
+    const bool off = r->taken_off[0] != 0 || r->taken_off[1] != 0 || r->taken_off[2] != 0;
+    const bool turned = desc->up_auto || desc->up[0] != 0 || desc->up[1] != 0 || desc->up[2] != 0;
+
     json_t *counts = counts_of(r), *value = NULL;
     const char *key = NULL, *before = "";
     char text[32];
@@ -174,7 +188,7 @@ static void print_sentence(FILE *to, const char *file, bool scaled, json_int_t b
                 cln_plural((double)r->faces_left_out, "triangle", "triangles"));
     }
     if (r->vertices > 0)
-        print_size(to, !scaled && cln_ends_with(file, ".glb"), r);
+        print_size(to, !scaled && glb, scaled || moved || off || turned || glb, r);
     if (r->faces > 0 && r->open_edges == 0)
         fprintf(to, ", closed (area %.4g, volume %.4g", r->area, r->volume);
     if (r->faces > 0 && r->open_edges == 0 && r->fine > 0)
@@ -315,10 +329,10 @@ cln_status cln_cmd_export(const cln_options *options)
     if (options->json)
         CLN_TRY(print_document(options, &result));
     else if (!to_stdout)
-        print_sentence(stdout, options->export_file, options->scale != 1,
-                       bytes_of(options->export_file), &result);
+        print_sentence(stdout, options->export_file, &desc, bytes_of(options->export_file),
+                       &result);
     else if (!options->quiet)
-        print_sentence(stderr, "standard output", true, -1, &result);
+        print_sentence(stderr, "standard output", &desc, -1, &result);
 done:
     cln_console_close(&console);
     return st;

@@ -34,8 +34,9 @@ typedef struct cln_export_job {
 CLN_EXPORT_LIST(X)
 #undef X
 
-/* "cl-nascent VERSION: WHAT at step N; scene units", and scale and offset if there are any, for the
- * comment of a file whose numbers are so; the caller frees it. */
+/* "cl-nascent VERSION: WHAT at step N; scene units", with scale, up and offset if there are any,
+ * the digest of a model with weights, and a crop, for the comment of a file whose numbers are so;
+ * the caller frees it. */
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text);
 
 /* Returns whether the file's name has this ending (".obj"), in upper or lower case. */

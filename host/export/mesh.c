@@ -188,6 +188,10 @@ cln_status cln_export_mesh_write(cln_export_job *job, const char *what, cln_mesh
         CLN_TRY(write_stl(job, file, mesh));
     else
         CLN_TRY(cln_mesh_write_ply(file, mesh));
+    for (int a = 0; a < 3; a++) {
+        job->result->written[a] = low[a] - job->result->taken_off[a];
+        job->result->written[3 + a] = high[a] - job->result->taken_off[a];
+    }
     job->result->vertices = (int64_t)mesh->vertices;
     job->result->faces = (int64_t)mesh->faces;
 done:
@@ -208,7 +212,7 @@ void cln_export_tell_surface(cln_export_job *job, const cln_surface *surface)
     job->result->faint = surface->faint;
     if (!space->forward && surface->faint > FAINT)
         cln_warn(
-            "%.2g %% of what the training views show is seen through (its opacity is below 0.9), "
+            "%.0f %% of what the training views show is seen through (its opacity is below 0.9), "
             "so depths lie too far there and the surface too deep: of photos before one "
             "colour, which parts of the object have, too, cut it out by alpha or --masks and "
             "train again; else train longer",

@@ -115,7 +115,7 @@ double ref_loss_of_ray(const ref_loss *loss, int n, const double (*out)[4], cons
     }
     for (int i = 0; i < n; i++)
         behind *= exp(-optical_depth(out[i][3], delta[i]));
-    surplus = behind - (1 - target[3]);
+    surplus = target[3] > (double)CLN_ALPHA_TOLD ? behind - (1 - target[3]) : 0;
     total += loss->alpha * surplus * surplus;
     dtrans += 2 * loss->alpha * surplus;
     total += loss->depth * behind;

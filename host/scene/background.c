@@ -102,8 +102,10 @@ static bool border_pixel(const cln_view *view, int k, uint8_t p[4])
 }
 
 /* Finds the one colour that the photos stand before, if there is one: the medians of their borders,
- * if nearly all of these have it. looked: whether this rank's settings ask. */
-static cln_status find_backdrop(const cln_scene *scene, bool looked, float colour[3], bool *found)
+ * if nearly all of these have it, and if it is `colour` where that is given. looked: whether this
+ * rank's settings ask. */
+static cln_status find_backdrop(const cln_scene *scene, bool looked, bool given, float colour[3],
+                                bool *found)
 {
     cln_status st = CLN_OK;
     const int views = looked ? cln_scene_split_count(scene, CLN_SPLIT_TRAIN) : 0;
@@ -141,7 +143,9 @@ static cln_status find_backdrop(const cln_scene *scene, bool looked, float colou
     }
     CLN_TRY(add_ranks(near, 2));
     *found = near[1] > 0 && (double)near[0] >= BACKDROP_SHARE * (double)near[1];
-    for (int c = 0; c < 3 && *found; c++)
+    for (int c = 0; c < 3 && given; c++)
+        *found = *found && fabs(255 * (double)colour[c] - median[c]) <= BACKDROP_OFF;
+    for (int c = 0; c < 3 && *found && !given; c++)
         colour[c] = (float)(round(1000.0 * median[c] / 255) / 1000);
 done:
     return st;
@@ -218,8 +222,8 @@ cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
         scene->background[c] =
             (float)(round(1000.0 * (double)sums[c] / (255.0 * (double)sums[3])) / 1000);
     CLN_TRY(find_backdrop(scene,
-                          kind == CLN_BACKGROUND_AUTO && !scene->has_alpha && looks_ahead(scene),
-                          scene->background, &scene->backdrop));
+                          kind != CLN_BACKGROUND_MEAN && !scene->has_alpha && looks_ahead(scene),
+                          kind == CLN_BACKGROUND_GIVEN, scene->background, &scene->backdrop));
     CLN_TRY(find_still(scene, !scene->has_alpha && !scene->backdrop && looks_ahead(scene) &&
                                   turn_much(scene)));
 done:

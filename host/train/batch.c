@@ -1,6 +1,7 @@
 /* Random pixels of random views. See batch.h. */
 #include "train/batch.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,6 +10,9 @@
 #include "base/rng.h"
 #include "pipeline/stage1.h"
 #include "scene/dealt.h"
+
+/* In a channel, of 255: noise, and rings of JPEG beside edges, stay below. */
+static const float UNLIKE_BACKDROP = 25;
 
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out)
 {
@@ -235,7 +239,30 @@ static int by_view_and_row(const void *a, const void *b)
 
 enum { FETCH_AHEAD = 16 }; /* pixels to prefetch: drawn ones lie far apart in memory */
 
-/* Reads the pixels whose photos are here. */
+static bool is_unlike(const cln_scene *scene, const cln_view *view, int x, int y)
+{
+    uint8_t p[4] = {0};
+    float off = 0;
+
+    if (x < 0 || y < 0 || x >= view->camera.width || y >= view->camera.height)
+        return true;
+    cln_view_bytes(view, x, y, p);
+    for (int c = 0; c < 3; c++)
+        off = fmaxf(off, fabsf((float)p[c] - 255 * scene->background[c]));
+    return off > UNLIKE_BACKDROP;
+}
+
+/* Before a backdrop, what differs from it stands before it, and what does not may be either. A
+ * pixel beside one that does not may be covered in part. */
+static bool is_before(const cln_scene *scene, const cln_view *view, int x, int y)
+{
+    return is_unlike(scene, view, x, y) && is_unlike(scene, view, x - 1, y) &&
+           is_unlike(scene, view, x + 1, y) && is_unlike(scene, view, x, y - 1) &&
+           is_unlike(scene, view, x, y + 1);
+}
+
+/* Reads the pixels whose photos are here. Of photos without alpha before a backdrop, the fourth
+ * channel is whether a pixel stands before it. */
 static void read_own(cln_batch *b, const cln_scene *scene, int n)
 {
     for (int i = 0; i < n; i++) {
@@ -245,8 +272,11 @@ static void read_own(cln_batch *b, const cln_scene *scene, int n)
         b->asked.rank[i] = (uint16_t)view->rank;
         if (cln_view_is_here(&scene->views[later->view]))
             cln_view_fetch(&scene->views[later->view], (int)later->x, (int)later->y);
-        if (cln_view_is_here(view))
-            cln_view_bytes(view, (int)b->pixels[i].x, (int)b->pixels[i].y, b->stored[i]);
+        if (!cln_view_is_here(view))
+            continue;
+        cln_view_bytes(view, (int)b->pixels[i].x, (int)b->pixels[i].y, b->stored[i]);
+        if (scene->backdrop && view->channels == 3)
+            b->stored[i][3] = is_before(scene, view, (int)b->pixels[i].x, (int)b->pixels[i].y);
     }
 }
 
@@ -372,6 +402,8 @@ void cln_batch_colour(cln_batch *b, const cln_scene *scene)
 
         cln_pixel_over(b->stored[i], view->channels, back, b->targets[i], &alpha);
         b->targets[i][3] = alpha;
+        if (scene->backdrop && !b->ray_background && view->channels == 3 && !b->stored[i][3])
+            b->targets[i][3] = CLN_ALPHA_UNTOLD;
         if (!cln_view_keeps(view, (int)b->pixels[i].x, (int)b->pixels[i].y)) {
             memcpy(b->targets[i], back, 3 * sizeof *back); /* its ray sees the background */
             b->targets[i][3] = 0;

@@ -13,9 +13,10 @@
 typedef struct cln_batch {
     int capacity;
     cln_pixel *pixels;       /* [ray] */
-    uint8_t (*stored)[4];    /* [ray] channels of the pixels, as photos have them */
+    uint8_t (*stored)[4];    /* [ray] channels of the pixels, as photos have them; of 3 channels
+                                before a backdrop the fourth tells what stands before it */
     cln_rows asked;          /* of these, from ranks that have the photos */
-    float (*targets)[4];     /* [ray] r, g, b over its background, alpha */
+    float (*targets)[4];     /* [ray] r, g, b over its background, alpha or CLN_ALPHA_UNTOLD */
     float (*backgrounds)[4]; /* [ray] with random_background, else [1] */
     int drawn;               /* pixels that are drawn ... */
     int n;                   /* their rays ... */

@@ -176,7 +176,7 @@ void cln_exposure_divide_batch(const cln_exposure *e, const cln_model *model, cl
                                int n)
 {
     for (int i = 0; i < n; i++)
-        if (batch->targets[i][3] > 0)
+        if (batch->targets[i][3] != 0)
             cln_exposure_divide(e, model, (int)batch->pixels[i].view, batch->targets[i]);
 }
 
@@ -193,7 +193,7 @@ void cln_exposure_apply(cln_exposure *e, const cln_model *model, cln_batch *batc
         const int32_t view = e->number_of[batch->pixels[i].view];
         const float *target = batch->targets[i];
 
-        rays->view[i] = target[3] > 0 ? view : -1; /* 0: the pixel does not count */
+        rays->view[i] = target[3] != 0 ? view : -1; /* 0: the pixel does not count */
         memcpy(rays->photo[i], target, sizeof rays->photo[i]);
     }
     cln_exposure_divide_batch(e, model, batch, n);

@@ -449,15 +449,17 @@ function stopMotion() {
   goal = -1;
 }
 
-/* Tells where a point is, to a thousandth of the cube, and how far from the one before. */
+/* Tells where a point is, to a thousandth of the cube, how far from the one before, and if it is
+ * seen through. */
 let placed = null;
 
-function tellPlace(point) {
+function tellPlace(point, opacity) {
   const digits = Math.min(Math.max(0, 3 - Math.floor(Math.log10(facts.half))), 12);
   const numbers = point.map((x) => x.toFixed(digits)).join(', ');
 
   $('place').textContent = `x, y, z: ${numbers}` + (placed ?
-    `; ${size(add(point, placed, -1)).toFixed(digits)} from the point before` : '');
+    `; ${size(add(point, placed, -1)).toFixed(digits)} from the point before` : '') +
+    (opacity < 0.9 ? `; opacity ${opacity.toFixed(2)}: the place is a guess` : '');
   $('place').hidden = false;
   placed = point;
 }
@@ -481,7 +483,7 @@ async function focus(x, y) {
       say('Nothing is there.');
       return;
     }
-    tellPlace(found.point);
+    tellPlace(found.point, found.opacity);
     const to = copy(camera), forward = add(found.point, camera.p, -1);
     to.r[2] = unit(forward);
     straighten(to);

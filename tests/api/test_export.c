@@ -171,10 +171,10 @@ static mesh exported(void **state, const cln_model *model, const char *colour, d
 
 static void boxes_are_the_active_leaves(void **state)
 {
-    static const char header[] =
+    static const char format[] =
         "ply\nformat binary_little_endian 1.0\n"
         "comment cl-nascent " CLN_VERSION ": leaves of the octree, coloured by level, at step 321; "
-        "scene units\n"
+        "scene units; model %016llx\n"
         "element vertex 112\nproperty float x\nproperty float y\nproperty float z\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\n"
         "property uchar level\nproperty float error\n"
@@ -182,11 +182,13 @@ static void boxes_are_the_active_leaves(void **state)
     const char *file = scratch_path(*state, "tree.ply");
     cln_export_result result;
     cln_export_desc desc;
+    char header[1024];
     cln_model model;
     mesh m;
 
     make_tree(&model);
     model.error[0] = 0.25f;
+    snprintf(header, sizeof header, format, (unsigned long long)cln_model_digest(&model));
     desc = export_desc(make_run(*state, &model), file);
     assert_ok(cln_export(&desc, &result));
     assert_int_equal(result.step, 321);
@@ -221,7 +223,7 @@ static void boxes_are_scaled(void **state)
 
     make_tree(&model);
     m = exported(state, &model, NULL, 0.25);
-    assert_non_null(strstr(m.text, "at step 321; scene units x 0.25\n"));
+    assert_non_null(strstr(m.text, "at step 321; scene units x 0.25; model "));
     assert_box(&m, 0, 2, (double[]){0.25, -0.5, -0.25}, (double[]){0.75, 0, 0.25});
     assert_box(&m, 13, 1, (double[]){0.25, 0.5, 0.75}, (double[]){1.25, 1.5, 1.75});
     free(m.text);

@@ -75,6 +75,8 @@ static void make_batch(batch *b)
             b->backgrounds[r][k] = (float)test_uniform(6, 3 * r + k, 0, 1);
         }
         b->targets[r][3] = r % 3 ? (float)test_uniform(8, r, 0, 1) : (float)(r % 2);
+        if (r % 7 == 5)
+            b->targets[r][3] = CLN_ALPHA_UNTOLD;
         b->ray_d[r][3] = (float)test_uniform(7, r, 0.5, 1);
         for (int k = 0; k < 3; k++) { /* points on the ray and beside it; some rays have none */
             b->ray_o[r][k] = (float)test_uniform(10, 3 * r + k, -2, 2);
@@ -438,7 +440,7 @@ static void find_means(const batch *b, int r, bool per_ray, double own[4], doubl
 /* The loss of a pixel from its definition: that of the mean colour and the mean opacity. */
 static double loss_of_means(const ref_loss *loss, const double mean[4], const double target[4])
 {
-    const double surplus = mean[3] - (1 - target[3]);
+    const double surplus = target[3] == CLN_ALPHA_UNTOLD ? 0 : mean[3] - (1 - target[3]);
     double sum = loss->alpha * surplus * surplus;
 
     for (int k = 0; k < 3; k++)

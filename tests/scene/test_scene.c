@@ -494,16 +494,22 @@ static void test_background(void **state)
 }
 
 /* Photos that stand before one colour have it behind them; if borders have others, if a mean is
- * asked for, or if a lens sees far to the sides, it is the mean. */
+ * asked for, or if a lens sees far to the sides, it is the mean. A colour that is given is a
+ * backdrop if the borders have it. */
 static void test_backdrop(void **state)
 {
     static const struct {
         const char *background, *angle;
         int others; /* of 28 pixels at the border of one of two photos */
         bool is;
-    } cases[] = {{"auto", "0.8", 0, true},  {"auto", "0.8", 1, true},
-                 {"auto", "0.8", 8, false}, {"mean", "0.8", 0, false},
-                 {"auto", "2.6", 0, false}, {"0.2,0.4,0.6", "0.8", 0, false}};
+    } cases[] = {{"auto", "0.8", 0, true},
+                 {"auto", "0.8", 1, true},
+                 {"auto", "0.8", 8, false},
+                 {"mean", "0.8", 0, false},
+                 {"auto", "2.6", 0, false},
+                 {"0.2,0.4,0.6", "0.8", 0, false},
+                 {"0.945,0.867,0.788", "0.8", 1, true},
+                 {"0.945,0.867,0.75", "0.8", 1, false}};
     const char *folder = *state;
     uint8_t rgb[8 * 8 * 3];
 
