@@ -653,6 +653,15 @@ static void test_bounds(void **state)
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"fl_y\":1000,", crossing, (double[3]){0, 0, 0},
                  4 * hypot(0.4, 0.004),
                  "as wide as the photos show there; --bbox sets a tighter one; and a shell");
+    /* Without the shell it is the same, if it is far less than out to the cameras. */
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"fl_y\":1000,", crossing, (double[3]){0, 0, 0}, 4,
+                 "out to the cameras");
+    for (int space = CLN_SPACE_AUTO; space <= CLN_SPACE_CUBE; space++)
+        check_bounds(folder, space, "", "\"fl_x\":50,", crossing, (double[3]){0, 0, 0},
+                     4 * hypot(0.08, 0.08),
+                     space == CLN_SPACE_CUBE
+                         ? "as wide as the photos show there; --bbox sets a tighter one"
+                         : "and a shell");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
                  2 / 0.33, "aabb_scale 4");
     check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
