@@ -234,8 +234,8 @@ static cln_status tell_loose(const cln_surface *surface)
              pieces, cln_plural((double)parts.parts - 1, "", "s"), triangles, all,
              100.0 * (double)parts.left_out / (double)surface->faces);
     if (cln_parts_are_broken(&parts, surface->faces))
-        cln_info("%s, which reach %.2g times as far: what is thinner than its cells breaks into "
-                 "pieces. --largest would leave that out, too; --spacing makes finer cells",
+        cln_info("%s, which reach %.2g times as far: likely of what is thinner than the cells, "
+                 "which breaks into pieces. Keep them: --largest would leave it out",
                  what, parts.others);
     else
         cln_info("%s: --largest leaves %s out", what,

@@ -415,7 +415,7 @@ static cln_status add_reasons(cln_scene *scene, const char *refused, bool chosen
     CLN_TRY(cln_asprintf(&longer, "%s%s%s%s", scene->bounds_rule,
                          refused[0] ? "; not normalised device coordinates, because " : "", refused,
                          !scene->space.shell ? ""
-                         : chosen ? "; and a shell, as photos show what lies beyond it, too "
+                         : chosen ? "; and a shell, as photos may show what lies beyond it, too "
                                     "(--space cube: without)"
                                   : "; and a shell with what lies beyond it"));
     free(scene->bounds_rule);
