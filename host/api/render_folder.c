@@ -43,6 +43,8 @@ enum {
     OLD_PNG16 /* that older programs wrote for .metric.png */
 };
 
+static const double FEW_STEPS = 64; /* of a depth PNG, in which a shape is hardly seen */
+
 int cln_render_eyes(const cln_render_job *j)
 {
     return j->desc->stereo > 0 ? 2 : 1;
@@ -673,6 +675,19 @@ done:
     return st;
 }
 
+/* From the nearest to the farthest that is seen; infinite where nothing is. */
+static double depth_range(const cln_picture *p)
+{
+    double near = INFINITY, far = -INFINITY;
+
+    for (size_t i = 0; i < (size_t)p->width * (size_t)p->height; i++)
+        if (p->opacity[i] > 0.5f) {
+            near = fmin(near, (double)p->depth[i]);
+            far = fmax(far, (double)p->depth[i]);
+        }
+    return far >= near ? far - near : INFINITY;
+}
+
 cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_frame *f,
                                   const cln_picture *p, const float *normals, char **warning)
 {
@@ -680,7 +695,7 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
     const int shape[2] = {p->height, p->width};
     char *path[FILES] = {NULL};
     int beyond = 0, behind = 0;
-    char far[96] = "";
+    char far[128] = "";
 
     *warning = NULL;
     for (int file = 0; file < FILES; file++)
@@ -692,8 +707,9 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
         CLN_TRY(cln_depth_write_png16(path[DEPTH_PNG16], p->width, p->height, p->depth,
                                       j->desc->depth_unit, &beyond, &behind));
     if (beyond > 0)
-        snprintf(far, sizeof far, "%d pixel%s farther than 65535 x %g; give a larger --depth-unit",
-                 beyond, cln_plural(beyond, " is", "s are"), j->desc->depth_unit);
+        snprintf(far, sizeof far,
+                 "%d pixel%s farther than 65535 x %g; give a larger --depth-unit, or --pfm", beyond,
+                 cln_plural(beyond, " is", "s are"), j->desc->depth_unit);
     if (behind > 0)
         CLN_TRY(cln_asprintf(warning,
                              "%s: %d pixel%s behind the camera, where depths along its axis are "
@@ -703,6 +719,13 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
                              beyond > 0 ? "; " : "", far));
     else if (beyond > 0)
         CLN_TRY(cln_asprintf(warning, "%s: %s", path[DEPTH_PNG16], far));
+    else if (is_wanted(j, DEPTH_PNG16) && f == j->frames && /* which tells for all */
+             depth_range(p) < FEW_STEPS * j->desc->depth_unit)
+        CLN_TRY(cln_asprintf(warning,
+                             "%s: all that is seen lies within %.0f steps of --depth-unit %g; give "
+                             "a smaller one, or --pfm, which has none",
+                             path[DEPTH_PNG16], ceil(depth_range(p) / j->desc->depth_unit),
+                             j->desc->depth_unit));
     if (normals)
         CLN_TRY(write_normals(j, f, normals));
     CLN_TRY(write_opacity(j, path[OPACITY_PNG], p));

@@ -224,7 +224,7 @@ static cln_status tell_loose(const cln_surface *surface)
 {
     cln_status st = CLN_OK;
     cln_parts parts;
-    char pieces[32], triangles[32], all[32];
+    char pieces[32], triangles[32], all[32], what[256];
 
     CLN_TRY(cln_surface_count_parts(surface, &parts));
     if (parts.parts < 2)
@@ -232,11 +232,18 @@ static cln_status tell_loose(const cln_surface *surface)
     cln_format_count((double)parts.parts - 1, pieces);
     cln_format_count((double)parts.left_out, triangles);
     cln_format_count((double)surface->faces, all);
-    cln_info("the surface has %s loose piece%s beside the largest, with %s of its %s triangles "
-             "(%.3g %%): --largest leaves %s out",
+    snprintf(what, sizeof what,
+             "the surface has %s loose piece%s beside the largest, with %s of its %s triangles "
+             "(%.3g %%)",
              pieces, cln_plural((double)parts.parts - 1, "", "s"), triangles, all,
-             100.0 * (double)parts.left_out / (double)surface->faces,
-             cln_plural((double)parts.parts - 1, "it", "them"));
+             100.0 * (double)parts.left_out / (double)surface->faces);
+    if (cln_parts_are_broken(&parts, surface->faces))
+        cln_info("%s, which reach %.2g times as far: likely of what is thinner than the cells, "
+                 "which breaks into pieces. Keep them: --largest would leave it out",
+                 what, parts.others);
+    else
+        cln_info("%s: --largest leaves %s out", what,
+                 cln_plural((double)parts.parts - 1, "it", "them"));
 done:
     return st;
 }

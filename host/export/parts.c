@@ -7,6 +7,8 @@
 #include <string.h>
 #include "base/memory.h"
 
+static const double CRUMBS = 0.1; /* share of the triangles that crumbs have at most */
+
 /* The first vertex of a vertex's part, as far as parts have been joined. */
 static uint32_t find(uint32_t *to, uint32_t v)
 {
@@ -28,17 +30,20 @@ static void join(uint32_t *to, uint32_t a, uint32_t b)
         to[a] = b;
 }
 
-/* The diagonal of a part's box, in the cube. */
-static double length_of(const cln_surface *s, uint32_t *to, uint32_t part)
+/* The diagonal of the box of a part, or of all others, in the cube. */
+static double length_of(const cln_surface *s, uint32_t *to, uint32_t part, bool others)
 {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     double square = 0;
 
-    for (size_t v = 0; v < s->vertices; v++)
-        for (int a = 0; a < 3 && find(to, (uint32_t)v) == part; a++) {
+    for (size_t k = 0; k < 3 * s->faces; k++) {
+        const uint32_t v = s->face[k / 3][k % 3];
+
+        for (int a = 0; a < 3 && (find(to, v) == part) != others; a++) {
             low[a] = fmin(low[a], (double)s->at[v][a]);
             high[a] = fmax(high[a], (double)s->at[v][a]);
         }
+    }
     for (int a = 0; a < 3; a++)
         square += (high[a] - low[a]) * (high[a] - low[a]);
     return sqrt(square);
@@ -72,8 +77,12 @@ static cln_status find_parts(const cln_surface *s, uint32_t *to, uint32_t *large
     for (size_t v = 0; v < s->vertices && found->parts > 1; v++)
         if (v != *largest && count[v] > count[next])
             next = (uint32_t)v;
-    if (found->parts > 1)
-        found->next = length_of(s, to, next) / length_of(s, to, *largest);
+    if (found->parts > 1) {
+        const double whole = length_of(s, to, *largest, false);
+
+        found->next = length_of(s, to, next, false) / whole;
+        found->others = length_of(s, to, *largest, true) / whole;
+    }
 done:
     free(count);
     return st;
@@ -89,6 +98,11 @@ cln_status cln_surface_count_parts(const cln_surface *surface, cln_parts *found)
 done:
     free(to);
     return st;
+}
+
+bool cln_parts_are_broken(const cln_parts *parts, size_t faces)
+{
+    return parts->others > 1 && (double)parts->left_out > CRUMBS * (double)faces;
 }
 
 cln_status cln_surface_keep_largest(cln_surface *surface, cln_parts *found)

@@ -81,8 +81,9 @@ cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text)
              box[3], n, box[4], n, box[5]);
     CLN_TRY(cln_scene_take_box(scene, text));
     cln_info("%s: a box around what the photos' alpha shows, and a tenth more, as cameras alone "
-             "tell a cube %.2g times as wide: --bbox=%s",
-             scene->folder, before / scene->space.half, text);
+             "tell a cube %.*f times as wide: --bbox=%s",
+             scene->folder, before < 10 * scene->space.half ? 1 : 0, before / scene->space.half,
+             text);
 done:
     return st;
 }

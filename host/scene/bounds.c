@@ -11,7 +11,8 @@
  *   looked_at       the cameras look at something together: centre = the point nearest to all
  *                   optical axes; half = out to every camera, and to the rim of what each camera
  *                   sees of the plane through the centre. So the cube holds what is looked at, and
- *                   as much behind it as the cameras are away.
+ *                   as much behind it as the cameras are away. Through long lenses, which show far
+ *                   less of it than that, it is what they show, unless alpha tells more.
  *   before_cameras  the cameras look in parallel or outwards, and nothing tells how far the scene
  *                   is: half = 4 times the spread of the cameras, and the cube is moved along their
  *                   mean direction until parallel cameras stand at its face. Where they look
@@ -35,6 +36,7 @@ static const double PARALLEL = 1e-3;
 static const double ONE_WAY = 0.9; /* length of the mean axis, from which all look one way */
 static const double SPREADS = 4;
 static const double CORE_SHARE = 0.5;
+static const double LONG = 0.25; /* of a cube out to the cameras is seen, below which it is not */
 /* A lens sees to the sides if such a share of its rays are so far off the axis (their cosine). */
 static const double ASIDE = 0.5, ASIDE_SHARE = 0.125;
 static const double HALF_MIN = 1e-9, HALF_MAX = 1e12;
@@ -327,8 +329,8 @@ static double seen_radius(const cln_scene *scene, const double point[3])
 }
 
 /* Without points, the cube of a shell is half of what looked_at finds, as the cameras may stand in
- * the shell; through long lenses it is what they show. It also replaces a larger box of
- * instant-ngp, which holds what lies beyond, too. */
+ * the shell; through long lenses it is what they show, with a shell or without. It also replaces a
+ * larger box of instant-ngp, which holds what lies beyond, too. */
 static cln_status looked_at_in_shell(const evidence *e, cln_space *space, char **because)
 {
     cln_status st = CLN_OK;
@@ -413,7 +415,7 @@ static cln_status add_reasons(cln_scene *scene, const char *refused, bool chosen
     CLN_TRY(cln_asprintf(&longer, "%s%s%s%s", scene->bounds_rule,
                          refused[0] ? "; not normalised device coordinates, because " : "", refused,
                          !scene->space.shell ? ""
-                         : chosen ? "; and a shell, as photos show what lies beyond it, too "
+                         : chosen ? "; and a shell, as photos may show what lies beyond it, too "
                                     "(--space cube: without)"
                                   : "; and a shell with what lies beyond it"));
     free(scene->bounds_rule);
@@ -447,7 +449,9 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
             rules[i] == of_points || rules[i] == looked_at || wide ||
                 (rules[i] == before_cameras && (scene->outwards || sees_aside(scene))));
         space->shell = chosen || config->space == CLN_SPACE_SHELL;
-        if (space->shell && (rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)))
+        if (space->shell ? rules[i] == looked_at || (rules[i] == of_dataset && result->beyond)
+                         : rules[i] == looked_at && !scene->has_alpha &&
+                               seen_radius(scene, space->centre) < LONG * space->half)
             CLN_TRY(looked_at_in_shell(&e, space, &scene->bounds_rule));
         if (chosen && wide && space->half == result->space.half) /* it is smaller than the box */
             space->shell = chosen = false;

@@ -30,6 +30,8 @@ static const double EXPOSURE_RANGE = 0.6, EXPOSURE_RANGE_CUT = 0.8;
 static const double EXPOSURE_TREND = 2;  /* a jump over those around it */
 static const double FITTING_SHARE = 0.8; /* of ties that agree: poses are right beyond doubt */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
+/* Degrees of a field of view: photos have more; as long lenses that marks can confirm have. */
+static const double FOV_LEAST = 5, FOV_SURE = 0.3;
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 enum { FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
 enum { EXPOSURE_PARTNERS = 2 };
@@ -355,15 +357,17 @@ static double reach(const cln_camera *c, bool end)
 static void check_intrinsics(cln_inspection *in)
 {
     const cln_fold fold = cln_scene_fold(in->scene);
+    const bool fits = in->posed && in->agreement.share > FITTING_SHARE;
     double narrowest = INFINITY, widest = 0, ratio = 1;
     bool planes = true, odd = false;
+    char range[64];
 
     for (int i = 0; i < in->scene->view_count; i++) {
         const cln_camera *c = &in->scene->views[i].camera;
         const double fov = reach(c, false) + reach(c, true);
         const bool flat = c->lens <= CLN_LENS_FULL_OPENCV; /* not for more than half a sphere */
 
-        odd = odd || fov < 5 || (flat && fov > 130);
+        odd = odd || (fov < FOV_LEAST && !in->posed) || (flat && fov > 130);
         planes = planes && c->lens != CLN_LENS_EQUIRECTANGULAR;
         narrowest = fmin(narrowest, fov);
         widest = fmax(widest, fov);
@@ -374,12 +378,19 @@ static void check_intrinsics(cln_inspection *in)
         cln_inspect_measure(in, "fov_most", widest);
     }
     cln_inspect_measure(in, "beyond_fold", fold.share);
+    cln_format(range, sizeof range, "%.3g", narrowest);
+    if (widest > 1.005 * narrowest)
+        cln_format(range, sizeof range, "%.3g to %.3g", narrowest, widest);
     if (planes && odd)
         cln_found_fault(in->findings, "focal length", true, NULL,
-                        "the field of view is %.3g to %.3g degrees along the longer side: unusual "
-                        "for photos. Likely a focal length of another image size, or in "
-                        "millimetres",
-                        narrowest, widest);
+                        "the field of view is %s degrees along the longer side: unusual for "
+                        "photos. Likely a focal length of another image size, or in millimetres",
+                        range);
+    else if (planes && narrowest < (fits ? FOV_SURE : FOV_LEAST))
+        cln_found_fault(in->findings, "focal length", false, NULL,
+                        "the field of view is %s degrees along the longer side: a long lens or a "
+                        "microscope; else the focal length is of another image size",
+                        range);
     if (planes && ratio > 1.1)
         cln_found_fault(in->findings, "intrinsics", true, NULL,
                         "fx and fy differ by a factor of up to %.3g, as if pixels were not square. "

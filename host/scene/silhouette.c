@@ -1,9 +1,10 @@
 /* The box of what the alpha of training photos shows: of their visual hull. A cell of space is
  * empty if two photos that have all of it in the picture are transparent wherever the cell is seen
  * (of few photos one: one of many may have a wrong pose, or a mask that lacks a part), so
- * nothing thin falls between points that are looked at, or if most photos do not see it. Cells are
- * halved until they are small; those inside what is known to belong to the box are not looked at
- * again. */
+ * nothing thin falls between points that are looked at, or if most photos do not see it, or only
+ * transparent parts of it. Cells are halved until they are small; those inside what is known to
+ * belong to the box are not looked at again. A box of few cells is divided anew: a long lens shows
+ * less than one of those out to the cameras. */
 #include "scene/build.h"
 
 #include <math.h>
@@ -19,6 +20,7 @@
 enum { BLOCKS = 128, LOOKS = 8, HALVINGS = 9, LEAST_VIEWS = 3, MANY = 8 };
 static const double BOWED =
     0.1; /* of a cell's size in the picture, by which lenses bend its edges */
+static const double COARSE = 1.0 / 8; /* of the space, below which a box has too few cells */
 
 typedef struct silhouette {
     const cln_camera *camera;
@@ -141,24 +143,24 @@ static bool find_place(const cln_camera *c, const double centre[3], const double
 
 typedef enum sight { AIR, OUTSIDE, SOMETHING } sight;
 
-/* What the photo tells of the cell: that it is transparent there, that no part of the cell is in
- * the picture, or that there may be something. */
+/* What the photo tells of the cell: that it is transparent there; that no part of the cell is in
+ * the picture, or a part that is transparent; or that there may be something. */
 static sight look_at(const silhouette *s, const double centre[3], const double half[3])
 {
     const cln_camera *c = s->camera;
     double low[2], high[2];
-    bool behind = false;
+    bool behind = false, whole = false;
 
     if (!find_place(c, centre, half, low, high, &behind))
         return behind ? OUTSIDE : SOMETHING;
     if (high[0] < 0 || high[1] < 0 || low[0] > c->width || low[1] > c->height)
         return OUTSIDE;
-    if (!(low[0] >= 0 && low[1] >= 0 && high[0] < c->width && high[1] < c->height))
+    whole = low[0] >= 0 && low[1] >= 0 && high[0] < c->width && high[1] < c->height;
+    if (opaque_blocks(s, (int)(fmax(low[0], 0) / s->block), (int)(fmax(low[1], 0) / s->block),
+                      (int)fmin(high[0] / s->block + 1, s->across),
+                      (int)fmin(high[1] / s->block + 1, s->down)))
         return SOMETHING;
-    return opaque_blocks(s, (int)(low[0] / s->block), (int)(low[1] / s->block),
-                         (int)(high[0] / s->block) + 1, (int)(high[1] / s->block) + 1)
-               ? SOMETHING
-               : AIR;
+    return whole ? AIR : OUTSIDE;
 }
 
 /* Adds what is shown of a cell to the box. */
@@ -208,9 +210,10 @@ cln_status cln_scene_silhouette(const cln_scene *scene, const double box[6], dou
     cln_status st = CLN_OK;
     const int all = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
     hull h = {.low = {INFINITY, INFINITY, INFINITY}, .high = {-INFINITY, -INFINITY, -INFINITY}};
-    double centre[3], half[3];
+    double within[6], was = 0, is = INFINITY;
 
     *any = false;
+    memcpy(within, box, sizeof within);
     CLN_TRY(cln_alloc(&h.views, (size_t)all + 1, sizeof *h.views, "silhouettes"));
     for (int i = 0; i < all; i++) {
         const cln_view *view = cln_scene_training_view(scene, i);
@@ -227,15 +230,30 @@ cln_status cln_scene_silhouette(const cln_scene *scene, const double box[6], dou
         }
     }
     h.sure = h.count >= MANY ? 2 : 1;
-    for (int a = 0; a < 3; a++) {
-        centre[a] = 0.5 * (box[a] + box[3 + a]);
-        half[a] = 0.5 * (box[3 + a] - box[a]);
-    }
-    if (h.count >= LEAST_VIEWS)
-        add_cell(&h, centre, half, HALVINGS);
-    memcpy(low, h.low, sizeof h.low);
-    memcpy(high, h.high, sizeof h.high);
-    *any = h.low[0] < h.high[0];
+    do {
+        double centre[3], half[3];
+
+        was = is = 0;
+        for (int a = 0; a < 3; a++) {
+            centre[a] = 0.5 * (within[a] + within[3 + a]);
+            half[a] = 0.5 * (within[3 + a] - within[a]);
+            was = fmax(was, half[a]);
+            h.low[a] = INFINITY;
+            h.high[a] = -INFINITY;
+        }
+        if (h.count >= LEAST_VIEWS)
+            add_cell(&h, centre, half, HALVINGS);
+        if (!(h.low[0] < h.high[0]))
+            break;
+        *any = true;
+        for (int a = 0; a < 3; a++) {
+            within[a] = h.low[a];
+            within[3 + a] = h.high[a];
+            is = fmax(is, 0.5 * (h.high[a] - h.low[a]));
+        }
+    } while (is < COARSE * was);
+    memcpy(low, within, 3 * sizeof *low);
+    memcpy(high, within + 3, 3 * sizeof *high);
 done:
     for (int i = 0; i < all && h.views; i++)
         free(h.views[i].sums);

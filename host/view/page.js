@@ -281,10 +281,9 @@ function draw() {
       pen.drawImage(photo, b.x, b.y, b.width, b.height);
     }
   }
-  const digits = (x) => x < 10 ? x.toFixed(2) : x.toFixed(0);
   const of = last.full ? '' : ` of ${b.width}×${b.height}`;
   const depth = last.far > 0 && last.show === 'depth' ?
-    ` · depth ${digits(last.near)} to ${digits(last.far)}` : '';
+    ` · depth ${last.near.toFixed(digits())} to ${last.far.toFixed(digits())}` : '';
   $('numbers').textContent = `${last.width}×${last.height}${of} · ${last.took.toFixed(0)} ms ` +
     `render · ${last.whole.toFixed(0)} ms in all${depth}`;
   showLegend();
@@ -449,16 +448,19 @@ function stopMotion() {
   goal = -1;
 }
 
-/* Tells where a point is, to a thousandth of the cube, how far from the one before, and if it is
- * seen through. */
+/* Digits behind the point of a length, for a thousandth of the cube. */
+function digits() {
+  return Math.min(Math.max(0, 3 - Math.floor(Math.log10(facts.half))), 12);
+}
+
+/* Tells where a point is, how far from the one before, and if it is seen through. */
 let placed = null;
 
 function tellPlace(point, opacity) {
-  const digits = Math.min(Math.max(0, 3 - Math.floor(Math.log10(facts.half))), 12);
-  const numbers = point.map((x) => x.toFixed(digits)).join(', ');
+  const numbers = point.map((x) => x.toFixed(digits())).join(', ');
 
   $('place').textContent = `x, y, z: ${numbers}` + (placed ?
-    `; ${size(add(point, placed, -1)).toFixed(digits)} from the point before` : '') +
+    `; ${size(add(point, placed, -1)).toFixed(digits())} from the point before` : '') +
     (opacity < 0.9 ? `; opacity ${opacity.toFixed(2)}: the place is a guess` : '');
   $('place').hidden = false;
   placed = point;

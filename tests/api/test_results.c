@@ -502,6 +502,12 @@ static void test_render_warns_here(void **state)
     fixture_rendered(&desc, TEST_VIEWS, 0);
     cln_log_to(CLN_LOG_INFO, fixture_no_log, NULL);
     assert_int_equal(h.here, TEST_VIEWS);
+    desc = render_desc("coarse", &none);
+    desc.depth_unit = 0.1; /* of a scene of 3 */
+    cln_log_to(CLN_LOG_WARN, hear, &h);
+    fixture_rendered(&desc, TEST_VIEWS, 0);
+    cln_log_to(CLN_LOG_INFO, fixture_no_log, NULL);
+    assert_int_equal(h.here, TEST_VIEWS + 1); /* once */
     assert_int_equal(h.elsewhere, 0);
 }
 

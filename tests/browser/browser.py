@@ -11,6 +11,7 @@ output, "ok" or "FAILED".
 import base64
 import json
 import math
+import re
 import socket
 import subprocess
 import sys
@@ -297,6 +298,12 @@ def see_cameras(page):
         levels = page.js('return facts.levels.length')
         wanted = {'level': (levels,), 'error': (5, 0)}.get(what, (-1,))  # 0: only a sentence
         page.check('only pictures of leaves have a legend', legend in wanted, legend)
+        if what == 'depth':
+            small = page.js('const was = facts.half; facts.half *= 1e-6; draw();'
+                            'const text = $("numbers").textContent; facts.half = was; draw();'
+                            'return text')
+            page.check('depths have the digits that the cube needs',
+                       re.search(r' depth \d+\.\d{8,10} to ', small), small)
     page.key('1', 'n')
     time.sleep(1)
     page.check('N is the next camera', page.js('return at') == TEST_VIEW + 1)

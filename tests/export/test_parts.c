@@ -78,6 +78,8 @@ static void the_largest_ball_stays(void **state)
     assert_int_equal(faces[0] + faces[1] + faces[2], faces[3]);
     assert_int_equal(found.parts, 3);
     assert_int_equal(found.left_out, faces[0] + faces[2]);
+    assert_true(cln_parts_are_broken(&found, faces[3]));
+    assert_false(cln_parts_are_broken(&found, 10 * faces[3]));      /* crumbs */
     assert_int_equal(cln_surface_keep_largest(&s, &found), CLN_OK); /* once more: it is alone */
     assert_true(found.parts == 1 && found.left_out == 0 && s.faces == faces[1]);
     cln_surface_free(&s);
@@ -90,17 +92,19 @@ static void parts_by_hand(void **state)
         uint32_t face[4][3];
         size_t faces, parts, kept;
         uint32_t first; /* vertex of the part that stays */
-        double next;
+        double next, others;
     } rows[] = {
-        {{{6, 7, 8}, {3, 4, 5}, {5, 6, 0}, {0, 1, 2}}, 4, 1, 4, 0, 0},
+        {{{6, 7, 8}, {3, 4, 5}, {5, 6, 0}, {0, 1, 2}}, 4, 1, 4, 0, 0, 0},
         {{{6, 7, 8}, {3, 4, 5}, {7, 8, 9}, {4, 5, 0}},
          4,
          2,
          2,
          0,
+         0.6,
          0.6}, /* equal: the first vertex's */
-        {{{6, 7, 8}, {0, 1, 2}, {7, 8, 9}}, 3, 2, 2, 6, 2.0 / 3},
-        {{{0}}, 0, 0, 0, 0, 0},
+        {{{6, 7, 8}, {0, 1, 2}, {7, 8, 9}}, 3, 2, 2, 6, 2.0 / 3, 2.0 / 3},
+        {{{0, 1, 2}, {1, 2, 3}, {4, 5, 6}, {7, 8, 9}}, 4, 3, 2, 0, 2.0 / 3, 5.0 / 3},
+        {{{0}}, 0, 0, 0, 0, 0, 0},
     };
 
     (void)state;
@@ -120,6 +124,8 @@ static void parts_by_hand(void **state)
         assert_memory_equal(&counted, &found, sizeof found);
         assert_int_equal(found.parts, rows[i].parts);
         assert_true(fabs(found.next - rows[i].next) < 1e-12);
+        assert_true(fabs(found.others - rows[i].others) < 1e-12);
+        assert_int_equal(cln_parts_are_broken(&found, rows[i].faces), rows[i].others > 1);
         assert_int_equal(s.faces, rows[i].kept);
         assert_int_equal(found.left_out, rows[i].faces - rows[i].kept);
         for (size_t v = 0; v < s.vertices; v++)

@@ -398,6 +398,44 @@ static void test_cameras_apart(void **state)
     }
 }
 
+/* A narrow field of view is a likely fault if marks do not fit the poses, no finding if they do,
+ * and a remark if it is as narrow as that of a microscope, which any marks fit. */
+static void test_long_lens(void **state)
+{
+    static const struct {
+        double focal; /* times the wall's */
+        bool turned;
+        int fault; /* -1: no finding */
+        const char *said;
+    } cases[] = {{1, false, -1, ""},
+                 {30, false, -1, ""},
+                 {600, false, 0, "is 0.0955 degrees along the longer side: a long lens"},
+                 {30, true, 1, "is 1.91 degrees along the longer side: unusual"}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        wall *w = make_wall(6);
+        const json_t *found = NULL;
+
+        for (int v = 0; v < 6; v++) {
+            double *m = w->views[v].camera.c2w;
+
+            w->views[v].camera.fx = w->views[v].camera.fy = cases[i].focal * WIDE;
+            if (cases[i].turned) { /* by a quarter, around the cameras' axes */
+                m[0] = m[5] = 0;
+                m[1] = -1;
+                m[4] = 1;
+            }
+        }
+        found = inspect(w, "focal length");
+        if (!found != (cases[i].fault < 0) || !strstr(text_of(found), cases[i].said))
+            fail_msg("case %zu: %s", i, text_of(found));
+        if (found)
+            assert_int_equal(json_is_true(json_object_get(found, "likely_fault")), cases[i].fault);
+        free_wall(w);
+    }
+}
+
 /* Masks that keep all pixels of 10 photos: tenths do not add up to 1. */
 static void test_masks_without_effect(void **state)
 {
@@ -648,6 +686,7 @@ int test_group_inspect(void)
         cmocka_unit_test(test_backdrop),      cmocka_unit_test(test_no_backdrop),
         cmocka_unit_test(test_stopped),       cmocka_unit_test(test_stood_still),
         cmocka_unit_test(test_light_field),   cmocka_unit_test(test_placed),
+        cmocka_unit_test(test_long_lens),
     };
 
     return cmocka_run_group_tests_name("inspect", tests, NULL, NULL);

@@ -632,7 +632,7 @@ static void test_bounds(void **state)
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
                  2 / 0.33, "aabb_scale 4");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":32,", crossing, (double[3]){0, 0, 0},
-                 2, "and a shell, as photos show");
+                 2, "and a shell, as photos may show");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":32,", outwards, (double[3]){0, 0, 0},
                  4, "because they look outwards; --bbox sets a better one; and a shell");
     check_bounds(folder, CLN_SPACE_CUBE, "", "\"aabb_scale\":32,", outwards, (double[3]){0, 0, 0},
@@ -659,6 +659,15 @@ static void test_bounds(void **state)
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"fl_y\":1000,", crossing, (double[3]){0, 0, 0},
                  4 * hypot(0.4, 0.004),
                  "as wide as the photos show there; --bbox sets a tighter one; and a shell");
+    /* Without the shell it is the same, if it is far less than out to the cameras. */
+    check_bounds(folder, CLN_SPACE_CUBE, "", "\"fl_y\":1000,", crossing, (double[3]){0, 0, 0}, 4,
+                 "out to the cameras");
+    for (int space = CLN_SPACE_AUTO; space <= CLN_SPACE_CUBE; space++)
+        check_bounds(folder, space, "", "\"fl_x\":50,", crossing, (double[3]){0, 0, 0},
+                     4 * hypot(0.08, 0.08),
+                     space == CLN_SPACE_CUBE
+                         ? "as wide as the photos show there; --bbox sets a tighter one"
+                         : "and a shell");
     check_bounds(folder, CLN_SPACE_AUTO, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
                  2 / 0.33, "aabb_scale 4");
     check_bounds(folder, CLN_SPACE_SHELL, "", "\"aabb_scale\":4,", crossing, (double[3]){0, 0, 0},
@@ -673,9 +682,9 @@ static void test_bounds(void **state)
     check_bounds(folder, CLN_SPACE_CUBE, "", "", outwards, (double[3]){0, 0, 0}, 4, "outwards");
     /* What outward cameras show is beyond any such cube; parallel ones have it before them. */
     check_bounds(folder, CLN_SPACE_AUTO, "", "", outwards, (double[3]){0, 0, 0}, 4,
-                 "outwards; --bbox sets a better one; and a shell, as photos show");
+                 "outwards; --bbox sets a better one; and a shell, as photos may show");
     check_bounds(folder, CLN_SPACE_AUTO, "", "", apart, (double[3]){1.5, 1.5, 0}, 2,
-                 "outwards; --bbox sets a better one; and a shell, as photos show");
+                 "outwards; --bbox sets a better one; and a shell, as photos may show");
     check_bounds(folder, CLN_SPACE_AUTO, "0,0,0,2,2,2", "", apart, (double[3]){1, 1, 1}, 1,
                  "--bbox");
     check_bounds(folder, CLN_SPACE_AUTO, "", "", parallel, (double[3]){1, 0, 0}, 4, "in parallel");

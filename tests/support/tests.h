@@ -117,6 +117,7 @@ int test_group_side_by_side(void);
 int test_group_space(void);
 int test_group_sight_rays(void);
 int test_group_sights(void);
+int test_group_silhouette(void);
 int test_group_splat(void);
 int test_group_standing(void);
 int test_group_store(void);
