@@ -613,7 +613,7 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     CLN_TRY(cln_try_tilts(scene, out));
     count_turned(&w);
     CLN_TRY(find_bad(&w));
-    CLN_TRY(cln_agree_brightness(scene->view_count, out));
+    CLN_TRY(cln_agree_brightness(scene, out));
     CLN_TRY(find_points(&w));
 done:
     for (int i = 0; w.features && i < scene->view_count; i++)

@@ -83,6 +83,8 @@ typedef struct cln_agreement {
     double tilt;         /* degrees by which all cameras are raised around what they look at, so
                             that most ties agree exactly; 0: as they are */
     double tilt_exact;   /* share of the ties that then do */
+    double falloff;      /* power of its distance from the camera with which a mark fades, as the
+                            light goes along; 0: it does not */
     double kept_share;   /* of what agrees, cut away or not: what masks and alpha keep; or NaN */
     int turned, stored;  /* of photos that EXIF data turn and that are taken as stored: ties that
                             agree if these are turned, and as they are */

@@ -7,8 +7,12 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "scene/features.h"
+#include "scene/trials.h"
 
 const double cln_exposure_jump = 0.7;
+
+/* Powers of distance that are exceeded where light goes along, and how surely: fading(). */
+static const double BESIDE = 0.25, SURE_BESIDE = 3, THROUGH = 1, SURE = 5;
 
 /* Of a pair of views: that of a over b's, in stops. */
 typedef struct brightness {
@@ -78,11 +82,76 @@ static void find_around(cln_agree_view *views, int view_count, const brightness 
     }
 }
 
-cln_status cln_agree_brightness(int views, cln_agreement *out)
+/* Of a tie, in factors of 2; or NaN. ratio: the mark's brightness in a over that in b; way: its
+ * distance from b over that from a. */
+typedef struct compared {
+    double ratio, way;
+} compared;
+
+static compared compare(const cln_scene *scene, const cln_tie *t)
+{
+    compared c = {NAN, NAN};
+    double o1[3], d1[3], o2[3], d2[3], from_a = 0, from_b = 0;
+
+    if (!t->agrees || isnan(t->value_a) || isnan(t->value_b))
+        return c;
+    c.ratio = 2.2 * log2(((double)t->value_a + .01) / ((double)t->value_b + .01));
+    if (cln_camera_ray(&scene->views[t->a].camera, t->ua, t->va, o1, d1) &&
+        cln_camera_ray(&scene->views[t->b].camera, t->ub, t->vb, o2, d2) &&
+        cln_rays_nearest((const double[3]){o2[0] - o1[0], o2[1] - o1[1], o2[2] - o1[2]}, d1, d2,
+                         &from_a, &from_b) &&
+        from_a > 0 && from_b > 0)
+        c.way = log2(from_b / from_a);
+    return c;
+}
+
+/* Do marks fade faster than with this power of their distance? In standard deviations of what
+ * chance brings. beside: one mark beside the next of the same two photos, whose exposures do not
+ * matter then; else as if there were one exposure. */
+static double fading(const cln_agreement *a, const compared *marks, double power, bool beside)
+{
+    double sum = 0, squares = 0;
+
+    for (int i = 0, last = -1; i < a->tie_count; i++) {
+        const int other = beside ? last : -1;
+        double way = marks[i].way, more = marks[i].ratio;
+
+        if (isnan(way))
+            continue;
+        last = i;
+        if (beside &&
+            (other < 0 || a->ties[other].a != a->ties[i].a || a->ties[other].b != a->ties[i].b))
+            continue;
+        way -= beside ? marks[other].way : 0;
+        more -= power * way + (beside ? marks[other].ratio : 0);
+        sum += more > 0 ? way : -way;
+        squares += way * way;
+    }
+    return squares > 0 ? sum / sqrt(squares) : 0;
+}
+
+/* The power of its distance with which a mark fades where a lamp goes along with the camera, 2 or
+ * so, of least absolute errors; 0: it does not do so beyond doubt. Exposure that changes along a
+ * way forward looks like that, but not in two photos: there less is told, as far things are others
+ * than near ones. */
+static double find_falloff(const cln_agreement *a, const compared *marks)
+{
+    double low = 0, high = 8;
+
+    if (fading(a, marks, BESIDE, true) < SURE_BESIDE || fading(a, marks, THROUGH, false) < SURE)
+        return 0;
+    while (high - low > 0.01)
+        *(fading(a, marks, (low + high) / 2, false) > 0 ? &low : &high) = (low + high) / 2;
+    return low;
+}
+
+cln_status cln_agree_brightness(const cln_scene *scene, cln_agreement *out)
 {
     cln_status st = CLN_OK;
     enum { ROUNDS = 200, FEWEST_RATIOS = 8 };
+    const int views = scene->view_count;
     brightness *pairs = NULL;
+    compared *marks = NULL;
     double *ratios = NULL, *sum = NULL, *weight = NULL;
     int count = 0, pair_count = 0;
 
@@ -90,12 +159,17 @@ cln_status cln_agree_brightness(int views, cln_agreement *out)
     CLN_TRY(cln_alloc(&ratios, CLN_FEATURES_MOST + (size_t)out->pairs, sizeof *ratios, "ratios"));
     CLN_TRY(cln_alloc(&sum, (size_t)views, sizeof *sum, "views"));
     CLN_TRY(cln_alloc(&weight, (size_t)views, sizeof *weight, "views"));
+    CLN_TRY(cln_alloc(&marks, (size_t)out->tie_count + 1, sizeof *marks, "ties"));
+    for (int i = 0; i < out->tie_count; i++)
+        marks[i] = compare(scene, &out->ties[i]);
+    out->falloff = find_falloff(out, marks);
     for (int i = 0; i < out->tie_count; i++) {
         const cln_tie *t = &out->ties[i];
+        const double ratio = marks[i].ratio - (out->falloff > 0 ? out->falloff * marks[i].way : 0);
         const bool last = i + 1 == out->tie_count || t[1].a != t->a || t[1].b != t->b;
 
-        if (t->agrees && !isnan(t->value_a) && !isnan(t->value_b))
-            ratios[count++] = 2.2 * log2(((double)t->value_a + .01) / ((double)t->value_b + .01));
+        if (!isnan(ratio))
+            ratios[count++] = ratio;
         if (last && count >= FEWEST_RATIOS) {
             cln_reals_sort(ratios, count);
             pairs[pair_count].a = t->a;
@@ -126,6 +200,7 @@ cln_status cln_agree_brightness(int views, cln_agreement *out)
     find_jumps(out->views, views, pairs, pair_count, ratios, weight);
     find_around(out->views, views, pairs, pair_count, ratios, sum);
 done:
+    free(marks);
     free(pairs);
     free(ratios);
     free(sum);

@@ -4,9 +4,10 @@
 
 #include "scene/agreement.h"
 
-/* Takes the median ratio of brightness of each pair of views; then finds one value for each view by
- * relaxation, so that the differences of values fit the pairs' ratios best: fills exposure, jump
- * and around of out->views. CLN_MEMORY. */
-cln_status cln_agree_brightness(int views, cln_agreement *out);
+/* Finds whether the light goes along with the camera, and how one mark then fades with its distance
+ * from it: falloff. Takes the median ratio of brightness of each pair of views, without what that
+ * explains; then finds one value for each view by relaxation, so that the differences of values fit
+ * the pairs' ratios best: fills exposure, jump and around of out->views. CLN_MEMORY. */
+cln_status cln_agree_brightness(const cln_scene *scene, cln_agreement *out);
 
 #endif

@@ -465,9 +465,11 @@ static void check_masks(cln_inspection *in)
 }
 
 /* Finds photos that are brighter or darker than their neighbours, much more than these than theirs:
- * where light changes with the place, all differ. If there are none, slow changes over the set. */
+ * where light changes with the place, all differ. If there are none, slow changes over the set; not
+ * where the light goes along with the camera, as a chain of photos adds up what little is left. */
 static void check_exposure(cln_inspection *in)
 {
+    const double falloff = in->posed ? in->agreement.falloff : 0;
     double low = INFINITY, high = -INFINITY, most = 0;
     json_t *views = json_array();
     char names[512];
@@ -484,14 +486,22 @@ static void check_exposure(cln_inspection *in)
             most = fmax(most, fabs(v->jump));
         }
     }
+    cln_inspect_measure(in, "light_falloff", falloff);
     cln_inspect_measure(in, "exposure_range", high > -INFINITY ? high - low : NAN);
     if (json_array_size(views))
         cln_found_fault(in->findings, "exposure", true, json_incref(views),
                         "brighter or darker than photos of the same things, by up to %.2g stops: "
                         "%s; take photos with fixed exposure, or leave these out%s",
                         most, cln_findings_names(views, names, sizeof names),
-                        in->scene->has_alpha ? "" : ", or train with --exposure");
-    else if (high - low > (in->scene->has_alpha ? EXPOSURE_RANGE_CUT : EXPOSURE_RANGE))
+                        in->scene->has_alpha || falloff > 0 ? "" : ", or train with --exposure");
+    if (falloff > 0)
+        cln_found_fault(in->findings, "exposure", false, NULL,
+                        "what is twice as far from the camera has 1/%.2g of the light, as under a "
+                        "lamp or flash that goes along. That is no change of exposure: train gives "
+                        "such photos no gains by itself; --exposure would likely cost quality",
+                        pow(2, falloff));
+    else if (!json_array_size(views) &&
+             high - low > (in->scene->has_alpha ? EXPOSURE_RANGE_CUT : EXPOSURE_RANGE))
         cln_found_fault(in->findings, "exposure", false, NULL,
                         "exposure changes over the set, by %.2g stops in all: the model will "
                         "average it; fixed exposure and white balance are better%s%s",

@@ -8,7 +8,9 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "ranks/ranks.h"
 #include "render/exposure_guess.h"
+#include "scene/agree.h"
 
 enum { EXPOSURE_STEPS = 64 };
 static const float MOST = 8;  /* largest gain; its inverse is the smallest */
@@ -16,7 +18,8 @@ static const float DOUBT = 5; /* weight of a gain of 1, in rays of a white wall 
 /* From here on photos differ, in stops, and follow those around them. Early gains show a part only,
  * as the scene has learned the rest (docs/results.md, Photos that differ in exposure). */
 static const double DIFFER = 0.1, FOLLOW = 0.5;
-static const double GAMMA = 2.2; /* light goes with this power of a photo's values */
+static const double CONFIRM = 0.3; /* of what gains differ by, what marks differ by at least */
+static const double GAMMA = 2.2;   /* light goes with this power of a photo's values */
 
 static bool is_wanted(const cln_model *model)
 {
@@ -99,33 +102,97 @@ bool cln_exposure_due(const cln_exposure *e, int64_t step)
     return e->views > 0 && step > 0 && step % EXPOSURE_STEPS == 0;
 }
 
+static double stops_of(const float gains[3])
+{
+    return GAMMA * log2((double)gains[0] * (double)gains[1] * (double)gains[2]) / 3;
+}
+
 /* How much views differ, in stops: the standard deviation. */
 static double spread_of(const cln_model *model)
 {
     double sum = 0;
 
     for (int i = 0; i < model->exposure_views; i++) {
-        const float *g = model->exposure[i];
-        const double mean = GAMMA * log2((double)g[0] * (double)g[1] * (double)g[2]) / 3;
+        const double mean = stops_of(model->exposure[i]);
 
         sum += mean * mean; /* their mean over the views is 0 */
     }
     return sqrt(sum / model->exposure_views);
 }
 
+/* What marks that two training photos show tell: the falloff of cln_agreement, and how much of what
+ * gains differ by they differ by; or 0 and 1. Asks some photos that follow each other, so that it
+ * does not take long, and of several processes, which have other photos, none. */
+static cln_status ask_marks(const cln_scene *scene, const cln_model *model, double *falloff,
+                            double *share)
+{
+    cln_status st = CLN_OK;
+    enum { RUNS = 4, RUN = 12 };
+    const int all = model->exposure_views, asked = all < RUNS * RUN ? all : RUNS * RUN;
+    cln_agreement found = {0};
+    cln_scene some = *scene;
+    int numbers[RUNS * RUN];
+    double cross = 0, square = 0;
+
+    *falloff = 0;
+    *share = 1;
+    some.views = NULL;
+    some.view_count = asked;
+    if (cln_ranks_count() > 1)
+        goto done;
+    CLN_TRY(cln_alloc(&some.views, (size_t)asked, sizeof *some.views, "exposure"));
+    for (int i = 0; i < asked; i++) {
+        numbers[i] = all > asked ? i / RUN * (all - RUN) / (RUNS - 1) + i % RUN : i;
+        some.views[i] = scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, numbers[i])];
+        if (!cln_view_is_loaded(&some.views[i]))
+            goto done;
+    }
+    CLN_TRY(cln_agree(&some, NULL, &found));
+    *falloff = found.falloff;
+    for (int i = 0; i < found.tie_count; i++) {
+        const cln_tie *t = &found.ties[i];
+        const double gains =
+            stops_of(model->exposure[numbers[t->a]]) - stops_of(model->exposure[numbers[t->b]]);
+        const double marks = found.views[t->a].exposure - found.views[t->b].exposure;
+
+        if (!isnan(marks)) {
+            cross += gains * marks;
+            square += gains * gains;
+        }
+    }
+    if (square > 0)
+        *share = cross / square;
+done:
+    cln_agreement_free(&found);
+    free(some.views);
+    return st;
+}
+
 static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *model)
 {
     cln_status st = CLN_OK;
     const double spread = spread_of(model);
-    double follow = 0;
+    double follow = 0, falloff = 0, share = 1;
 
     CLN_TRY(cln_exposure_follow(model, scene, &follow));
-    cln_debug("exposure: gains differ by %.3f stops so far, by %.2f as neighbours do", spread,
-              follow);
-    model->exposed = spread >= DIFFER && follow >= FOLLOW;
+    if (spread >= DIFFER && follow >= FOLLOW)
+        CLN_TRY(ask_marks(scene, model, &falloff, &share));
+    cln_debug("exposure: gains differ by %.3f stops so far, by %.2f as neighbours do, by %.2f as "
+              "marks do; these fade with the power %.2f of distance",
+              spread, follow, share, falloff);
+    model->exposed = spread >= DIFFER && follow >= FOLLOW && falloff == 0 && share >= CONFIRM;
     if (model->exposed)
         cln_info("exposure: photos are brighter or darker as those before and after them are; each "
                  "gets gains (--no-exposure: none)");
+    else if (falloff > 0)
+        cln_info("exposure: photos differ in brightness by %.2g stops, but so do near things and "
+                 "far ones, as the light goes along with the camera: they are taken as they are "
+                 "(--exposure gives each gains)",
+                 spread);
+    else if (share < CONFIRM)
+        cln_info("exposure: photos differ in brightness by %.2g stops, but what two of them show "
+                 "does not: they are taken as they are (--exposure gives each gains)",
+                 spread);
     else if (spread >= DIFFER)
         cln_info("exposure: photos differ in brightness by %.2g stops, but not as those before and "
                  "after them: they are taken as they are (--exposure gives each gains)",

@@ -4,8 +4,9 @@
  * cln_model.exposure has the gains, and checkpoints store them.
  *
  * With --exposure=auto, the default, they are only measured until the first update. From then on
- * photos are divided by them if they differ enough, and as those of the photos before and after do;
- * if not, there are none.
+ * photos are divided by them if they differ enough, as those of the photos before and after do, and
+ * as marks that two photos show do, unless these fade with their distance from the camera, as under
+ * a lamp that goes along; if not, there are none. (Of several processes none asks marks.)
  *
  * Every EXPOSURE_STEPS steps a gain becomes the least-squares factor from rendered colours to the
  * photo's, over the rays so far, of which each update halves the weight. Then all gains are divided

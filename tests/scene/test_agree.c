@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/rng.h"
+#include "lit_fixture.h"
 #include "scene/agree.h"
 #include "scene/inspect.h"
 #include "tests.h"
@@ -98,9 +99,31 @@ static void test_pairs_once(void **state)
 
 enum { ROW_MOST = 12 };
 
+/* How many photos check takes for faulty by their brightness; *first: the first of them, or -1 with
+ * a remark. */
+static int faulty_in(const cln_scene *scene, int *first)
+{
+    json_t *all = NULL, *findings = NULL;
+    int found = 0;
+
+    assert_int_equal(cln_scene_inspect(scene, NULL, &all), CLN_OK);
+    findings = json_object_get(all, "findings");
+    for (size_t i = 0; i < json_array_size(findings); i++) {
+        const json_t *one = json_array_get(findings, i), *name = NULL;
+
+        if (strcmp(json_string_value(json_object_get(one, "what")), "exposure") != 0 || found > 0)
+            continue; /* remarks stand behind faults */
+        if (json_is_true(json_object_get(one, "likely_fault")))
+            found = (int)json_array_size(json_object_get(one, "views"));
+        name = json_array_get(json_object_get(one, "views"), 0);
+        *first = found > 0 ? atoi(json_string_value(name)) : -1;
+    }
+    json_decref(all);
+    return found;
+}
+
 /* `count` photos of a painted wall from a row of places, each two blocks from the next, with light
- * of `stops` factors of 2. Returns how many check takes for faulty; *first: the first of them, or
- * -1 with a remark. */
+ * of `stops` factors of 2. As faulty_in(). */
 static int count_faulty(int count, const double *stops, int *first)
 {
     enum { STEP = 2 * BLOCK, WIDE = 3 * SIDE / 2, HIGH = SIDE };
@@ -114,7 +137,6 @@ static int count_faulty(int count, const double *stops, int *first)
                        .cube_share = 1,
                        .apart_share = NAN,
                        .space = cln_space_unit};
-    json_t *all = NULL, *findings = NULL;
     int found = 0;
 
     memset(views, 0, sizeof views);
@@ -143,19 +165,7 @@ static int count_faulty(int count, const double *stops, int *first)
         views[i].channels = 3;
         views[i].pixels = pixels[i];
     }
-    assert_int_equal(cln_scene_inspect(&scene, NULL, &all), CLN_OK);
-    findings = json_object_get(all, "findings");
-    for (size_t i = 0; i < json_array_size(findings); i++) {
-        const json_t *one = json_array_get(findings, i), *name = NULL;
-
-        if (strcmp(json_string_value(json_object_get(one, "what")), "exposure") != 0)
-            continue;
-        if (json_is_true(json_object_get(one, "likely_fault")))
-            found = (int)json_array_size(json_object_get(one, "views"));
-        name = json_array_get(json_object_get(one, "views"), 0);
-        *first = found > 0 ? atoi(json_string_value(name)) : -1;
-    }
-    json_decref(all);
+    found = faulty_in(&scene, first);
     for (int i = 0; i < count; i++)
         free(pixels[i]);
     return found;
@@ -187,6 +197,42 @@ static void test_faulty_neighbours(void **state)
     assert_int_equal(count_faulty(10, (const double[]){0, 0, 0, 0, -.9, -1.8, 0, 0, 0, 0}, &first),
                      2);
     assert_int_equal(first, 4);
+}
+
+/* A lamp that goes along with the camera is told from exposures that change along the way, and a
+ * darker photo under it from those that are as bright as it makes them. */
+static void test_lamp_on_camera(void **state)
+{
+    enum { COUNT = 9 };
+    static const struct {
+        double falloff, stops[COUNT], power;
+        int faulty, first; /* -2: nothing is said */
+    } cases[] = {
+        {2, {0}, 2, 0, -1},
+        {2, {0, 0, 0, 0, -1}, 2, 1, 4},
+        {0, {0, .3, .6, .9, 1.2, 1.5, 1.8, 2.1, 2.4}, 0, 0, -1},
+        {0, {0}, 0, 0, -2},
+        {0, {0, 0, 0, 0, -1}, 0, 1, 4},
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char folder[16];
+        cln_scene *scene = NULL;
+        cln_agreement a;
+        int first = -2, faulty = 0;
+
+        snprintf(folder, sizeof folder, "lit%zu", i);
+        put_folder(*state, folder);
+        scene = lit_photos(scratch_path(*state, folder), COUNT, cases[i].falloff, cases[i].stops);
+        assert_int_equal(cln_agree(scene, NULL, &a), CLN_OK);
+        if (fabs(a.falloff - cases[i].power) > 0.3)
+            fail_msg("case %zu: %d marks fade with the power %g", i, a.agreeing, a.falloff);
+        faulty = faulty_in(scene, &first);
+        if (faulty != cases[i].faulty || (first != cases[i].first && faulty < 2))
+            fail_msg("case %zu: %d photos, the first is %d", i, faulty, first);
+        cln_agreement_free(&a);
+        cln_scene_free(scene);
+    }
 }
 
 /* ---- poses ---- */
@@ -535,6 +581,7 @@ int test_group_agree(void)
         cmocka_unit_test(test_pairs_once),
         cmocka_unit_test(test_light_that_fades),
         cmocka_unit_test(test_faulty_neighbours),
+        cmocka_unit_test_setup_teardown(test_lamp_on_camera, scratch_make, scratch_remove),
         cmocka_unit_test(test_moved_w),
         cmocka_unit_test(test_robots_poses),
         cmocka_unit_test(test_bad_pose),

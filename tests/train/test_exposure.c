@@ -8,8 +8,8 @@
 #include <math.h>
 #include <string.h>
 #include "base/rng.h"
+#include "lit_fixture.h"
 #include "model/model.h"
-#include "scene_fixture.h"
 #include "tests.h"
 #include "train/exposure.h"
 
@@ -183,6 +183,27 @@ static void test_auto(void **state)
     cln_scene_free(scene);
 }
 
+/* Nor where marks that two photos show tell that the light goes along with the camera, or that it
+ * does not change. */
+static void test_auto_asks_marks(void **state)
+{
+    static const photo_gains rising = {
+        {0.7, 0.7, 0.7}, {0.85, 0.85, 0.85}, {1.15, 1.15, 1.15}, {1.4, 1.4, 1.4}};
+    static const double as_gains[VIEWS] = {0, 0.6, 1.6, 2.2}, none[VIEWS] = {0};
+    const char *names[] = {"changes", "lamp", "same"};
+
+    for (int i = 0; i < 3; i++) {
+        cln_scene *scene = NULL;
+
+        put_folder(*state, names[i]);
+        scene = lit_photos(scratch_path(*state, names[i]), VIEWS, i == 1 ? 2 : 0,
+                           i == 0 ? as_gains : none);
+        if (decides(scene, rising, 0) != (i == 0))
+            fail_msg("%s: gains %d", names[i], i != 0);
+        cln_scene_free(scene);
+    }
+}
+
 /* No gains without the option, and no gains of another number of photos. */
 static void test_no_gains(void **state)
 {
@@ -224,6 +245,7 @@ int test_group_exposure(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_gains, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_auto, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_auto_asks_marks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_no_gains, scratch_make, scratch_remove),
     };
 
