@@ -13,7 +13,7 @@ void cln_export_mesh_free(cln_mesh *mesh); /* not its faces */
 /* Tells of the parts of a surface in the result. */
 void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts);
 
-/* Results that tell how far the surface is to be trusted, and a warning where it is seen through. */
+/* Results that tell how far the surface can be trusted, and a warning where it is seen through. */
 void cln_export_tell_surface(cln_export_job *job, const cln_surface *surface);
 
 /* Turns and scales the mesh as its format wants it, writes the job's file, in the format of its
