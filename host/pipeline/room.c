@@ -379,6 +379,8 @@ void cln_room_say_free(const cln_room_desc *d, const cln_room *room, double avai
     cln_format_bytes(cln_host_memory(), all);
     cln_format_bytes(available, free_bytes);
     cln_format_bytes(*now ? least : most, need);
+    if (!*now && strcmp(need, free_bytes) == 0) /* but for what is small beside what is planned */
+        return;
     if (*now && cln_host_memory() <= available)
         snprintf(out, CLN_ROOM_TEXT,
                  "this process may have %s (ulimit -v, -d), and the training needs %s from its "

@@ -272,6 +272,7 @@ static void test_free_now(void **state)
         const char *words;
         bool now;
     } cases[] = {{1e6, "", false},
+                 {3790, "", false}, /* read as the 3.7 GiB that are needed */
                  {3000, "--host-mem 3000M keeps it below", false},
                  {2345, "--host-mem 2300M keeps it below", false},
                  {912, "912 MiB are free now", false},
