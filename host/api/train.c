@@ -456,6 +456,8 @@ static cln_status place_photos(cln_trainer *t, const cln_config *config)
     bool now = false;
 
     CLN_TRY(cln_room_place_images(&desc, t->scene, &room));
+    if (room.first_host.limit <= CLN_PROGRAM_BYTES) /* sure before plan(): no kernel is checked */
+        CLN_TRY(cln_plan_check_host(&room.first_host));
     cln_room_say_tree(&desc, &room, text);
     if (*text && room.leaves > 0)
         cln_info("memory: %s", text);
