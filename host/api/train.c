@@ -324,7 +324,7 @@ done:
     return st;
 }
 
-/* Stops on a signal before the first step, when there is nothing to save. */
+/* Stops on a signal before the first step, when there is nothing (more) to save. */
 static cln_status stop_early(cln_trainer *t)
 {
     cln_loop_poll(t);
@@ -456,6 +456,8 @@ static cln_status place_photos(cln_trainer *t, const cln_config *config)
     bool now = false;
 
     CLN_TRY(cln_room_place_images(&desc, t->scene, &room));
+    if (room.first_host.limit <= CLN_PROGRAM_BYTES) /* sure before plan(): no kernel is checked */
+        CLN_TRY(cln_plan_check_host(&room.first_host));
     cln_room_say_tree(&desc, &room, text);
     if (*text && room.leaves > 0)
         cln_info("memory: %s", text);
@@ -802,7 +804,10 @@ static cln_status train(const cln_train_desc *desc, cln_train_result *result)
     st = prepare(&t);
     if (st == CLN_SIGINT || st == CLN_SIGTERM) {
         cln_clear_error();
-        (void)cln_fail(st, "stopped by a signal before the first step, so nothing was written");
+        (void)cln_fail(st, desc->resume ? "stopped by a signal before its next step, so nothing "
+                                          "more was written: the run is as it was"
+                                        : "stopped by a signal before the first step, so nothing "
+                                          "was written");
     }
     CLN_TRY(st);
     CLN_TRY(cln_loop_run(&t));

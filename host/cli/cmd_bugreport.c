@@ -42,7 +42,7 @@ static void put_system(FILE *to)
             memory, now);
 }
 
-/* Variables that choose drivers and devices, or change what is printed. */
+/* Variables that choose drivers and devices, or change what is printed; no secret. */
 static void put_environment(FILE *to)
 {
     static const char *const prefixes[] = {
@@ -53,7 +53,8 @@ static void put_environment(FILE *to)
     fputs("Environment\n", to);
     for (char **e = environ; *e; e++)
         for (size_t i = 0; i < sizeof prefixes / sizeof prefixes[0]; i++)
-            if (strncmp(*e, prefixes[i], strlen(prefixes[i])) == 0)
+            if (strncmp(*e, prefixes[i], strlen(prefixes[i])) == 0 &&
+                strncmp(*e, "CL_NASCENT_TOKEN=", 17) != 0)
                 fprintf(to, "    %s\n", *e);
 }
 

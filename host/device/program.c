@@ -208,7 +208,7 @@ done:
 static const double FOUND = 0.2, QUIET = 1;
 
 /* Says once per device that kernels are compiled, which takes long, and that others will find
- * them. */
+ * them: those whose constants are the same (pipeline/programs.c). */
 static void note_build(cln_device *device, double seconds)
 {
     const double before = device->compile_seconds;
@@ -216,8 +216,9 @@ static void note_build(cln_device *device, double seconds)
     device->compile_seconds += seconds;
     if (before < QUIET && device->compile_seconds >= QUIET)
         cln_info("building kernels for %s, %s: up to a minute or two", device->info.name,
-                 cln_cache_keeps(device->info.platform) ? "once on this machine"
-                                                        : "each time unless its driver keeps them");
+                 cln_cache_keeps(device->info.platform)
+                     ? "once for scenes and settings of this kind"
+                     : "each time unless its driver keeps them");
 }
 
 cln_status cln_program_build(cln_device *device, const char *name, const char *defines,

@@ -337,23 +337,26 @@ void cln_room_say_tree(const cln_room_desc *d, const cln_room *room, char out[CL
 
 void cln_room_say_photos(const cln_room_desc *d, const cln_room *room, char out[CLN_ROOM_TEXT])
 {
-    const double there = cln_disk_room(cln_store_folder());
-    const bool full = there < d->photos;
-    char photos[32], room_there[32], way_out[64] = "";
+    char photos[32], there[32], way_out[64] = "";
 
     out[0] = 0;
     cln_format_bytes(d->photos, photos);
-    cln_format_bytes(there, room_there);
+    cln_format_bytes(cln_disk_room(cln_store_folder()), there);
     if (room->keeping > 0)
         snprintf(way_out, sizeof way_out, "; --max-leaves %d keeps them in memory", room->keeping);
-    if (!room->in_memory)
-        snprintf(out, CLN_ROOM_TEXT, "the photos' pixels, %s, go to a file in %s, which has %s%s%s",
-                 photos, cln_store_folder(), room_there,
-                 full ? ": too little, so that a training is refused; TMPDIR names another folder"
-                      : " free",
-                 way_out);
-    else if (!room->whole && d->photos > 0)
+    if (!room->in_memory && cln_store_possible(d->photos) != CLN_OK) {
+        snprintf(out, CLN_ROOM_TEXT,
+                 "the photos' pixels, %s, go to a file in a folder that TMPDIR names, and a "
+                 "training is refused: %s%s",
+                 photos, cln_error_text(), way_out);
+        cln_clear_error();
+    } else if (!room->in_memory) {
+        snprintf(out, CLN_ROOM_TEXT,
+                 "the photos' pixels, %s, go to a file in %s, which has %s free%s", photos,
+                 cln_store_folder(), there, way_out);
+    } else if (!room->whole && d->photos > 0) {
         snprintf(out, CLN_ROOM_TEXT, "the photos' pixels, %s, stay in memory", photos);
+    }
 }
 
 void cln_room_say_free(const cln_room_desc *d, const cln_room *room, double available, bool *now,
@@ -376,6 +379,8 @@ void cln_room_say_free(const cln_room_desc *d, const cln_room *room, double avai
     cln_format_bytes(cln_host_memory(), all);
     cln_format_bytes(available, free_bytes);
     cln_format_bytes(*now ? least : most, need);
+    if (!*now && strcmp(need, free_bytes) == 0) /* but for what is small beside what is planned */
+        return;
     if (*now && cln_host_memory() <= available)
         snprintf(out, CLN_ROOM_TEXT,
                  "this process may have %s (ulimit -v, -d), and the training needs %s from its "

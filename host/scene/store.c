@@ -62,18 +62,21 @@ done:
     return st;
 }
 
+cln_status cln_store_possible(double bytes)
+{
+    if (cln_is_dir(cln_store_folder()))
+        return cln_disk_check(cln_store_folder(), bytes, "the photos");
+    return cln_fail(CLN_OUTPUT, "%s%s: no such folder; set TMPDIR to one that is there",
+                    cln_store_folder() == getenv("TMPDIR") ? "TMPDIR is " : "", cln_store_folder());
+}
+
 cln_status cln_store_create(double bytes, double cached, cln_store **out)
 {
     cln_status st = CLN_OK;
     cln_store *store = NULL;
 
     *out = NULL;
-    if (!cln_is_dir(cln_store_folder()))
-        st = cln_fail(CLN_OUTPUT, "%s%s: no such folder; set TMPDIR to one that is there",
-                      cln_store_folder() == getenv("TMPDIR") ? "TMPDIR is " : "",
-                      cln_store_folder());
-    else
-        st = cln_disk_check(cln_store_folder(), bytes, "the photos");
+    st = cln_store_possible(bytes);
     if (st != CLN_OK)
         cln_note("finding a place for the photos, for which memory has no room; TMPDIR names "
                  "another folder");

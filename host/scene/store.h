@@ -22,8 +22,11 @@ size_t cln_store_room(int width, int height, int channels);
 /* The folder in which stores are made. */
 const char *cln_store_folder(void);
 
-/* Makes a file of `bytes` bytes, and a cache of about `cached` bytes. CLN_OUTPUT if the disk has no
- * room or the folder takes no file; CLN_MEMORY. */
+/* CLN_OUTPUT if that is no folder, takes no file, or its disk has no room for `bytes` bytes. */
+cln_status cln_store_possible(double bytes);
+
+/* Makes a file of `bytes` bytes, and a cache of about `cached` bytes. CLN_OUTPUT, as above;
+ * CLN_MEMORY. */
 cln_status cln_store_create(double bytes, double cached, cln_store **out);
 void cln_store_free(cln_store *store); /* accepts NULL */
 

@@ -7,6 +7,7 @@
 #include <net/if.h>
 #include <netinet/in.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -96,6 +97,22 @@ static void list_others(cln_listener *out)
     freeifaddrs(all);
 }
 
+/* A token that outlives a restart, as from a secret of a service; on a command line all could see
+ * it. */
+static cln_status choose_token(char out[33])
+{
+    const char *given = getenv("CL_NASCENT_TOKEN");
+
+    if (!given || !*given)
+        return cln_ask_make_token(out);
+    if (strlen(given) != 32 || strspn(given, "0123456789abcdef") != 32)
+        return cln_fail(CLN_USAGE,
+                        "CL_NASCENT_TOKEN: not 32 hexadecimal digits (0 to 9, a to f); make one "
+                        "with `openssl rand -hex 16`, or leave it unset for one of each start");
+    memcpy(out, given, 33);
+    return CLN_OK;
+}
+
 cln_status cln_listen_open(const char *address, int port, cln_listener *out)
 {
     cln_status st = CLN_OK;
@@ -128,7 +145,7 @@ cln_status cln_listen_open(const char *address, int port, cln_listener *out)
         out->own[0] = 0;
     out->far = address != NULL;
     if (out->far)
-        CLN_TRY(cln_ask_make_token(out->token));
+        CLN_TRY(choose_token(out->token));
     if (strcmp(text, "0.0.0.0") == 0 || strcmp(text, "::") == 0) {
         shown = out->own[0] ? out->own : text;
         list_others(out);

@@ -17,8 +17,9 @@ typedef struct cln_listener {
     char others[512];  /* the same by this machine's numbers, "; "-separated; "" for one address */
 } cln_listener;
 
-/* address: numeric, or NULL for 127.0.0.1 without a token. port 0: CLN_VIEW_PORT, or a free one if
- * it is taken. CLN_USAGE: no such address, or the port is taken. */
+/* address: numeric, or NULL for 127.0.0.1 without a token; the token is that of the environment's
+ * CL_NASCENT_TOKEN, or a new one. port 0: CLN_VIEW_PORT, or a free one if it is taken. CLN_USAGE:
+ * no such address or token, or the port is taken. */
 cln_status cln_listen_open(const char *address, int port, cln_listener *out);
 
 /* Logs `others`, if there are any, and warns if the port is not the usual one. */

@@ -75,8 +75,8 @@ struct cln_server {
     const char *facts;
     bool training;
     char *pages[PAGES]; /* their texts */
-    char cookie[32];    /* its name */
-    char id[17];        /* of this server, among those that the port had and will have */
+    char cookie[32];    /* its name, which no other server of the same host name has */
+    char id[17];        /* of this server, among those that the port had and will have; random */
     struct MHD_Daemon *daemon;
     double tended_at;     /* the painting thread's, as the next one */
     bool small_before;    /* the piece painted before was a small request */
@@ -193,7 +193,7 @@ static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connectio
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
 }
 
-/* allow: the methods that would do (405), or NULL. A refusal ends its connection, whose place
+/* allow: the methods that would do (405), or NULL. A sentence ends its connection, whose place
  * another may need: who has no token could else hold them all. */
 static enum MHD_Result answer_with(cln_server *s, struct MHD_Connection *connection, int status,
                                    const char *sentence, const char *allow)
@@ -205,7 +205,7 @@ static enum MHD_Result answer_with(cln_server *s, struct MHD_Connection *connect
     response = MHD_create_response_from_buffer(strlen(text), text, MHD_RESPMEM_MUST_COPY);
     if (response && allow)
         MHD_add_response_header(response, "Allow", allow);
-    if (response && status >= 400)
+    if (response)
         MHD_add_response_header(response, "Connection", "close");
     return send_response(s, connection, status, "text/plain; charset=utf-8", strlen(text),
                          response);
@@ -355,7 +355,8 @@ static enum MHD_Result take_order(cln_server *s, struct MHD_Connection *connecti
 }
 
 /* With a token in the address the browser gets it as a cookie, and the address without it: it is
- * then neither in the history nor on the screen. */
+ * then neither in the history nor on the screen. Without Path, the cookie is for the folder that
+ * the browser opened, which a proxy may have put before ours. */
 static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
 {
     struct MHD_Response *response =
@@ -364,8 +365,7 @@ static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
 
     if (!response)
         return MHD_NO;
-    snprintf(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict", s->cookie,
-             s->listener->token);
+    snprintf(text, sizeof text, "%s=%s; HttpOnly; SameSite=Strict", s->cookie, s->listener->token);
     MHD_add_response_header(response, "Set-Cookie", text);
     MHD_add_response_header(response, "Location", "./");
     return send_response(s, connection, 303, "text/plain", 0, response);
@@ -406,6 +406,8 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
     /* a link on another page may lead here; what it leads to sees nothing of that page */
     const bool page = strcmp(path, "/") == 0 && mode && strcmp(mode, "navigate") == 0;
 
+    if (strcmp(path, "/healthz") == 0) /* a probe may send no Host, and has no token */
+        return answer(s, connection, 200, "ok");
     if (!cln_ask_allowed(header_of(connection, "Host"), header_of(connection, "Origin"),
                          page ? NULL : header_of(connection, "Sec-Fetch-Site"), s->listener->far,
                          &reason))
@@ -707,23 +709,15 @@ done:
     return st;
 }
 
-/* Of the clock and the process: no two servers of a machine have the same. */
-static void make_id(char id[17])
-{
-    struct timespec now = {0};
-
-    clock_gettime(CLOCK_REALTIME, &now);
-    snprintf(id, 17, "%08x%08x", (unsigned)now.tv_sec ^ (unsigned)getpid() << 16,
-             (unsigned)now.tv_nsec);
-}
-
 cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
 {
     cln_status st = CLN_OK;
     cln_server *s = NULL;
     pthread_condattr_t monotonic;
+    char random[33];
 
     *out = NULL;
+    CLN_TRY(cln_ask_make_token(random));
     CLN_TRY(cln_alloc(&s, 1, sizeof *s, "viewer"));
     s->listener = desc->listener;
     s->painter = desc->painter;
@@ -734,8 +728,8 @@ cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
     pthread_cond_init(&s->came, &monotonic);
     pthread_condattr_destroy(&monotonic);
     pthread_mutex_init(&s->lock, NULL);
-    snprintf(s->cookie, sizeof s->cookie, "cl-nascent-%d", desc->listener->port);
-    make_id(s->id);
+    snprintf(s->id, sizeof s->id, "%.16s", random);
+    snprintf(s->cookie, sizeof s->cookie, "cl-nascent-%s", s->id);
     for (int i = 0; i < PAGES; i++)
         CLN_TRY(join(pages[i].lines, &s->pages[i]));
     CLN_TRY(start(s));

@@ -14,6 +14,7 @@
  *   GET /film?film=NAME                  the whole film
  *   GET /newest                          {"newer": null}, or the step of the model that the run has
  *                                        by now
+ *   GET /healthz                         "ok": of anybody, without Host or token
  * Every answer names its server, X-Server: ID. A request that names another one, in that header or
  * by server=ID, gets 410: a page that outlives its viewer mixes no two runs, and does not order
  * about the next training.

@@ -118,7 +118,10 @@ section_words() {
     check "no colour with NO_COLOR" eval '! grep -qF $'"'\\033'"' "$work/out"'
     on_terminal 80 env TERM=dumb "$cln" train
     check "no colour with TERM=dumb" eval '! grep -qF $'"'\\033'"' "$work/out"'
-    expect "bugreport" 0 "sent" "$cln" bugreport --no-test
+    expect "bugreport" 0 "sent" env CL_NASCENT_TOKEN=secret CL_NASCENT_PROGRESS=none \
+        "$cln" bugreport --no-test
+    check "bugreport has the variables" printed "CL_NASCENT_PROGRESS=none"
+    check "but not the viewer's token" eval '! printed secret'
     check "bugreport has the devices" grep -qE "^ 0  " "$work/out"
     check "bugreport has the version" printed "cl-nascent $("$cln" version | cut -d' ' -f2)"
     check "bugreport names the compiler" grep -qiE "compiled by .*(gcc|clang)" "$work/out"

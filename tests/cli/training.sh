@@ -399,7 +399,8 @@ section_memory() {
     expect "too little host memory to read an image" 5 "--host-mem ~smaller.copies" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 20K
     expect "too little host memory for the rest: the plan is printed" 5 "--host-mem ~images.[0-9]" \
-        "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --host-mem 200M
+        "$cln" train "$work/blender" -o "$work/never" --steps 1 --host-mem 200M
+    check "before the kernels are checked" not_said "checking the kernels"
     expect "four parts are too small, by name" 5 "weights ~iB.in.each.of.4.parts" \
         "$cln" train "$work/blender" -o "$work/never" --skip-selftest --steps 1 --max-alloc 64K
     check "too little memory: nothing is written" [ ! -e "$work/never" ]

@@ -372,7 +372,8 @@ section_applied() {
 }
 
 section_token() {
-    local port cookie holder i slow silent=()
+    local port cookie holder i slow silent=() own=0123456789abcdef0123456789abcdef \
+        first
     viewer
     port=${address##*:}
     expect "a port that is taken" 2 "--port $port" "$cln" view "$work/run" --port "$port"
@@ -405,6 +406,7 @@ section_token() {
     cp "$work/headers" "$work/entered"
     check "the token sets a cookie for this site" \
         has_header '^set-cookie: .*; HttpOnly; SameSite=Strict'
+    check "and for the folder that was opened alone" eval '! has_header "; path="'
     gets "the cookie opens the page" 200 / -b "$work/cookies"
     gets "facts" 200 /facts -b "$work/cookies"
     check "the facts have the cameras that the run keeps" [ -n "$(json cameras.0.name)" ]
@@ -417,15 +419,37 @@ section_token() {
     gets "its wrong token" 403 "/?token=00000000000000000000000000000000" -H "Host: evil.example"
     gets "its facts" 403 /facts -H "Host: evil.example"
     gets "an Origin of others" 403 / -b "$work/cookies" -H "Origin: http://evil.example"
+    gets "a probe without token" 200 /healthz
+    check "it learns that the viewer is there" [ "$(cat "$work/out")" = ok ]
+    gets "a probe without Host" 200 /healthz -0 -H "Host:"
+    gets "a probe by HEAD" 200 /healthz -I
+    gets "a path below the probe's" 403 /healthz/
     for i in {1..70}; do
         exec {slow}<>"/dev/tcp/127.0.0.1/${address##*:}"
-        printf 'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n' >&"$slow"
+        [ $((i % 2)) = 0 ] && i=/healthz || i=/
+        printf 'GET %s HTTP/1.1\r\nHost: localhost\r\n\r\n' $i >&"$slow"
         silent+=("$slow")
     done
     gets "its owner, beside many who have no token and stay" 200 / -b "$work/cookies" -m 5
     for slow in "${silent[@]}"; do exec {slow}>&-; done
     check "one address is not told twice" eval '! said "is not known"'
+    first=$server
+    with=(CL_NASCENT_TOKEN="$own")
+    serve --listen 127.0.0.2 --port "${address##*:}" # as of another container of this host
+    with=()
+    check "a token of the environment" grep -qF "/?token=$own" "$work/address"
+    get "/?token=$own"
+    cookie="$cookie; $(sed -n 's/^[Ss]et-[Cc]ookie: \([^;]*\).*/\1/p' "$work/headers")"
+    gets "a browser with both viewers' cookies" 200 / -b "$cookie"
     stop INT
+    server=$first
+    address=${address/0.2:/0.1:}
+    gets "and the other viewer" 200 / -b "$cookie"
+    stop INT
+    for i in short "${own%?}G" "$own$own"; do
+        expect "a token that is none" 2 "CL_NASCENT_TOKEN ~openssl.rand" \
+            env CL_NASCENT_TOKEN="$i" "$cln" view "$work/run" --listen 127.0.0.1
+    done
     if ! hostname -I 2>/dev/null | grep -q '^[0-9]'; then
         skip "the machine's numbers" "it has no address but its own"
         return

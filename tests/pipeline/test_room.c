@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 #include <stdlib.h>
+#include <string.h>
 #include "pipeline/room.h"
 #include "plan_fake.h"
 #include "run_fixture.h"
@@ -66,6 +67,36 @@ static void test_photos_before_leaves(void **state)
             assert_true(room.in_memory && room.leaves == fewer.max_leaves);
         }
     }
+}
+
+/* Photos that go to a file, in a folder that takes none: as the training says it. */
+static void test_no_folder(void **state)
+{
+    const char *kept = getenv("TMPDIR");
+    char *before = kept ? strdup(kept) : NULL;
+    fake f;
+    cln_config config;
+    cln_room_desc desc;
+    cln_room room;
+    char text[CLN_ROOM_TEXT];
+
+    (void)state;
+    make_voxels(&f, &config, 3800);
+    desc = desc_of(&f, &config, 960 * MIB);
+    assert_ok(cln_room_find(&desc, &room));
+    assert_false(room.in_memory);
+    setenv("TMPDIR", "/nonexistent", 1);
+    cln_room_say_photos(&desc, &room, text);
+    assert_non_null(strstr(text, "a training is refused: TMPDIR is /nonexistent: no such folder"));
+    setenv("TMPDIR", "/proc", 1); /* read-only, for root as well */
+    cln_room_say_photos(&desc, &room, text);
+    assert_non_null(strstr(text, "a training is refused: /proc: "));
+    assert_string_equal(cln_error_text(), "");
+    if (before)
+        setenv("TMPDIR", before, 1);
+    else
+        unsetenv("TMPDIR");
+    free(before);
 }
 
 /* Memory for all of it: nothing is said, and nothing gives way. Too little for the first tree: what
@@ -241,6 +272,7 @@ static void test_free_now(void **state)
         const char *words;
         bool now;
     } cases[] = {{1e6, "", false},
+                 {3790, "", false}, /* read as the 3.7 GiB that are needed */
                  {3000, "--host-mem 3000M keeps it below", false},
                  {2345, "--host-mem 2300M keeps it below", false},
                  {912, "912 MiB are free now", false},
@@ -280,6 +312,7 @@ int test_group_room(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_photos_before_leaves),
+        cmocka_unit_test(test_no_folder),
         cmocka_unit_test(test_all_and_nothing),
         cmocka_unit_test(test_batch),
         cmocka_unit_test(test_resumed),

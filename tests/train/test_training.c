@@ -199,7 +199,7 @@ static void test_interrupted_in_evaluation(void **state)
 /* A signal while photos are read, long before the first step. */
 static void test_interrupted_at_photos(void **state)
 {
-    const cln_config config = fixture_config();
+    cln_config config = fixture_config();
     fixture_stop stop = {.signal = SIGINT, .photos = 1};
     cln_train_result result;
 
@@ -209,6 +209,13 @@ static void test_interrupted_at_photos(void **state)
     assert_int_equal(stop.photos_seen, 1);
     assert_int_equal(stop.pictures_seen, 0); /* no kernel was checked */
     assert_false(cln_is_file(fixture_path("reading/run.json")));
+    config.steps = STEPS / 2;
+    assert_ok(fixture_train("reading", false, &config, NULL, &result));
+    config.steps = STEPS;
+    stop = (fixture_stop){.signal = SIGTERM, .photos = 1};
+    assert_fails(fixture_train("reading", true, &config, &stop, &result), CLN_SIGTERM,
+                 "the run is as it was");
+    assert_true(cln_is_file(fixture_path("reading/checkpoint/00000015.json")));
 }
 
 /* SIGUSR1 writes an extra checkpoint and changes nothing else. */
