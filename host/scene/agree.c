@@ -610,6 +610,7 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     CLN_TRY(cln_find_merged(scene, w.features, callbacks, out));
     CLN_TRY(cln_try_parts(scene, out));
     CLN_TRY(cln_try_orders(scene, out));
+    CLN_TRY(cln_try_places(scene, out));
     CLN_TRY(cln_try_tilts(scene, out));
     count_turned(&w);
     CLN_TRY(find_bad(&w));

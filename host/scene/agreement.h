@@ -63,6 +63,15 @@ typedef struct cln_agree_merged {
     double degrees; /* its angle */
 } cln_agree_merged;
 
+#define CLN_FOOT 0.3048 /* metres */
+
+/* Positions of cameras with other axes, or another unit along one, and rotations as given. */
+typedef struct cln_agree_place {
+    int axis[3];      /* of the given positions, for x, y, z, */
+    double factor[3]; /* and what it is multiplied by */
+    double exact;     /* share of the ties that agree exactly with it; 0: none does clearly more */
+} cln_agree_place;
+
 typedef struct cln_agreement {
     cln_agree_view *views; /* [view_count] */
     int tie_count;
@@ -78,8 +87,9 @@ typedef struct cln_agreement {
     double strict_share; /* as focal_share, with focal lengths as given */
     cln_agree_part part;
     cln_agree_merged merged;
-    const char *order;   /* "each has the pose that ...": what fits better; NULL: nothing does */
-    double order_exact;  /* share of the ties that agree exactly in that order */
+    const char *order;  /* "each has the pose that ...": what fits better; NULL: nothing does */
+    double order_exact; /* share of the ties that agree exactly in that order */
+    cln_agree_place place;
     double tilt;         /* degrees by which all cameras are raised around what they look at, so
                             that most ties agree exactly; 0: as they are */
     double tilt_exact;   /* share of the ties that then do */

@@ -33,6 +33,7 @@ static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube
 /* Degrees of a field of view: photos have more; as long lenses that marks can confirm have. */
 static const double FOV_LEAST = 5, FOV_SURE = 0.3;
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
+static const double ALONE_TIES = 20; /* of a pair, as FAR_TIES of inspect_poses.c: it overlaps */
 enum { FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
 enum { EXPOSURE_PARTNERS = 2 };
 
@@ -81,19 +82,33 @@ static void check_overlap(cln_inspection *in)
     const cln_agreement *a = &in->agreement;
     const int train = cln_scene_split_count(in->scene, CLN_SPLIT_TRAIN);
     json_t *alone = json_array();
-    double lone = 0;
+    double lone = 0, ties = 0;
     char names[512];
     double partners = 0;
 
     for (int i = 0; i < in->scene->view_count; i++) {
         partners += a->looked_at ? (double)a->views[i].partners / a->looked_at : 0;
-        if (a->views[i].looked_at && a->views[i].partners == 0 && !a->views[i].bad)
+        if (a->views[i].looked_at && a->views[i].partners == 0 && !a->views[i].bad) {
             cln_inspect_add(alone, in, i);
+            ties += a->views[i].ties;
+        }
     }
     cln_inspect_measure(in, "mean_partners", a->looked_at ? partners : NAN);
     lone = (double)json_array_size(alone);
     cln_inspect_measure(in, "views_alone", lone);
-    if (in->posed && !isnan(a->share) && json_array_size(alone))
+    if (in->posed && !isnan(a->share) && lone > ALONE_DOUBT * a->looked_at &&
+        ties * a->looked_at >= ALONE_TIES * lone * 2 * a->pairs) {
+        cln_findings_take_back(in->findings, "overlap"); /* it does overlap */
+        cln_found_fault(in->findings, "poses", false, json_incref(alone),
+                        "%zu of %d photos share many marks with their neighbours (about %.0f with "
+                        "each), but hardly any lies where both poses put it, while many of the "
+                        "others' do: %s. More photos do not help. Likely the poses are wrong in "
+                        "what matters to these most, as the unit of one axis, or are of another "
+                        "model than the others'; or what they show repeats, as tiles do",
+                        json_array_size(alone), a->looked_at,
+                        ties / lone * a->looked_at / (2 * a->pairs),
+                        cln_findings_names(alone, names, sizeof names));
+    } else if (in->posed && !isnan(a->share) && json_array_size(alone)) {
         cln_found_fault(
             in->findings, "overlap", false, json_incref(alone),
             "%zu of %d photos %s hardly anything with %s neighbours: %s; what %s alone "
@@ -109,6 +124,7 @@ static void check_overlap(cln_inspection *in)
                 : "Look at them: of something else, turned, or with wrong poses, they are better "
                   "left out. Else keep them, as some along the narrow side of a thing show little; "
                   "photos between them and the others would help");
+    }
     if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS && !cln_scene_few_around(in->scene))
         cln_found_fault(in->findings, "overlap", false, NULL,
                         "only %d training photos: surfaces that fewer than three of them show are "

@@ -35,6 +35,9 @@ static const double FRAME_SCALE = 1.04, FRAME_TURN = 6;
 static const double FOCAL_LEAST = 1.04, LEAST_STRICT = 0.2, FOCAL_EXACT = 0.55; /* as EXACT */
 static const double ONE_WAY = 0.985; /* mean cosine from the mean of directions: 10 degrees */
 static const double TILT_LEAST = 2;  /* degrees; of gains, the bounds of focal lengths hold */
+/* Of positions: their width in degrees, of which 0.01 are a kilometre; FAR_FROM_0: over it.
+ * COARSE_STEP: share of the cameras' spread from which on steps show in photos. */
+static const double DEGREES_WIDE = 1e-2, FAR_FROM_0 = 100, COARSE_STEP = 1e-3;
 
 /* Of cameras that look apart, where photos have too little in common to decide: those of a rig do
  * and share little, those around something would show the same from behind. */
@@ -139,6 +142,126 @@ static void tell_unclear(cln_inspection *in, double exact, double marks, bool th
                     "exactly, which right and wrong poses may both do. A short training tells "
                     "more",
                     few, a->tie_count, 100 * a->share, 100 * exact);
+}
+
+/* ---- positions ---- */
+
+/* Does another order, sign or unit of the positions' axes fit better than all else? */
+static bool has_place(const cln_agreement *a)
+{
+    return a->place.exact > a->focal_share && a->place.exact > a->tilt_exact &&
+           !(a->order && a->order_exact >= a->place.exact);
+}
+
+static void tell_place(cln_inspection *in)
+{
+    const cln_agree_place *place = &in->agreement.place;
+    char what[200] = "";
+    int n = 0;
+
+    for (int i = 0; i < 3; i++)
+        if (fabs(place->factor[i]) != 1)
+            snprintf(what, sizeof what,
+                     "their %c is multiplied by %.6g. Likely it is in %s, and the other two are in "
+                     "%s: bring all three to one unit",
+                     'x' + i, place->factor[i], place->factor[i] < 1 ? "feet" : "metres",
+                     place->factor[i] < 1 ? "metres" : "feet");
+    if (!what[0]) {
+        for (int i = 0; i < 3; i++)
+            n += snprintf(what + n, sizeof what - (size_t)n, "%s%s%c", i ? ", " : "they are (",
+                          place->factor[i] < 0 ? "-" : "", 'x' + place->axis[i]);
+        snprintf(what + n, sizeof what - (size_t)n,
+                 ") instead of (x, y, z), and rotations stay. Likely axes of one of the two were "
+                 "exchanged or negated: give both in one frame");
+    }
+    cln_found_fault(in->findings, "poses", true, NULL,
+                    "the photos do not fit the cameras' positions (%.0f%% of what two photos show "
+                    "lies exactly where both poses put it), but do (%.0f%%) if %s",
+                    100 * in->agreement.strict_share, 100 * place->exact, what);
+}
+
+/* Finds the middle of the positions along each axis, and how far they spread around it. */
+static void find_extent(const cln_scene *scene, double middle[3], double spread[3])
+{
+    for (int a = 0; a < 3; a++) {
+        double low = INFINITY, high = -INFINITY;
+
+        for (int i = 0; i < scene->view_count; i++) {
+            low = fmin(low, scene->views[i].camera.c2w[4 * a + 3]);
+            high = fmax(high, scene->views[i].camera.c2w[4 * a + 3]);
+        }
+        middle[a] = .5 * (low + high);
+        spread[a] = high - low;
+    }
+}
+
+/* The axis along which positions are metres if along the others they are degrees: within the
+ * globe's, far from 0 and a kilometre wide at most; or -1. */
+static int metres_beside_degrees(const double middle[3], const double spread[3])
+{
+    for (int up = 0; up < 3; up++) {
+        const int a = (up + 1) % 3, b = (up + 2) % 3;
+        const double wide = fmax(spread[a], spread[b]);
+        const double most = fmax(fabs(middle[a]), fabs(middle[b]));
+        const double least = fmin(fabs(middle[a]), fabs(middle[b]));
+
+        if (most <= 180 && least <= 90 && wide > 0 && wide <= DEGREES_WIDE &&
+            least > FAR_FROM_0 * wide && spread[up] > FAR_FROM_0 * wide)
+            return up;
+    }
+    return -1;
+}
+
+/* The axis along which positions have coarse steps, as 32 bits tell no others; or -1. */
+static int rounded_axis(const cln_scene *scene, const double middle[3], const double spread[3],
+                        double *step)
+{
+    int coarse = 0;
+
+    for (int i = 0; i < 3 * scene->view_count; i++) {
+        const double at = scene->views[i / 3].camera.c2w[4 * (i % 3) + 3];
+
+        if ((double)(float)at != at)
+            return -1;
+    }
+    for (int a = 1; a < 3; a++)
+        if (fabs(middle[a]) > fabs(middle[coarse]))
+            coarse = a;
+    *step = nextafterf((float)fabs(middle[coarse]), INFINITY) - (float)fabs(middle[coarse]);
+    return *step > COARSE_STEP * fmax(fmax(spread[0], spread[1]), spread[2]) ? coarse : -1;
+}
+
+/* What the positions' numbers alone tell, if photos do not fit: are they of degrees, or of steps?
+ * Returns whether there is a finding. */
+static bool tell_numbers(cln_inspection *in, double exact)
+{
+    const cln_agreement *a = &in->agreement;
+    double middle[3], spread[3], step = 0;
+    int axis = 0;
+
+    find_extent(in->scene, middle, spread);
+    axis = metres_beside_degrees(middle, spread);
+    if (axis >= 0) {
+        cln_found_fault(in->findings, "poses", true, NULL,
+                        "the photos do not fit their poses (%.0f%% of what two photos show lies "
+                        "where both poses put it): the cameras' positions look like longitude and "
+                        "latitude in degrees (%c about %.5g, %c about %.5g) beside metres (%c). "
+                        "Convert them to metres along all three axes, as of UTM or of a local "
+                        "frame",
+                        100 * a->share, 'x' + (axis + 1) % 3, middle[(axis + 1) % 3],
+                        'x' + (axis + 2) % 3, middle[(axis + 2) % 3], 'x' + axis);
+        return true;
+    }
+    axis = rounded_axis(in->scene, middle, spread, &step);
+    if (axis >= 0)
+        cln_found_fault(in->findings, "poses", true, NULL,
+                        "the photos do not fit their poses well (%.0f%% of what two photos show "
+                        "lies where both poses put it, and %.0f%% of that exactly): the cameras' "
+                        "positions were rounded to 32 bits, which tell their %c, about %.3g, in "
+                        "steps of %.3g alone. Write them in 64 bits, or with the survey's origin "
+                        "subtracted before; `cl-nascent export --offset` adds it again",
+                        100 * a->share, 100 * exact, 'x' + axis, middle[axis], step);
+    return axis >= 0;
 }
 
 /* Photos of one camera with the intrinsics of another. */
@@ -278,6 +401,17 @@ cln_status cln_inspect_poses(cln_inspection *in)
             "texture",
             a->tie_count, cln_plural(a->tie_count, "", "s"), a->pairs,
             cln_plural(a->pairs, "", "s"));
+        goto done;
+    }
+    if ((a->share < UNSURE || exact < EXACT) && tell_numbers(in, exact)) {
+        in->posed = false;
+        goto done;
+    }
+    if (has_place(a)) {
+        cln_findings_take_back(in->findings, "axes");
+        cln_findings_take_back(in->findings, "scale"); /* as below */
+        in->posed = false;
+        tell_place(in);
         goto done;
     }
     if (a->reading > 0 && a->share < READING * a->reading_share && a->reading_share > SOUND / 2) {

@@ -12,6 +12,8 @@
 /* TRIED: ties on which readings are tried; PART_TRIED: focal lengths of a part. FOLDERS: most that
  * are tried as parts. */
 enum { TRIED = 12000, PART_TRIED = 2000, FOLDERS = 8 };
+/* Of positions: axes in each order and with each sign; these, and one axis in feet or metres. */
+enum { SIGNED_AXES = 48, PLACES = SIGNED_AXES + 6 };
 enum { FEWEST = 100, FEWEST_VIEWS = 3 }; /* ties, views that say anything about a part */
 static const double STRICT =
     0.25; /* share of the tolerance for focal lengths, whose effect is small */
@@ -319,16 +321,35 @@ static bool fill_order(const cln_scene *scene, const cln_view **natural, const c
     return changes;
 }
 
+/* Or is there too little to tell? */
+static bool is_sound(const cln_agreement *a)
+{
+    return isnan(a->share) || (a->share >= DOUBT && a->strict_share >= INEXACT * a->reading_share);
+}
+
+/* Of ties with the trial's poses: the share that agrees exactly; 0 if it is not clearly above that
+ * of the likeliest reading. */
+static double exact_if_clear(const cln_scene *scene, const cln_agreement *a, cln_trial trial)
+{
+    const int step = a->tie_count / TRIED + 1;
+    double share = 0, exact = 0;
+
+    trial.strict = 1;
+    share = share_of(scene, a, &trial, step);
+    trial.strict = STRICT;
+    exact = share_of(scene, a, &trial, step);
+    return share < ORDER_LEAST || exact < INEXACT * share || exact <= ORDER_GAIN * a->strict_share
+               ? 0
+               : exact;
+}
+
 cln_status cln_try_orders(const cln_scene *scene, cln_agreement *out)
 {
     cln_status st = CLN_OK;
     const cln_view **natural = NULL, **bytes = NULL;
     int *pose_of = NULL;
-    const int step = out->tie_count / TRIED + 1;
-    double best = ORDER_GAIN * out->strict_share;
 
-    if (isnan(out->share) ||
-        (out->share >= DOUBT && out->strict_share >= INEXACT * out->reading_share))
+    if (is_sound(out))
         return CLN_OK;
     CLN_TRY(name_order(scene, &natural));
     CLN_TRY(cln_alloc(&bytes, (size_t)scene->view_count, sizeof *bytes, "views"));
@@ -336,18 +357,14 @@ cln_status cln_try_orders(const cln_scene *scene, cln_agreement *out)
     qsort(bytes, (size_t)scene->view_count, sizeof *bytes, by_bytes);
     CLN_TRY(cln_alloc(&pose_of, (size_t)scene->view_count, sizeof *pose_of, "views"));
     for (int i = 0; i < CLN_ORDERS; i++) {
-        cln_trial trial = {.reading = &cln_readings[0], .focal = 1, .pose_of = pose_of};
-        double share = 0, exact = 0;
+        const cln_trial trial = {.reading = &cln_readings[0], .focal = 1, .pose_of = pose_of};
+        double exact = 0;
 
         if (!fill_order(scene, natural, bytes, orders[i].shift, pose_of))
             continue;
-        trial.strict = 1;
-        share = share_of(scene, out, &trial, step);
-        trial.strict = STRICT;
-        exact = share_of(scene, out, &trial, step);
-        if (share < ORDER_LEAST || exact < INEXACT * share || exact <= best)
+        exact = exact_if_clear(scene, out, trial);
+        if (exact <= out->order_exact)
             continue;
-        best = exact;
         out->order = orders[i].text;
         out->order_exact = exact;
     }
@@ -355,6 +372,54 @@ done:
     free(natural);
     free(bytes);
     free(pose_of);
+    return st;
+}
+
+/* ---- positions ---- */
+
+/* The i-th of PLACES, the given one first: those that change least before others, as along an axis
+ * in which all cameras are level its sign does not matter. */
+static cln_agree_place place_of(int i)
+{
+    static const int axes[6][3] = {{0, 1, 2}, {1, 0, 2}, {2, 1, 0},
+                                   {0, 2, 1}, {1, 2, 0}, {2, 0, 1}};
+    cln_agree_place place = {.axis = {0, 1, 2}, .factor = {1, 1, 1}};
+
+    if (i >= SIGNED_AXES)
+        place.factor[i % 3] = i < SIGNED_AXES + 3 ? CLN_FOOT : 1 / CLN_FOOT;
+    for (int a = 0; a < 3 && i < SIGNED_AXES; a++) {
+        place.axis[a] = axes[i % 6][a];
+        place.factor[a] = (i / 6) >> a & 1 ? -1 : 1;
+    }
+    return place;
+}
+
+cln_status cln_try_places(const cln_scene *scene, cln_agreement *out)
+{
+    cln_status st = CLN_OK;
+    double(*poses)[12] = NULL;
+
+    if (is_sound(out))
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&poses, (size_t)scene->view_count, sizeof *poses, "poses"));
+    for (int i = 1; i < PLACES; i++) {
+        const cln_trial trial = {
+            .reading = &cln_readings[0], .focal = 1, .poses = (const double(*)[12])poses};
+        cln_agree_place place = place_of(i);
+
+        for (int k = 0; k < scene->view_count; k++) {
+            const double *given = scene->views[k].camera.c2w;
+
+            memcpy(poses[k], given, sizeof poses[k]);
+            for (int a = 0; a < 3; a++)
+                poses[k][4 * a + 3] = place.factor[a] * given[4 * place.axis[a] + 3];
+        }
+        place.exact = exact_if_clear(scene, out, trial);
+        if (place.exact > out->place.exact)
+            out->place = place;
+    }
+done:
+    free(poses);
     return st;
 }
 

@@ -1,6 +1,7 @@
 /* Do two rays of a tie meet, with cameras as given or with others that are tried? And which others
  * fit best: readings of the poses (readings.c), focal lengths of all photos or of some, orders of
- * the poses, a tilt of all cameras. Part of agree.h, which finds the ties. */
+ * the poses, axes and units of positions alone, a tilt of all cameras. Part of agree.h, which finds
+ * the ties. */
 #ifndef CLN_TRIALS_H
 #define CLN_TRIALS_H
 
@@ -30,9 +31,10 @@ bool cln_tie_agrees(const cln_scene *scene, const cln_tie *tie, const cln_trial 
 /* Fills reading, reading_share, given_share, focal, focal_share, focal_exact, strict_share. */
 void cln_try_readings(const cln_scene *scene, cln_agreement *out);
 
-/* Fills `part` and `order`, if a large part of the ties does not agree. CLN_MEMORY. */
+/* Fills `part`, `order` and `place`, if a large part of the ties does not agree. CLN_MEMORY. */
 cln_status cln_try_parts(const cln_scene *scene, cln_agreement *out);
 cln_status cln_try_orders(const cln_scene *scene, cln_agreement *out);
+cln_status cln_try_places(const cln_scene *scene, cln_agreement *out);
 
 /* Fills tilt, tilt_exact, if cameras stand around something. CLN_MEMORY. */
 cln_status cln_try_tilts(const cln_scene *scene, cln_agreement *out);

@@ -431,6 +431,84 @@ static void test_robots_poses(void **state)
     }
 }
 
+/* Positions that are wrong in a way that can be recognised, with rotations that are right. */
+static void test_positions(void **state)
+{
+    static const struct {
+        double factor[3], offset[3]; /* of what is given, along the axes below */
+        int axis[3];
+        bool in_32_bits;
+        const char *text; /* "": no finding; NULL: another */
+    } cases[] = {
+        {{1, 1, 1}, {0}, {0, 1, 2}, false, ""},
+        {{1, 1, 1}, {512336, 5712346, 132}, {0, 1, 2}, false, ""},
+        {{1, 1, 1}, {0}, {0, 1, 2}, true, ""},
+        {{1, 1, 3.28084}, {0}, {0, 1, 2}, false, "z is multiplied by 0.3048. Likely it is in feet"},
+        {{3.28084, 1, 3.28084},
+         {0},
+         {0, 1, 2},
+         false,
+         "y is multiplied by 3.28084. Likely it is in metres, and the other two are in feet"},
+        {{1, 1, 1}, {0}, {1, 0, 2}, false, "if they are (y, x, z) instead of (x, y, z)"},
+        {{1, 1, 1}, {0}, {1, 2, 0}, false, "if they are (z, x, y) instead of (x, y, z)"},
+        {{-1, -1, -1}, {0}, {0, 1, 2}, false, "if they are (-x, -y, -z) instead of (x, y, z)"},
+        {{1e-4, 1e-4, 10}, {9.18, 51.5, 100}, {0, 1, 2}, false, "(x about 9.18"},
+        {{10, 1e-4, 1e-4}, {0, 51.5, 170}, {0, 1, 2}, false, "degrees (y about 51.5"},
+        {{1e-4, 1e-4, 10}, {0.001, 0, 100}, {0, 1, 2}, false, NULL},
+        {{1, 1, 1}, {5e5, 5712346, 132}, {0, 1, 2}, true, "y, about 5.71e+06, in steps of 0.5"},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        seen *s = make_seen(12, 0.08, 0.2);
+        char *text = NULL;
+        bool fault = false;
+
+        for (int k = 0; k < s->scene.view_count; k++) {
+            double *m = s->views[k].camera.c2w, was[12];
+
+            m[7] = 0.15 * (k % 3);
+            m[11] = -0.04 * (5 * k % 12); /* all differ */
+            see(s, k);
+            memcpy(was, m, sizeof was);
+            for (int a = 0; a < 3; a++) {
+                const double given =
+                    cases[i].factor[a] * was[4 * cases[i].axis[a] + 3] + cases[i].offset[a];
+
+                m[4 * a + 3] = cases[i].in_32_bits ? (double)(float)given : given;
+            }
+        }
+        text = told_of(s, "poses", &fault);
+        if (cases[i].text ? fault != !!cases[i].text[0] || !strstr(text, cases[i].text)
+                          : !fault || strstr(text, "degrees"))
+            fail_msg("case %zu: '%s'", i, text);
+        free(text);
+        free(s);
+    }
+}
+
+/* Half of the photos fit each other; the others share as much with these, and contradict them and
+ * each other: more photos would do so, too. */
+static void test_no_more_photos(void **state)
+{
+    seen *s = make_seen(12, 0.08, 0.2);
+    char *text = NULL;
+    bool fault = false;
+
+    (void)state;
+    for (uint32_t k = 6; k < 12; k++)
+        for (uint32_t a = 0; a < 3; a++)
+            s->views[k].camera.c2w[4 * a + 3] += 8 * cln_uniform_hash(7, 1, 0, k, 0, a) - 4;
+    text = told_of(s, "poses", &fault);
+    if (fault || !strstr(text, "of 12 photos share many marks with their neighbours"))
+        fail_msg("'%s'", text);
+    free(text);
+    text = told_of(s, "overlap", &fault);
+    assert_string_equal(text, "");
+    free(text);
+    free(s);
+}
+
 /* A photo that does not fit its pose is a fault if the pose is none of a video, between those
  * before and after it, and if it has as many marks as others. */
 static void test_bad_pose(void **state)
@@ -584,6 +662,8 @@ int test_group_agree(void)
         cmocka_unit_test_setup_teardown(test_lamp_on_camera, scratch_make, scratch_remove),
         cmocka_unit_test(test_moved_w),
         cmocka_unit_test(test_robots_poses),
+        cmocka_unit_test(test_positions),
+        cmocka_unit_test(test_no_more_photos),
         cmocka_unit_test(test_bad_pose),
         cmocka_unit_test(test_merged),
         cmocka_unit_test(test_tilt),
