@@ -225,7 +225,7 @@ static void warn_of_path(const cln_render_desc *desc, const cln_scene *scene)
 {
     cln_scene *kept = NULL;
 
-    if (!scene && cln_recorded_cameras(desc->run, &kept) != CLN_OK)
+    if (!scene && desc->run && cln_recorded_cameras(desc->run, &kept) != CLN_OK)
         cln_clear_error(); /* a sentence less */
     scene = scene ? scene : kept;
     if (scene && cln_scene_is_path(scene))
