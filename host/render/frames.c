@@ -219,6 +219,23 @@ done:
     return st;
 }
 
+/* Around what they look at, or about their middle, cameras along a path leave it: what was filmed
+ * within walls would be seen from behind them. */
+static void warn_of_path(const cln_render_desc *desc, const cln_scene *scene)
+{
+    cln_scene *kept = NULL;
+
+    if (!scene && desc->run && cln_recorded_cameras(desc->run, &kept) != CLN_OK)
+        cln_clear_error(); /* a sentence less */
+    scene = scene ? scene : kept;
+    if (scene && cln_scene_is_path(scene))
+        cln_warn("--%s: the training cameras stand along a path and look along it; this leaves it, "
+                 "to where no photo was taken, maybe behind walls. A film along the path: --split "
+                 "train --interpolate",
+                 is_orbit(desc) ? "orbit" : "spiral");
+    cln_scene_free(kept);
+}
+
 /* Gives the frames desc's width and height. */
 static cln_status resize(const cln_render_desc *desc, cln_frames *frames)
 {
@@ -290,6 +307,8 @@ cln_status cln_frames_make(const cln_render_desc *desc, const cln_scene *scene, 
         CLN_TRY(of_orbit(desc, &seen, out));
     if (desc->poses || desc->split)
         CLN_TRY(resize(desc, out));
+    else
+        warn_of_path(desc, scene);
     out->poses = desc->poses      ? "file"
                  : desc->split    ? desc->split
                  : is_orbit(desc) ? "orbit"

@@ -221,8 +221,9 @@ cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
     for (int c = 0; c < 3 && sums[3] > 0; c++) /* digits that run.json gives back exactly */
         scene->background[c] =
             (float)(round(1000.0 * (double)sums[c] / (255.0 * (double)sums[3])) / 1000);
-    CLN_TRY(find_backdrop(scene,
-                          kind != CLN_BACKGROUND_MEAN && !scene->has_alpha && looks_ahead(scene),
+    CLN_TRY(find_backdrop(scene, /* amid things, one colour is bars or a round field */
+                          kind != CLN_BACKGROUND_MEAN && !scene->has_alpha && !scene->amid &&
+                              looks_ahead(scene),
                           kind == CLN_BACKGROUND_GIVEN, scene->background, &scene->backdrop));
     CLN_TRY(find_still(scene, !scene->has_alpha && !scene->backdrop && looks_ahead(scene) &&
                                   turn_much(scene)));

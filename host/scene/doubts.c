@@ -17,12 +17,17 @@
 #include "base/log.h"
 #include "base/text.h"
 #include "scene/inspect.h"
+#include "scene/vectors.h"
 
-enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3, POINTS = 256, POINTS_MIN = 16 };
+enum { RAYS = 16, CAMERAS = 256, PAIRS_MIN = 3, POINTS = 256, POINTS_MIN = 16, PATH_MIN = 8 };
 static const double OFF_MAX = 0.2; /* of a principal point, in sides of the image */
 static const double CUBE_SHARE_MIN = 0.05, SPREAD_MIN = 0.01, ONE_PLACE = 1e-9, APART_MAX = 0.8;
 static const double FROM_AROUND = 0.5;             /* cosine of 60 degrees between two axes */
 static const double DIFFER = 0.030153689607045808; /* squared sine of 10 degrees */
+static const double ONE_WAY = 0.95;                /* length of the mean of their axes */
+static const double WITHIN = 0.05; /* of the points, on either side of a camera within them */
+static const double PASSED = 0.9;  /* of the points in their pictures, where cameras pass them */
+static const double PATH = 0.94;   /* squared, of the cameras' way what goes where they look */
 
 /* At most CAMERAS training cameras, evenly chosen: their number, and below, camera i of them. */
 static int chosen_count(const cln_scene *scene)
@@ -137,8 +142,92 @@ static double before_share(const cln_scene *scene, const cln_reader_result *resu
     return seen < POINTS_MIN ? NAN : (double)before / (double)seen;
 }
 
+/* Do most cameras stand within the sparse points? */
+static bool are_within(const cln_scene *scene, const cln_reader_result *result)
+{
+    const int count = chosen_count(scene), points = result ? result->point_count : 0;
+    const int step = points / POINTS + 1;
+    int within = 0;
+
+    for (int i = 0; i < count; i++) {
+        bool is = points >= POINTS_MIN;
+
+        for (int a = 0; a < 3 && is; a++) {
+            int below = 0, all = 0;
+
+            for (int k = 0; k < points; k += step, all++)
+                below += result->points[k].xyz[a] < chosen(scene, i)->c2w[4 * a + 3];
+            is = fmin(below, all - below) >= WITHIN * all;
+        }
+        within += is;
+    }
+    return 2 * within > count;
+}
+
+/* Of cameras that look one way: how far they stand from their middle at most, squared, and along
+ * where they look. False of others. */
+static bool one_way(const cln_scene *scene, double *farthest, double *along)
+{
+    const int count = chosen_count(scene);
+    double mean[3] = {0}, axis[3] = {0}, length = 0;
+
+    *farthest = *along = 0;
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++) {
+            mean[a] += chosen(scene, i)->c2w[4 * a + 3] / count;
+            axis[a] += chosen(scene, i)->c2w[4 * a + 2] / count;
+        }
+    length = sqrt(cln_dot(axis, axis));
+    for (int i = 0; i < count; i++) {
+        double way[3];
+
+        for (int a = 0; a < 3; a++)
+            way[a] = chosen(scene, i)->c2w[4 * a + 3] - mean[a];
+        *farthest = fmax(*farthest, cln_dot(way, way));
+        *along = fmax(*along, pow(cln_dot(way, axis) / length, 2));
+    }
+    return length > ONE_WAY;
+}
+
+bool cln_scene_is_path(const cln_scene *scene)
+{
+    double farthest = 0, along = 0;
+
+    return chosen_count(scene) >= PATH_MIN && one_way(scene, &farthest, &along) &&
+           along > PATH * farthest;
+}
+
+/* Do cameras that look one way pass what they see: do they move further than the points in their
+ * pictures are away or, if nothing tells that, along a path? */
+static bool pass_by(const cln_scene *scene, const cln_reader_result *result)
+{
+    const int count = chosen_count(scene), points = result ? result->point_count : 0;
+    const int step = points / POINTS + 1;
+    double farthest = 0, along = 0;
+    int seen = 0, passed = 0;
+
+    if (!one_way(scene, &farthest, &along))
+        return false;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < points; k += step) {
+            const cln_camera *c = chosen(scene, i);
+            double p[3], way[3], u = 0, v = 0;
+
+            for (int a = 0; a < 3; a++) {
+                p[a] = result->points[k].xyz[a];
+                way[a] = p[a] - c->c2w[4 * a + 3];
+            }
+            if (!cln_camera_shows(c, p, &u, &v))
+                continue;
+            seen++;
+            passed += cln_dot(way, way) < 4 * farthest;
+        }
+    return seen >= POINTS_MIN ? passed >= PASSED * seen : cln_scene_is_path(scene);
+}
+
 void cln_scene_find_doubts(cln_scene *scene, const cln_reader_result *result)
 {
+    scene->amid = are_within(scene, result) || pass_by(scene, result);
     scene->before_share = before_share(scene, result);
     scene->cube_share = cln_scene_cube_share(scene);
     scene->spread = cln_scene_spread(scene);

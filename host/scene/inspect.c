@@ -96,8 +96,14 @@ static void check_overlap(cln_inspection *in)
     cln_inspect_measure(in, "mean_partners", a->looked_at ? partners : NAN);
     lone = (double)json_array_size(alone);
     cln_inspect_measure(in, "views_alone", lone);
-    if (in->posed && !isnan(a->share) && lone > ALONE_DOUBT * a->looked_at &&
-        ties * a->looked_at >= ALONE_TIES * lone * 2 * a->pairs) {
+    if (in->posed && in->thin && lone > ALONE_DOUBT * a->looked_at) {
+        cln_found_fault(in->findings, "overlap", false, json_incref(alone),
+                        "a photo has %.0f mark%s (of most captures 100 or more), as haze, low "
+                        "contrast or surfaces of one colour show few: too few to tell what "
+                        "neighbours share. A short training tells whether there are enough photos",
+                        in->marks, cln_plural(in->marks, "", "s"));
+    } else if (in->posed && !isnan(a->share) && lone > ALONE_DOUBT * a->looked_at &&
+               ties * a->looked_at >= ALONE_TIES * lone * 2 * a->pairs) {
         cln_findings_take_back(in->findings, "overlap"); /* it does overlap */
         cln_found_fault(in->findings, "poses", false, json_incref(alone),
                         "%zu of %d photos share many marks with their neighbours (about %.0f with "

@@ -366,7 +366,8 @@ cln_status cln_inspect_poses(cln_inspection *in)
     verdict judged = RIGHT;
 
     CLN_TRY(count_marks(in, &marks));
-    thin = marks < THIN_MARKS && a->tie_count < THIN_TIES * a->pairs;
+    thin = in->thin = marks < THIN_MARKS && a->tie_count < THIN_TIES * a->pairs;
+    in->marks = marks;
     judged = isnan(a->share) ? RIGHT : judge(a, exact, thin);
 
     cln_inspect_measure(in, "compared_views", a->looked_at);

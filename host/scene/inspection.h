@@ -13,6 +13,8 @@ typedef struct cln_inspection {
     cln_photo *photos; /* [view] */
     json_t *findings, *measures;
     bool posed;    /* photos fit their poses, as far as is known */
+    bool thin;     /* too few marks to tell what photos share: */
+    double marks;  /* of a photo, the median */
     bool standing; /* something stands in all photos (standing.h) */
 } cln_inspection;
 

@@ -183,6 +183,7 @@ typedef struct cln_scene {
     double spread;         /* of the training cameras about their middle, half sides */
     double apart_share;    /* of pairs of them, those that look apart; NaN: too few to tell */
     double before_share;   /* of sparse points in their pictures, those before them; likewise */
+    bool amid;             /* cameras stand amid what they see, or pass it along their way */
     bool has_sights;       /* its files name points and images that show them */
     int64_t sight_count;   /* with config.depth_loss, for training: what points tell of depths */
     cln_sight *sights;     /* by point or by view */
@@ -257,6 +258,10 @@ cln_status cln_scene_path_from(const cln_scene *scene, const char *path, char **
 
 /* Warns of what looks like a mistake in the poses, with its likely cause (doubts.c). */
 void cln_scene_warn_doubts(const cln_scene *scene);
+
+/* doubts.c: do the training cameras look one way and stand along it, as those of a walk, a drive or
+ * a pipe? */
+bool cln_scene_is_path(const cln_scene *scene);
 
 /* silhouette.c: the box, in scene units, of what the alpha of the training photos shows within
  * `box` (low x, y, z, high x, y, z): of their visual hull, which holds all that all photos show.

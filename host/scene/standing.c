@@ -21,7 +21,11 @@ enum {
     ALIKE = 8,
     LEAST_CELLS = 24,
     SPECK = 5,
-    CELLS = 192
+    CELLS = 192,
+    BLOCK = 8,
+    BLACK = 16,
+    SHARP = 64,
+    SHARP_PARTS = 64
 };
 static const double TURNED = 0.97; /* length of the mean of their axes, or of their right sides */
 static const double STANDS = 0.97; /* share of the pairs that are alike where something stands */
@@ -29,6 +33,7 @@ static const double STANDS = 0.97; /* share of the pairs that are alike where so
  * second is of what has one colour. */
 static const double MOVES[2] = {0.5, 0.25};
 static const double EDGE[2] = {0.35, 0.1};
+static const double EDGE_MOST = 0.0125; /* of the longer side: such a block, in small photos */
 static const double MOST = 0.4;  /* of the picture, unless it is of one colour, as bars are */
 static const double PART = 0.12; /* of what stands, from which on a part of the picture is named */
 static const double WIDER = 0.003; /* of the longer side, by which a mask is wider */
@@ -129,41 +134,74 @@ static int mark(const cln_standing *grid, const float *share, uint8_t *is)
     return count;
 }
 
-/* Is there one within `reach` cells? */
-static bool is_beside(const cln_standing *grid, const uint8_t *is, int x, int y, int reach)
+/* out: the cells within `reach` of those, along the rows and then along the columns. */
+static cln_status widen(const cln_standing *grid, const uint8_t *is, int reach, uint8_t *out)
 {
-    for (int cy = y - reach; cy <= y + reach; cy++)
-        for (int cx = x - reach; cx <= x + reach; cx++)
-            if (cx >= 0 && cy >= 0 && cx < grid->width && cy < grid->height &&
-                is[cy * grid->width + cx])
-                return true;
-    return false;
+    cln_status st = CLN_OK;
+    const int w = grid->width, h = grid->height;
+    uint8_t *rows = NULL;
+
+    CLN_TRY(cln_alloc(&rows, (size_t)w * (size_t)h, 1, "pixels"));
+    memset(out, 0, (size_t)w * (size_t)h);
+    for (int i = 0; i < w * h; i++)
+        for (int x = i % w - reach; is[i] && x <= i % w + reach; x++)
+            if (x >= 0 && x < w)
+                rows[i / w * w + x] = 1;
+    for (int i = 0; i < w * h; i++)
+        for (int y = i / w - reach; rows[i] && y <= i / w + reach; y++)
+            if (y >= 0 && y < h)
+                out[y * w + i % w] = 1;
+done:
+    free(rows);
+    return st;
 }
 
-/* Do the photos differ elsewhere, and beside what stands nearly as much? plain: it may as well be
- * what is behind an object, so they must do so more. */
-static bool has_edges(const cln_standing *grid, const float *share, const uint8_t *is, bool plain)
+/* *has: do the photos differ elsewhere, and beside what stands nearly as much? plain: it may as
+ * well be what is behind an object, so they must do so more. */
+static cln_status find_edges(const chosen *c, const cln_standing *grid, const float *share,
+                             const uint8_t *is, bool plain, bool *has)
 {
+    cln_status st = CLN_OK;
     const int cells = grid->width * grid->height;
+    const double longer = fmax(grid->width, grid->height);
+    /* the pixels of an edge are of both, and those of a JPEG file's blocks across it */
+    const int edge =
+        (int)fmax(1, fmin(ceil((double)BLOCK * grid->width / c->width), round(EDGE_MOST * longer)));
+    uint8_t *near[2] = {NULL, NULL};
     double all = 0, beside = 0;
     int all_count = 0, beside_count = 0;
 
+    for (int k = 0; k < 2; k++) {
+        CLN_TRY(cln_alloc(&near[k], (size_t)cells, 1, "pixels"));
+        CLN_TRY(widen(grid, is, edge + 2 * k, near[k]));
+    }
     for (int i = 0; i < cells; i++) {
-        const int x = i % grid->width, y = i / grid->width;
-
-        if (isnan(share[i]) || is_beside(grid, is, x, y, 1)) /* pixels of an edge are of both */
+        if (isnan(share[i]) || near[0][i])
             continue;
         all += (double)share[i];
         all_count++;
-        if (is_beside(grid, is, x, y, 3)) {
-            beside += (double)share[i];
-            beside_count++;
-        }
+        beside += near[1][i] ? (double)share[i] : 0;
+        beside_count += near[1][i];
     }
     all /= all_count;
     beside /= beside_count;
-    return all_count > 0 && beside_count > 0 && all < MOVES[plain] &&
+    *has = all_count > 0 && beside_count > 0 && all < MOVES[plain] &&
            beside < all + EDGE[plain] * (1 - all);
+done:
+    free(near[0]);
+    free(near[1]);
+    return st;
+}
+
+/* The grey of a cell in the first photo. */
+static double grey(const chosen *c, const cln_standing *grid, int cell)
+{
+    const int w = grid->width, h = grid->height;
+    uint8_t p[4];
+
+    cln_view_bytes(c->views[0], (int)((2 * (cell % w) + 1) * (int64_t)c->width / (2 * w)),
+                   (int)((2 * (cell / w) + 1) * (int64_t)c->height / (2 * h)), p);
+    return (p[0] + p[1] + p[2]) / 3.0;
 }
 
 /* Is what stands of one grey, but for noise? */
@@ -173,18 +211,11 @@ static bool is_plain(const chosen *c, const cln_standing *grid, const uint8_t *i
     int count = 0;
 
     for (int i = 0; i < grid->width * grid->height; i++) {
-        uint8_t p[4];
-        double grey = 0;
+        const double at = is[i] ? grey(c, grid, i) : 0;
 
-        if (!is[i])
-            continue;
-        cln_view_bytes(
-            c->views[0], (int)((2 * (i % grid->width) + 1) * (int64_t)c->width / (2 * grid->width)),
-            (int)((2 * (i / grid->width) + 1) * (int64_t)c->height / (2 * grid->height)), p);
-        grey = (p[0] + p[1] + p[2]) / 3.0;
-        sum += grey;
-        squares += grey * grey;
-        count++;
+        sum += at;
+        squares += at * at;
+        count += is[i];
     }
     return squares / count - pow(sum / count, 2) < ALIKE * ALIKE;
 }
@@ -233,19 +264,48 @@ static bool cameras_turn(const chosen *c)
     return fmin(cln_dot(sum[0], sum[0]), cln_dot(sum[1], sum[1])) < TURNED * TURNED;
 }
 
+/* Drops what may as well be the sky before cameras that do not turn: what is neither black nor
+ * beside something else of what stands, as letters are. */
+static void drop_smooth(const chosen *c, const cln_standing *grid, float *share, uint8_t *is)
+{
+    const int w = grid->width, h = grid->height, most = w > h ? w : h;
+    const int reach = most / SHARP_PARTS > 2 ? most / SHARP_PARTS : 2;
+
+    for (int i = 0; i < w * h; i++) {
+        const double at = grey(c, grid, i);
+        bool keeps = at < BLACK;
+
+        if (!is[i])
+            continue;
+        for (int k = 0; k < 8 && !keeps; k++) {
+            const int far = (k % 2 ? reach : (reach + 1) / 2) * (k & 2 ? 1 : -1);
+            const int x = i % w + (k & 4 ? far : 0), y = i / w + (k & 4 ? 0 : far);
+
+            keeps = x >= 0 && y >= 0 && x < w && y < h && is[y * w + x] &&
+                    fabs(grey(c, grid, y * w + x) - at) > SHARP;
+        }
+        if (!keeps)
+            share[i] = NAN;
+    }
+    for (int i = 0; i < w * h; i++)
+        is[i] = is[i] && !isnan(share[i]);
+}
+
 cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_standing *out)
 {
     cln_status st = CLN_OK;
     chosen c = {0};
     float *share = NULL;
     int side = 0, count = 0;
-    bool plain = false;
+    bool plain = false, turns = false, found = false;
 
     *out = (cln_standing){0};
     if (scene->has_alpha || cln_scene_split_count(scene, CLN_SPLIT_TRAIN) < 1)
         return CLN_OK;
     CLN_TRY(choose(scene, &c));
-    if (c.count < LEAST_VIEWS || !cameras_turn(&c))
+    turns = cameras_turn(&c);
+    out->one_way = c.count >= LEAST_VIEWS && !turns;
+    if (c.count < LEAST_VIEWS || (!turns && !scene->amid))
         goto done;
     side = c.width > c.height ? c.width : c.height;
     longer = longer < side ? longer : side;
@@ -256,14 +316,19 @@ cln_status cln_scene_find_standing(const cln_scene *scene, int longer, cln_stand
         cln_alloc(&out->is, (size_t)out->width * (size_t)out->height, sizeof *out->is, "pixels"));
     CLN_TRY(compare(&c, out, share));
     count = mark(out, share, out->is);
+    if (!turns) {
+        drop_smooth(&c, out, share, out->is);
+        count = mark(out, share, out->is);
+    }
     out->share = (double)count / ((double)out->width * out->height);
     plain = out->plain = count >= LEAST_CELLS && is_plain(&c, out, out->is);
-    if (count >= LEAST_CELLS && (plain || out->share <= MOST) &&
-        has_edges(out, share, out->is, plain))
+    if (count >= LEAST_CELLS && (plain || out->share <= MOST))
+        CLN_TRY(find_edges(&c, out, share, out->is, plain, &found));
+    if (found)
         name_parts(out, out->is, count, out->where, sizeof out->where);
     else {
         free(out->is);
-        *out = (cln_standing){0};
+        *out = (cln_standing){.one_way = !turns};
     }
 done:
     if (st != CLN_OK) {
@@ -334,16 +399,27 @@ cln_status cln_scene_write_standing(const cln_scene *scene, const char *path)
 
     CLN_TRY(cln_scene_find_standing(scene, 1 << 16, &found));
     if (!found.is)
-        CLN_TRY(
-            cln_fail(CLN_INPUT,
-                     "%s: nothing stands still in its photos, or in what masks leave of them, so "
-                     "there is no mask to write; draw one if something does that changes, as the "
-                     "digits of a clock",
-                     scene->path));
+        CLN_TRY(cln_fail(
+            CLN_INPUT,
+            found.one_way && !scene->amid
+                ? "%s: its cameras look one way and move little, or nothing tells how far "
+                  "they see: before them, what is far away stands still as a logo does, so "
+                  "that nothing was looked for. Draw a mask of bars, text or a round field"
+            : found.one_way
+                ? "%s: nothing black or sharply drawn was found that stands still in its photos, "
+                  "or in "
+                  "what masks leave of them, and its cameras look one way, so that the "
+                  "rest may be far away; draw a mask if something stands in all photos"
+                : "%s: nothing was found that stands still in its photos, or in what masks leave "
+                  "of them, "
+                  "so there is no mask to write; draw one if something does that changes, "
+                  "as the digits of a clock",
+            scene->path));
     CLN_TRY(cln_alloc(&mask, (size_t)found.width * (size_t)found.height, 1, "mask"));
     reach = (int)fmax(1, round(WIDER * fmax(found.width, found.height)));
+    CLN_TRY(widen(&found, found.is, reach, mask));
     for (int i = 0; i < found.width * found.height; i++)
-        mask[i] = is_beside(&found, found.is, i % found.width, i / found.width, reach) ? 0 : 255;
+        mask[i] = mask[i] ? 0 : 255;
     CLN_TRY(make_folder(path));
     CLN_TRY(cln_image_write_png(path, found.width, found.height, 1, mask));
 done:

@@ -1,9 +1,10 @@
 /* What stands still in all photos although their cameras move, with edges that stand still, too: a
  * logo, a date, a game's HUD, bars, the round field of an endoscope, the vehicle that carries the
- * camera. Cameras must turn, as what is far away stands still, too, before those that do not. It
- * is learnt as fog before each camera, unless a mask leaves it out. Ours: two photos far
- * apart in the set differ nearly everywhere else; before a backdrop of one colour, where they do
- * not, the object's outline moves, and such an edge is none. */
+ * camera. Before cameras that do not turn, what is far away stands still, too: there only what is
+ * black or sharply drawn counts, and only if they pass what they see (cln_scene.amid). It is learnt
+ * as fog before each camera, unless a mask leaves it out. Ours: two photos far apart in the set
+ * differ nearly everywhere else; before a backdrop of one colour, where they do not, the object's
+ * outline moves, and such an edge is none. */
 #ifndef CLN_STANDING_H
 #define CLN_STANDING_H
 
@@ -14,6 +15,7 @@ typedef struct cln_standing {
     uint8_t *is;       /* [height][width] 1: it stands there; NULL: nothing does */
     double share;      /* of the picture */
     bool plain;        /* of one colour, as bars, but as the sky or a backdrop, too */
+    bool one_way;      /* cameras do not turn: what may be far away was left out */
     char where[96];    /* "top left, bottom" */
 } cln_standing;
 

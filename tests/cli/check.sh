@@ -304,8 +304,8 @@ section_plain() {
     expect "each photo with the pose of the one before it" 0 "" "$cln" check "$work/plain" --probe 0
     check "is a fault: hardly any mark fits" \
         grep -qE "FAULT  (poses|order): the photos do not fit" "$work/out"
-    expect "no mask of nothing" 3 "~nothing.stands.still" "$cln" check "$work/plain" --probe 0 \
-        --write-mask "$work/new/all.png"
+    expect "no mask of nothing" 3 "~nothing.was.found.that.stands.still" \
+        "$cln" check "$work/plain" --probe 0 --write-mask "$work/new/all.png"
     check "and no file" [ ! -e "$work/new" ]
     expect "a mask is a PNG" 2 "~end.the.name.with..png" "$cln" check "$work/plain" --probe 0 \
         --write-mask "$work/all.jpg"

@@ -469,6 +469,28 @@ static void test_turned_over(void **state)
     }
 }
 
+/* An orbit leaves a path that its cameras look along: it is told; not where they stand abreast. */
+static void test_leaves_path(void **state)
+{
+    const cln_render_desc orbit = {.orbit_frames = 2, .orbit_elevation = NAN};
+
+    (void)state;
+    for (int ahead = 0; ahead < 2; ahead++) {
+        shots s;
+        cln_frames f = {0};
+        char text[512] = "";
+
+        begin(&s, 5);
+        for (int k = 0; k < 12; k++)
+            shoot(&s, (const double[3]){ahead ? k : 0, ahead ? 0 : k, 0}, scatter(&s, 5), 0, 0);
+        cln_log_set_sink(keep_warning, text);
+        assert_int_equal(cln_frames_make(&orbit, &s.scene, NULL, &f), CLN_OK);
+        cln_log_set_sink(NULL, NULL);
+        assert_int_equal(strstr(text, "--split train --interpolate") != NULL, ahead);
+        cln_frames_free(&f);
+    }
+}
+
 int test_group_up(void)
 {
     const struct CMUnitTest tests[] = {
@@ -476,7 +498,8 @@ int test_group_up(void)
         cmocka_unit_test(test_one_way),     cmocka_unit_test(test_strip),
         cmocka_unit_test(test_at_axis),     cmocka_unit_test(test_given),
         cmocka_unit_test(test_turned_over), cmocka_unit_test(test_texts),
-        cmocka_unit_test(test_phone),       cmocka_unit_test(test_shapes)};
+        cmocka_unit_test(test_phone),       cmocka_unit_test(test_shapes),
+        cmocka_unit_test(test_leaves_path)};
 
     return cmocka_run_group_tests_name("up", tests, NULL, NULL);
 }

@@ -148,6 +148,61 @@ static void test_sound_captures(void **state)
     assert_true(c.scene.cube_share == 0.25);
 }
 
+/* Which cameras stand amid what they see: those within the points, and those that look one way and
+ * move further than it is away, or along a path; not those around a thing, or before it. */
+static void test_amid(void **state)
+{
+    static const struct {
+        const char *name;
+        double step[3], towards[3], turn; /* of the cameras; turn: how far to all sides */
+        double low[3], high[3];           /* of the points */
+        bool amid, alone, path;           /* with points, and without */
+    } cases[] = {
+        {"tunnel", {0, 0, 1}, {0, 0, 1}, 0.1, {-1, -1, 0}, {1, 1, 30}, true, true, true},
+        {"back", {0, 0, -1}, {0, 0, 1}, 0.1, {-1, -1, -20}, {1, 1, 10}, true, true, true},
+        {"flight", {3, 0, 0}, {0, 0, -1}, 0.1, {0, -5, -20}, {70, 5, -19}, true, false, false},
+        {"room", {0, 0, 0.1}, {1, 0, 0}, 9, {-3, -3, -3}, {3, 3, 6}, true, false, false},
+        {"before a wall", {0.1, 0, 0}, {0, 0, 1}, 0.1, {-3, -3, 8}, {5, 3, 9}, false, false, false},
+    };
+    capture c;
+    cln_point points[64] = {0};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        start(&c, 10);
+        for (int k = 0; k < 64; k++)
+            for (int a = 0; a < 3; a++)
+                points[k].xyz[a] = (cases[i].low[a] + (cases[i].high[a] - cases[i].low[a]) *
+                                                          (0.5 + 0.5 * noise(k, a)));
+        for (int k = 0; k < CAMERAS; k++) {
+            double at[3], towards[3];
+
+            for (int a = 0; a < 3; a++) {
+                at[a] = k * cases[i].step[a] + 0.05 * noise(k, 3 + a);
+                towards[a] = cases[i].towards[a] + cases[i].turn * noise(k, 6 + a);
+            }
+            add_camera(&c, at, towards);
+        }
+        c.result.points = points;
+        for (int k = 0; k < 2; k++) {
+            c.result.point_count = k ? 0 : 64;
+            cln_scene_find_doubts(&c.scene, &c.result);
+            if (c.scene.amid != (k ? cases[i].alone : cases[i].amid))
+                fail_msg("%s, %d points", cases[i].name, c.result.point_count);
+        }
+        if (cln_scene_is_path(&c.scene) != cases[i].path)
+            fail_msg("%s: a path or none", cases[i].name);
+    }
+    around(&c, 1.5, 4, 360);
+    c.result.points = points; /* of the thing */
+    c.result.point_count = 64;
+    for (int k = 0; k < 64; k++)
+        for (int a = 0; a < 3; a++)
+            points[k].xyz[a] = noise(k, a);
+    cln_scene_find_doubts(&c.scene, &c.result);
+    assert_false(c.scene.amid);
+}
+
 static void keep_warning(cln_log_level level, const char *line, void *user)
 {
     if (level == CLN_LOG_WARN)
@@ -325,9 +380,13 @@ static void multiplied_colours_are_told(void **state)
 int test_group_doubts(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_sound_captures), cmocka_unit_test(a_guess_is_told),
-        cmocka_unit_test(few_around_are_told), cmocka_unit_test(test_points),
-        cmocka_unit_test(test_planted_faults), cmocka_unit_test(multiplied_colours_are_told),
+        cmocka_unit_test(test_amid),
+        cmocka_unit_test(test_sound_captures),
+        cmocka_unit_test(a_guess_is_told),
+        cmocka_unit_test(few_around_are_told),
+        cmocka_unit_test(test_points),
+        cmocka_unit_test(test_planted_faults),
+        cmocka_unit_test(multiplied_colours_are_told),
     };
 
     return cmocka_run_group_tests_name("doubts", tests, NULL, NULL);

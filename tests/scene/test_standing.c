@@ -18,7 +18,7 @@
 
 enum { COUNT = 12, WIDE = 96, HIGH = 64 };
 
-typedef enum drawn { NOTHING, LOGO, BARS, FIELD, BODY, SAME } drawn;
+typedef enum drawn { NOTHING, LOGO, BARS, FIELD, BODY, SAME, SKY } drawn;
 
 typedef struct photos {
     cln_scene scene;
@@ -34,6 +34,8 @@ static bool is_drawn(drawn what, int view, int x, int y)
     switch (what) {
     case LOGO:
         return x >= 70 && x < 90 && y >= 50 && y < 60;
+    case SKY:
+        return y < 16;
     case BARS:
         return y < 8 || y >= 56;
     case FIELD:
@@ -67,6 +69,7 @@ static photos *draw(drawn what)
                 cln_uniform_hash(3, 1, 0, (uint32_t)(x / 3), (uint32_t)of, (uint32_t)(y / 3));
             const double level = !is_drawn(what, v, x, y) ? 20 + 220 * noise
                                  : what == LOGO           ? 100 + 100 * (x / 4 % 2)
+                                 : what == SKY            ? 180 + y
                                                           : 0;
 
             memset(p->pixels[v] + 3 * i, (int)level + v % 3, 3); /* and a little noise */
@@ -90,6 +93,7 @@ static void test_found(void **state)
          true},
         {BODY, 0, NULL, false},
         {SAME, 0, NULL, false},
+        {SKY, 0.25, "(top)", true}, /* before cameras that turn it is none */
     };
 
     (void)state;
@@ -110,12 +114,20 @@ static void test_found(void **state)
                          !strstr(text, "check 'my photos' --write-mask 'my photos/masks/all.png'")))
             fail_msg("case %zu: %s", i, text);
         free(found.is);
-        for (int k = 0; k < 2; k++) { /* alpha tells it; before cameras that do not turn: the sky */
+        /* alpha tells it; of cameras that do not turn only those that pass what they see tell */
+        for (int k = 0; k < 3; k++) {
             p->scene.has_alpha = k == 0;
+            p->scene.amid = k == 2;
             for (int v = 0; v < COUNT && k == 1; v++)
                 p->views[v].camera = p->views[0].camera;
             assert_int_equal(cln_scene_find_standing(&p->scene, WIDE, &found), CLN_OK);
-            assert_null(found.is);
+            if (!found.is != (k < 2 || !cases[i].where || cases[i].what == SKY))
+                fail_msg("case %zu, %d: %s", i, k, found.is ? found.where : "nothing");
+            assert_int_equal(found.one_way, k > 0);
+            if (found.is &&
+                (fabs(found.share - cases[i].share) > 0.02 || !strstr(cases[i].where, found.where)))
+                fail_msg("case %zu: %g %s", i, found.share, found.where);
+            free(found.is);
         }
         free(p);
     }
