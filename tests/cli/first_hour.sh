@@ -870,15 +870,12 @@ section_results() {
     check "as crop boxes are given" [ "$(json box.0 | cut -c 1-2)" = 49 ]
     check "in kilometres" eval '[ "$(json size.0 | cut -c 1-2)" = 0. ]'
     run "$cln" export "$work/terrain run" --mesh "$work/terrain/web.glb" --overwrite --scale 0.001
-    check "the last line has them, too" grep -q \
-        " x .* x .* units, in the file within 49[^ ]*, in the scene's frame within 49[^ ]*," \
+    check "the last line has them, too" grep -q "in the file .*, in the scene's frame within 49" \
         "$work/out"
-    expect "what was done to a file's numbers is in it" 0 "~in.the.file.within.*,1002" "$cln" \
-        export "$work/terrain run" --mesh "$work/terrain/record.obj" --closed --up=-y \
-        --scale 2 --offset 1,2,-1000000
-    check "with the model and what is made up" grep -Eq \
-        "x 2, 0,-1,0 up [+] 1,2,-1000000; model [0-9a-f]{16}, closed$" "$work/terrain/record.obj"
-    check "and what a cell is worth" said "; a surface off by one cell, "
+    run "$cln" export "$work/terrain run" --mesh "$work/t.obj" --closed --up=-y --scale 2 \
+        --offset 1,2,3
+    check "its record" grep -Eq "x 2, 0,-1,0 up [+] 1,2,3; model [0-9a-f]{16}, closed$" "$work/t.obj"
+    check "and what a cell is worth" printed "; a surface off by one cell, "
     "$cln" info "$work/terrain" --json >"$work/whole.json"
     expect "they are a scene with a shell" 0 "" "$cln" info "$work/terrain/cameras.json" --json \
         "$1" --space shell
