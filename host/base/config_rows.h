@@ -410,6 +410,10 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "file with the names of the photos that are test, one a line, instead of --holdout; all " \
          "others train",                                                                           \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER | CLN_ROW_NONE | CLN_ROW_FILE)     \
+    TEXT(train_views, "train-views", "", "",                                                       \
+         "file with the names of the photos to train on, one a line, instead of all that are not " \
+         "test; the others are val",                                                               \
+         .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER | CLN_ROW_NONE | CLN_ROW_FILE)     \
     ENUM(missing, "missing", CLN_MISSING_AUTO, CLN_MISSING_AUTO, "auto|skip|fail",                 \
          "frames whose image is not there or cannot be read: leave them out while they are fewer " \
          "than a tenth, leave them out however many (and photos without alpha or mask, where "     \

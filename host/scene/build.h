@@ -17,11 +17,13 @@ void cln_camera_resize(cln_camera *camera, int width, int height, double x, doub
  * cln_scene_desc.measured has it. */
 cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_scene_desc *desc);
 
-/* test_list.c: the photos whose names are in a file, one a line, become test views. CLN_INPUT if a
- * name is of no photo, or of several, or if there is none. */
-cln_status cln_scene_list_tests(cln_scene *scene, const char *file);
-/* Those that are test views of `kept`, by their names; names that are not there do not matter. */
-cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept);
+/* test_list.c: the photos whose names are in a file, one a line, become test views; or those that
+ * are test views of `kept`, if that is not NULL, by their names, of which some may be gone.
+ * CLN_INPUT if a name is of no photo, or of several, or if there is none. */
+cln_status cln_scene_list_tests(cln_scene *scene, const char *file, const cln_scene *kept);
+/* Likewise those that train, once all are split: other training views become val. CLN_INPUT also if
+ * one that is named is no training view. */
+cln_status cln_scene_list_trained(cln_scene *scene, const char *file, const cln_scene *kept);
 
 /* since.c: after the split, of a scene that is the run's by most names and by their poses. If it
  * was split by a count, as `kept` was, every Nth is another one once photos came or went: those

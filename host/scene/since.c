@@ -222,10 +222,12 @@ static cln_status keep_counted(cln_scene *scene, const cln_view *const *was)
     bool trains = false, moved = false;
 
     for (int i = 0; i < scene->view_count; i++)
-        trains = trains || !was[i] || was[i]->split == CLN_SPLIT_TRAIN;
+        trains = trains || !was[i] || was[i]->split != CLN_SPLIT_TEST;
     for (int i = 0; i < scene->view_count && trains; i++) {
         cln_view *view = &scene->views[i];
-        const cln_split split = was[i] ? was[i]->split : CLN_SPLIT_TRAIN;
+        /* val are what --train-views left out, which is looked at later */
+        const cln_split split =
+            was[i] && was[i]->split == CLN_SPLIT_TEST ? CLN_SPLIT_TEST : CLN_SPLIT_TRAIN;
 
         /* one that is not there is left out later on, and was not in the run for that */
         moved = moved || (view->split != split && (was[i] || cln_is_file(view->path)));

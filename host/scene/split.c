@@ -64,11 +64,30 @@ static cln_status take_list(cln_scene *scene, const cln_scene_desc *desc)
     int count = 0;
 
     CLN_TRY(hold_out(scene, 0, 0));
-    CLN_TRY(desc->kept ? cln_scene_keep_tests(scene, desc->kept)
-                       : cln_scene_list_tests(scene, file));
+    CLN_TRY(cln_scene_list_tests(scene, file, desc->kept));
     count = cln_scene_split_count(scene, CLN_SPLIT_TEST);
     CLN_TRY(cln_asprintf(&scene->split_rule, "%d image%s that %s names %s test (--test-views)",
                          count, cln_plural(count, "", "s"), file, cln_plural(count, "is", "are")));
+done:
+    return st;
+}
+
+/* Of the training views those of config.train_views stay, or those of the run. */
+static cln_status leave_listed(cln_scene *scene, const cln_scene_desc *desc)
+{
+    cln_status st = CLN_OK;
+    const char *file = desc->config->train_views;
+    char *rule = NULL;
+    int count = 0;
+
+    CLN_TRY(cln_scene_list_trained(scene, file, desc->kept));
+    count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    CLN_TRY(cln_asprintf(&rule,
+                         "%s; of the others %d that %s names %s train, the rest val "
+                         "(--train-views)",
+                         scene->split_rule, count, file, cln_plural(count, "is", "are")));
+    free(scene->split_rule);
+    scene->split_rule = rule;
 done:
     return st;
 }
@@ -125,6 +144,8 @@ cln_status cln_scene_split_views(cln_scene *scene, bool named_splits, const cln_
         CLN_TRY(take_every(scene, desc));
     if (desc->kept)
         CLN_TRY(cln_scene_keep_split(scene, desc->kept, !named_splits && !listed));
+    if (desc->config->train_views[0])
+        CLN_TRY(leave_listed(scene, desc));
     qsort(scene->views, (size_t)scene->view_count, sizeof *scene->views, by_split_and_name);
     for (int i = 1; i < scene->view_count; i++) {
         const cln_view *a = &scene->views[i - 1], *b = &scene->views[i];

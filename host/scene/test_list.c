@@ -1,5 +1,6 @@
-/* The test views that a list names (--test-views), or those that a run had by such a list. What a
- * photo may be called stands in one sorted table, as lists and scenes may have 100,000 names:
+/* The views that a list names (--test-views, --train-views), or those that a run had by such a
+ * list. What a photo may be called stands in one sorted table, as lists and scenes may have 100,000
+ * names:
  *
  *   level 0  its name in the scene; level 1: its path from the scene's folder, or the whole
  *   level 2  that name without the ending; level 3: that path without it
@@ -183,9 +184,9 @@ static char *without_table(char *name)
     return name;
 }
 
-/* Makes the views of all lines test views; *names: how many names there are. */
-static cln_status take_lines(cln_scene *scene, const table *t, const char *file, char *text,
-                             int *names)
+/* Sets named[view] of the views of all lines; *names: how many names there are. */
+static cln_status take_lines(const cln_scene *scene, const table *t, const char *file, char *text,
+                             bool *named, int *names)
 {
     trouble none = {0}, several = {0};
     int line = 0, views[NAMED], of_first[NAMED], first = 0, level = 0;
@@ -216,7 +217,7 @@ static cln_status take_lines(cln_scene *scene, const table *t, const char *file,
             found = find_written(scene, t, name, &level, views);
         }
         if (found == 1)
-            scene->views[views[0]].split = CLN_SPLIT_TEST;
+            named[views[0]] = true;
         if (found > 1 && several.count == 0) {
             first = found;
             memcpy(of_first, views, sizeof views);
@@ -243,7 +244,9 @@ static cln_status take_lines(cln_scene *scene, const table *t, const char *file,
     return CLN_OK;
 }
 
-cln_status cln_scene_list_tests(cln_scene *scene, const char *file)
+/* Marks the views that a file names, for this option, which makes them `what`. */
+static cln_status read_list(const cln_scene *scene, const char *file, const char *option,
+                            const char *what, bool *named)
 {
     cln_status st = CLN_OK;
     table t = {0};
@@ -253,25 +256,28 @@ cln_status cln_scene_list_tests(cln_scene *scene, const char *file)
 
     st = cln_read_text(file, MOST_BYTES, &text, &bytes);
     if (st != CLN_OK)
-        cln_note("reading the names of test photos (--test-views)");
+        cln_note("reading the names of %s photos (%s)", what, option);
     CLN_TRY(st);
     if (strlen(text) != bytes)
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: holds a zero byte; --test-views takes text, a name a line",
-                         file));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: holds a zero byte; %s takes text, a name a line", file,
+                         option));
     CLN_TRY(make_table(scene, &t));
-    CLN_TRY(take_lines(scene, &t, file, text, &names));
+    CLN_TRY(take_lines(scene, &t, file, text, named, &names));
     if (names == 0)
         CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: it names no test photo; write one name a line, or leave --test-views "
-                         "out (with --holdout 0 all photos train)",
-                         file));
+                         "%s: it names no %s photo; write one name a line, or leave %s out (with "
+                         "--holdout 0 all photos train)",
+                         file, what, option));
 done:
     free(t.row);
     free(text);
     return st;
 }
 
-cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept)
+/* Marks those that have this split in `kept`, by their names; names that are not there do not
+ * matter. */
+static cln_status mark_kept(const cln_scene *scene, const cln_scene *kept, cln_split split,
+                            bool *named)
 {
     cln_status st = CLN_OK;
     table t = {0};
@@ -279,10 +285,55 @@ cln_status cln_scene_keep_tests(cln_scene *scene, const cln_scene *kept)
 
     CLN_TRY(make_table(scene, &t));
     for (int i = 0; i < kept->view_count; i++)
-        if (kept->views[i].split == CLN_SPLIT_TEST &&
+        if (kept->views[i].split == split &&
             find(&t, cln_without_dot(kept->views[i].name), &level, views) == 1 && level == 0)
-            scene->views[views[0]].split = CLN_SPLIT_TEST;
+            named[views[0]] = true;
 done:
     free(t.row);
+    return st;
+}
+
+cln_status cln_scene_list_tests(cln_scene *scene, const char *file, const cln_scene *kept)
+{
+    cln_status st = CLN_OK;
+    bool *named = NULL;
+
+    CLN_TRY(cln_alloc(&named, (size_t)scene->view_count, sizeof *named, "views"));
+    CLN_TRY(kept ? mark_kept(scene, kept, CLN_SPLIT_TEST, named)
+                 : read_list(scene, file, "--test-views", "test", named));
+    for (int i = 0; i < scene->view_count; i++)
+        if (named[i])
+            scene->views[i].split = CLN_SPLIT_TEST;
+done:
+    free(named);
+    return st;
+}
+
+cln_status cln_scene_list_trained(cln_scene *scene, const char *file, const cln_scene *kept)
+{
+    cln_status st = CLN_OK;
+    bool *named = NULL, any = false;
+
+    CLN_TRY(cln_alloc(&named, (size_t)scene->view_count, sizeof *named, "views"));
+    CLN_TRY(kept ? mark_kept(scene, kept, CLN_SPLIT_TRAIN, named)
+                 : read_list(scene, file, "--train-views", "training", named));
+    for (int i = 0; i < scene->view_count; i++)
+        any = any || named[i];
+    if (!any) /* another scene than the run's */
+        goto done;
+    for (int i = 0; i < scene->view_count; i++) {
+        cln_view *view = &scene->views[i];
+
+        if (named[i] && view->split != CLN_SPLIT_TRAIN && !kept)
+            CLN_TRY(
+                cln_fail(CLN_INPUT,
+                         "%s: it names '%s', which is a %s view (%s); leave it out of the list, "
+                         "or name other views by --test-views",
+                         file, view->name, cln_split_names[view->split], scene->split_rule));
+        if (!named[i] && view->split == CLN_SPLIT_TRAIN)
+            view->split = CLN_SPLIT_VAL;
+    }
+done:
+    free(named);
     return st;
 }

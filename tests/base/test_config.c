@@ -436,8 +436,8 @@ static void test_words_and_flags(void **state)
 
 static void test_units(void **state)
 {
-    static const char *const texts[] = {"level-at",  "eval-at", "save-at",
-                                        "tree-from", "bbox",    "test-views"};
+    static const char *const texts[] = {"level-at", "eval-at",    "save-at",    "tree-from",
+                                        "bbox",     "test-views", "train-views"};
     static const struct {
         const char *text;
         double value;

@@ -97,6 +97,7 @@ static void other_value(const cln_config_row *row, const char *fast, const char 
                                            {"save-at", "30s"},
                                            {"tree-from", "other/run"},
                                            {"test-views", "none/list.txt"},
+                                           {"train-views", "none/list.txt"},
                                            {"bbox", "-1,-1,-1,1,1,1"},
                                            {"background", "black"}};
     char words[CLN_TEXT_BYTES], *save = NULL;

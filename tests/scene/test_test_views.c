@@ -23,17 +23,22 @@ static cln_config with_list(const char *folder, const char *text)
     return config;
 }
 
-/* The names of the test views, each with a blank behind it. */
-static const char *tests_of(const cln_scene *scene)
+/* The names of a split's views, each with a blank behind it. */
+static const char *names_of(const cln_scene *scene, cln_split split)
 {
     static char names[1024];
 
     names[0] = 0;
     for (int i = 0; i < scene->view_count; i++)
-        if (scene->views[i].split == CLN_SPLIT_TEST)
+        if (scene->views[i].split == split)
             snprintf(names + strlen(names), sizeof names - strlen(names), "%s ",
                      scene->views[i].name);
     return names;
+}
+
+static const char *tests_of(const cln_scene *scene)
+{
+    return names_of(scene, CLN_SPLIT_TEST);
 }
 
 #define BEGIN "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"frames\":["
@@ -96,6 +101,54 @@ static void test_names(void **state)
     config = with_list(folder, scratch_path(folder, "right/a.png"));
     scene = load(folder, &config);
     assert_string_equal(tests_of(scene), "right/a.png ");
+    cln_scene_free(scene);
+}
+
+/* --train-views: what is neither test nor named is val, also in a run that goes on. */
+static void test_trained(void **state)
+{
+    static cln_view views[] = {{.name = "left/a.png", .split = CLN_SPLIT_VAL},
+                               {.name = "right/a.png", .split = CLN_SPLIT_TEST},
+                               {.name = "left/b 1.png", .split = CLN_SPLIT_TRAIN}};
+    const cln_scene kept = {.views = views, .view_count = 3, .split_rule = "a list's"};
+    const char *folder = *state;
+    cln_config config = with_list(folder, "right/a");
+    const cln_scene_desc desc = {.path = folder, .config = &config, .kept = &kept};
+    cln_scene *scene = NULL;
+
+    put_scene(folder);
+    put_text(folder, "train.txt", "c.0\nleft/a\n");
+    snprintf(config.train_views, sizeof config.train_views, "%s",
+             scratch_path(folder, "train.txt"));
+    scene = load(folder, &config);
+    assert_string_equal(tests_of(scene), "right/a.png ");
+    assert_string_equal(names_of(scene, CLN_SPLIT_TRAIN), "left/a.png right/c.0 ");
+    assert_string_equal(names_of(scene, CLN_SPLIT_VAL), "a.png left/b 1.png ");
+    assert_non_null(strstr(scene->split_rule, "1 image that "));
+    assert_non_null(strstr(scene->split_rule, "; of the others 2 that "));
+    cln_scene_free(scene);
+    assert_int_equal(cln_scene_load(&desc, &scene), CLN_OK);
+    assert_string_equal(tests_of(scene), "right/a.png ");
+    assert_string_equal(names_of(scene, CLN_SPLIT_TRAIN), "left/b 1.png ");
+    cln_scene_free(scene);
+    put_text(folder, "train.txt", "c.0\nright/a.png\n");
+    assert_refused(folder, &config,
+                   (const char *const[3]){"'right/a.png', which is a test view", "--test-views"},
+                   "a test view that trains");
+    put_text(folder, "train.txt", "# none\n");
+    assert_refused(folder, &config, (const char *const[3]){"no training photo", "--train-views"},
+                   "an empty list");
+    config.test_views[0] = 0; /* where the dataset names splits, it leaves some of them out, too */
+    put_text(folder, "train.txt", "left/b 1");
+    put_text(folder, "transforms.json",
+             "{\"camera_angle_x\":0.8,\"aabb_scale\":1,\"test_filenames\":[\"left/a.png\"],"
+             "\"train_filenames\":[\"right/a.png\",\"left/b 1.png\"],\"frames\":[" FRAME(
+                 "left/a.png", POSE_FRONT) "," FRAME("left/b 1.png",
+                                                     POSE_FRONT) "," FRAME("right/a.png",
+                                                                           POSE_FRONT) "]}");
+    scene = load(folder, &config);
+    assert_string_equal(names_of(scene, CLN_SPLIT_TRAIN), "left/b 1.png ");
+    assert_string_equal(names_of(scene, CLN_SPLIT_VAL), "right/a.png ");
     cln_scene_free(scene);
 }
 
@@ -368,6 +421,7 @@ int test_group_test_views(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_holds_none_of_few, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_names, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_trained, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_wrong_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_kept, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_counted, scratch_make, scratch_remove),
