@@ -672,7 +672,8 @@ done:
 }
 
 /* Settings of a new training that its photos decide, if neither the caller nor another run does.
- * Before their one colour, what differs from it is as sure to be opaque as where alpha says so. */
+ * Before their one colour, what differs from it is as sure to be opaque as where alpha says so,
+ * unless that is the light on it. */
 static void choose_by_photos(const cln_trainer *t, cln_config *config)
 {
     const cln_scene *scene = t->scene;
@@ -699,13 +700,16 @@ static void choose_by_photos(const cln_trainer *t, cln_config *config)
     else
         given = true; /* all are another run's */
     if (!given && usual.opaque_loss > 0)
-        config->opaque_loss = usual.alpha_loss;
+        config->opaque_loss = scene->backdrop_uneven ? 0 : usual.alpha_loss;
     cln_info("photos: they stand before one colour (%g,%g,%g), which is the background%s. What has "
              "nearly that colour may become transparent: for a shape that can be measured, cut the "
              "object out (alpha, or --masks)",
              scene->background[0], scene->background[1], scene->background[2],
-             config->opaque_loss > 0 ? "; what differs from it counts as opaque (--opaque-loss)"
-                                     : "");
+             config->opaque_loss > 0  ? "; what differs from it counts as opaque (--opaque-loss)"
+             : scene->backdrop_uneven ? " along their borders, and little by little another one "
+                                        "further in, so that what differs from it counts for "
+                                        "nothing (--opaque-loss)"
+                                      : "");
 }
 
 /* Everything before the first step. What needs neither photos nor device is checked first. */

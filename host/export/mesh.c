@@ -206,6 +206,7 @@ static const double FAINT = 0.05;
 void cln_export_tell_surface(cln_export_job *job, const cln_surface *surface)
 {
     const cln_space *space = &job->opened.model.space;
+    const bool cut_out = !space->shell && !job->opened.model.has_alpha;
 
     if (!space->forward)
         job->result->fine = job->scale * cln_space_distance_to_scene(space, surface->fine);
@@ -213,10 +214,11 @@ void cln_export_tell_surface(cln_export_job *job, const cln_surface *surface)
     if (!space->forward && surface->faint > FAINT)
         cln_warn(
             "%.0f %% of what the training views show is seen through (its opacity is below 0.9), "
-            "so depths lie too far there and the surface too deep: of photos before one "
-            "colour, which parts of the object have, too, cut it out by alpha or --masks and "
-            "train again; else train longer",
-            100 * surface->faint);
+            "so depths lie too far there and the surface too deep: train longer%s",
+            100 * surface->faint,
+            cut_out ? ", or cut the object out (alpha, --masks), if photos show it before a colour "
+                      "that parts of it have, too"
+                    : "");
 }
 
 /* Crumbs hang in the air: a print needs them gone, and pictures rarely show them. */
@@ -238,8 +240,9 @@ static cln_status tell_loose(const cln_surface *surface)
              pieces, cln_plural((double)parts.parts - 1, "", "s"), triangles, all,
              100.0 * (double)parts.left_out / (double)surface->faces);
     if (cln_parts_are_broken(&parts, surface->faces))
-        cln_info("%s, which reach %.2g times as far: likely of what is thinner than the cells, "
-                 "which breaks into pieces. Keep them: --largest would leave it out",
+        cln_info("%s, which reach %.2g times as far: of what is thinner than the cells, which "
+                 "breaks into pieces, or of a surface that has holes as its training is short. "
+                 "Keep them: --largest would leave all of that out",
                  what, parts.others);
     else
         cln_info("%s: --largest leaves %s out", what,

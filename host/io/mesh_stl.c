@@ -53,14 +53,17 @@ cln_status cln_mesh_write_stl(const char *path, const cln_mesh *mesh)
     cln_status st = CLN_OK;
     cln_atomic_file *file = NULL;
     uint8_t bytes[HEADER + 4] = {0}, *to = bytes + HEADER;
+    char *cut = NULL;
     size_t faces = 0;
 
     if (mesh->faces > UINT32_MAX)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %zu triangles are more than an STL file can count", path,
                          mesh->faces));
     /* readers take a file that begins with "solid" for one of text */
-    snprintf((char *)bytes, HEADER, "%s%s", strncmp(mesh->comment, "solid", 5) == 0 ? "a " : "",
-             mesh->comment);
+    if (snprintf((char *)bytes, HEADER, "%s%s", strncmp(mesh->comment, "solid", 5) == 0 ? "a " : "",
+                 mesh->comment) >= HEADER &&
+        (cut = strrchr((char *)bytes, ';'))) /* no half digest */
+        memset(cut, 0, (size_t)((char *)bytes + HEADER - cut));
     for (size_t f = 0; f < mesh->faces; f++)
         faces += !is_nothing(mesh, f);
     put_word(&to, (uint32_t)faces);

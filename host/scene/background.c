@@ -23,6 +23,10 @@ enum { STILL_VIEWS = 8 };
 #define STILL_AXES      0.95
 #define BACKDROP_SHARE  0.95
 #define BACKDROP_AHEAD  0.4
+/* It is lit unevenly if, where rows of so many photos, so many of each, leave its colour, as many
+ * do so over more than RAMP pixels, or a RAMP_SIDE of the row. */
+enum { UNEVEN_VIEWS = 32, UNEVEN_ROWS = 64, RAMP = 4, RAMP_SIDE = 100, NEARLY = 8 };
+#define UNEVEN_SHARE 0.5
 
 /* Adds the view's colours over alpha, at the middles of side x side parts; [3] is the weight. */
 static void add(const cln_view *view, int side, uint64_t sums[4])
@@ -151,6 +155,52 @@ done:
     return st;
 }
 
+/* From the side of a row inwards to where it differs from the backdrop: 1 if at once, 2 if little
+ * by little, 0 if nowhere. */
+static int leaves_backdrop(const cln_scene *scene, const cln_view *view, int y, bool from_right)
+{
+    const int width = view->camera.width;
+    const int ramp = RAMP * RAMP_SIDE < width ? width / RAMP_SIDE : RAMP;
+    int near = 0;
+
+    for (int i = 0; i < width; i++) {
+        const int x = from_right ? width - 1 - i : i;
+        uint8_t p[4] = {0};
+        float off = 0;
+
+        if (!cln_view_keeps(view, x, y))
+            return 0;
+        cln_view_bytes(view, x, y, p);
+        for (int c = 0; c < 3; c++)
+            off = fmaxf(off, fabsf((float)p[c] - 255 * scene->background[c]));
+        if (off > CLN_UNLIKE_BACKDROP)
+            return i - near > ramp ? 2 : 1;
+        if (off <= NEARLY)
+            near = i;
+    }
+    return 0;
+}
+
+static cln_status find_uneven(cln_scene *scene)
+{
+    cln_status st = CLN_OK;
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    const int step = (views + UNEVEN_VIEWS - 1) / UNEVEN_VIEWS;
+    uint64_t counts[3] = {0};
+
+    for (int i = 0; i < views && scene->backdrop; i += step) {
+        const cln_view *view = cln_scene_training_view(scene, i);
+
+        for (int k = 0; k < UNEVEN_ROWS && cln_view_is_loaded(view); k++)
+            counts[leaves_backdrop(scene, view,
+                                   (2 * k + 1) * view->camera.height / (2 * UNEVEN_ROWS), k % 2)]++;
+    }
+    CLN_TRY(add_ranks(counts, 3));
+    scene->backdrop_uneven = (double)counts[2] > UNEVEN_SHARE * (double)(counts[1] + counts[2]);
+done:
+    return st;
+}
+
 /* Do the cameras turn by so much that what lies around cannot look alike to all? */
 static bool turn_much(const cln_scene *scene)
 {
@@ -225,6 +275,7 @@ cln_status cln_scene_find_background(cln_scene *scene, const cln_config *config)
                           kind != CLN_BACKGROUND_MEAN && !scene->has_alpha && !scene->amid &&
                               looks_ahead(scene),
                           kind == CLN_BACKGROUND_GIVEN, scene->background, &scene->backdrop));
+    CLN_TRY(find_uneven(scene));
     CLN_TRY(find_still(scene, !scene->has_alpha && !scene->backdrop && looks_ahead(scene) &&
                                   turn_much(scene)));
 done:

@@ -511,10 +511,13 @@ static void check_exposure(cln_inspection *in)
     cln_inspect_measure(in, "light_falloff", falloff);
     cln_inspect_measure(in, "exposure_range", high > -INFINITY ? high - low : NAN);
     if (json_array_size(views))
-        cln_found_fault(in->findings, "exposure", true, json_incref(views),
+        cln_found_fault(in->findings, "exposure", falloff <= 0, json_incref(views),
                         "brighter or darker than photos of the same things, by up to %.2g stops: "
-                        "%s; take photos with fixed exposure, or leave these out%s",
+                        "%s; %s%s",
                         most, cln_findings_names(views, names, sizeof names),
+                        falloff > 0 ? "what the distance of the lamp does is taken off, as well as "
+                                      "it is known: look at them before you leave them out"
+                                    : "take photos with fixed exposure, or leave these out",
                         in->scene->has_alpha || falloff > 0 ? "" : ", or train with --exposure");
     if (falloff > 0)
         cln_found_fault(in->findings, "exposure", false, NULL,

@@ -16,6 +16,10 @@
 #include "scene/space.h"
 #include "scene/store.h"
 
+/* What differs from a backdrop does so by more than this, of 255 in a channel: noise, and rings of
+ * JPEG beside edges, stay below. */
+enum { CLN_UNLIKE_BACKDROP = 25 };
+
 typedef enum { CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, CLN_SPLIT_TEST, CLN_SPLITS } cln_split;
 extern const char *const cln_split_names[CLN_SPLITS]; /* "train", "val", "test" */
 
@@ -190,7 +194,8 @@ typedef struct cln_scene {
     bool depths_fit;       /* its depth images, each other; false: it has none */
     int64_t depth_sights;  /* of these, those by depth images */
     float background[3];   /* composited behind alpha and behind the scene */
-    bool backdrop;         /* it is the one colour along the photos' borders */
+    bool backdrop;         /* it is the one colour along the photos' borders ... */
+    bool backdrop_uneven;  /* ... but not further in: lit by a spot, or darker towards corners */
     bool still;            /* the photos' borders are one picture, although the cameras turn */
     bool background_mean;  /* it is that, or the training photos' mean colour ... */
     bool background_known; /* ... and these are loaded; else it is white here */

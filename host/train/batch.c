@@ -11,9 +11,6 @@
 #include "pipeline/stage1.h"
 #include "scene/dealt.h"
 
-/* In a channel, of 255: noise, and rings of JPEG beside edges, stay below. */
-static const float UNLIKE_BACKDROP = 25;
-
 cln_status cln_batch_create(const cln_scene *scene, const cln_config *config, cln_batch *out)
 {
     cln_status st = CLN_OK;
@@ -249,7 +246,7 @@ static bool is_unlike(const cln_scene *scene, const cln_view *view, int x, int y
     cln_view_bytes(view, x, y, p);
     for (int c = 0; c < 3; c++)
         off = fmaxf(off, fabsf((float)p[c] - 255 * scene->background[c]));
-    return off > UNLIKE_BACKDROP;
+    return off > CLN_UNLIKE_BACKDROP;
 }
 
 /* Before a backdrop, what differs from it stands before it, and what does not may be either. A

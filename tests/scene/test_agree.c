@@ -99,8 +99,8 @@ static void test_pairs_once(void **state)
 
 enum { ROW_MOST = 12 };
 
-/* How many photos check takes for faulty by their brightness; *first: the first of them, or -1 with
- * a remark. */
+/* How many photos check names for their brightness; *first: the first of them, or -1 with a remark
+ * without any. */
 static int faulty_in(const cln_scene *scene, int *first)
 {
     json_t *all = NULL, *findings = NULL;
@@ -112,9 +112,8 @@ static int faulty_in(const cln_scene *scene, int *first)
         const json_t *one = json_array_get(findings, i), *name = NULL;
 
         if (strcmp(json_string_value(json_object_get(one, "what")), "exposure") != 0 || found > 0)
-            continue; /* remarks stand behind faults */
-        if (json_is_true(json_object_get(one, "likely_fault")))
-            found = (int)json_array_size(json_object_get(one, "views"));
+            continue; /* remarks stand behind faults, and what has photos before what has none */
+        found = (int)json_array_size(json_object_get(one, "views"));
         name = json_array_get(json_object_get(one, "views"), 0);
         *first = found > 0 ? atoi(json_string_value(name)) : -1;
     }

@@ -8,6 +8,7 @@ int test_group_adam(void);
 int test_group_agree(void);
 int test_group_arguments(void);
 int test_group_averages(void);
+int test_group_backdrop(void);
 int test_group_base(void);
 int test_group_broken_formats(void);
 int test_group_camera(void);
