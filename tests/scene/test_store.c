@@ -237,9 +237,9 @@ static void test_lost(void **state)
     const float white[3] = {1, 1, 1};
     float rgb[3], alpha = 0;
 
-    put_scene(*state, 5, 90, 70, 3);
+    put_scene(*state, 5, 90, 70, 4); /* of 3, borders would be in memory already */
     config.host_mem = 120000;
-    strcpy(config.background, "white"); /* their mean would have read pixels into memory already */
+    strcpy(config.background, "white"); /* as would be what their mean has read */
     scene = load(*state, &config);
     if (find_file() < 0) {
         cln_scene_free(scene);
