@@ -47,6 +47,11 @@ static json_int_t bytes_of(const char *path)
     return stat(path, &info) == 0 && S_ISREG(info.st_mode) ? (json_int_t)info.st_size : -1;
 }
 
+static bool is_any(const double numbers[3])
+{
+    return numbers[0] != 0 || numbers[1] != 0 || numbers[2] != 0;
+}
+
 static cln_status print_document(const cln_options *options, const cln_export_result *r)
 {
     json_t *levels = json_array(), *counts = counts_of(r), *document = NULL;
@@ -80,18 +85,18 @@ static cln_status print_document(const cln_options *options, const cln_export_re
                             json_pack("[f,f,f]", r->size[0], r->size[1], r->size[2]));
         json_object_set_new(document, "box", box);
         json_object_set_new(document, "written", written);
+        json_object_set_new(document, "seen_through_share", json_real(r->faint));
     }
     if (r->faces > 0) {
         if (r->fine > 0)
             json_object_set_new(document, "cell", json_real(r->fine));
-        json_object_set_new(document, "seen_through_share", json_real(r->faint));
         json_object_set_new(document, "area", json_real(r->area));
         json_object_set_new(document, "open_edges", json_integer((json_int_t)r->open_edges));
         json_object_set_new(document, "volume",
                             r->open_edges == 0 ? json_real(r->volume) : json_null());
         if (options->closed)
             json_object_set_new(document, "unseen_share", json_real(r->unseen));
-        if (r->taken_off[0] != 0 || r->taken_off[1] != 0 || r->taken_off[2] != 0)
+        if (is_any(r->taken_off))
             json_object_set_new(
                 document, "taken_off",
                 json_pack("[f,f,f]", r->taken_off[0], r->taken_off[1], r->taken_off[2]));
@@ -121,7 +126,6 @@ static void print_leaves(FILE *to, const cln_export_result *r)
     fprintf(to, "%s", r->leaves > 0 ? ")" : "");
 }
 
-/* The size as it is written, by which a wrong unit is seen, and the box as --crop takes it. */
 static void print_box(FILE *to, const char *where, const double b[6])
 {
     const double side = fmax(fmax(b[3] - b[0], b[4] - b[1]), b[5] - b[2]);
@@ -133,9 +137,15 @@ static void print_box(FILE *to, const char *where, const double b[6])
     fputs(text, to);
 }
 
-/* changed: by options, so that the file's numbers are not the scene's. */
-static void print_size(FILE *to, bool metres, bool changed, const cln_export_result *r)
+/* The size as it is written, by which a wrong unit is seen, where that is, if the file's numbers
+ * are not the scene's, and the box as --crop takes it. */
+static void print_size(FILE *to, const cln_export_desc *desc, bool glb, const cln_export_result *r)
 {
+    const bool scaled = desc->scale != 1;
+    const bool metres = glb && !scaled;
+    const bool changed = glb || scaled || desc->up_auto || is_any(desc->up) ||
+                         is_any(desc->offset) || is_any(r->taken_off);
+
     fprintf(to, ", %.3g x %.3g x %.3g units%s", r->size[0], r->size[1], r->size[2],
             metres ? " (to glTF they are metres: --scale)" : "");
     if (changed)
@@ -143,16 +153,23 @@ static void print_size(FILE *to, bool metres, bool changed, const cln_export_res
     print_box(to, "in the scene's frame", r->box);
 }
 
+static void print_area(FILE *to, const cln_export_result *r)
+{
+    if (r->open_edges > 0) {
+        fprintf(to, ", open (area %.4g)", r->area);
+        return;
+    }
+    fprintf(to, ", closed (area %.4g, volume %.4g", r->area, r->volume);
+    if (r->fine > 0)
+        fprintf(to, "; a surface off by one cell, %.2g, makes %.2g of it", r->fine,
+                r->area * r->fine);
+    fputs(")", to);
+}
+
 /* bytes: of the file; -1 = not told */
 static void print_sentence(FILE *to, const char *file, const cln_export_desc *desc,
                            json_int_t bytes, const cln_export_result *r)
 {
-    const bool scaled = desc->scale != 1;
-    const bool glb = cln_ends_with(file, ".glb");
-    const bool moved = desc->offset[0] != 0 || desc->offset[1] != 0 || desc->offset[2] != 0;
-    const bool off = r->taken_off[0] != 0 || r->taken_off[1] != 0 || r->taken_off[2] != 0;
-    const bool turned = desc->up_auto || desc->up[0] != 0 || desc->up[1] != 0 || desc->up[2] != 0;
-
     json_t *counts = counts_of(r), *value = NULL;
     const char *key = NULL, *before = "";
     char text[32];
@@ -188,16 +205,9 @@ static void print_sentence(FILE *to, const char *file, const cln_export_desc *de
                 cln_plural((double)r->faces_left_out, "triangle", "triangles"));
     }
     if (r->vertices > 0)
-        print_size(to, !scaled && glb, scaled || moved || off || turned || glb, r);
-    if (r->faces > 0 && r->open_edges == 0)
-        fprintf(to, ", closed (area %.4g, volume %.4g", r->area, r->volume);
-    if (r->faces > 0 && r->open_edges == 0 && r->fine > 0)
-        fprintf(to, "; a surface off by one cell, %.2g, makes %.2g of it", r->fine,
-                r->area * r->fine);
-    if (r->faces > 0 && r->open_edges == 0)
-        fprintf(to, ")");
-    else if (r->faces > 0)
-        fprintf(to, ", open (area %.4g)", r->area);
+        print_size(to, desc, cln_ends_with(file, ".glb"), r);
+    if (r->faces > 0)
+        print_area(to, r);
     if (bytes >= 0) {
         cln_format_bytes((double)bytes, text);
         fprintf(to, ", %s", text);

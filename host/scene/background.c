@@ -155,6 +155,15 @@ done:
     return st;
 }
 
+float cln_scene_off_background(const cln_scene *scene, const uint8_t rgb[3])
+{
+    float off = 0;
+
+    for (int c = 0; c < 3; c++)
+        off = fmaxf(off, fabsf((float)rgb[c] - 255 * scene->background[c]));
+    return off;
+}
+
 /* From the side of a row inwards to where it differs from the backdrop: 1 if at once, 2 if little
  * by little, 0 if nowhere. */
 static int leaves_backdrop(const cln_scene *scene, const cln_view *view, int y, bool from_right)
@@ -171,8 +180,7 @@ static int leaves_backdrop(const cln_scene *scene, const cln_view *view, int y, 
         if (!cln_view_keeps(view, x, y))
             return 0;
         cln_view_bytes(view, x, y, p);
-        for (int c = 0; c < 3; c++)
-            off = fmaxf(off, fabsf((float)p[c] - 255 * scene->background[c]));
+        off = cln_scene_off_background(scene, p);
         if (off > CLN_UNLIKE_BACKDROP)
             return i - near > ramp ? 2 : 1;
         if (off <= NEARLY)

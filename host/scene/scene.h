@@ -365,6 +365,9 @@ bool cln_view_is_loaded(const cln_view *view);
 
 /* Pixel (x, y) of a loaded view as it is stored: its channels. */
 void cln_view_bytes(const cln_view *view, int x, int y, uint8_t out[4]);
+/* How far a colour is from the scene's background, in the channel where most, of 255; beyond
+ * CLN_UNLIKE_BACKDROP it differs from it. */
+float cln_scene_off_background(const cln_scene *scene, const uint8_t rgb[3]);
 
 /* CLN_OUTPUT if pixels could not be read from the store: what was made of them is wrong. */
 cln_status cln_scene_check_pixels(const cln_scene *scene);

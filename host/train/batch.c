@@ -1,7 +1,6 @@
 /* Random pixels of random views. See batch.h. */
 #include "train/batch.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -239,14 +238,11 @@ enum { FETCH_AHEAD = 16 }; /* pixels to prefetch: drawn ones lie far apart in me
 static bool is_unlike(const cln_scene *scene, const cln_view *view, int x, int y)
 {
     uint8_t p[4] = {0};
-    float off = 0;
 
     if (x < 0 || y < 0 || x >= view->camera.width || y >= view->camera.height)
         return true;
     cln_view_bytes(view, x, y, p);
-    for (int c = 0; c < 3; c++)
-        off = fmaxf(off, fabsf((float)p[c] - 255 * scene->background[c]));
-    return off > CLN_UNLIKE_BACKDROP;
+    return cln_scene_off_background(scene, p) > CLN_UNLIKE_BACKDROP;
 }
 
 /* Before a backdrop, what differs from it stands before it, and what does not may be either. A
