@@ -183,25 +183,32 @@ static int by_path(const void *a, const void *b)
     }
 }
 
-/* Warns of images in the folder that are no views, with the first of their names. */
+/* Warns of images in the folder that are no views, nor a view's depths, mask or alpha, with the
+ * first of their names. */
 static cln_status warn_unposed(const char *folder, const cln_reader_result *result,
                                const cln_names *there)
 {
     cln_status st = CLN_OK;
-    const int count = result->view_count;
     char **known = NULL, *path = NULL, names[1024] = "";
-    size_t used = 0;
+    size_t count = 0, used = 0;
     int more = 0;
 
-    CLN_TRY(cln_alloc(&known, (size_t)count, sizeof *known, "views"));
-    for (int i = 0; i < count; i++)
-        known[i] = result->views[i].path;
-    qsort(known, (size_t)count, sizeof *known, by_path);
+    CLN_TRY(cln_alloc(&known, (size_t)result->view_count * 5, sizeof *known, "files"));
+    for (int i = 0; i < result->view_count; i++) {
+        const cln_view *v = &result->views[i];
+        char *const files[5] = {v->path, v->depth.depth, v->depth.confidence, v->mask_path,
+                                v->alpha_path};
+
+        for (int k = 0; k < 5; k++)
+            if (files[k])
+                known[count++] = files[k];
+    }
+    qsort(known, count, sizeof *known, by_path);
     for (int i = 0; i < there->count; i++) {
         free(path);
         path = NULL;
         CLN_TRY(cln_path_join(&path, folder, there->name[i]));
-        if (bsearch(&path, known, (size_t)count, sizeof *known, by_path))
+        if (bsearch(&path, known, count, sizeof *known, by_path))
             continue;
         if (more <= NAMED && used < sizeof names)
             used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", more ? ", " : "",

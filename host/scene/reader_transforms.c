@@ -628,11 +628,11 @@ static cln_status read_single(const char *folder, const char *file, bool whole,
     CLN_TRY(read_frames(folder, file, root, CLN_SPLIT_TRAIN, result));
     CLN_TRY(finish_frames(folder, (char *const[1]){(char *)file}, &root, 1, result));
     CLN_TRY(find_masks(folder, result));
-    if (whole)
-        CLN_TRY(cln_dataset_tell_unposed(folder, result));
     CLN_TRY(read_bounds(file, root, result));
     CLN_TRY(read_points(folder, file, root, result));
     CLN_TRY(read_depths(folder, file, root, result));
+    if (whole)
+        CLN_TRY(cln_dataset_tell_unposed(folder, result));
     CLN_TRY(apply_lists(file, root, result));
     result->beyond = true;
     result->dialect = result->has_bounds ? "instant-ngp" : "nerfstudio";
