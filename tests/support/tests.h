@@ -126,6 +126,7 @@ int test_group_structure(void);
 int test_group_clip(void);
 int test_group_parts(void);
 int test_group_reduce(void);
+int test_group_reel(void);
 int test_group_surface(void);
 int test_group_test_views(void);
 int test_group_trace(void);
