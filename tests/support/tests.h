@@ -121,6 +121,7 @@ int test_group_sights(void);
 int test_group_silhouette(void);
 int test_group_splat(void);
 int test_group_standing(void);
+int test_group_step(void);
 int test_group_store(void);
 int test_group_structure(void);
 int test_group_clip(void);
