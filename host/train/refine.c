@@ -350,15 +350,13 @@ bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
     return true;
 }
 
-/* Do the checked spots agree? Their mean error, which grows little beyond the scale, must fall by
- * more than twice the standard error of that: poses that are right would wander by chance. */
-static bool is_better(const cln_spot *spots, const cln_ray_result *before,
-                      const cln_ray_result *after, const cln_pose_step *step)
+bool cln_refine_is_better(int count, const cln_spot *spots, const cln_ray_result *before,
+                          const cln_ray_result *after, const cln_pose_step *step)
 {
     const double square = step->scale * step->scale;
     double sum = 0, squares = 0, n = 0;
 
-    for (int i = 0; i < CHECKED; i++) {
+    for (int i = 0; i < count; i++) {
         double fall = 0;
 
         if (spots[i].x < 0)
@@ -484,7 +482,8 @@ static cln_status take_turns(cln_trainer *t, turn *turns, int count)
     for (int i = 0; i < count; i++) {
         turn *c = &turns[i];
 
-        if (c->moved && is_better(c->spots + FITTED, c->before, c->after, &c->step))
+        if (c->moved &&
+            cln_refine_is_better(CHECKED, c->spots + FITTED, c->before, c->after, &c->step))
             kept++;
         else
             memcpy(cln_scene_training_view(t->scene, c->view)->camera.c2w, c->pose, sizeof c->pose);

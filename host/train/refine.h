@@ -47,4 +47,10 @@ bool cln_refine_solve(const cln_camera *camera, const cln_space *space, int n,
                       const cln_spot *spots, const cln_ray_result (*looks)[CLN_SPOT_LOOKS],
                       cln_pose_step *out);
 
+/* Do other spots than those agree with the step, by their renders before and after it? Their mean
+ * error, which grows little beyond the scale, must fall by more than twice the standard error of
+ * that: poses that are right would wander by chance. */
+bool cln_refine_is_better(int count, const cln_spot *spots, const cln_ray_result *before,
+                          const cln_ray_result *after, const cln_pose_step *step);
+
 #endif

@@ -227,6 +227,44 @@ section_refused() {
     check "it is the same picture" cmp -s "$work/out" "$work/rendered/test_r_000.png"
 }
 
+# ask NAME VIEWER PATH: in the background; its code in $work/NAME
+ask() {
+    curl -s -o /dev/null -w '%{http_code}' -H "X-Viewer: $2" "$address$3" >"$work/$1" &
+    asked+=($!)
+}
+
+# Behind a large picture, a later one of a viewer replaces its earlier ones, and nobody else's.
+replaced() {
+    local asked=() i film
+    ask first long "/picture?view=6&width=2000"
+    sleep 0.2
+    ask earlier you "/picture?view=6&width=300"
+    ask other they "/picture?view=6&width=64"
+    for i in 0 1 2 3 4 5; do
+        ask photo-$i you "/photo?view=$i&side=24"
+    done
+    sleep 0.2
+    gets "a later picture of a viewer whose earlier one waits" 200 \
+        "/picture?view=6&width=32&ms=50" -H "X-Viewer: you"
+    gets "a later one of the viewer of the large one" 200 "/picture?view=6&width=32&ms=50" \
+        -H "X-Viewer: long"
+    wait "${asked[@]}"
+    check "both earlier ones are replaced" [ "$(cat "$work/first") $(cat "$work/earlier")" = \
+        "409 409" ]
+    check "another viewer's is painted" [ "$(cat "$work/other")" = 200 ]
+    check "photos do not replace each other" [ "$(cat "$work"/photo-?)" = 200200200200200200 ]
+    posts "a film of a large frame" 200 "/film/begin?width=1000&height=1000&frames=2" "${me[@]}"
+    film=$(json film)
+    curl -s -o /dev/null -w '%{http_code}' -X POST "${me[@]}" \
+        "$address/film/frame?film=$film&view=6&width=1000" >"$work/frame" &
+    i=$!
+    sleep 0.2
+    gets "a photo meanwhile" 200 "/photo?view=1&side=24"
+    wait $i
+    check "it does not replace the frame" [ "$(cat "$work/frame")" = 200 ]
+    posts "the film is dropped" 200 "/film/drop?film=$film" "${me[@]}"
+}
+
 section_clients() {
     local i large="/picture?view=6&width=2000"
     viewer
@@ -242,6 +280,7 @@ section_clients() {
         -H "X-Viewer: you"
     wait $i
     check "it replaces the earlier picture" [ "$(cat "$work/code")" = 409 ]
+    replaced
     curl -s -o "$work/one.png" -H "X-Viewer: one" "$address/picture?view=6&width=500&format=png" &
     i=$!
     while kill -0 $i 2>/dev/null; do

@@ -308,6 +308,17 @@ static void upload_part(cln_pipeline *p, const batch *b, int me, uint32_t *mine)
     free(listed);
 }
 
+/* A leaf for each rank. */
+static void deal_leaves(cln_pipeline *p)
+{
+    p->ranks = RANKS;
+    p->leaves = RANKS;
+    p->rank_first = test_alloc(RANKS + 1, sizeof *p->rank_first);
+    for (int r = 0; r <= RANKS; r++)
+        p->rank_first[r] = r;
+    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(stretch) | CLN_PROGRAM_BIT(scan)));
+}
+
 /* composite_train by RANKS ranks, one after the other: each sees only the others' sums. */
 static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4],
                                 cln_ray_result *results)
@@ -319,12 +330,7 @@ static void composite_stretches(cln_pipeline *p, const batch *b, float (*dout)[4
     cln_ray_result others[RAYS];
     size_t bytes = 0;
 
-    p->ranks = RANKS;
-    p->leaves = RANKS;
-    p->rank_first = test_alloc(RANKS + 1, sizeof *p->rank_first);
-    for (int r = 0; r <= RANKS; r++)
-        p->rank_first[r] = r;
-    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(stretch) | CLN_PROGRAM_BIT(scan)));
+    deal_leaves(p);
     for (int me = 0; me < RANKS; me++) {
         upload_part(p, b, me, mine);
         bytes = p->stretch_total * row;
@@ -636,6 +642,33 @@ static void test_pixels(void **state)
     test_report("losses and gradients of pixels with several rays");
 }
 
+/* The first ray keeps its samples and stretches although it alone has more than there is room for;
+ * those behind it have none. */
+static void test_too_long(void **state)
+{
+    const cln_config config = small_config();
+    cln_pipeline *p = test_pipeline(&tune_sets[0], &config, false, false);
+    uint32_t *mine = NULL, starts[2][RAYS + 1], of_first[2];
+    batch b;
+
+    (void)state;
+    make_batch(&b);
+    mine = test_alloc(b.samples, sizeof *mine);
+    assert_true(b.starts[1] > 0);
+    deal_leaves(p);
+    upload_part(p, &b, 0, mine);
+    for (int cut = 0; cut < 2; cut++) {
+        assert_ok(cln_stretch_find(p, RAYS, 0, cut ? 0 : SIZE_MAX));
+        assert_ok(cln_buffer_read(p->device, &p->stretch_starts, 0, starts[cut], sizeof *starts));
+        of_first[cut] = starts[cut][1];
+    }
+    assert_true(of_first[0] > 0 && starts[0][RAYS] > of_first[0]);
+    assert_int_equal(of_first[1], of_first[0]);
+    assert_int_equal(starts[1][RAYS], of_first[0]);
+    free(mine);
+    free_batch(&b);
+}
+
 /* No rays at all: nothing is launched, nothing written. */
 static void test_no_rays(void **state)
 {
@@ -657,8 +690,8 @@ int test_group_composite(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_pictures),  cmocka_unit_test(test_losses),
-        cmocka_unit_test(test_stretches), cmocka_unit_test(test_pixels),
-        cmocka_unit_test(test_no_rays),
+        cmocka_unit_test(test_stretches), cmocka_unit_test(test_too_long),
+        cmocka_unit_test(test_pixels),    cmocka_unit_test(test_no_rays),
     };
 
     test_wanted = CLN_PROGRAM_BIT(composite);

@@ -17,8 +17,18 @@ static double sigma_of(const cln_config *config, double raw)
     return config->density_scale * log1p(exp(raw + cln_network_density_bias(config)));
 }
 
-/* A run whose leaves hold a constant each, by the parity of their octant. */
-static void make_chessboard(const char *run, bool one_colour)
+/* Is the leaf in an odd octant of the cube? */
+static bool is_odd(const cln_octree *tree, int slot)
+{
+    const int node = tree->leaf[slot], deeper = tree->level[node] - 1;
+    const uint16_t *pos = tree->pos[node];
+
+    return ((pos[0] >> deeper) + (pos[1] >> deeper) + (pos[2] >> deeper)) % 2;
+}
+
+/* A run whose leaves hold a constant each, by the parity of their octant; eight leaves instead of
+ * each odd one, if these are to be fine. */
+static void make_chessboard(const char *run, bool one_colour, bool fine)
 {
     const cln_config config = fixture_config();
     fixture_stop stop = {.signal = SIGINT, .step = 2};
@@ -28,9 +38,19 @@ static void make_chessboard(const char *run, bool one_colour)
     assert_fails(fixture_train(run, false, &config, &stop, &result), CLN_SIGINT, "");
     assert_ok(cln_checkpoint_read(fixture_path(run), true, &model));
     assert_int_equal(model.tree.leaf_count, 8);
-    for (int s = 0; s < 8; s++) {
-        const uint16_t *pos = model.tree.pos[model.tree.leaf[s]];
-        const int odd = one_colour ? 0 : (pos[0] + pos[1] + pos[2]) % 2;
+    if (fine) {
+        cln_octree_change change;
+        uint8_t marks[8];
+
+        for (int s = 0; s < 8; s++)
+            marks[s] = (uint8_t)is_odd(&model.tree, s);
+        assert_ok(cln_octree_split(&model.tree, marks, &change));
+        assert_ok(cln_model_apply(&model, &change));
+        cln_octree_change_free(&change);
+        assert_int_equal(model.tree.leaf_count, 4 + 8 * 4);
+    }
+    for (int s = 0; s < model.tree.leaf_count; s++) {
+        const int odd = !one_colour && is_odd(&model.tree, s);
         float *own = model.params + (size_t)s * (size_t)model.net.params;
 
         memset(own, 0, (size_t)model.net.params * sizeof *own);
@@ -73,7 +93,7 @@ static void test_chessboard(void **state)
     char *text = NULL;
 
     NEED_DEVICE();
-    make_chessboard("chessboard", false);
+    make_chessboard("chessboard", false, false);
     measure("chessboard", &result);
     print_message("%d pairs across faces, %d inside\n", result.seams.across.pairs,
                   result.seams.inside.pairs);
@@ -100,6 +120,24 @@ static void test_chessboard(void **state)
     cln_eval_free(&result);
 }
 
+/* Between leaves of two sizes the jump of alpha is that of a step in the finer one. */
+static void test_two_sizes(void **state)
+{
+    const cln_config config = fixture_config();
+    const double length = 0.5 / config.n1;
+    const double alpha = exp(-sigma_of(&config, density_raw[0]) * length) -
+                         exp(-sigma_of(&config, density_raw[1]) * length);
+    cln_eval_result result;
+
+    NEED_DEVICE();
+    make_chessboard("two sizes", false, true);
+    measure("two sizes", &result);
+    assert_true(result.seams.across.pairs > 50);
+    assert_near("alpha, 95 %", result.seams.across.alpha_95, alpha);
+    assert_true(result.seams.inside.alpha == 0);
+    cln_eval_free(&result);
+}
+
 /* A uniform field has no seam; an evaluation without --seams reports none. */
 static void test_none(void **state)
 {
@@ -107,7 +145,7 @@ static void test_none(void **state)
     json_t *document = NULL;
 
     NEED_DEVICE();
-    make_chessboard("one colour", true);
+    make_chessboard("one colour", true, false);
     measure("one colour", &result);
     assert_true(result.seams.across.pairs > 50);
     assert_true(result.seams.across.colour == 0 && result.seams.across.alpha == 0);
@@ -120,6 +158,7 @@ static void test_none(void **state)
 int test_group_seams(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_chessboard),
+                                       cmocka_unit_test(test_two_sizes),
                                        cmocka_unit_test(test_none)};
 
     return cmocka_run_group_tests_name("seams", tests, fixture_setup, fixture_teardown);

@@ -266,7 +266,8 @@ static void turned(const double angles[3], double c2w[12])
         c2w[4 * (i / 3) + i % 3] = r[i];
 }
 
-static void see(seen *s, int view)
+/* The photo as the camera sees it. twin: from 1.2 on, the wall looks as so much before. */
+static void see_wall(seen *s, int view, double twin)
 {
     const cln_camera *c = &s->views[view].camera;
 
@@ -279,9 +280,16 @@ static void see(seen *s, int view)
             d[i] = c->c2w[4 * i] * u + c->c2w[4 * i + 1] * v + c->c2w[4 * i + 2];
         for (int i = 0; i < 2; i++)
             at[i] = 1000 + 24 * (c->c2w[4 * i + 3] + d[i] / d[2] * (1 - c->c2w[11]));
+        if (at[0] > 1000 + 24 * 1.2)
+            at[0] -= 24 * twin;
         memset(s->pixels[view] + 3 * p,
                (int)(60 + 150 * cln_uniform_hash(3, 1, 0, (uint32_t)at[1], 0, (uint32_t)at[0])), 3);
     }
+}
+
+static void see(seen *s, int view)
+{
+    see_wall(s, view, 0);
 }
 
 /* A row of `count` cameras, `step` apart, turned by up to `turn` radians about each axis. */
@@ -603,6 +611,35 @@ static void test_merged(void **state)
     }
 }
 
+/* Three groups of photos along a wall whose end looks like its begin: what the last shows lies
+ * elsewhere by the first, but the one between joins both, so that their frames are one. Without it
+ * they are taken for two. */
+static void test_joined(void **state)
+{
+    enum { GROUPS = 3, EACH = 8 };
+
+    (void)state;
+    for (int without = 0; without < 2; without++) {
+        seen *s = make_seen(GROUPS * EACH, 0.04, 0.1);
+        char *text = NULL;
+        bool fault = false;
+
+        for (int k = 0; k < GROUPS * EACH; k++) {
+            const int group = k / EACH;
+
+            s->views[k].camera.c2w[3] = 0.5 * group + 0.04 * (k % EACH);
+            see_wall(s, k, 1.5);
+            if ((group == 1 && without) || k % EACH == EACH - 1) /* names would join groups */
+                memset(s->pixels[k], 128, sizeof s->pixels[k]);
+        }
+        text = told_of(s, "frames", &fault);
+        if (fault != !!without)
+            fail_msg("without the middle %d: '%s'", without, text);
+        free(text);
+        free(s);
+    }
+}
+
 /* A camera that looks at the middle of what is painted from a distance of 1, by degrees. */
 static void stand_around(double azimuth, double elevation, double c2w[12])
 {
@@ -665,6 +702,7 @@ int test_group_agree(void)
         cmocka_unit_test(test_no_more_photos),
         cmocka_unit_test(test_bad_pose),
         cmocka_unit_test(test_merged),
+        cmocka_unit_test(test_joined),
         cmocka_unit_test(test_tilt),
     };
 

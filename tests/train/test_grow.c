@@ -1,6 +1,7 @@
 /* When a whole level of voxels comes. Tested: whether its voxels are too fine for the photos
  * (--cell-pixels) does not depend on how far --refine-poses has moved the cameras, so that a
- * resumed run grows as one without interruption. */
+ * resumed run grows as one without interruption; which leaves are at --max-level, in a shell space,
+ * too, whose tree is one level deeper. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -9,7 +10,9 @@
 #include "tests.h"
 #include "scene/motion.h"
 #include "train/grow.h"
+#include "train/measure.h"
 #include "train/refine.h"
+#include "train/refresh.h"
 #include "trainer_fixture.h"
 
 /* Settings under which level 2 comes at step 10, if its voxels have at least so many pixels. */
@@ -80,9 +83,93 @@ static void test_refined(void **state)
     }
 }
 
+/* The share of leaves that can be split: of level 2 (in a shell, its core has those of level 3), of
+ * which every second one is split, if so wanted. */
+static double share_of(bool shell, int max_level, bool split)
+{
+    cln_config config = settings(1e-6);
+    const cln_scene_desc scene = {.path = fixture_path("scene"), .config = &config};
+    cln_octree_change change;
+    uint8_t marks[128];
+    double share = 0;
+    cln_trainer t;
+
+    memset(&t, 0, sizeof t);
+    config.start_level = 2;
+    config.max_level = max_level;
+    assert_ok(cln_scene_load(&scene, &t.scene));
+    assert_ok(shell ? cln_model_create_shell(&config, &t.model)
+                    : cln_model_create(&config, &t.model));
+    t.model.space = t.scene->space;
+    t.model.space.shell = shell;
+    assert_int_equal(t.model.tree.leaf_count, shell ? 64 + 24 : 64);
+    for (size_t i = 0; i < sizeof marks; i++)
+        marks[i] = i % 2;
+    if (split) {
+        assert_ok(cln_octree_split(&t.model.tree, marks, &change));
+        cln_octree_change_free(&change);
+    }
+    assert_ok(cln_measure_can_split(&t, t.model.level, &share));
+    cln_model_free(&t.model);
+    cln_scene_free(t.scene);
+    return share;
+}
+
+static void test_can_split(void **state)
+{
+    (void)state;
+    assert_true(share_of(false, 3, false) > 0.8);
+    assert_true(share_of(true, 3, false) > 0.8); /* the core's, too */
+    assert_true(share_of(false, 2, false) == 0);
+    assert_true(share_of(true, 2, false) == 0);
+    assert_in_range((int)(288 * share_of(false, 3, true) + 0.5), 20, 32); /* not those of level 3 */
+    assert_true(share_of(false, 4, true) > 0.8);
+}
+
+/* How many leaves, of level 2, may not be split because their voxels are too fine. */
+static int too_fine(bool shell, int max_level)
+{
+    cln_config config = settings(1e6);
+    cln_leaf_measure *measures = NULL;
+    uint8_t *children = NULL;
+    cln_trainer t;
+    int fine = 0;
+
+    config.start_level = 2;
+    config.max_level = max_level;
+    config.adaptive = true;
+    config.split_samples = 0;
+    open_trainer(&config, &t);
+    t.model.space.shell = shell;
+    t.model.sum_rays = 1;
+    assert_ok(cln_refresh_all(&t));
+    assert_ok(cln_measure_leaves(&t, 0, &measures, &children, &fine));
+    for (int s = 0; s < t.model.tree.leaf_count; s++)
+        fine -= !measures[s].may_split;
+    assert_int_equal(fine, 0); /* and no others */
+    for (int s = 0; s < t.model.tree.leaf_count; s++)
+        fine += !measures[s].may_split;
+    free(measures);
+    free(children);
+    close_trainer(&t);
+    return fine;
+}
+
+/* Leaves at --max-level are not said to be too fine. */
+static void test_too_fine(void **state)
+{
+    NEED_DEVICE();
+    assert_true(too_fine(false, 3) > 30);
+    assert_int_equal(too_fine(false, 2), 0);
+    assert_true(too_fine(true, 2) > 30);
+    assert_int_equal(too_fine(true, 1), 0);
+}
+
 int test_group_grow(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_refined)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_refined),
+                                       cmocka_unit_test(test_can_split),
+                                       cmocka_unit_test(test_too_fine)};
 
     return cmocka_run_group_tests_name("grow", tests, fixture_setup, fixture_teardown);
 }

@@ -233,6 +233,65 @@ static void test_given_spots(void **state)
     assert_memory_not_equal(step.motion, other.motion, sizeof step.motion);
 }
 
+/* What spots say of a step. So many get nearer to the photo, the others as much farther from it. */
+typedef struct checked {
+    cln_spot spots[SPOTS / 2];
+    cln_ray_result before[SPOTS / 2], after[SPOTS / 2];
+} checked;
+
+static void put_checked(checked *c, int better, float gain)
+{
+    for (int i = 0; i < SPOTS / 2; i++) {
+        const float here = i < better ? 0.65f : 0.55f, there = 1.2f - here;
+
+        c->spots[i] = (cln_spot){0, 1, {0.5f * gain, 0.5f * gain, 0.5f * gain}};
+        c->before[i] = (cln_ray_result){.r = here, .g = here, .b = here};
+        c->after[i] = (cln_ray_result){.r = there, .g = there, .b = there};
+    }
+}
+
+static bool agree(const checked *c, double gain)
+{
+    const cln_pose_step step = {.scale = 0.1, .gain = {gain, gain, gain}};
+
+    return cln_refine_is_better(SPOTS / 2, c->spots, c->before, c->after, &step);
+}
+
+/* Not by chance: of 192 spots 96 would get nearer, with a standard error of 7. */
+static void test_checked(void **state)
+{
+    static const struct {
+        int better;
+        bool agree;
+    } cases[] = {{0, false}, {72, false}, {96, false}, {106, false}, {120, true}, {192, true}};
+    checked c;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        for (int bright = 0; bright < 2; bright++) { /* or a brighter photo of the same */
+            put_checked(&c, cases[i].better, bright ? 1.5f : 1);
+            if (agree(&c, bright ? 1.5 : 1) != cases[i].agree)
+                fail_msg("%d spots of a photo %d get nearer", cases[i].better, bright);
+        }
+    put_checked(&c, 106, 1);
+    for (int i = 106; i < 140; i++) /* spots that are not there say nothing */
+        c.spots[i].x = -1;
+    assert_true(agree(&c, 1));
+    put_checked(&c, 120, 1);
+    for (int i = 0; i < 30; i++)
+        c.spots[i].x = -1;
+    assert_false(agree(&c, 1));
+    for (int i = 0; i < SPOTS / 2; i++)
+        c.spots[i].x = -1;
+    assert_false(agree(&c, 1));
+    put_checked(&c, 188, 1);
+    for (int i = 188; i < 192; i++) /* and a few that are entirely wrong little */
+        c.after[i].r = c.after[i].g = c.after[i].b = 9;
+    assert_true(agree(&c, 1));
+    memcpy(c.after, c.before, sizeof c.after);
+    assert_false(agree(&c, 1));
+}
+
 /* ---- a training ---- */
 
 static void put_split(const char *folder, const char *split, int count, double phase, bool shaken)
@@ -411,8 +470,9 @@ int test_group_refine(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_steps),       cmocka_unit_test(test_no_step),
-        cmocka_unit_test(test_given_spots), cmocka_unit_test(test_shaken),
-        cmocka_unit_test(test_resumed),     cmocka_unit_test(test_begins),
+        cmocka_unit_test(test_given_spots), cmocka_unit_test(test_checked),
+        cmocka_unit_test(test_shaken),      cmocka_unit_test(test_resumed),
+        cmocka_unit_test(test_begins),
     };
 
     return cmocka_run_group_tests_name("refine", tests, setup, fixture_teardown);

@@ -136,6 +136,152 @@ static void test_ball(void **state)
     close_trainer(&t);
 }
 
+/* ---- what counts ---- */
+
+/* Brings a changed tree to the device. */
+static void reload(cln_trainer *t)
+{
+    assert_ok(cln_pipeline_rebuild(&t->pipeline, t->model.tree.leaf_count));
+    assert_ok(cln_pipeline_upload(&t->pipeline, &t->model, true));
+    assert_ok(cln_stage_seen(&t->pipeline));
+    cln_step_cover(t);
+    assert_ok(cln_refresh_all(t));
+}
+
+/* Pixels of all but the first `count` training photos do not count. */
+static void keep_views(cln_trainer *t, int count)
+{
+    static const uint8_t none[SIDE * SIDE / 8];
+
+    for (int i = count; i < TRAIN_VIEWS; i++)
+        cln_scene_training_view(t->scene, i)->kept = none;
+}
+
+/* Makes all photos white, with this opacity where they show the ball, or only the middle of it. */
+static void fade(cln_trainer *t, double opacity, bool middle)
+{
+    for (int i = 0; i < TRAIN_VIEWS; i++) {
+        uint8_t *pixels = cln_scene_training_view(t->scene, i)->pixels;
+
+        for (int k = 0; k < SIDE * SIDE; k++) {
+            const int x = k % SIDE, y = k / SIDE;
+            const bool in = x >= 9 && x < 16 && y >= 9 && y < 16;
+
+            memset(pixels + 4 * k, 255, 3);
+            if (pixels[4 * k + 3])
+                pixels[4 * k + 3] = in || !middle ? (uint8_t)lround(255 * opacity) : 0;
+        }
+    }
+}
+
+static int errors_found(cln_trainer *t)
+{
+    cln_missing missing;
+    uint8_t *empty = NULL;
+    int found = 0;
+
+    assert_ok(cln_alloc(&empty, (size_t)t->pipeline.leaves, 1, "test"));
+    assert_ok(cln_regrow_find(t, empty, &missing));
+    found = missing.errors;
+    cln_marks_free(&missing.marks);
+    free(empty);
+    return found;
+}
+
+/* Differences above twice those of all pixels, and above a tenth; of photos that differ all over,
+ * those above a quarter. */
+static void test_errors(void **state)
+{
+    static const struct {
+        double opacity;
+        bool middle, found;
+    } cases[] = {{0.08, true, false},
+                 {0.14, true, true},
+                 {0.2, false, false},
+                 {0.35, false, true},
+                 {1, false, true}};
+    cln_config config = settings();
+
+    NEED_DEVICE();
+    config.initial_depth = 1e-4; /* nothing is to be seen of the leaves */
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cln_trainer t;
+        int found = 0;
+
+        open_trainer(&config, &t);
+        keep_corner(&t);
+        fade(&t, cases[i].opacity, cases[i].middle);
+        found = errors_found(&t);
+        if (cases[i].found != (found > 0))
+            fail_msg("opacity %g: %d cells are found", cases[i].opacity, found);
+        close_trainer(&t);
+    }
+}
+
+/* What two photos show may stand anywhere before them. */
+static void test_seen_by(void **state)
+{
+    cln_config config = settings();
+
+    NEED_DEVICE();
+    config.initial_depth = 1e-4;
+    for (int views = 2; views <= 3; views++) {
+        cln_trainer t;
+        int found = 0;
+
+        open_trainer(&config, &t);
+        keep_corner(&t);
+        keep_views(&t, views);
+        found = errors_found(&t);
+        if ((views > 2) != (found > 0))
+            fail_msg("%d photos: %d cells are found", views, found);
+        close_trainer(&t);
+    }
+}
+
+/* Faces before which a surface goes on, of one leaf beside the middle, as dense all over as takes
+ * half of the light on this part of its side; by the first photos. */
+static int faces_cut(double part, int views)
+{
+    cln_config config = settings();
+    cln_octree_change change;
+    cln_trainer t;
+    cln_missing missing;
+    uint8_t marks[64], *empty = NULL;
+    const double sigma = log(2) / (0.5 * part);
+    int cut = 0;
+
+    open_trainer(&config, &t);
+    for (int s = 0; s < 64; s++)
+        marks[s] = !is_at(&t.model.tree, s, 2);
+    assert_ok(cln_octree_cull(&t.model.tree, marks, &change));
+    assert_ok(cln_model_apply(&t.model, &change));
+    cln_octree_change_free(&change);
+    assert_int_equal(t.model.tree.leaf_count, 1);
+    memset(t.model.params, 0, (size_t)t.model.net.params * sizeof *t.model.params);
+    t.model.params[t.model.net.sigma_b] =
+        (float)(log(expm1(sigma / config.density_scale)) - cln_network_density_bias(&config));
+    reload(&t);
+    keep_views(&t, views);
+    assert_ok(cln_alloc(&empty, 1, 1, "test"));
+    assert_ok(cln_regrow_find(&t, empty, &missing));
+    cut = missing.cut;
+    cln_marks_free(&missing.marks);
+    free(empty);
+    close_trainer(&t);
+    return cut;
+}
+
+/* Rays that end right behind a face, several of them, show that it cuts a surface off. */
+static void test_faces(void **state)
+{
+    NEED_DEVICE();
+    assert_true(faces_cut(0.01, TRAIN_VIEWS) > 5);
+    assert_true(faces_cut(0.08, TRAIN_VIEWS) > 5);
+    assert_int_equal(faces_cut(0.2, TRAIN_VIEWS), 0);
+    assert_int_equal(faces_cut(0.01, 1), 0);
+}
+
 /* Empty leaves with errors begin anew at every decision: culling does not wait for them, or it
  * would never come; it does for leaves in places that had none. */
 static void test_culling_goes_on(void **state)
@@ -160,11 +306,7 @@ static void test_culling_goes_on(void **state)
         assert_ok(cln_octree_cull(&t.model.tree, marks, &change));
         assert_ok(cln_model_apply(&t.model, &change));
         cln_octree_change_free(&change);
-        assert_ok(cln_pipeline_rebuild(&t.pipeline, t.model.tree.leaf_count));
-        assert_ok(cln_pipeline_upload(&t.pipeline, &t.model, true));
-        assert_ok(cln_stage_seen(&t.pipeline));
-        cln_step_cover(&t);
-        assert_ok(cln_refresh_all(&t));
+        reload(&t);
         assert_int_equal(t.model.tree.leaf_count, 64 - gone);
         t.model.step = 60;
         assert_true(cln_cull_due(&t, 0.5));
@@ -178,7 +320,8 @@ static void test_culling_goes_on(void **state)
 
 int test_group_regrow(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ball),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ball), cmocka_unit_test(test_errors),
+                                       cmocka_unit_test(test_seen_by), cmocka_unit_test(test_faces),
                                        cmocka_unit_test(test_culling_goes_on)};
 
     return cmocka_run_group_tests_name("regrow", tests, fixture_setup, fixture_teardown);

@@ -135,6 +135,29 @@ static void read_turned_views(void **state)
     }
 }
 
+/* Of a view one side may be asked for; the other is not longer than a picture's may be, either. */
+static void narrow_views_have_limits(void **state)
+{
+    static const char *const wide[] = {"view", "0", "width", "900", NULL};
+    static const char *const high[] = {"view", "0", "height", "900", NULL};
+    static const int sides[2] = {8, 80};
+    cln_view views[2];
+    cln_scene scene;
+    cln_ask a;
+
+    (void)state;
+    scene_of_two(views, &scene);
+    for (int lies = 0; lies < 2; lies++) {
+        views[0].camera.width = sides[lies];
+        views[0].camera.height = sides[!lies];
+        assert_int_equal(ask(CLN_ASK_PICTURE, &scene, lies ? high : wide, &a), CLN_USAGE);
+        assert_non_null(strstr(cln_error_text(), "too large"));
+        cln_clear_error();
+        assert_int_equal(ask(CLN_ASK_PICTURE, &scene, lies ? wide : high, &a), CLN_OK);
+        assert_int_equal(lies ? a.camera.height : a.camera.width, 90);
+    }
+}
+
 static void refuse_what_is_wrong(void **state)
 {
 #define POSE "pose", level_pose, "focal", "50"
@@ -148,6 +171,7 @@ static void refuse_what_is_wrong(void **state)
         {CLN_ASK_PICTURE, {"pose", level_pose, "width", "64", "height", "64"}, "focal"},
         {CLN_ASK_PICTURE, {POSE, "width", "8193", "height", "64"}, "width"},
         {CLN_ASK_PICTURE, {POSE, "width", "8192", "height", "8192"}, "too large"},
+        {CLN_ASK_PICTURE, {POSE, "width", "64", "height", "8193"}, "height"},
         {CLN_ASK_PICTURE, {POSE, "width", "64", "height", "0"}, "height"},
         {CLN_ASK_PICTURE, {POSE, "width", "64", "height", "-1"}, "height"},
         {CLN_ASK_PICTURE, {POSE, "width", "64", "height", "6x"}, "height"},
@@ -176,6 +200,7 @@ static void refuse_what_is_wrong(void **state)
         {CLN_ASK_PICTURE, {"view", "0", "crop", "0,0,0,1,-1,1"}, "along y"},
         {CLN_ASK_POINT, {"view", "0", "x", "3", "y", "3", "crop", "0,0,0,0,1,1"}, "along x"},
         {CLN_ASK_FILM_BEGIN, {"width", "64", "height", "64"}, "frames"},
+        {CLN_ASK_FILM_BEGIN, {"width", "64", "height", "8193", "frames", "9"}, "height"},
         {CLN_ASK_FILM_BEGIN, {"width", "64", "height", "64", "frames", "7201"}, "frames"},
         {CLN_ASK_FILM_BEGIN, {"width", "64", "height", "64", "frames", "9", "fps", "0"}, "fps"},
         {CLN_ASK_FILM_BEGIN, {"width", "3840", "height", "2160", "frames", "7200"}, "too large"},
@@ -348,9 +373,9 @@ static void only_its_own_page_may_ask(void **state)
 int test_group_view_request(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(read_what_is_asked),        cmocka_unit_test(read_turned_views),
-        cmocka_unit_test(refuse_what_is_wrong),      cmocka_unit_test(any_text_is_answered),
-        cmocka_unit_test(only_its_own_page_may_ask),
+        cmocka_unit_test(read_what_is_asked),       cmocka_unit_test(read_turned_views),
+        cmocka_unit_test(narrow_views_have_limits), cmocka_unit_test(refuse_what_is_wrong),
+        cmocka_unit_test(any_text_is_answered),     cmocka_unit_test(only_its_own_page_may_ask),
     };
 
     return cmocka_run_group_tests_name("view_request", tests, NULL, NULL);
