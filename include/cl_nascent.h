@@ -271,7 +271,11 @@ typedef struct cln_eval_image {
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
                              NAN where there are none */
-    int turn; /* EXIF orientation (1, 3, 6, 8) that its pictures, which are as its pixels are
+    double depth; /* median distance of what it shows, scene units; NAN if it is transparent in most
+                     of its pixels */
+    bool hidden;  /* by something right before its camera: far below the other images, in dB, and
+                     its depth is a small part of theirs */
+    int turn;     /* EXIF orientation (1, 3, 6, 8) that its pictures, which are as its pixels are
                  stored, are to be turned by to be seen as people see the photo; 1: as they are */
     int file_width, file_height, downscale; /* of the photo's file, which was divided by so much */
 } cln_eval_image;
@@ -294,6 +298,8 @@ typedef struct cln_eval_result {
     cln_eval_image *images;
     double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images with a value */
     double psnr_fitted, psnr_exposed;                           /* means over images */
+    double fitted_gain; /* what the fit gains, dB, in the mean over the images that it brings among
+                           the others: of 1 and more, exposure or white balance differs */
     double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;
     int antialias; /* n x n rays for pixels at edges; 1 = one ray a pixel */

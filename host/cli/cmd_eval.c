@@ -75,12 +75,40 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
     if (isfinite(r->psnr_fitted))
         printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
                r->psnr_fitted);
-    if (!gains && !alpha && r->psnr_fitted > fmax(r->psnr + EXPOSURE_HINT, LEAST_FITTED))
+    if (!gains && !alpha && r->fitted_gain > EXPOSURE_HINT && r->psnr_fitted > LEAST_FITTED)
         puts(exposure
                  ? "Exposure or white balance differs between photos, and the run, though trained "
                    "with --exposure, has no gains for these"
                  : "Exposure or white balance differs between photos: train with --exposure, "
                    "or see what `cl-nascent check` says of them");
+}
+
+/* Views whose camera stands in, or right behind, what nothing contradicts. */
+static void print_hidden(const cln_eval_result *r)
+{
+    char names[256] = "", depth[32];
+    size_t used = 0;
+    int hidden = 0;
+    double nearest = INFINITY;
+
+    for (int i = 0; i < r->count; i++) {
+        const cln_eval_image *e = &r->images[i];
+
+        if (!e->hidden)
+            continue;
+        if (hidden++ < 3)
+            used += (size_t)snprintf(names + used, sizeof names - used, "%s%.70s",
+                                     hidden > 1 ? ", " : "", e->name);
+        nearest = fmin(nearest, e->depth);
+    }
+    if (!hidden)
+        return;
+    cln_format_real(nearest, 3, depth);
+    printf("%d of %d views %s hidden by something right before the camera, at a distance of %s "
+           "(%s%s): where no training photo looks through, anything may be. Photos from there, or "
+           "from farther away, tell; else keep to the photos' places\n",
+           hidden, r->count, cln_plural(hidden, "is", "are"), depth, names,
+           hidden > 3 ? ", ..." : "");
 }
 
 /* Photos that were divided: figures of them do not compare with those of whole ones. */
@@ -126,6 +154,7 @@ static void print_table(const cln_eval_result *r, bool exposure)
     if (r->seams.measured)
         print_seams(&r->seams);
     print_fitted(r, exposure);
+    print_hidden(r);
     if (isfinite(r->opacity_error)) {
         printf("opacity: RMS error %.4f", r->opacity_error);
         if (isfinite(r->opaque_air))

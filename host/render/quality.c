@@ -15,6 +15,7 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "render/exposure_guess.h"
+#include "render/odd_views.h"
 #include "render/tree_picture.h"
 #include "io/image.h"
 #include "render/metrics_image.h"
@@ -266,6 +267,9 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->psnr_fitted = cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
+    CLN_TRY(cln_odd_depth(picture, &image->depth));
+    if (isfinite(image->depth))
+        image->depth = cln_space_depth_to_scene(&scene->space, (float)image->depth);
     CLN_TRY(cln_scene_check_pixels(scene));
     if (folder)
         CLN_TRY(save(folder, v->file, width, height, picture->rgb, truth, rounded));
@@ -357,6 +361,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         result->seconds += image->seconds / count;
         cln_show_work(callbacks, "eval", i + 1, count);
     }
+    CLN_TRY(cln_odd_views(result));
     result->psnr_of_mean_mse = cln_psnr(result->mse);
     result->psnr_exposed = mean_of(result, offsetof(cln_eval_image, psnr_exposed));
     result->ssim = mean_of(result, offsetof(cln_eval_image, ssim));
@@ -430,6 +435,9 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
             cln_json_real(e->opaque_air), "seconds", e->seconds);
 
         json_object_set_new(one, "downscale", json_integer(e->downscale));
+        json_object_set_new(one, "depth", cln_json_real(e->depth));
+        if (one && e->hidden)
+            json_object_set_new(one, "hidden", json_true());
         if (one && e->turn > 1)
             json_object_set_new(one, "turn", json_integer(e->turn));
         json_array_append_new(images, one);

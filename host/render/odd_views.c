@@ -1,0 +1,83 @@
+/* See odd_views.h. */
+#include "render/odd_views.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+/* A fit of colours brings a view among the others if it comes so near to the median of all that
+ * were fitted, in dB: it takes a veil away in part alone. */
+static const double AMONG_DB = 3;
+
+/* A view is hidden if it is so far below the median, in dB, and sees as near. */
+static const double HIDDEN_DB = 6, HIDDEN_DEPTH = 0.2;
+
+static int by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Sorts them; NAN of none. */
+static double median(double *values, size_t count)
+{
+    qsort(values, count, sizeof *values, by_value);
+    return count ? values[count / 2] : NAN;
+}
+
+cln_status cln_odd_depth(const cln_picture *picture, double *depth)
+{
+    cln_status st = CLN_OK;
+    const size_t pixels = (size_t)picture->width * (size_t)picture->height;
+    double *depths = NULL;
+    size_t count = 0;
+
+    CLN_TRY(cln_alloc(&depths, pixels, sizeof *depths, "picture"));
+    for (size_t i = 0; i < pixels; i++)
+        if (picture->opacity[i] > 0.5f)
+            depths[count++] = (double)picture->depth[i];
+    *depth = 2 * count > pixels ? median(depths, count) : NAN;
+done:
+    free(depths);
+    return st;
+}
+
+/* The median of a member over the images where it is finite. */
+static double median_of(const cln_eval_result *result, size_t member, double *values)
+{
+    size_t count = 0;
+
+    for (int i = 0; i < result->count; i++) {
+        memcpy(values + count, (const char *)&result->images[i] + member, sizeof *values);
+        count += isfinite(values[count]);
+    }
+    return median(values, count);
+}
+
+cln_status cln_odd_views(cln_eval_result *result)
+{
+    cln_status st = CLN_OK;
+    double *values = NULL, psnr = 0, fitted = 0, depth = 0, gain = 0;
+    int among = 0;
+
+    CLN_TRY(cln_alloc(&values, (size_t)result->count + 1, sizeof *values, "evaluation"));
+    psnr = median_of(result, offsetof(cln_eval_image, psnr), values);
+    fitted = median_of(result, offsetof(cln_eval_image, psnr_fitted), values);
+    depth = median_of(result, offsetof(cln_eval_image, depth), values);
+    for (int i = 0; i < result->count; i++) {
+        cln_eval_image *image = &result->images[i];
+
+        image->hidden = image->psnr < psnr - HIDDEN_DB && image->depth < HIDDEN_DEPTH * depth;
+        if (image->psnr_fitted < fitted - AMONG_DB || !isfinite(image->psnr))
+            continue;
+        gain += image->psnr_fitted - image->psnr;
+        among++;
+    }
+    result->fitted_gain = among ? gain / among : NAN;
+done:
+    free(values);
+    return st;
+}

@@ -1,0 +1,95 @@
+/* What single views of an evaluation tell (render/odd_views.h). */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+#include <math.h>
+#include "near.h"
+#include "render/odd_views.h"
+#include "tests.h"
+
+enum { VIEWS = 8 };
+
+/* Views of which a fit of colours brings `lit` from 30 to 33 dB, as gains do, and `veiled` from 10
+ * to 16 dB, as a fit does of a veil; others stay at 32 dB, as does one that cannot be measured. */
+static cln_eval_result views_of(cln_eval_image images[VIEWS], int lit, int veiled, double near)
+{
+    for (int i = 0; i < VIEWS; i++) {
+        const bool is_lit = i < lit, is_veiled = !is_lit && i < lit + veiled;
+
+        images[i] = (cln_eval_image){.psnr = is_lit      ? 30
+                                             : is_veiled ? 10
+                                                         : 32,
+                                     .psnr_fitted = is_lit      ? 33
+                                                    : is_veiled ? 16
+                                                                : 32,
+                                     .depth = is_veiled ? near : 2};
+    }
+    images[VIEWS - 1].psnr = images[VIEWS - 1].psnr_fitted = images[VIEWS - 1].depth = NAN;
+    return (cln_eval_result){.count = VIEWS, .images = images};
+}
+
+/* What gains make good is exposure; what lifts views that stay far below the others is not. */
+static void test_fitted_gain(void **state)
+{
+    static const struct {
+        int lit, veiled;
+        double gain;
+    } cases[] = {{0, 0, 0},       {7, 0, 3}, {2, 0, 6.0 / 7},
+                 {3, 0, 9.0 / 7}, {0, 2, 0}, {3, 2, 9.0 / 5}};
+    cln_eval_image images[VIEWS];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cln_eval_result result = views_of(images, cases[i].lit, cases[i].veiled, 2);
+
+        assert_int_equal(cln_odd_views(&result), CLN_OK);
+        assert_near(result.fitted_gain, cases[i].gain, 1e-12);
+        for (int k = 0; k < VIEWS; k++)
+            assert_false(images[k].hidden);
+    }
+}
+
+/* Hidden are views that are far below the others and see as far as something before the camera. */
+static void test_hidden(void **state)
+{
+    cln_eval_image images[VIEWS];
+    cln_eval_result result = views_of(images, 0, 2, 0.1);
+
+    (void)state;
+    images[5].depth = 0.1; /* near, but as good as the others */
+    images[1].depth = NAN; /* bad, but transparent */
+    assert_int_equal(cln_odd_views(&result), CLN_OK);
+    for (int k = 0; k < VIEWS; k++)
+        assert_int_equal(images[k].hidden, k == 0);
+    result.count = 1;
+    assert_int_equal(cln_odd_views(&result), CLN_OK);
+    assert_false(images[0].hidden);
+}
+
+/* The depth is the median of opaque pixels, if most are. */
+static void test_depth(void **state)
+{
+    float depth[5] = {3, 1, 2, 9, 9}, opacity[5] = {1, 0.6f, 1, 0.4f, 0};
+    cln_picture picture = {.width = 5, .height = 1, .depth = depth, .opacity = opacity};
+    double got = 0;
+
+    (void)state;
+    assert_int_equal(cln_odd_depth(&picture, &got), CLN_OK);
+    assert_true(got == 2);
+    opacity[1] = 0.5f;
+    assert_int_equal(cln_odd_depth(&picture, &got), CLN_OK);
+    assert_true(isnan(got));
+}
+
+int test_group_odd_views(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_fitted_gain),
+        cmocka_unit_test(test_hidden),
+        cmocka_unit_test(test_depth),
+    };
+
+    return cmocka_run_group_tests_name("odd_views", tests, NULL, NULL);
+}
