@@ -161,10 +161,12 @@ static cln_status finish_early(const cln_options *options, bool *is_done)
     *is_done = false;
     CLN_TRY(cln_run_read(run, &document));
     state = cln_json_text(document, "state");
-    if (strcmp(state, "done") != 0 || !is_scene_of(document, options->operand) ||
-        !asks_no_more(&settings->config, &settings->base, json_object_get(document, "result")))
+    *is_done =
+        strcmp(state, "done") == 0 && is_scene_of(document, options->operand) &&
+        asks_no_more(&settings->config, &settings->base, json_object_get(document, "result"));
+    CLN_TRY(cln_ranks_agree(*is_done, "copy of the run"));
+    if (!*is_done)
         goto done;
-    *is_done = true;
     CLN_TRY(check_scene(options));
     if (cln_ranks_me() > 0)
         goto done;
@@ -223,6 +225,8 @@ cln_status cln_cmd_train(const cln_options *options)
 
     if (options->conf_said)
         cln_info("%s%s", options->resume ? "" : "settings ", options->conf_said);
+    if (options->resume_or_start)
+        CLN_TRY(cln_ranks_have(options->resume != NULL, run));
     if (options->resume_or_start && options->resume)
         CLN_TRY(finish_early(options, &is_done));
     if (is_done)

@@ -488,7 +488,8 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 
     const double hard = cln_hard_memory();
 
-    out->limit = fmin(c->host_mem > 0 ? c->host_mem : cln_machine_memory(), hard);
+    out->limit = c->host_mem > 0 ? fmin(c->host_mem, hard)
+                                 : fmin(cln_machine_memory(), hard) / cln_ranks_here();
     out->hard = out->limit == hard;
     row(out, "program and driver", NULL);
     add(out, CLN_PROGRAM_BYTES);
@@ -564,7 +565,9 @@ static bool plan_batches(const cln_plan_desc *d, int batches, cln_plan *out)
     sizes s = find_sizes(d, batches);
     const double memory = d->pipeline->device->info.global_mem;
     cln_plan plan = {.rendering = !d->training,
-                     .limit = c->device_mem > 0 ? fmin(c->device_mem, memory) : 0.9 * memory,
+                     .limit = c->device_mem > 0
+                                  ? fmin(c->device_mem, memory)
+                                  : 0.9 * memory / (is_unified(d) ? cln_ranks_here() : 1),
                      .cells = s.leaves * BYTES(d, seen), /* a byte each */
                      .max_rays = (int)s.rays,
                      .max_samples = (size_t)s.samples};

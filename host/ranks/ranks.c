@@ -14,10 +14,15 @@
 #include "io/progress.h"
 
 static struct {
-    int count, me, me_here;
+    int count, me, me_here, here;
     char name[128];
     cln_ranks_traffic sent;
-} self = {.count = 1};
+} self = {.count = 1, .here = 1};
+
+enum { HOST_BYTES = 64 };
+
+/* By rank; of several. */
+static char hosts[CLN_RANKS_MOST][HOST_BYTES];
 
 int cln_ranks_count(void)
 {
@@ -34,8 +39,32 @@ int cln_ranks_me_here(void)
     return self.me_here;
 }
 
+int cln_ranks_here(void)
+{
+    return self.here;
+}
+
+/* Open MPI and MPICH tell a process its place before it asks. */
+static void name_early(void)
+{
+    static const char *const places[][2] = {{"OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"},
+                                            {"PMI_RANK", "PMI_SIZE"}};
+    char host[HOST_BYTES] = "";
+
+    gethostname(host, sizeof host - 1);
+    for (int i = 0; i < 2 && !self.name[0]; i++) {
+        const char *me = getenv(places[i][0]), *count = getenv(places[i][1]);
+
+        if (me && count && atoi(count) > 1)
+            snprintf(self.name, sizeof self.name, "rank %d of %d on %s: ", atoi(me), atoi(count),
+                     host);
+    }
+}
+
 const char *cln_ranks_name(void)
 {
+    if (!self.name[0])
+        name_early();
     return self.name;
 }
 
@@ -56,9 +85,30 @@ cln_status cln_ranks_agree(uint64_t digest, const char *what)
     for (int r = 1; r < self.count; r++)
         if (digests[r] != digests[0])
             return cln_fail(CLN_USAGE,
-                            "rank %d has another %s than rank 0; start all ranks with the same "
-                            "program, scene, options and kind of device",
-                            r, what);
+                            "rank %d on %s has another %s than rank 0 on %s; start all ranks with "
+                            "the same program, scene, options and kind of device",
+                            r, hosts[r], what, hosts[0]);
+    return CLN_OK;
+}
+
+cln_status cln_ranks_have(bool here, const char *run)
+{
+    bool has[CLN_RANKS_MOST] = {0};
+    int first[CLN_RANKS_MOST + 1], one = 0;
+
+    for (int r = 0; r <= self.count; r++)
+        first[r] = r;
+    has[self.me] = here;
+    cln_ranks_gather(has, sizeof here, first, true);
+    while (one < self.count && !has[one])
+        one++;
+    for (int r = 0; r < self.count && one < self.count; r++)
+        if (!has[r])
+            return cln_fail(CLN_USAGE,
+                            "%s: rank %d on %s does not have this run, and rank %d on %s goes on "
+                            "with it; copy it to all machines, to the same path, or have it on a "
+                            "disk that they share",
+                            run, r, hosts[r], one, hosts[one]);
     return CLN_OK;
 }
 
@@ -79,7 +129,7 @@ static MPI_Datatype type_of(size_t row_bytes)
 
 /* ---- a rank that does not come ---- */
 
-enum { HOST_BYTES = 64, QUESTION = 1, ANSWER = 2 };
+enum { QUESTION = 1, ANSWER = 2 };
 enum { SWAP = 3 }; /* the tag of cln_ranks_swap */
 
 /* Questions and answers without content. A rank that waits long asks the others whether they live;
@@ -91,7 +141,6 @@ static struct {
     double heard[CLN_RANKS_MOST]; /* on this clock */
     bool asked[CLN_RANKS_MOST];   /* and not yet answered */
     double patience;
-    char hosts[CLN_RANKS_MOST][HOST_BYTES];
 } roll;
 
 static void send_roll(int rank, int tag)
@@ -145,11 +194,12 @@ static void give_up(double began)
     if (missing > 1)
         snprintf(others, sizeof others, " (and %d more)", missing - 1);
     cln_format_duration(roll.patience, waited);
-    snprintf(text, sizeof text,
-             "rank %d of %d on %s%s has kept others waiting for %s without an answer: it hangs, is "
-             "stopped or cut off; look for the reason there, then start all again, a training from "
-             "its last checkpoint by --resume; CL_NASCENT_RANK_WAIT=SECONDS waits longer",
-             first, self.count, roll.hosts[first], others, waited);
+    snprintf(
+        text, sizeof text,
+        "rank %d of %d on %.63s%s has kept others waiting for %s without an answer: it hangs, is "
+        "stopped or cut off; look for the reason there, then start all again, a training from "
+        "its last checkpoint by --resume; CL_NASCENT_RANK_WAIT=SECONDS waits longer",
+        first, self.count, hosts[first], others, waited);
     if (speaker < self.me) /* it finds the same in a moment, and one sentence is enough */
         nanosleep(&turn, NULL);
     cln_log(CLN_LOG_ERROR, "%s%s", self.name, text);
@@ -240,8 +290,8 @@ static cln_status meet_first(const char *host)
     MPI_Comm_dup(MPI_COMM_WORLD, &roll.comm);
     for (int r = 0; r <= self.count; r++)
         first[r] = r;
-    memcpy(roll.hosts[self.me], host, HOST_BYTES);
-    cln_ranks_gather(roll.hosts, HOST_BYTES, first, true);
+    memcpy(hosts[self.me], host, HOST_BYTES);
+    cln_ranks_gather(hosts, HOST_BYTES, first, true);
     cln_ranks_tell(&roll.patience, sizeof roll.patience);
     self.sent = (cln_ranks_traffic){0};
     return CLN_OK;
@@ -266,6 +316,7 @@ cln_status cln_ranks_open(void)
                         self.count, CLN_RANKS_MOST);
     MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &here);
     MPI_Comm_rank(here, &self.me_here);
+    MPI_Comm_size(here, &self.here);
     MPI_Comm_free(&here);
     gethostname(host, sizeof host - 1);
     return self.count > 1 ? meet_first(host) : CLN_OK;

@@ -33,7 +33,9 @@ void cln_ranks_close(bool failed, int exit_code);
 int cln_ranks_count(void);        /* 1 before cln_ranks_open */
 int cln_ranks_me(void);           /* 0 .. count - 1 */
 int cln_ranks_me_here(void);      /* among the ranks of this machine, 0 .. */
-const char *cln_ranks_name(void); /* "rank 1 of 2 on HOST: "; "" if alone */
+int cln_ranks_here(void);         /* ranks of this machine, which share its memory */
+const char *cln_ranks_name(void); /* "rank 1 of 2 on HOST: ", from what mpirun told this process
+                                     before cln_ranks_open; "" if alone */
 
 /* Answers ranks that ask whether this one is still there. For long work that it does alone, while
  * others wait. */
@@ -57,8 +59,12 @@ void cln_ranks_take(void *baton, size_t bytes);
 void cln_ranks_hand(void *baton, size_t bytes);
 
 /* Compares a digest of all ranks: if they differ, CLN_USAGE on all, with the first rank that
- * differs. what: "settings", "scene". */
+ * differs and its host. what: "settings", "scene". */
 cln_status cln_ranks_agree(uint64_t digest, const char *what);
+
+/* Do all have a run to go on with at this path, or none? CLN_USAGE on all if some have, with the
+ * first of those that have not and its host. */
+cln_status cln_ranks_have(bool here, const char *run);
 
 /* Rows [first[r], first[r + 1]) of an array are rank r's; after it, everyone (or, if not `all`,
  * rank 0) has all rows. first: [count + 1]. */

@@ -223,6 +223,53 @@ static void add_margin(double low[3], double high[3], double share)
     }
 }
 
+/* What the training photos show alike, of several ranks each one's own among themselves; `out` then
+ * has all their points, and the share of them all. */
+static cln_status agree_training(const cln_scene *scene, const cln_callbacks *callbacks,
+                                 cln_agreement *out)
+{
+    cln_status st = CLN_OK;
+    const int ranks = cln_ranks_count(), me = cln_ranks_me();
+    cln_scene own = *scene;
+    cln_agreement found = {0};
+    int first[CLN_RANKS_MOST + 1] = {0};
+    double(*shares)[3] = NULL; /* by rank: points, ties, ties that fit */
+    double sums[3] = {0};
+
+    if (ranks == 1)
+        return cln_agree(scene, callbacks, out);
+    own.view_count = 0;
+    CLN_TRY(cln_alloc(&own.views, (size_t)scene->view_count, sizeof *own.views, "views"));
+    CLN_TRY(cln_alloc(&shares, (size_t)ranks, sizeof *shares, "views"));
+    for (int i = 0; i < scene->view_count; i++)
+        if (scene->views[i].split == CLN_SPLIT_TRAIN && cln_view_is_loaded(&scene->views[i]))
+            own.views[own.view_count++] = scene->views[i];
+    CLN_TRY(cln_agree(&own, callbacks, &found));
+    shares[me][0] = found.point_count;
+    shares[me][1] = found.tie_count;
+    shares[me][2] = isfinite(found.share) ? found.share * found.tie_count : 0;
+    for (int r = 0; r <= ranks; r++)
+        first[r] = r;
+    cln_ranks_gather(shares, sizeof *shares, first, true);
+    for (int r = 0; r < ranks; r++) {
+        first[r] = (int)sums[0];
+        for (int k = 0; k < 3; k++)
+            sums[k] += shares[r][k];
+    }
+    first[ranks] = out->point_count = (int)sums[0];
+    out->share = sums[2] / sums[1];
+    CLN_TRY(cln_alloc(&out->points, (size_t)out->point_count + 1, sizeof *out->points, "points"));
+    if (found.point_count > 0)
+        memcpy(out->points + first[me], found.points,
+               (size_t)found.point_count * sizeof *out->points);
+    cln_ranks_gather(out->points, sizeof *out->points, first, true);
+done:
+    cln_agreement_free(&found);
+    free(own.views);
+    free(shares);
+    return st;
+}
+
 cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
                                 const cln_callbacks *callbacks, cln_placed *out)
 {
@@ -232,12 +279,12 @@ cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
 
     *out = (cln_placed){.space = config->space};
     CLN_TRY(cln_scene_narrow_cube(scene, sizeof out->box, out->box));
-    if (out->box[0] || !scene->cube_guessed || !scene->in_parallel || cln_ranks_count() > 1)
+    if (out->box[0] || !scene->cube_guessed || !scene->in_parallel)
         goto done;
-    for (int i = 0; i < scene->view_count; i++)
+    for (int i = 0; i < scene->view_count && cln_ranks_count() == 1; i++)
         if (scene->views[i].split == CLN_SPLIT_TRAIN && !cln_view_is_loaded(&scene->views[i]))
             goto done;
-    CLN_TRY(cln_agree(scene, callbacks, &found));
+    CLN_TRY(agree_training(scene, callbacks, &found));
     if (found.point_count < FEW_POINTS || !(found.share > FITTING_SHARE))
         goto done;
     CLN_TRY(find_middle(&found, low, high));

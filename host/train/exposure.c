@@ -121,14 +121,14 @@ static double spread_of(const cln_model *model)
 }
 
 /* What marks that two training photos show tell: the falloff of cln_agreement, and how much of what
- * gains differ by they differ by; or 0 and 1. Asks some photos that follow each other, so that it
- * does not take long, and of several processes, which have other photos, none. */
+ * gains differ by they differ by; or 0 and 1. Asks some of this rank's photos that follow each
+ * other, so that it does not take long. */
 static cln_status ask_marks(const cln_scene *scene, const cln_model *model, double *falloff,
                             double *share)
 {
     cln_status st = CLN_OK;
     enum { RUNS = 4, RUN = 12 };
-    const int all = model->exposure_views, asked = all < RUNS * RUN ? all : RUNS * RUN;
+    int all = 0, asked = 0, *here = NULL;
     cln_agreement found = {0};
     cln_scene some = *scene;
     int numbers[RUNS * RUN];
@@ -137,15 +137,18 @@ static cln_status ask_marks(const cln_scene *scene, const cln_model *model, doub
     *falloff = 0;
     *share = 1;
     some.views = NULL;
+    CLN_TRY(cln_alloc(&here, (size_t)model->exposure_views, sizeof *here, "exposure"));
+    for (int i = 0; i < model->exposure_views; i++)
+        if (cln_view_is_loaded(cln_scene_training_view(scene, i)))
+            here[all++] = i;
+    asked = all < RUNS * RUN ? all : RUNS * RUN;
     some.view_count = asked;
-    if (cln_ranks_count() > 1)
+    if (asked < 2)
         goto done;
     CLN_TRY(cln_alloc(&some.views, (size_t)asked, sizeof *some.views, "exposure"));
     for (int i = 0; i < asked; i++) {
-        numbers[i] = all > asked ? i / RUN * (all - RUN) / (RUNS - 1) + i % RUN : i;
-        some.views[i] = scene->views[cln_scene_split_view(scene, CLN_SPLIT_TRAIN, numbers[i])];
-        if (!cln_view_is_loaded(&some.views[i]))
-            goto done;
+        numbers[i] = here[all > asked ? i / RUN * (all - RUN) / (RUNS - 1) + i % RUN : i];
+        some.views[i] = *cln_scene_training_view(scene, numbers[i]);
     }
     CLN_TRY(cln_agree(&some, NULL, &found));
     *falloff = found.falloff;
@@ -165,6 +168,7 @@ static cln_status ask_marks(const cln_scene *scene, const cln_model *model, doub
 done:
     cln_agreement_free(&found);
     free(some.views);
+    free(here);
     return st;
 }
 
@@ -175,8 +179,12 @@ static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *mod
     double follow = 0, falloff = 0, share = 1;
 
     CLN_TRY(cln_exposure_follow(model, scene, &follow));
-    if (spread >= DIFFER && follow >= FOLLOW)
-        CLN_TRY(ask_marks(scene, model, &falloff, &share));
+    if (spread >= DIFFER && follow >= FOLLOW) { /* of several ranks, rank 0's photos tell */
+        if (cln_ranks_me() == 0)
+            CLN_TRY(ask_marks(scene, model, &falloff, &share));
+        cln_ranks_tell(&falloff, sizeof falloff);
+        cln_ranks_tell(&share, sizeof share);
+    }
     cln_debug("exposure: gains differ by %.3f stops so far, by %.2f as neighbours do, by %.2f as "
               "marks do; these fade with the power %.2f of distance",
               spread, follow, share, falloff);

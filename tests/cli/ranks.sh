@@ -178,7 +178,7 @@ section_photos() {
     # every rank needs all masks, but compares the files of one other rank alone
     cp -r "$work/masked" "$work/masked-0"
     cp "$work/masked/masks/frame_00002.png" "$work/masked-0/masks/frame_00007.png"
-    expect "three ranks with different masks are refused" 2 "~rank.1.has.another.set.of.masks" \
+    expect "three ranks with different masks are refused" 2 "~rank.1.on ~has.another.set.of.masks" \
         "${mpi[@]}" \
         -n 1 "$ranked" train "$work/masked-0" -o "$work/no" "${small[@]}" --steps 1 \
         --masks ignore : \
@@ -427,7 +427,7 @@ section_devices() {
         return
     fi
     export POCL_DEVICES="pthread basic"
-    expect "two ranks take two devices" 2 "~rank.1.has.another.device" "${mpi[@]}" -n 2 "$ranked" \
+    expect "two ranks take two devices" 2 "~rank.1.on ~has.another.device" "${mpi[@]}" -n 2 "$ranked" \
         "${go[@]}"
     expect "ranks share a device that alone matches" 0 "" "${mpi[@]}" -n 2 "$ranked" "${go[@]}" \
         -d pthread
@@ -547,6 +547,22 @@ each() {
     "${mpi[@]}" -n 1 "${one[@]}" : -n 1 "${two[@]}"
 }
 
+# Where cameras look in parallel, two ranks find a box among their own photos; they share what the
+# machine has.
+section_parallel() {
+    local air=$work/air one two
+    "$make_scene" "$air" --kind terrain --size 96 --train 32 --test 0 --format nerfstudio >/dev/null
+    rm "$air"/images/frame_000{17..32}.png # the oblique ones
+    expect "two ranks find a box where cameras look in parallel" 0 \
+        "~places.that.photos.show.alike --bbox" "${mpi[@]}" -n 2 "$ranked" train "$air" \
+        -o "$work/air-two" "${small[@]}" --missing skip --preset voxel --steps 2
+    run "$cln" train "$air" -o "$work/air-one" "${small[@]}" --missing skip --preset voxel --steps 2
+    one=$("$query" host_plan.limit <"$work/air-one/run.json")
+    two=$("$query" host_plan.limit <"$work/air-two/run.json")
+    check "each may take half of the memory: $two of $one" awk -v a="$one" -v b="$two" \
+        'BEGIN { exit !(b > 0.499 * a && b < 0.501 * a) }'
+}
+
 # What differs between ranks is found before the first step.
 # shellcheck disable=SC2034 # here, there: `each` takes their names
 section_differ() {
@@ -555,11 +571,11 @@ section_differ() {
     local go=(train "$work/scene" -o "$on" "${small[@]}" --steps 20)
     here=("$ranked" "${go[@]}")
     there=("$ranked" "${go[@]}" --seed 7)
-    expect "ranks of different settings are refused" 2 "~rank.1.has.another.choice.of.settings" \
+    expect "ranks of different settings are refused" 2 "~rank.1.on ~has.another.choice.of.settings" \
         each here there
     "$make_scene" "$work/other" --size 48 --train 8 --test 2 --fault shaken >/dev/null
     there=("$ranked" train "$work/other" "${go[@]:2}")
-    expect "ranks of different scenes are refused" 2 "~rank.1.has.another.scene" each here there
+    expect "ranks of different scenes are refused" 2 "~rank.1.on ~has.another.scene" each here there
     # sparse points, which are no part of a scene's digest; the cube is given
     "$make_scene" "$work/sparse" --kind terrain --format colmap --size 32 --train 6 --test 0 \
         >/dev/null
@@ -569,21 +585,34 @@ section_differ() {
     here=("$ranked" train "$work/sparse" "${depths[@]}")
     there=("$ranked" train "$work/sparse-1" "${depths[@]}")
     expect "ranks of different sparse points are refused" 2 \
-        "~rank.1.has.another.set.of.sparse.points" each here there
+        "~rank.1.on ~has.another.set.of.sparse.points" each here there
+    # a run that only one machine has
+    mkdir -p "$work/machine a" "$work/machine b"
+    ln -s "$work/scene" "$work/machine a/scene"
+    ln -s "$work/scene" "$work/machine b/scene"
+    go=(train scene -o run "${small[@]}" --resume-or-start)
+    run env -C "$work/machine a" "$cln" "${go[@]}" --steps 20
+    for there in 20 40; do
+        here=(--wdir "$work/machine a" "$ranked" "${go[@]}" --steps "$there")
+        expect "a run that rank 1 has not is not gone on with" 2 \
+            "~rank.1.on ~does.not.have.this.run" "${mpi[@]}" -n 1 "${here[@]}" : \
+            -n 1 --wdir "$work/machine b" "${here[@]:2}"
+    done
+    go=(train "$work/scene" -o "$on" "${small[@]}" --steps 20)
     here=("$ranked" "${go[@]}")
     # this program, but for the digits of its version
     version=$("$ranked" --version | cut -d' ' -f2)
     sed "s/${version//./\\.}\x00/$(tr 0-9 1-90 <<<"$version")\x00/g" "$ranked" >"$work/newer"
     chmod +x "$work/newer"
     there=("$work/newer" "${go[@]}")
-    expect "ranks of different versions are refused" 2 "~rank.1.has.another.version" each here there
+    expect "ranks of different versions are refused" 2 "~rank.1.on ~has.another.version" each here there
     check "different ranks write nothing" [ ! -e "$on" ]
     cp -r "$work/one" "$on"
     run "$cln" train --resume "$on" --skip-selftest --progress none --steps +1
     go=(--skip-selftest --progress none --steps 300)
     here=("$ranked" train --resume "$work/one" "${go[@]}")
     there=("$ranked" train --resume "$on" "${go[@]}")
-    expect "ranks of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \
+    expect "ranks of different checkpoints are refused" 2 "~rank.1.on ~has.another.checkpoint" \
         each here there
 }
 
@@ -707,7 +736,7 @@ section_view() {
         "${mpi[@]}" -n 1 "$ranked" render "$work/one" : -n 1 "$ranked" render "$work/lost"
     cp -r "$work/one" "$work/changed"
     run "$cln" train --resume "$work/changed" --skip-selftest --progress none --steps +1
-    expect "viewers of different checkpoints are refused" 2 "~rank.1.has.another.checkpoint" \
+    expect "viewers of different checkpoints are refused" 2 "~rank.1.on ~has.another.checkpoint" \
         "${mpi[@]}" -n 1 "$ranked" view "$work/one" : \
         -n 1 "$ranked" view "$work/changed"
     expect "other commands by several are refused" 2 "~info:.runs.in.one.process" \
@@ -755,7 +784,7 @@ section_beside() {
 
 # Some wait or use one core most of the time: without arguments, they run beside the others.
 waiting=(resume dies hangs differ)
-others=(same walk photos stretches step voxels checkpoints memory devices pictures view scale)
+others=(same walk photos parallel stretches step voxels checkpoints memory devices pictures view scale)
 if [ $# = 0 ]; then
     baseline # its kernels are compiled once
     tests/cli/ranks.sh "${waiting[@]}" >"$work/beside" 2>&1 &
