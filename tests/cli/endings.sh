@@ -402,6 +402,14 @@ section_moments() {
     check "is no mistake" not_said "leaves are missing"
     expect "another scene: refused" 3 "~none.begins.with.another.scene's.model ~settings-of" \
         "$cln" train --resume "$work/moment" "$work/other moment" --steps 8
+    cp -r "$s" "$work/elsewhere"
+    rm "$s/images/frame_00001.png"
+    run "$cln" train "$s" -o "$work/fewer" "${tiny[@]}" "${box[@]}" --steps 4 --missing skip
+    expect "in another folder, with a photo more: goes on" 0 "~1.photo.is.new ~resumed.at.step.4" \
+        "$cln" train --resume "$work/fewer" "$work/elsewhere" --steps 6 --progress none \
+        --skip-selftest
+    check "from there on there" grep -q '"path": ".*/elsewhere"' "$work/fewer/run.json"
+    cp "$work/elsewhere/images/frame_00001.png" "$s/images"
     cp "$s/images/frame_00002.png" "$s/images/frame_00001.png"
     expect "one photo is another" 0 "~1.of.10.photos,.or.their.masks,.have.changed" \
         "$cln" train --resume "$work/moment" --steps 6 --progress none --skip-selftest
