@@ -481,7 +481,9 @@ static cln_status place_photos(cln_trainer *t, const cln_config *config)
     if (room.first_host.limit <= CLN_PROGRAM_BYTES) /* sure before plan(): no kernel is checked */
         CLN_TRY(cln_plan_check_host(&room.first_host));
     cln_room_say_tree(&desc, &room, text);
-    if (*text && room.leaves > 0)
+    if (*text && room.leaves > 0 && cln_room_downscale(&desc, &room) > 0)
+        cln_warn("memory: %s", text);
+    else if (*text && room.leaves > 0)
         cln_info("memory: %s", text);
     cln_room_say_free(&desc, &room, cln_available_memory(""), &now, text);
     if (*text && now)

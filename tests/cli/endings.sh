@@ -97,6 +97,17 @@ section_short() {
         "of [0-9]+ leaves voxels half as wide .* --cell-pixels 0.3 .* were not split" "$work/err"
 }
 
+# An evaluation that takes longer than the training.
+section_slow() {
+    "$make_scene" "$work/large" --size 400 --train 4 --test 4 >/dev/null || bad "make-scene"
+    expect "a moment's training, large test photos" 0 \
+        "~warning:.the.evaluation.at.the.end,.of.4.test.photos.*--eval-images ~--downscale.than.1" \
+        "$cln" train "$work/large" -o "$work/slow" "${tiny[@]}" --time-limit 0.02s
+    expect "time enough" 0 "" "$cln" train "$work/large" -o "$work/fast" "${tiny[@]}" \
+        --eval-images 1 --downscale 8 --time-limit 1s
+    check "is no warning" not_said "evaluation at the end"
+}
+
 # pose_of_next FOLDER: each photo in it gets the pose of the next one
 pose_of_next() {
     local i files=("$1"/*.png)
@@ -799,5 +810,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued lost reused anew moments rig links \
+run_sections "killed short slow doubtful exposure again requeued lost reused anew moments rig links \
     target points kept disk cache shared memory demo" "$@"
