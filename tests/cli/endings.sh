@@ -810,5 +810,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short slow doubtful exposure again requeued lost reused anew moments rig links \
-    target points kept disk cache shared memory demo" "$@"
+run_sections "killed short slow doubtful exposure again requeued lost reused anew moments rig \
+    links target points kept disk cache shared memory demo" "$@"
