@@ -278,6 +278,7 @@ typedef struct cln_eval_image {
     int turn;     /* EXIF orientation (1, 3, 6, 8) that its pictures, which are as its pixels are
                  stored, are to be turned by to be seen as people see the photo; 1: as they are */
     int file_width, file_height, downscale; /* of the photo's file, which was divided by so much */
+    bool apart; /* no ray of it meets the cube, or, with a shell, the box that was given */
 } cln_eval_image;
 
 /* Changes of the field over a small step: of the colour (mean over channels), and of the alpha of a
@@ -310,13 +311,14 @@ typedef struct cln_eval_result {
     float background[3];
     char split[8];
     uint64_t scene_digest; /* of the scene that the views are of */
+    int apart;             /* images that are, and count in no mean unless all are */
 } cln_eval_result;
 
 typedef struct cln_eval_desc {
     const char *run;
     const char *scene; /* NULL = the run's own */
     const char *split; /* "train", "val", "test", "all"; NULL = "test" */
-    int max_images;    /* evenly chosen; 0 = all */
+    int max_images;    /* evenly chosen, of those that are not apart if any is; 0 = all */
     int antialias;     /* n x n rays for pixels at edges, 1..8; 0 = as in training */
     bool fast;         /* fewer samples: less time, a little more error */
     bool seams;        /* also jumps between leaves at surfaces, of up to 16 training views */

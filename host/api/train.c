@@ -132,6 +132,27 @@ static const char *join(const json_t *strings, const char *between, char *out, s
     return out;
 }
 
+/* Says how many views show nothing of the cube, as of a part of a scene. */
+static void say_apart(const cln_scene *scene)
+{
+    int all[CLN_SPLITS] = {0}, apart[CLN_SPLITS] = {0};
+    const int *train = &apart[CLN_SPLIT_TRAIN], *test = &apart[CLN_SPLIT_TEST];
+
+    for (int i = 0; i < scene->view_count; i++) {
+        all[scene->views[i].split]++;
+        apart[scene->views[i].split] += !cln_scene_view_counts(scene, i);
+    }
+    if (*train + *test == 0)
+        return;
+    cln_info("views: %d of %d train and %d of %d test show nothing of the cube; %s%s", *train,
+             all[CLN_SPLIT_TRAIN], *test, all[CLN_SPLIT_TEST],
+             scene->space.shell ? "they train only what lies around it"
+                                : "they train nothing (--train-views spares their memory)",
+             *test == 0                    ? ""
+             : *test < all[CLN_SPLIT_TEST] ? ", and figures of test views are of the others"
+                                           : ", and test figures tell nothing of it");
+}
+
 /* Logs what the run consists of; with -v also details that few people need. */
 static void say_what_runs(cln_trainer *t)
 {
@@ -159,6 +180,7 @@ static void say_what_runs(cln_trainer *t)
     if (scene->masks_rule)
         cln_info("masks: %s", scene->masks_rule);
     cln_info("%s: %s", scene->space.forward ? "space" : "cube", scene->bounds_rule);
+    say_apart(scene);
     if (json_array_size(scene->ignored) > 0)
         cln_info("scene: keys of its files that are not used: %s",
                  join(scene->ignored, ", ", text, sizeof text));
@@ -459,7 +481,9 @@ static cln_status place_photos(cln_trainer *t, const cln_config *config)
     if (room.first_host.limit <= CLN_PROGRAM_BYTES) /* sure before plan(): no kernel is checked */
         CLN_TRY(cln_plan_check_host(&room.first_host));
     cln_room_say_tree(&desc, &room, text);
-    if (*text && room.leaves > 0)
+    if (*text && room.leaves > 0 && cln_room_downscale(&desc, &room) > 0)
+        cln_warn("memory: %s", text);
+    else if (*text && room.leaves > 0)
         cln_info("memory: %s", text);
     cln_room_say_free(&desc, &room, cln_available_memory(""), &now, text);
     if (*text && now)
@@ -480,6 +504,7 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
                                  .elsewhere = CLN_PROGRAM_BYTES,
                                  .pixels = {[CLN_SPLIT_TRAIN] = true, [CLN_SPLIT_TEST] = true},
                                  .callbacks = &callbacks};
+    bool same = false;
 
     CLN_TRY(cln_device_open(&t->desc->device, &t->device));
     CLN_TRY(cln_cache_check(t->device->info.platform));
@@ -487,7 +512,7 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
         CLN_TRY(cln_recorded_tune(t->desc->run, t->device));
         if (!t->desc->device.max_alloc)
             CLN_TRY(cln_recorded_alloc(t->desc->run, t->device));
-        CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene));
+        CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene, &same));
         CLN_TRY(cln_recorded_photos(t->desc->run, t->scene));
     } else {
         CLN_TRY(cln_scene_load(&desc, &t->scene));
@@ -502,8 +527,9 @@ static cln_status check_files(cln_trainer *t, const cln_config *config)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST, config->eval_images, &t->eval_views,
-                               &t->eval_count));
+    CLN_TRY(cln_quality_choose(t->scene, CLN_SPLIT_TEST,
+                               config->eval_images > 0 ? config->eval_images : INT_MAX,
+                               &t->eval_views, &t->eval_count));
     CLN_TRY(cln_quality_check(t->scene, t->eval_views, t->eval_count));
     if (t->writes)
         CLN_TRY(check_disk(t, config));

@@ -16,14 +16,15 @@
  * which it does: of what hardly shows the scene any fit gains. */
 static const double EXPOSURE_HINT = 1, LEAST_FITTED = 18;
 
-static void print_row(int width, const char *name, double psnr, double ssim, double seconds)
+static void print_row(int width, const char *name, double psnr, double ssim, double seconds,
+                      bool apart)
 {
     char p[32], s[32];
 
     cln_format_real(psnr, 2, p);
     cln_format_real(ssim, 4, s);
     cln_print_name(name, width);
-    printf("  %6s  %6s  %7.2f\n", p, s, seconds);
+    printf("  %6s  %6s  %7.2f%s\n", p, s, seconds, apart ? "  *" : "");
 }
 
 static void print_jump(const char *where, const cln_eval_jump *jump)
@@ -148,9 +149,16 @@ static void print_table(const cln_eval_result *r, bool exposure)
     printf("%-*s  %6s  %6s  %7s\n", width, "image", "PSNR", "SSIM", "seconds");
     for (int i = 0; i < r->count; i++)
         print_row(width, r->images[i].name, r->images[i].psnr, r->images[i].ssim,
-                  r->images[i].seconds);
-    print_row(width, "mean", r->psnr, r->ssim, r->seconds);
+                  r->images[i].seconds, r->images[i].apart);
+    print_row(width, "mean", r->psnr, r->ssim, r->seconds, false);
     putchar('\n');
+    if (r->apart == r->count)
+        puts("* none of the photos shows anything of the scene's cube, so their figures "
+             "tell nothing of what was trained");
+    else if (r->apart > 0)
+        printf("* photos that show nothing of the scene's cube; the mean is over the other %d of "
+               "%d\n",
+               r->count - r->apart, r->count);
     if (r->seams.measured)
         print_seams(&r->seams);
     print_fitted(r, exposure);

@@ -120,8 +120,15 @@ static cln_status check_scene(const cln_options *options)
     cln_status st = CLN_OK;
     const cln_scene_desc desc = {.path = options->operand, .config = &options->settings->config};
     cln_scene *scene = NULL;
+    bool same = false;
 
-    st = cln_recorded_resume(options->resume, &desc, &scene);
+    CLN_TRY(cln_recorded_resume(options->resume, &desc, &scene, &same));
+    if (!same)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: not the scene that %s, which is done, was trained on, so its figures "
+                         "are of others; with a larger budget it goes on with what is there now",
+                         options->operand, options->resume));
+done:
     cln_scene_free(scene);
     return st;
 }

@@ -523,7 +523,7 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
         if (d->training) /* an array of the leaves that move, as they were and as they will be */
             add(out, 2.0 * cln_share_most(d->pipeline, (int)s->leaves) * BYTES(d, params));
     }
-    row(out, "batches and pictures",
+    row(out, CLN_PLAN_PICTURES,
         d->training ? "--rays or the size with --downscale" : "the size of the pictures");
     add(out, (d->training ? 80.0 * cln_config_most_rays(c) : 0) + 80.0 * CLN_RENDER_RAYS);
     add(out, (picture_bytes + (d->training ? 0 : written_bytes)) *

@@ -15,8 +15,9 @@
 enum { CLN_PLAN_ROWS = 12 };
 
 /* Purposes of two rows of the host's plan. */
-#define CLN_PLAN_IMAGES "images"
-#define CLN_PLAN_SHARED "the device's, the same memory"
+#define CLN_PLAN_IMAGES   "images"
+#define CLN_PLAN_PICTURES "batches and pictures"
+#define CLN_PLAN_SHARED   "the device's, the same memory"
 
 /* Constants of the plans besides the settings. */
 enum {

@@ -313,12 +313,34 @@ static void say_refused(const cln_room_desc *d, const cln_room *room, char out[C
     cln_clear_error();
 }
 
+int cln_room_downscale(const cln_room_desc *d, const cln_room *room)
+{
+    const int far = 20; /* times fewer leaves */
+    const double limit = room->first_host.limit;
+    double bytes = 0;
+    int by = 1;
+
+    for (int i = 0; i < room->first_host.count; i++)
+        if (strcmp(room->first_host.rows[i].purpose, CLN_PLAN_PICTURES) == 0)
+            bytes = room->first_host.rows[i].bytes;
+    if (room->whole || room->leaves > d->config->max_leaves / far || bytes < limit / 4)
+        return 0;
+    while (bytes / by / by > limit / 16)
+        by *= 2;
+    by *= d->scene->downscale > 1 ? d->scene->downscale : 1;
+    return by <= CLN_MOST_DOWNSCALE ? by : CLN_MOST_DOWNSCALE;
+}
+
 void cln_room_say_tree(const cln_room_desc *d, const cln_room *room, char out[CLN_ROOM_TEXT])
 {
-    char way_out[64] = "";
+    const int by = cln_room_downscale(d, room);
+    char way_out[128] = "";
 
     out[0] = 0;
-    if (room->fitting > 0)
+    if (by > 0)
+        snprintf(way_out, sizeof way_out,
+                 ", as pictures of the photos' size take most: --downscale %d makes room", by);
+    else if (room->fitting > 0)
         snprintf(way_out, sizeof way_out, "; --max-leaves %d --max-level %d asks for no more",
                  room->fitting, usual_depth(d, room->fitting));
     if (room->leaves == 0)

@@ -67,6 +67,10 @@ enum { CLN_ROOM_TEXT = 1536 };
 /* Of a batch that was fitted: what it is instead of that of the settings; "" if it is the same. */
 void cln_room_say_batch(const cln_room_desc *desc, int samples, int rays, char out[CLN_ROOM_TEXT]);
 
+/* Of a tree far below --max-leaves, where pictures of the photos' size take a quarter of host
+ * memory and more: the --downscale that makes them small; 0 elsewhere. */
+int cln_room_downscale(const cln_room_desc *desc, const cln_room *room);
+
 /* What becomes of a tree beyond memory, in words; of photos that take a file, or that stay before
  * leaves; and of a plan beyond what is free now: `available` (base/memory.h). *now: already the
  * first tree's is. "" if there is nothing to say. */

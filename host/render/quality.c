@@ -77,17 +77,24 @@ cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most,
                               int *count)
 {
     cln_status st = CLN_OK;
-    const bool all = split == CLN_SPLITS;
-    int total = all ? 0 : cln_scene_split_count(scene, split);
+    int total = split == CLN_SPLITS ? 0 : cln_scene_split_count(scene, split), shown = 0;
 
-    if (all)
+    if (split == CLN_SPLITS) {
         CLN_TRY(list_photos(scene, views, &total));
+    } else {
+        CLN_TRY(cln_alloc(views, (size_t)total, sizeof **views, "views"));
+        for (int i = 0; i < total; i++)
+            (*views)[i] = cln_scene_split_view(scene, split, i);
+    }
+    for (int i = 0; i < total && most > 0; i++)
+        shown += cln_scene_view_counts(scene, (*views)[i]);
+    for (int i = 0, n = 0; i < total && shown > 0; i++)
+        if (cln_scene_view_counts(scene, (*views)[i]))
+            (*views)[n++] = (*views)[i];
+    total = shown > 0 ? shown : total;
     *count = most > 0 && most < total ? most : total;
-    if (!all)
-        CLN_TRY(cln_alloc(views, (size_t)*count, sizeof **views, "views"));
     for (int i = 0; i < *count; i++)
-        (*views)[i] = all ? (*views)[(int64_t)i * total / *count] /* never before place i */
-                          : cln_scene_spread_view(scene, split, i, *count);
+        (*views)[i] = (*views)[(int64_t)i * total / *count]; /* never before place i */
 done:
     return st;
 }
@@ -299,6 +306,12 @@ done:
     return st;
 }
 
+/* Is image i in the means? */
+static bool counts(const cln_eval_result *result, int i)
+{
+    return !result->images[i].apart || result->apart == result->count;
+}
+
 /* Mean of a member over the images where it is a number; NAN if there is none. */
 static double mean_of(const cln_eval_result *result, size_t member)
 {
@@ -309,7 +322,7 @@ static double mean_of(const cln_eval_result *result, size_t member)
         double value = 0;
 
         memcpy(&value, (const char *)&result->images[i] + member, sizeof value);
-        if (isfinite(value)) {
+        if (counts(result, i) && isfinite(value)) {
             sum += value;
             count++;
         }
@@ -325,11 +338,17 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
     const bool tree = model && folder;
     json_t *drawn = json_array();
     float(*gains)[3] = NULL;
+    int counted = 0;
 
     if (model)
         CLN_TRY(cln_exposure_guess(model, scene, &gains));
     CLN_TRY(cln_alloc(&result->images, (size_t)count, sizeof *result->images, "evaluation"));
     result->count = count;
+    for (int i = 0; i < count; i++) {
+        result->images[i].apart = !cln_scene_view_counts(scene, views[i]);
+        result->apart += result->images[i].apart;
+    }
+    counted = result->apart < count ? count - result->apart : count;
     memcpy(result->background, scene->background, sizeof result->background);
     result->scene_digest = scene->digest;
     if (count > 0)
@@ -354,12 +373,14 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
             st = draw_tree(model, &scene->views[views[i]], i, count, &picture, folder, drawn);
         cln_picture_free(&picture);
         CLN_TRY(st);
-        result->psnr += image->psnr / count;
-        result->psnr_u8 += image->psnr_u8 / count;
-        result->psnr_fitted += image->psnr_fitted / count;
-        result->mse += image->mse / count;
-        result->seconds += image->seconds / count;
         cln_show_work(callbacks, "eval", i + 1, count);
+        if (!counts(result, i))
+            continue;
+        result->psnr += image->psnr / counted;
+        result->psnr_u8 += image->psnr_u8 / counted;
+        result->psnr_fitted += image->psnr_fitted / counted;
+        result->mse += image->mse / counted;
+        result->seconds += image->seconds / counted;
     }
     CLN_TRY(cln_odd_views(result));
     result->psnr_of_mean_mse = cln_psnr(result->mse);
@@ -400,7 +421,7 @@ static double deviation(const cln_eval_result *r, bool ssim)
     for (int i = 0; i < r->count; i++) {
         const double d = ssim ? r->images[i].ssim - r->ssim : r->images[i].psnr - r->psnr;
 
-        if (ssim && !isfinite(r->images[i].ssim))
+        if (!counts(r, i) || (ssim && !isfinite(r->images[i].ssim)))
             continue;
         sum += d * d;
         count++;
@@ -438,6 +459,8 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         json_object_set_new(one, "depth", cln_json_real(e->depth));
         if (one && e->hidden)
             json_object_set_new(one, "hidden", json_true());
+        if (one && e->apart)
+            json_object_set_new(one, "apart", json_true());
         if (one && e->turn > 1)
             json_object_set_new(one, "turn", json_integer(e->turn));
         json_array_append_new(images, one);
@@ -461,6 +484,8 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
     cln_digest_text(r->scene_digest, digest);
     if (*out && r->scene_digest)
         json_object_set_new(*out, "scene_digest", json_string(digest));
+    if (*out && r->apart > 0)
+        json_object_set_new(*out, "apart", json_integer(r->apart));
     if (*out && r->antialias > 1)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
     if (*out && r->fast)

@@ -6,8 +6,9 @@
 #include <jansson.h>
 #include "render/view.h"
 
-/* Chooses `most` (0 = all) of a split's views, evenly; of all splits (CLN_SPLITS) each photo once,
- * as the first of its views. *views: indices into scene->views; the caller frees it. */
+/* Chooses `most` (0 = all) of a split's views, evenly, if any counts (cln_scene_view_counts) of
+ * those; of all splits (CLN_SPLITS) each photo once, as the first of its views. *views: indices
+ * into scene->views; the caller frees it. */
 cln_status cln_quality_choose(const cln_scene *scene, cln_split split, int most, int **views,
                               int *count);
 

@@ -229,18 +229,33 @@ static void keep_background(const json_t *document, const cln_config *config, cl
     scene->background_known = json_array_size(colour) == 3;
 }
 
+static cln_status refuse(const char *run, const cln_scene *scene, const char *why)
+{
+    char quoted[CLN_QUOTED_BYTES];
+
+    return cln_fail(
+        CLN_INPUT,
+        "%s: not the scene that %s began with (%s), so nothing is trained; leave it out, "
+        "or train a new run on it from its beginning, as none begins with another "
+        "scene's model: -o NEW --settings-of %s",
+        scene->folder, run, why, cln_shell_quote(run, quoted, sizeof quoted));
+}
+
 /* Another scene than the run's: what was learnt does not fit poses that were found anew, in another
- * frame. kept may be NULL. */
+ * frame. One that is named to go on with may be another capture of the same names: it needs a photo
+ * that is the same. kept may be NULL. */
 static cln_status compare_poses(const char *run, const cln_scene *scene, const cln_scene *kept,
-                                bool resumes)
+                                bool resumes, bool named)
 {
     cln_status st = CLN_OK;
     cln_since since = {0};
     char far[2 * CLN_SINCE_BYTES], text[CLN_SINCE_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (!kept)
-        return CLN_OK;
+        return named ? refuse(run, scene, "it keeps no cameras to compare") : CLN_OK;
     CLN_TRY(cln_scene_moved_since(scene, kept, &since));
+    if (named && !since.elsewhere && since.changed == since.known)
+        CLN_TRY(refuse(run, scene, "no photo is the same"));
     if (!since.elsewhere && since.changed > 1 && since.changed == since.known) {
         cln_warn(
             "%s: all %d photos that %s knows by their names, or their masks, have changed since "
@@ -271,6 +286,8 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
                  "none of its %d photos is one of the %d that %s began with, nor are its cameras "
                  "where those were",
                  scene->view_count, kept->view_count, run);
+    if (named)
+        CLN_TRY(refuse(run, scene, far));
     if (resumes)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: %s, so what it learnt is elsewhere: nothing is trained; restore the "
@@ -440,9 +457,11 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     }
     CLN_TRY(st);
     keep_background(document, &config, *scene);
+    if (json_is_true(json_object_get(document, "bbox_found")))
+        (*scene)->box_given = false;
     CLN_TRY(compare(run, dataset, *scene, place, same));
-    if (!*same && !given->path) /* one that is given may be another capture of the same names */
-        CLN_TRY(compare_poses(run, *scene, kept, resumes));
+    if (!*same && (resumes || !given->path)) /* one to look at may be another capture */
+        CLN_TRY(compare_poses(run, *scene, kept, resumes, given->path != NULL));
 done:
     if (st != CLN_OK) {
         cln_scene_free(*scene);
@@ -460,24 +479,10 @@ cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_sc
     return load(run, desc, false, scene, same);
 }
 
-cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene)
+cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene,
+                               bool *same)
 {
-    cln_status st = CLN_OK;
-    char quoted[CLN_QUOTED_BYTES];
-    bool same = false;
-
-    CLN_TRY(load(run, desc, true, scene, &same));
-    if (!same && desc->path) {
-        cln_scene_free(*scene);
-        *scene = NULL;
-        CLN_TRY(cln_fail(CLN_INPUT,
-                         "%s: not the scene that %s began with, so nothing is trained; leave it "
-                         "out, or train a new run on it from its beginning, as none begins with "
-                         "another scene's model: -o NEW --settings-of %s",
-                         desc->path, run, cln_shell_quote(run, quoted, sizeof quoted)));
-    }
-done:
-    return st;
+    return load(run, desc, true, scene, same);
 }
 
 cln_status cln_recorded_photos(const char *run, const cln_scene *scene)

@@ -32,10 +32,11 @@ cln_status cln_recorded_scene(const char *run, char **path);
 cln_status cln_recorded_load(const char *run, const cln_scene_desc *desc, cln_scene **scene,
                              bool *same);
 
-/* The same for a training that resumes the run, whose command takes SCENE in another place. Another
- * scene at desc->path is CLN_INPUT, as the run would belong to it, and so is one anywhere whose
- * poses are elsewhere (cln_scene_moved_since). */
-cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene);
+/* The same for a training that resumes the run, whose command takes SCENE in another place.
+ * CLN_INPUT for one whose poses are elsewhere (cln_scene_moved_since), and for another one at
+ * desc->path without any photo that is the same: the run would belong to it. */
+cln_status cln_recorded_resume(const char *run, const cln_scene_desc *desc, cln_scene **scene,
+                               bool *same);
 
 /* The scene's views as the run keeps them, without photos (scene/cameras_file.h). CLN_INPUT if they
  * are damaged, or not those of the scene in run.json. */

@@ -180,6 +180,9 @@ cln_status cln_report_views(FILE *to, const cln_report_data *data)
     cln_report_number(to, e->psnr, 2);
     fputs(" dB, mean SSIM ", to);
     cln_report_number(to, e->ssim, 4);
+    if (json_object_get(e->document, "apart"))
+        fprintf(to, " (without %d that show nothing of the cube)",
+                (int)json_integer_value(json_object_get(e->document, "apart")));
     fputs(".</p>\n", to);
     CLN_TRY(cln_asprintf(&folder, "%s/eval/%s", data->folder, e->stem));
     CLN_TRY(put_pictures(to, folder, images));

@@ -15,7 +15,7 @@
 #include "report/html.h"
 #include "report/report_style.h"
 
-enum { SIDE = 340, THUMB_SIDE = 180, PHOTOS = 60, QUALITY = 80, DRAWN = 8 };
+enum { SIDE = 340, THUMB_SIDE = 180, PHOTOS = 60, MOST_NAMED = 200, QUALITY = 80, DRAWN = 8 };
 
 static const char style[] =
     ".found{border-left:4px solid #9db4c8;padding:2px 12px;margin:10px 0}"
@@ -239,6 +239,7 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
     cln_status st = CLN_OK;
     const json_t *views = json_object_get(document, "views");
     const int step = (scene->view_count + PHOTOS - 1) / PHOTOS;
+    int shown = 0; /* of those that are named */
 
     if (step > 1)
         fprintf(to, "<p class=soft>One in %d photos, and those that findings name.</p>\n", step);
@@ -248,7 +249,8 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
         const bool named = is_named(document, scene->views[i].name, false);
         const bool fault = named && is_named(document, scene->views[i].name, true);
 
-        if (!named && i % step)
+        shown += named;
+        if ((!named || shown > MOST_NAMED) && i % step)
             continue;
         fprintf(to, "<figure%s>", fault ? " class=named" : "");
         CLN_TRY(put_thumb(to, scene, &scene->views[i]));
@@ -264,6 +266,10 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
         fputs("</span></figcaption></figure>\n", to);
     }
     fputs("</div>\n", to);
+    if (shown > MOST_NAMED)
+        fprintf(to,
+                "<p class=soft>And %d more that findings name, of which one in %d is shown.</p>\n",
+                shown - MOST_NAMED, step);
 done:
     return st;
 }

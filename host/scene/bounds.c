@@ -442,6 +442,7 @@ cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *resu
         CLN_TRY(rules[i](&e, space, &scene->bounds_rule));
         if (!scene->bounds_rule)
             continue;
+        scene->box_given = rules[i] == given_box;
         scene->cube_guessed = rules[i] == looked_at || rules[i] == before_cameras;
         wide = rules[i] == of_dataset && result->wide;
         chosen = chooses_shell(
@@ -529,6 +530,14 @@ bool cln_camera_sees(const cln_camera *camera, const cln_space *space)
                 return true;
     }
     return false;
+}
+
+bool cln_scene_view_counts(const cln_scene *scene, int view)
+{
+    const cln_space core = cln_space_core(&scene->space);
+
+    return scene->space.forward || (scene->space.shell && !scene->box_given) ||
+           cln_camera_sees(&scene->views[view].camera, &core);
 }
 
 cln_status cln_scene_check_seen(const cln_scene *scene)

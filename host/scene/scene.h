@@ -180,6 +180,7 @@ typedef struct cln_scene {
     char *bounds_rule;     /* where the cube comes from, a phrase */
     bool has_box;          /* the cube is around a box, which may be a slab: */
     double box[6];         /* minimum and maximum, scene units */
+    bool box_given;        /* it is around config.bbox */
     bool cube_guessed;     /* from the cameras alone */
     bool in_parallel;      /* and these look in parallel, so that nothing tells how far it is */
     bool outwards;         /* or they look outwards, likewise */
@@ -309,6 +310,10 @@ bool cln_scene_is_multiplied(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
 
 /* Gives views that count as training views, as the scene names none, their own splits again. */
 void cln_scene_return_splits(cln_scene *scene);
+
+/* bounds.c: does a view show something of what is looked at? Not if no ray of it meets the cube,
+ * beyond which there is nothing or, in a shell, what is around a box that was given. */
+bool cln_scene_view_counts(const cln_scene *scene, int view);
 
 /* Number of views of a split, and the index in views[] of its i-th. */
 int cln_scene_split_count(const cln_scene *scene, cln_split split);

@@ -249,6 +249,8 @@ static void mark_view(const cln_camera *c, int side, const cln_octree *tree, con
     float pose[12];
 
     memset(marks, 0, tiles);
+    if (whole && !space->shell && !cln_camera_sees(c, space))
+        return;
     cln_space_pose_to_cube(space, c->c2w, pose);
     for (int s = 0; s < tree->leaf_count && !whole; s++) {
         double middle[3], reach = 0;

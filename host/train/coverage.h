@@ -1,7 +1,7 @@
 /* Finds the training pixels that see a leaf: a ray through any other pixel trains nothing.
  * Coverage is kept by tile and conservative: a covered tile may hold pixels that see no leaf, but
  * every pixel that sees one is in a covered tile. Host work, for pinhole cameras; a view with lens
- * distortion counts as covered. batch.h decides which pixels are drawn. */
+ * distortion counts as covered if it sees the cube. batch.h decides which pixels are drawn. */
 #ifndef CLN_COVERAGE_H
 #define CLN_COVERAGE_H
 

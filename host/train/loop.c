@@ -284,9 +284,11 @@ static int evaluations_left(const cln_trainer *t, double fraction)
 }
 
 /* Estimates the seconds of an evaluation before one was measured: in nine trainings on real scenes
- * a pixel took 0.25 to 0.86 times as long as a training ray. */
+ * a pixel took 0.25 to 0.86 times as long as a training ray. A machine that stands still for a
+ * while makes the newest rays slow, not all of them. */
 static double guess_evaluation(const cln_trainer *t)
 {
+    const double pace = (double)t->model.drawn / t->model.train_seconds;
     double pixels = 0;
 
     for (int i = 0; i < t->eval_count; i++) {
@@ -294,7 +296,31 @@ static double guess_evaluation(const cln_trainer *t)
 
         pixels += (double)c->width * c->height;
     }
-    return 0.5 * pixels / t->shown.rays_per_s;
+    return 0.5 * pixels / fmax(pace, t->shown.rays_per_s);
+}
+
+/* Says once, as soon as the pace is known, that the evaluation at the end takes longer than the
+ * training may. */
+static void say_long_evaluation(cln_trainer *t)
+{
+    const double early = 0.05, limit = t->model.config.time_limit;
+    const double seconds = t->eval_count > 0 ? guess_evaluation(t) : 0;
+    char takes[32], budget[32], fewer[64] = "";
+
+    if (t->said.long_evaluation || cln_step_fraction(t) < early || !(t->shown.rays_per_s > 0))
+        return;
+    t->said.long_evaluation = true;
+    if (!(limit > 0) || !(seconds > limit))
+        return;
+    cln_format_duration(seconds, takes);
+    cln_format_duration(limit, budget);
+    if (t->eval_count > 1)
+        snprintf(fewer, sizeof fewer, "--eval-images %d or ",
+                 (int)fmax(1, t->eval_count * limit / seconds));
+    cln_warn("the evaluation at the end, of %d test photo%s, may take %s, longer than the training "
+             "with its %s: %sa larger --downscale than %d makes it shorter",
+             t->eval_count, cln_plural(t->eval_count, "", "s"), takes, budget, fewer,
+             t->scene->downscale);
 }
 
 /* Keeps the rates and means of the rays since the last row. A step's results arrive one step later:
@@ -623,6 +649,7 @@ cln_status cln_loop_run(cln_trainer *t)
         spend(t, began);
         heed(t);
         report_progress(t, cln_step_fraction(t));
+        say_long_evaluation(t);
         evaluated = false;
         row = t->model.step % c->log_every == 0 || cln_step_fraction(t) >= 1;
         keep = come_to(t, &t->save_at);

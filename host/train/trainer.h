@@ -55,6 +55,7 @@ typedef struct cln_trainer {
         bool whole;              /* no whole level of voxels comes any more */
         bool none_came;          /* no decision until --structure-until */
         bool host_full;          /* host memory exceeds --host-mem */
+        bool long_evaluation;    /* or need not be */
     } said;
     bool hit_target;               /* --target-psnr */
     double began, checkpoint_at;   /* monotonic seconds */

@@ -779,11 +779,50 @@ static void test_info_of_a_scene(void **state)
     cln_settings_free(settings);
 }
 
+/* A box behind test photo 0 is seen by those that look that way: the means are over these, and
+ * training measures no other view. With a shell the box decides, too. */
+static void test_eval_of_a_part(void **state)
+{
+    NEED_DEVICE();
+    for (int shell = 0; shell < 2; shell++) {
+        const char *run = shell ? "part in shell" : "part";
+        cln_config config = fixture_config();
+        cln_train_result trained;
+        cln_eval_result result;
+        json_t *document = NULL;
+        char *text = NULL;
+        double sum = 0;
+        int seen = 0;
+
+        config.steps = 2;
+        config.space = shell ? CLN_SPACE_SHELL : CLN_SPACE_CUBE;
+        snprintf(config.bbox, sizeof config.bbox, "2.44,3.55,-0.3,3.44,4.55,0.7");
+        assert_ok(fixture_train(run, false, &config, NULL, &trained));
+        assert_ok(evaluate(run, "all", NULL, &result));
+        assert_int_equal(result.count, TRAIN_VIEWS + TEST_VIEWS);
+        assert_int_equal(result.apart, TRAIN_VIEWS - 1 + TEST_VIEWS - 1);
+        assert_int_equal(trained.eval_views, 1);
+        assert_int_equal(trained.test_views, TEST_VIEWS);
+        for (int i = 0; i < result.count; i++) {
+            seen += !result.images[i].apart;
+            sum += result.images[i].apart ? 0 : result.images[i].psnr;
+        }
+        assert_int_equal(seen, result.count - result.apart);
+        assert_near(result.psnr, sum / seen, 1e-9);
+        assert_ok(cln_eval_json(&result, &text));
+        document = fixture_parse(text);
+        assert_int_equal(json_integer_value(fixture_at(document, "apart")), result.apart);
+        json_decref(document);
+        cln_eval_free(&result);
+    }
+}
+
 int test_group_results(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_eval_equals_training),
         cmocka_unit_test(test_eval_measures_opacity),
+        cmocka_unit_test(test_eval_of_a_part),
         cmocka_unit_test(test_eval_without_alpha),
         cmocka_unit_test(test_eval_of_other_splits),
         cmocka_unit_test(test_eval_stops_while_photos_are_read),

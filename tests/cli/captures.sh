@@ -251,6 +251,15 @@ section_wide() {
     expect "with the box that it names" 0 "" "$cln" train "$work/wide" -o "$work/whole run" \
         "${small[@]}" --steps 2 "$box"
     check "nothing is cut" eval '! said "is cut off"'
+    "$make_scene" "$work/part" --size 24 --train 40 --test 3 >/dev/null || bad "make-scene"
+    expect "a box that few cameras see" 0 \
+        "~30.of.40.train.and.2.of.3.test.show.nothing.of.the.cube.*they.train.nothing" \
+        "$cln" train "$work/part" -o "$work/part run" "${small[@]}" --steps 2 \
+        --bbox=4.5,-1,-1,6.5,1,1
+    check "figures are of the others" grep -q "over 1 of 3 test views" "$work/out"
+    expect "and so is their mean" 0 "" "$cln" eval "$work/part run"
+    check "the others have a mark" [ "$(grep -c ' [*]$' "$work/out")" = 2 ]
+    check "which is explained" grep -q "mean is over the other 1 of 3" "$work/out"
 
     "$make_scene" "$work/cut out" --size 48 --train 1 --test 0 >/dev/null || bad "make-scene"
     "$make_scene" "$work/one cut out" --format nerfstudio --size 48 --train 6 --test 2 >/dev/null

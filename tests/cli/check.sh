@@ -153,6 +153,15 @@ section_check() {
         "about [0-9]+ steps within --time-limit, [0-9.]+ ms a step .* ms a picture"'
     expect "check with a page" 0 "" "$cln" check "$work/sound" --probe 0 -o "$work/page.html"
     check "it shows 14 photos" [ "$(grep -c 'base64,' "$work/page.html")" = 14 ]
+    "$make_scene" "$work/many" --size 16 --train 260 --test 0 >/dev/null || bad "make-scene"
+    for photo in "$work/many/train/"r_*.png; do
+        [ "$photo" -ef "$work/many/train/r_000.png" ] ||
+            cp "$work/many/train/r_000.png" "$photo"
+    done
+    run "$cln" check "$work/many" --probe 0 -o "$work/many.html"
+    check "of 260 that findings name it shows 200, and one in 5 of the others" \
+        [ "$(grep -c 'base64,' "$work/many.html")" = 212 ]
+    check "and says so" grep -q "And 60 more that findings name" "$work/many.html"
     check "and every camera from three sides" \
         [ "$(grep -c '</title><line' "$work/page.html")" = 42 ]
     check "the cube from three sides" \

@@ -97,6 +97,17 @@ section_short() {
         "of [0-9]+ leaves voxels half as wide .* --cell-pixels 0.3 .* were not split" "$work/err"
 }
 
+# An evaluation that takes longer than the training.
+section_slow() {
+    "$make_scene" "$work/large" --size 400 --train 4 --test 4 >/dev/null || bad "make-scene"
+    expect "a moment's training, large test photos" 0 \
+        "~warning:.the.evaluation.at.the.end,.of.4.test.photos.*--eval-images ~--downscale.than.1" \
+        "$cln" train "$work/large" -o "$work/slow" "${tiny[@]}" --time-limit 0.02s
+    expect "time enough" 0 "" "$cln" train "$work/large" -o "$work/fast" "${tiny[@]}" \
+        --eval-images 1 --downscale 8 --time-limit 1s
+    check "is no warning" not_said "evaluation at the end"
+}
+
 # pose_of_next FOLDER: each photo in it gets the pose of the next one
 pose_of_next() {
     local i files=("$1"/*.png)
@@ -402,6 +413,14 @@ section_moments() {
     check "is no mistake" not_said "leaves are missing"
     expect "another scene: refused" 3 "~none.begins.with.another.scene's.model ~settings-of" \
         "$cln" train --resume "$work/moment" "$work/other moment" --steps 8
+    cp -r "$s" "$work/elsewhere"
+    rm "$s/images/frame_00001.png"
+    run "$cln" train "$s" -o "$work/fewer" "${tiny[@]}" "${box[@]}" --steps 4 --missing skip
+    expect "in another folder, with a photo more: goes on" 0 "~1.photo.is.new ~resumed.at.step.4" \
+        "$cln" train --resume "$work/fewer" "$work/elsewhere" --steps 6 --progress none \
+        --skip-selftest
+    check "from there on there" grep -q '"path": ".*/elsewhere"' "$work/fewer/run.json"
+    cp "$work/elsewhere/images/frame_00001.png" "$s/images"
     cp "$s/images/frame_00002.png" "$s/images/frame_00001.png"
     expect "one photo is another" 0 "~1.of.10.photos,.or.their.masks,.have.changed" \
         "$cln" train --resume "$work/moment" --steps 6 --progress none --skip-selftest
@@ -791,5 +810,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short doubtful exposure again requeued lost reused anew moments rig links \
-    target points kept disk cache shared memory demo" "$@"
+run_sections "killed short slow doubtful exposure again requeued lost reused anew moments rig \
+    links target points kept disk cache shared memory demo" "$@"

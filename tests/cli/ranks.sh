@@ -427,7 +427,8 @@ section_devices() {
         return
     fi
     export POCL_DEVICES="pthread basic"
-    expect "two ranks take two devices" 2 "~rank.1.on ~has.another.device" "${mpi[@]}" -n 2 "$ranked" \
+    expect "two ranks take two devices" 2 "~rank.1.on ~has.another.device" \
+        "${mpi[@]}" -n 2 "$ranked" \
         "${go[@]}"
     expect "ranks share a device that alone matches" 0 "" "${mpi[@]}" -n 2 "$ranked" "${go[@]}" \
         -d pthread
@@ -571,7 +572,8 @@ section_differ() {
     local go=(train "$work/scene" -o "$on" "${small[@]}" --steps 20)
     here=("$ranked" "${go[@]}")
     there=("$ranked" "${go[@]}" --seed 7)
-    expect "ranks of different settings are refused" 2 "~rank.1.on ~has.another.choice.of.settings" \
+    expect "ranks of different settings are refused" 2 \
+        "~rank.1.on ~has.another.choice.of.settings" \
         each here there
     "$make_scene" "$work/other" --size 48 --train 8 --test 2 --fault shaken >/dev/null
     there=("$ranked" train "$work/other" "${go[@]:2}")
@@ -605,7 +607,8 @@ section_differ() {
     sed "s/${version//./\\.}\x00/$(tr 0-9 1-90 <<<"$version")\x00/g" "$ranked" >"$work/newer"
     chmod +x "$work/newer"
     there=("$work/newer" "${go[@]}")
-    expect "ranks of different versions are refused" 2 "~rank.1.on ~has.another.version" each here there
+    expect "ranks of different versions are refused" 2 "~rank.1.on ~has.another.version" \
+        each here there
     check "different ranks write nothing" [ ! -e "$on" ]
     cp -r "$work/one" "$on"
     run "$cln" train --resume "$on" --skip-selftest --progress none --steps +1
@@ -784,7 +787,8 @@ section_beside() {
 
 # Some wait or use one core most of the time: without arguments, they run beside the others.
 waiting=(resume dies hangs differ)
-others=(same walk photos parallel stretches step voxels checkpoints memory devices pictures view scale)
+others=(same walk photos parallel stretches step voxels checkpoints memory devices pictures view
+    scale)
 if [ $# = 0 ]; then
     baseline # its kernels are compiled once
     tests/cli/ranks.sh "${waiting[@]}" >"$work/beside" 2>&1 &

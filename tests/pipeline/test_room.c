@@ -137,6 +137,29 @@ static void test_all_and_nothing(void **state)
     assert_int_equal(cln_error_status(), CLN_OK);
 }
 
+/* Pictures of large photos leave hardly a leaf: the size that does is named. */
+static void test_large_photos(void **state)
+{
+    fake f;
+    cln_config config;
+    cln_room_desc desc;
+    cln_room room;
+    char text[CLN_ROOM_TEXT];
+
+    (void)state;
+    make_voxels(&f, &config, 2000);
+    for (int i = 0; i < f.scene.view_count; i++) {
+        f.scene.views[i].camera.width = 5000;
+        f.scene.views[i].camera.height = 4000;
+    }
+    desc = desc_of(&f, &config, 100 * MIB);
+    assert_ok(cln_room_find(&desc, &room));
+    cln_room_say_tree(&desc, &room, text);
+    print_message("%d leaves: %s\n", room.leaves, text);
+    assert_int_equal(cln_room_downscale(&desc, &room), 4);
+    assert_non_null(strstr(text, "--downscale 4 makes room"));
+}
+
 /* The plans with another batch: do they fit? *spare: bytes of memory that the first tree leaves. */
 static bool batch_fits(fake *f, const cln_config *config, int samples, double *total, double *limit)
 {
@@ -314,6 +337,7 @@ int test_group_room(void)
         cmocka_unit_test(test_photos_before_leaves),
         cmocka_unit_test(test_no_folder),
         cmocka_unit_test(test_all_and_nothing),
+        cmocka_unit_test(test_large_photos),
         cmocka_unit_test(test_batch),
         cmocka_unit_test(test_resumed),
         cmocka_unit_test(test_first_tree),

@@ -429,6 +429,24 @@ static void test_left_out(void **state)
     cln_scene_free(scene);
 }
 
+/* With a lens that bends, a view counts whole or, if it sees nothing of the cube, not at all. */
+static void test_bent(void **state)
+{
+    cln_scene *scene = make_scene(*state, 3, 4, 40, 30, 3);
+    cln_octree tree = random_tree(1, 1);
+    cln_coverage c;
+
+    for (int v = 0; v < scene->view_count; v++)
+        scene->views[v].camera.k1 = 0.01;
+    assert_int_equal(cln_coverage_create(scene, &c), CLN_OK);
+    cln_coverage_update(&c, scene, &tree, &cln_space_unit);
+    assert_true(c.start[1] == c.first[1] && c.start[2] == c.first[2]);
+    assert_true(c.start[3] == c.first[2]); /* the last one looks away */
+    cln_coverage_free(&c);
+    cln_octree_free(&tree);
+    cln_scene_free(scene);
+}
+
 int test_group_coverage(void)
 {
     const struct CMUnitTest tests[] = {
@@ -438,6 +456,7 @@ int test_group_coverage(void)
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_forward, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_whole_and_nothing, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_bent, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_left_out, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_draw, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_when_all_count, scratch_make, scratch_remove),
