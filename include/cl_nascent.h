@@ -271,6 +271,7 @@ typedef struct cln_eval_image {
     double opacity_error; /* RMS of opacity - alpha; NAN for an image without alpha */
     double opaque_air;    /* share of its transparent pixels (alpha 0) with an opacity above 0.5;
                              NAN where there are none */
+    double fitted_gain;   /* dB: psnr_fitted - psnr */
     int turn; /* EXIF orientation (1, 3, 6, 8) that its pictures, which are as its pixels are
                  stored, are to be turned by to be seen as people see the photo; 1: as they are */
     int file_width, file_height, downscale; /* of the photo's file, which was divided by so much */
@@ -294,6 +295,7 @@ typedef struct cln_eval_result {
     cln_eval_image *images;
     double psnr, psnr_u8, ssim, mse, psnr_of_mean_mse, seconds; /* means over images with a value */
     double psnr_fitted, psnr_exposed;                           /* means over images */
+    double fitted_gain; /* median of what the fit adds: one bad view does not lift it */
     double opacity_error, opaque_air; /* means over images that have a value; else NAN */
     int64_t step;
     int antialias; /* n x n rays for pixels at edges; 1 = one ray a pixel */

@@ -12,8 +12,8 @@
 #include "cli/console.h"
 #include "ranks/ranks.h"
 
-/* dB by which a fit of colours raises PSNR where exposures differ; by less, other errors do. And to
- * which it does: of what hardly shows the scene any fit gains. */
+/* dB by which a fit of colours raises the PSNR of most views where exposures differ; by less, other
+ * errors do. And to which it does: of what hardly shows the scene any fit gains. */
 static const double EXPOSURE_HINT = 1, LEAST_FITTED = 18;
 
 static void print_row(int width, const char *name, double psnr, double ssim, double seconds)
@@ -75,7 +75,7 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
     if (isfinite(r->psnr_fitted))
         printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
                r->psnr_fitted);
-    if (!gains && !alpha && r->psnr_fitted > fmax(r->psnr + EXPOSURE_HINT, LEAST_FITTED))
+    if (!gains && !alpha && r->fitted_gain > EXPOSURE_HINT && r->psnr_fitted > LEAST_FITTED)
         puts(exposure
                  ? "Exposure or white balance differs between photos, and the run, though trained "
                    "with --exposure, has no gains for these"

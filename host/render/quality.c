@@ -222,6 +222,13 @@ static void measure_opacity(const cln_view *view, const uint8_t *kept, const cln
         image->opaque_air = (double)opaque / (double)air;
 }
 
+static int by_value(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+
+    return (x > y) - (x < y);
+}
+
 /* The PSNR of the picture times a gain for each channel. lit: a picture for its own use. */
 static double psnr_at(const float gain[3], const cln_picture *picture, const float *truth,
                       const uint8_t *kept, float *lit)
@@ -264,6 +271,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->psnr = cln_psnr(image->mse);
     image->psnr_u8 = cln_psnr(cln_image_mse(width, height, kept, rounded, truth));
     image->psnr_fitted = cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
+    image->fitted_gain = image->psnr_fitted - image->psnr;
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
     CLN_TRY(cln_scene_check_pixels(scene));
@@ -313,6 +321,32 @@ static double mean_of(const cln_eval_result *result, size_t member)
     return count > 0 ? sum / count : NAN;
 }
 
+/* The median of a member over the images where it is a number; NAN if there is none. */
+static double median_of(const cln_eval_result *result, size_t member, double *sorted)
+{
+    size_t count = 0;
+
+    for (int i = 0; i < result->count; i++) {
+        memcpy(&sorted[count], (const char *)&result->images[i] + member, sizeof *sorted);
+        count += isfinite(sorted[count]);
+    }
+    qsort(sorted, count, sizeof *sorted, by_value);
+    return count > 0 ? (sorted[(count - 1) / 2] + sorted[count / 2]) / 2 : NAN;
+}
+
+/* What a fit of colours adds to most images. */
+static cln_status measure_gain(cln_eval_result *result)
+{
+    cln_status st = CLN_OK;
+    double *sorted = NULL;
+
+    CLN_TRY(cln_alloc(&sorted, (size_t)result->count + 1, sizeof *sorted, "evaluation"));
+    result->fitted_gain = median_of(result, offsetof(cln_eval_image, fitted_gain), sorted);
+done:
+    free(sorted);
+    return st;
+}
+
 cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
                                const int *views, int count, const char *folder,
                                const cln_callbacks *callbacks, cln_eval_result *result)
@@ -357,6 +391,7 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         result->seconds += image->seconds / count;
         cln_show_work(callbacks, "eval", i + 1, count);
     }
+    CLN_TRY(measure_gain(result));
     result->psnr_of_mean_mse = cln_psnr(result->mse);
     result->psnr_exposed = mean_of(result, offsetof(cln_eval_image, psnr_exposed));
     result->ssim = mean_of(result, offsetof(cln_eval_image, ssim));

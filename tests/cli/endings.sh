@@ -140,7 +140,7 @@ section_doubtful() {
 
 # Photos of which one has half of the light: `eval` proposes gains.
 section_exposure() {
-    local kind
+    local kind one=frame_00003 # the third training photo
     for kind in none exposure; do
         "$make_scene" "$work/light-$kind" --format nerfstudio --fault $kind --size 48 --train 4 \
             --test 2 >/dev/null
@@ -158,15 +158,19 @@ section_exposure() {
         [ "$("$query" config.opaque_loss <"$work/asked again/run.json")" = 0.0625 ]
     for kind in none exposure; do
         expect "eval of photos, $kind" 0 "" "$cln" eval "$work/light" --split train \
-            --scene "$work/light-$kind" -o "$work/light-eval-$kind" --no-save-images
+            --scene "$work/light-$kind" -o "$work/light-all-$kind" --no-save-images
+        check "one of four that differs does not speak for all" eval \
+            '! printed "train with --exposure"'
+        expect "eval of that one, $kind" 0 "" "$cln" eval "$work/light" --split train \
+            --views "$one" --scene "$work/light-$kind" -o "$work/light-eval-$kind" --no-save-images
         check "--exposure is proposed for those that differ alone" [ \
             "$kind $(grep -c 'train with --exposure' "$work/out")" = \
             "$kind $([ $kind = none ] && echo 0 || echo 1)" ]
     done
     sed -i 's/"exposure": "auto"/"exposure": true/' "$work/light/run.json"
     expect "eval of such photos by a run with --exposure that has no gains for them" 0 "" \
-        "$cln" eval "$work/light" --split train --scene "$work/light-exposure" \
-        -o "$work/light-eval-gains" --no-save-images
+        "$cln" eval "$work/light" --split train --views "$one" \
+        --scene "$work/light-exposure" -o "$work/light-eval-gains" --no-save-images
     check "it is told, and --exposure not proposed" eval \
         'printed "has no gains for these" && ! printed "train with --exposure"'
     run "$cln" train "$work/light-exposure" -o "$work/gains" --preset voxel --rays 1024 \
