@@ -100,7 +100,8 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
     INT(grid_features, "grid-features", 4, 4, 4, 16, "grid: features of a vertex: 4, 8, 12, 16",   \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     INT(harmonics, "harmonics", 1, 1, 0, 2,                                                        \
-        "voxel: degree of the spherical harmonics by which colours depend on the direction",       \
+        "voxel: degree of the spherical harmonics by which colours depend on the direction; 2 "    \
+        "pays for things that shine, in more memory and time",                                     \
         .flags = CLN_ROW_NETWORK | CLN_ROW_LATER)                                                  \
     INT(decoder_width, "decoder-width", 0, 0, 0, 64,                                               \
         "voxel: width of a network, shared by all leaves, that adds to colours: 0 (none), 16, "    \

@@ -648,8 +648,9 @@ static cln_status check_drive(const char *path)
 static cln_status check_render_output(const parser *p)
 {
     static const char *const of_folder[] = {"pfm", "normals", "depth-unit", "z-depth", "bits"};
-    static const char *const files[] = {".avi", ".m4v", ".mpg",  ".mpeg", ".ogv",
-                                        ".png", ".jpg", ".jpeg", ".tif",  ".exr"};
+    static const char *const files[] = {".avi",  ".m4v",  ".mpg",  ".mpeg", ".ogv",
+                                        ".png",  ".jpg",  ".jpeg", ".tif",  ".exr",
+                                        ".webp", ".apng", ".avif", ".tiff", ".wmv"};
     const char *output = p->out->output, *dot = output ? strrchr(output, '.') : NULL;
 
     if (output && cln_film_named(output)) {
@@ -669,8 +670,11 @@ static cln_status check_render_output(const parser *p)
         if (strcasecmp(dot, files[i]) == 0 && !cln_is_dir(output))
             return cln_fail(CLN_USAGE,
                             "-o %s: is not the name of a film (.mp4 .mov .mkv .webm .gif .y4m); "
-                            "give one, or a folder for pictures",
-                            output);
+                            "give one, or a folder for pictures%s",
+                            output,
+                            strcasecmp(dot, ".webp") == 0 || strcasecmp(dot, ".apng") == 0
+                                ? "; pages show .mp4 and .webm, and .webm with --transparent"
+                                : "");
     return CLN_OK;
 }
 

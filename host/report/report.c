@@ -64,7 +64,8 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
 {
     const double psnr_train = of->psnr_train, psnr_test = of->psnr_test;
     const bool doubtful = psnr_test < FEW_DB && psnr_train - psnr_test > GAP_DB;
-    const double gain = of->psnr_fitted - psnr_test; /* blurred renders gain a decibel */
+    /* blurred renders gain a decibel */
+    const double gain = isfinite(of->fitted_gain) ? of->fitted_gain : of->psnr_fitted - psnr_test;
     const bool light = gain > 2 && gain > (psnr_train - psnr_test) / 2;
 
     char few[64] = "";
@@ -106,6 +107,7 @@ static void put_doubt(FILE *to, const json_t *document)
     const cln_doubt of = {.psnr_train = cln_json_number(result, "psnr_train"),
                           .psnr_test = cln_json_number(result, "psnr_test"),
                           .psnr_fitted = cln_json_number(result, "psnr_fitted"),
+                          .fitted_gain = cln_json_number(result, "fitted_gain"),
                           .exposed = alpha || json_is_true(json_object_get(result, "exposed")),
                           .alpha = alpha,
                           .cube_guessed = json_is_true(json_object_get(dataset, "cube_guessed")),

@@ -14,6 +14,7 @@
 enum { CLN_DOUBT_BYTES = 512 };
 typedef struct cln_doubt {
     double psnr_train, psnr_test, psnr_fitted; /* the last: NaN if not known */
+    double fitted_gain;  /* of cln_eval_result; NaN: not known, the means tell it */
     bool exposed;        /* it was trained with gains of the photos, or alpha has none */
     bool alpha;          /* its photos have alpha */
     bool cube_guessed;   /* from the cameras alone */

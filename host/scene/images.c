@@ -606,8 +606,10 @@ static cln_status add_mask(cln_view *view, bool wanted, uint64_t *digest)
     if (!any)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: the mask leaves no pixel of its image (%s ones count); remove the "
-                         "frame or correct the mask",
-                         view->mask_path, view->mask_black ? "black" : "other than black"));
+                         "frame or correct the mask, or, if all masks are %s where something is to "
+                         "be left out, exchange their black and white",
+                         view->mask_path, view->mask_black ? "black" : "other than black",
+                         view->mask_black ? "black" : "white"));
     view->kept = view->masked = kept;
     kept = NULL;
 done:

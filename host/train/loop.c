@@ -151,6 +151,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
     result.antialias = t->pipeline.antialias;
     t->psnr_test = result.psnr;
     t->psnr_fitted = result.psnr_fitted;
+    t->fitted_gain = result.fitted_gain;
     t->psnr_exposed = result.psnr_exposed;
     t->eval_step = t->model.step;
     t->eval_seconds = cln_now() - began;

@@ -166,8 +166,10 @@ static cln_status take_result(cln_trainer *t, const json_t *result)
     t->psnr_test = cln_json_number(tested ? tested : result, "psnr_test");
     step = json_object_get(tested ? tested : result, tested ? "step" : "eval_step");
     t->eval_step = json_is_integer(step) ? json_integer_value(step) : -1; /* of older programs */
-    if (cln_json_number(result, "eval_step") == (double)t->eval_step)
+    if (cln_json_number(result, "eval_step") == (double)t->eval_step) {
         t->psnr_fitted = cln_json_number(result, "psnr_fitted");
+        t->fitted_gain = cln_json_number(result, "fitted_gain");
+    }
 done:
     json_decref(trained);
     json_decref(tested);
@@ -347,7 +349,8 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
     json_object_set_new(
         run, "result",
         json_pack(
-            "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:o, s:o, s:i, s:i, s:o, s:o, s:o, s:s}",
+            "{s:I, s:f, s:f, s:o, s:f, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:i, s:i, s:o, s:o, s:o, "
+            "s:s}",
             "step", (json_int_t)t->model.step, "epochs",
             cln_config_step_epochs(&t->model.config, (double)t->batch.first[t->batch.train_views],
                                    t->model.step),
@@ -355,7 +358,8 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
             "wall_seconds", cln_now() - t->began, "start_seconds", cln_json_real(t->start_seconds),
             "eval_seconds", cln_json_real(t->eval_seconds), "psnr_train",
             cln_json_real(t->psnr_train), "psnr_test", cln_json_real(t->psnr_test), "psnr_fitted",
-            cln_json_real(t->psnr_fitted), "eval_step",
+            cln_json_real(t->psnr_fitted), "fitted_gain", cln_json_real(t->fitted_gain),
+            "eval_step",
             isfinite(t->psnr_test) && t->eval_step >= 0 ? json_integer((json_int_t)t->eval_step)
                                                         : json_null(),
             "eval_views", isfinite(t->psnr_test) ? t->eval_count : 0, "leaves",

@@ -69,6 +69,7 @@ typedef struct cln_trainer {
     int psnr_train_steps;          /* steps that psnr_train is of; 0 before */
     int64_t eval_step;             /* that psnr_test is of */
     double psnr_fitted;            /* of the same evaluation; NaN if not known */
+    double fitted_gain;            /* likewise (cln_eval_result) */
     double psnr_exposed;           /* of the same views as psnr_test (cln_eval_image) */
     double start_seconds;          /* from `began` to the first step; NaN before it */
     double eval_seconds;           /* time of the newest evaluation; NaN before the first */

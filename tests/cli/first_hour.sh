@@ -888,8 +888,8 @@ section_results() {
     run sh -c 'ulimit -f 1; exec "$@"' sh "$cln" export "$r" --octree "$work/large.ply"
     check "a file beyond its limit is an error, and leaves nothing" eval \
         '[ "$rc" = 7 ] && ! ls "$work"/large.ply* 2>/dev/null'
-    expect "a film of a kind that is not written" 2 "~a.avi .mp4" \
-        "$cln" render "$r" -o "$work/a.avi"
+    for kind in avi webp; do expect "a film of a kind that is not written" 2 "~a.$kind .mp4" \
+        "$cln" render "$r" -o "$work/a.$kind"; done
     expect "--fps without a film" 2 "fps" "$cln" render "$r" --fps 30 -o "$work/fps"
     expect "depths of a film" 2 "pfm" "$cln" render "$r" --pfm -o "$work/a.gif"
     expect "their kind" 2 "z-depth" "$cln" render "$r" --orbit 2 --z-depth -o "$work/a.gif"

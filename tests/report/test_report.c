@@ -744,9 +744,10 @@ static void an_earlier_error_is_kept(void **state)
 #define ON_DISK(test) cmocka_unit_test_setup_teardown(test, scratch_make, scratch_remove)
 
 /* Test views far below training views: whose fault, by what a fit of colours mends. */
-#define DOUBT(train, test, fitted, gains)                                               \
-    {                                                                                   \
-        .psnr_train = train, .psnr_test = test, .psnr_fitted = fitted, .exposed = gains \
+#define DOUBT(train, test, fitted, gains)                                                  \
+    {                                                                                      \
+        .psnr_train = train, .psnr_test = test, .psnr_fitted = fitted, .fitted_gain = NAN, \
+        .exposed = gains                                                                   \
     }
 
 static void doubt_knows_exposure(void **state)
@@ -778,6 +779,21 @@ static void doubt_knows_exposure(void **state)
         else
             assert_string_equal(text, "");
     }
+}
+
+/* One view behind haze, which a fit mends, lifts the mean alone. */
+static void doubt_goes_by_most_views(void **state)
+{
+    cln_doubt of = DOUBT(28.1, 19.2, 27, false);
+    char text[CLN_DOUBT_BYTES];
+
+    (void)state;
+    of.fitted_gain = 0.2;
+    assert_true(cln_report_doubt(&of, text));
+    assert_non_null(strstr(text, "poses or lenses are wrong"));
+    of.fitted_gain = 7;
+    assert_true(cln_report_doubt(&of, text));
+    assert_non_null(strstr(text, "(--exposure fits gains to them)"));
 }
 
 /* What is known of the scene comes first, and a mask for all photos last. */
@@ -834,6 +850,7 @@ int test_group_report(void)
         ON_DISK(an_earlier_error_is_kept),
         ON_DISK(colours_are_for_light_and_dark),
         cmocka_unit_test(doubt_knows_exposure),
+        cmocka_unit_test(doubt_goes_by_most_views),
         cmocka_unit_test(doubt_knows_the_scene),
     };
 
