@@ -311,7 +311,7 @@ static void say_long_evaluation(cln_trainer *t)
     if (t->said.long_evaluation || cln_step_fraction(t) < early || !(t->shown.rays_per_s > 0))
         return;
     t->said.long_evaluation = true;
-    if (!(limit > 0) || !(seconds > limit))
+    if (cln_ranks_me() > 0 || !(limit > 0) || !(seconds > limit))
         return;
     cln_format_duration(seconds, takes);
     cln_format_duration(limit, budget);
