@@ -44,6 +44,8 @@ int cln_ranks_here(void)
     return self.here;
 }
 
+#ifdef CLN_WITH_MPI
+
 /* Open MPI and MPICH tell a process its place before it asks. */
 static void name_early(void)
 {
@@ -61,10 +63,14 @@ static void name_early(void)
     }
 }
 
+#endif
+
 const char *cln_ranks_name(void)
 {
+#ifdef CLN_WITH_MPI
     if (!self.name[0])
         name_early();
+#endif
     return self.name;
 }
 

@@ -99,11 +99,11 @@ section_short() {
 
 # An evaluation that takes longer than the training.
 section_slow() {
-    "$make_scene" "$work/large" --size 400 --train 4 --test 4 >/dev/null || bad "make-scene"
+    "$make_scene" "$work/wide" --size 400 --train 4 --test 4 >/dev/null || bad "make-scene"
     expect "a moment's training, large test photos" 0 \
         "~warning:.the.evaluation.at.the.end,.of.4.test.photos.*--eval-images ~--downscale.than.1" \
-        "$cln" train "$work/large" -o "$work/slow" "${tiny[@]}" --time-limit 0.02s
-    expect "time enough" 0 "" "$cln" train "$work/large" -o "$work/fast" "${tiny[@]}" \
+        "$cln" train "$work/wide" -o "$work/slow" "${tiny[@]}" --time-limit 0.02s
+    expect "time enough" 0 "" "$cln" train "$work/wide" -o "$work/fast" "${tiny[@]}" \
         --eval-images 1 --downscale 8 --time-limit 1s
     check "is no warning" not_said "evaluation at the end"
 }
