@@ -265,9 +265,16 @@ double cln_machine_memory(void)
     return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE);
 }
 
+double cln_shared_memory(int processes)
+{
+    const double all = fmin(cln_machine_memory(), cln_group_memory(""));
+
+    return fmin(all / processes, cln_hard_memory());
+}
+
 double cln_host_memory(void)
 {
-    return fmin(cln_machine_memory(), cln_hard_memory());
+    return cln_shared_memory(1);
 }
 
 double cln_peak_rss(void)

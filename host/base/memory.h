@@ -34,6 +34,9 @@ bool cln_address_space_is_free(void);
  * has reserved and does not use now). */
 double cln_host_memory(void);
 
+/* The same of one of so many processes, which share what the machine and the group have. */
+double cln_shared_memory(int processes);
+
 /* Bytes of the machine's memory. */
 double cln_machine_memory(void);
 

@@ -485,11 +485,9 @@ static void add_host(const cln_plan_desc *d, const sizes *s, cln_plan *out)
 {
     const cln_config *c = &d->pipeline->config;
     const double densities = s->leaves * BYTES(d, density), params = s->leaves * BYTES(d, params);
-
     const double hard = cln_hard_memory();
-    const double shared = fmin(cln_machine_memory(), cln_group_memory("")) / cln_ranks_here();
 
-    out->limit = fmin(c->host_mem > 0 ? c->host_mem : shared, hard);
+    out->limit = c->host_mem > 0 ? fmin(c->host_mem, hard) : cln_shared_memory(cln_ranks_here());
     out->hard = out->limit == hard;
     row(out, "program and driver", NULL);
     add(out, CLN_PROGRAM_BYTES);

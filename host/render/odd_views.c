@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/number.h"
 
 /* A fit of colours brings a view among the others if it comes so near to the median of all that
  * were fitted, in dB: it takes a veil away in part alone. */
@@ -14,17 +15,10 @@ static const double AMONG_DB = 3;
 /* A view is hidden if it is so far below the median, in dB, and sees as near. */
 static const double HIDDEN_DB = 6, HIDDEN_DEPTH = 0.2;
 
-static int by_value(const void *a, const void *b)
-{
-    const double x = *(const double *)a, y = *(const double *)b;
-
-    return (x > y) - (x < y);
-}
-
 /* Sorts them; NAN of none. */
 static double median(double *values, size_t count)
 {
-    qsort(values, count, sizeof *values, by_value);
+    cln_reals_sort(values, (int)count);
     return count ? values[count / 2] : NAN;
 }
 

@@ -380,7 +380,7 @@ cln_status cln_scene_place_images(cln_scene *scene, const cln_scene_desc *desc)
 {
     const double limit = desc->config->host_mem;
     const double room =
-        limit > 0 ? fmin(limit, cln_hard_memory()) : cln_host_memory() / cln_ranks_here();
+        limit > 0 ? fmin(limit, cln_hard_memory()) : cln_shared_memory(cln_ranks_here());
     double kept = 0, largest = 0, reading = 0;
     char need[32], have[32], why[128];
     int images = 0;
