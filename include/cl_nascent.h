@@ -560,6 +560,8 @@ typedef struct cln_export_result {
                      `scale`; of a forward space, whose cells grow with depth, 0 */
     double faint; /* points, mesh: share of what training views show, but at outlines, that is seen
                      through (opacity below 0.9): 0 of what is solid */
+    double few_views; /* points, mesh: share of the area that training views see, of what only one
+                         or two of them do; of more than 100 views, of 100 of them */
     double taken_off[3]; /* STL: of coordinates that 32-bit numbers cannot hold; else 0 */
 } cln_export_result;
 

@@ -46,7 +46,9 @@ cln_status cln_export_comment(const cln_export_job *job, const char *what, char 
     const cln_export_desc *desc = job->desc;
     const double *offset = desc->offset;
     const uint64_t digest = cln_model_digest(&job->opened.model);
+    const cln_export_result *r = job->result;
     char times[64] = "", up[128] = "", plus[128] = "", model[64] = "", crop[256] = "";
+    char part[64] = "", fewer[128] = "";
 
     if (job->turns)
         cln_format(up, sizeof up, ", %.12g,%.12g,%.12g up", job->up[0], job->up[1], job->up[2]);
@@ -57,12 +59,18 @@ cln_status cln_export_comment(const cln_export_job *job, const char *what, char 
         cln_format(crop, sizeof crop, "; crop %.12g,%.12g,%.12g,%.12g,%.12g,%.12g,%g,%g,%g",
                    desc->crop[0], desc->crop[1], desc->crop[2], desc->crop[3], desc->crop[4],
                    desc->crop[5], desc->crop_turn[0], desc->crop_turn[1], desc->crop_turn[2]);
+    if (r->parts > 1)
+        cln_format(part, sizeof part, "; the largest of %lld parts", (long long)r->parts);
+    if (r->faces_before > 0)
+        cln_format(fewer, sizeof fewer, "; fewer triangles, moved by up to %.2g",
+                   r->reduction_error);
     if (job->scale != 1)
         cln_format(times, sizeof times, " x %.12g", job->scale);
     if (moves(desc))
         cln_format(plus, sizeof plus, " + %.15g,%.15g,%.15g", offset[0], offset[1], offset[2]);
-    return cln_asprintf(text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s%s%s%s%s",
-                        what, (long long)job->opened.model.step, times, up, plus, model, crop);
+    return cln_asprintf(
+        text, "cl-nascent " CLN_VERSION ": %s at step %lld; scene units%s%s%s%s%s%s%s", what,
+        (long long)job->opened.model.step, times, up, plus, model, crop, part, fewer);
 }
 
 static const char *ending_of(const char *file)

@@ -513,6 +513,7 @@ static cln_status load_scene(cln_trainer *t, const cln_config *config)
         if (!t->desc->device.max_alloc)
             CLN_TRY(cln_recorded_alloc(t->desc->run, t->device));
         CLN_TRY(cln_recorded_resume(t->desc->run, &desc, &t->scene, &same));
+        t->other_scene = !same;
         CLN_TRY(cln_recorded_photos(t->desc->run, t->scene));
     } else {
         CLN_TRY(cln_scene_load(&desc, &t->scene));
@@ -541,8 +542,8 @@ done:
     return st;
 }
 
-/* Refuses settings that could only change what a finished run says of itself: its photos, say, as
- * its model stays. What is evaluated may change, and the budget, which may not suffice. */
+/* Refuses photos and settings that could only change what a finished run says of itself, as its
+ * model stays. What is evaluated may change, and the budget, which may not suffice. */
 static cln_status check_nothing_left(cln_trainer *t, const cln_config *config,
                                      const cln_config *saved)
 {
@@ -550,6 +551,12 @@ static cln_status check_nothing_left(cln_trainer *t, const cln_config *config,
 
     if (!cln_loop_used_up(t))
         return CLN_OK;
+    if (t->other_scene)
+        return cln_fail(CLN_INPUT,
+                        "%s: not the scene that %s was trained on, and nothing is left to train, "
+                        "so its record stays as it is; with a larger budget (--steps +N) it goes "
+                        "on with what is there now",
+                        t->scene->path, t->desc->run);
     for (int i = 0; i < cln_config_row_count; i++) {
         const cln_config_row *row = &cln_config_rows[i];
 

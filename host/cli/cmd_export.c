@@ -86,6 +86,7 @@ static cln_status print_document(const cln_options *options, const cln_export_re
         json_object_set_new(document, "box", box);
         json_object_set_new(document, "written", written);
         json_object_set_new(document, "seen_through_share", json_real(r->faint));
+        json_object_set_new(document, "few_views_share", json_real(r->few_views));
     }
     if (r->faces > 0) {
         if (r->fine > 0)
@@ -156,7 +157,10 @@ static void print_size(FILE *to, const cln_export_desc *desc, bool glb, const cl
 static void print_area(FILE *to, const cln_export_result *r)
 {
     if (r->open_edges > 0) {
-        fprintf(to, ", open (area %.4g)", r->area);
+        fprintf(to, ", open (area %.4g", r->area);
+        if (r->fine > 0)
+            fprintf(to, "; its cells are %.2g", r->fine);
+        fputs(")", to);
         return;
     }
     fprintf(to, ", closed (area %.4g, volume %.4g", r->area, r->volume);

@@ -196,6 +196,8 @@ static void add_middle(cln_mesh *mesh, const edge *e, const side *s, const wing 
             (uint8_t)((mesh->colour[ends[0]][a] + mesh->colour[ends[1]][a] + 1) / 2);
         size += (double)mesh->normal[v][a] * mesh->normal[v][a];
     }
+    if (mesh->views)
+        mesh->views[v] = mesh->views[ends[mesh->views[ends[1]] < mesh->views[ends[0]]]];
     for (int a = 0; a < 3; a++)
         mesh->normal[v][a] =
             size > 1e-12 ? (float)(mesh->normal[v][a] / sqrt(size)) : mesh->normal[ends[0]][a];

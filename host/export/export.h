@@ -35,8 +35,8 @@ CLN_EXPORT_LIST(X)
 #undef X
 
 /* "cl-nascent VERSION: WHAT at step N; scene units", with scale, up and offset if there are any,
- * the digest of a model with weights, and a crop, for the comment of a file whose numbers are so;
- * the caller frees it. */
+ * the digest of a model with weights, a crop, and what was left out of the surface, as the result
+ * has it, for the comment of a file whose numbers are so; the caller frees it. */
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text);
 
 /* Returns whether the file's name has this ending (".obj"), in upper or lower case. */

@@ -140,10 +140,11 @@ float cln_fusion_at(const cln_fusion *fusion, const float at[3])
     return weights > 0 ? (float)(sum / weights) : in_sight ? 1 : -1;
 }
 
-bool cln_fusion_seen(const cln_fusion *fusion, const float at[3], const float normal[3],
-                     float towards[3])
+int cln_fusion_seen(const cln_fusion *fusion, const float at[3], const float normal[3],
+                    float towards[3])
 {
     double best = 0;
+    int seen = 0;
 
     for (int i = 0; i < fusion->count; i++) {
         const cln_fusion_view *view = &fusion->views[i];
@@ -156,13 +157,14 @@ bool cln_fusion_seen(const cln_fusion *fusion, const float at[3], const float no
             continue;
         for (int a = 0; a < 3; a++)
             front -= direction[a] * normal[a];
+        seen += front > 0;
         if (front <= best)
             continue;
         best = front;
         for (int a = 0; a < 3; a++)
             towards[a] = (float)direction[a];
     }
-    return best > 0;
+    return seen;
 }
 
 /* ---- rendering ---- */

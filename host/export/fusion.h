@@ -42,9 +42,9 @@ cln_status cln_fusion_set(cln_fusion *fusion, int view, const cln_camera *camera
  * surfaces, -1 where no view sees or where the tree is empty. */
 float cln_fusion_at(const cln_fusion *fusion, const float at[3]);
 
-/* The view that sees a point of the surface most from the front (normal: unit): sets the unit
- * direction from its eye; false if none sees it. */
-bool cln_fusion_seen(const cln_fusion *fusion, const float at[3], const float normal[3],
-                     float towards[3]);
+/* How many views see a point of the surface from its front (normal: unit). Sets the unit direction
+ * from the eye of the one that does so most; none: left as it is. */
+int cln_fusion_seen(const cln_fusion *fusion, const float at[3], const float normal[3],
+                    float towards[3]);
 
 #endif

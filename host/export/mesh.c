@@ -26,6 +26,7 @@ cln_status cln_export_mesh_make(cln_mesh *mesh, size_t vertices)
     CLN_TRY(cln_alloc(&mesh->at, vertices, sizeof *mesh->at, "vertices"));
     CLN_TRY(cln_alloc(&mesh->normal, vertices, sizeof *mesh->normal, "vertices"));
     CLN_TRY(cln_alloc(&mesh->colour, vertices, sizeof *mesh->colour, "vertices"));
+    CLN_TRY(cln_alloc(&mesh->views, vertices, sizeof *mesh->views, "vertices"));
 done:
     return st;
 }
@@ -35,6 +36,7 @@ void cln_export_mesh_free(cln_mesh *mesh)
     free(mesh->at);
     free(mesh->normal);
     free(mesh->colour);
+    free(mesh->views);
 }
 
 void cln_export_tell_parts(cln_export_job *job, const cln_parts *parts)
@@ -200,6 +202,36 @@ done:
     return st;
 }
 
+/* Views that see the corner of a triangle that most of them see. */
+static int most_views(const cln_surface *surface, size_t face)
+{
+    int most = 0;
+
+    for (int k = 0; k < 3; k++)
+        if (surface->views[surface->face[face][k]] > most)
+            most = surface->views[surface->face[face][k]];
+    return most;
+}
+
+/* How much of what views see is seen by one or two alone. */
+static void tell_few(cln_export_job *job, const cln_surface *surface)
+{
+    double few = 0, all = 0;
+
+    for (size_t f = 0; f < surface->faces; f++) {
+        const int views = most_views(surface, f);
+        const double area = cln_surface_area(surface, f);
+
+        all += views > 0 ? area : 0;
+        few += views > 0 && views < 3 ? area : 0;
+    }
+    job->result->few_views = all > 0 ? few / all : 0;
+    if (job->result->few_views > 0.01)
+        cln_info("%.2g %% of the surface is seen by only one or two training views, and less sure "
+                 "than the rest (PLY files have their number at each vertex)",
+                 100 * job->result->few_views);
+}
+
 /* Told from this share on: leaves, hair and glass have some, and young models. */
 static const double FAINT = 0.05;
 
@@ -211,6 +243,7 @@ void cln_export_tell_surface(cln_export_job *job, const cln_surface *surface)
     if (!space->forward)
         job->result->fine = job->scale * cln_space_distance_to_scene(space, surface->fine);
     job->result->faint = surface->faint;
+    tell_few(job, surface);
     if (!space->forward && surface->faint > FAINT)
         cln_warn(
             "%.0f %% of what the training views show is seen through (its opacity is below 0.9), "
@@ -262,12 +295,9 @@ static void tell_unseen(cln_export_job *job, const cln_surface *surface, const c
     for (size_t f = 0; f < mesh->faces; f++) {
         const uint32_t *v = mesh->face[f];
         const double area = cln_mesh_area(mesh, f, (double[3]){0});
-        bool seen = false;
+        const bool seen = most_views(surface, f) > 0;
 
         all += area;
-        for (int k = 0; k < 3; k++)
-            for (int a = 0; a < 3; a++)
-                seen = seen || surface->towards[v[k]][a] != 0;
         unseen += seen ? 0 : area;
         for (int k = 0; k < 3 && !seen; k++)
             for (int a = 0; a < 3; a++) {
@@ -341,6 +371,7 @@ cln_status cln_export_mesh(cln_export_job *job)
         cln_space_normal_to_scene(&space, cube, surface.normal[i], mesh.normal[i]);
     }
     memcpy(mesh.colour, surface.colour, mesh.vertices * sizeof *mesh.colour);
+    memcpy(mesh.views, surface.views, mesh.vertices * sizeof *mesh.views);
     mesh.face = surface.face;
     mesh.faces = surface.faces;
     memcpy(mesh.origin, job->opened.model.space.centre, sizeof mesh.origin);

@@ -13,24 +13,6 @@
 
 enum { STANDARD_COUNT = 200000, MOST_POINTS = 100000000 };
 
-/* Area of a face, in the cube. */
-static double area_of(const cln_surface *s, size_t face)
-{
-    const uint32_t *v = s->face[face];
-    double p[2][3], sum = 0;
-
-    for (int k = 0; k < 2; k++)
-        for (int a = 0; a < 3; a++)
-            p[k][a] = (double)s->at[v[k + 1]][a] - s->at[v[0]][a];
-    for (int a = 0; a < 3; a++) {
-        const double n =
-            p[0][(a + 1) % 3] * p[1][(a + 2) % 3] - p[0][(a + 2) % 3] * p[1][(a + 1) % 3];
-
-        sum += n * n;
-    }
-    return 0.5 * sqrt(sum);
-}
-
 static cln_status count_points(const cln_export_job *job, double area, size_t *count)
 {
     const cln_export_desc *desc = job->desc;
@@ -53,7 +35,8 @@ static cln_status count_points(const cln_export_job *job, double area, size_t *c
     return CLN_OK;
 }
 
-/* Point i on a face: its place, normal and colour are between those of the corners. */
+/* Point i on a face: its place, normal and colour are between those of the corners, and the views
+ * that see it the fewest of theirs. */
 static void place(const cln_export_job *job, const cln_surface *s, size_t face, size_t i,
                   cln_mesh *mesh)
 {
@@ -66,12 +49,16 @@ static void place(const cln_export_job *job, const cln_surface *s, size_t face, 
     share[0] = 1 - sqrt((double)u[0]);
     share[1] = sqrt((double)u[0]) * u[1];
     share[2] = 1 - share[0] - share[1];
-    for (int k = 0; k < 3; k++)
+    mesh->views[i] = s->views[v[0]];
+    for (int k = 0; k < 3; k++) {
+        if (s->views[v[k]] < mesh->views[i])
+            mesh->views[i] = s->views[v[k]];
         for (int a = 0; a < 3; a++) {
             cube[a] += share[k] * s->at[v[k]][a];
             normal[a] += share[k] * s->normal[v[k]][a];
             colour[a] += share[k] * s->colour[v[k]][a];
         }
+    }
     for (int a = 0; a < 3; a++)
         length += normal[a] * normal[a];
     length = sqrt(length);
@@ -102,10 +89,10 @@ cln_status cln_export_points(cln_export_job *job)
     cln_export_tell_surface(job, &s);
     cln_export_tell_parts(job, &parts);
     for (size_t f = 0; f < s.faces; f++)
-        area += area_of(&s, f);
+        area += cln_surface_area(&s, f);
     CLN_TRY(count_points(job, area, &count));
     CLN_TRY(cln_export_mesh_make(&mesh, count));
-    passed = area_of(&s, 0);
+    passed = cln_surface_area(&s, 0);
     for (size_t i = 0; i < count; i++) {
         float u[4];
         double until = 0;
@@ -113,7 +100,7 @@ cln_status cln_export_points(cln_export_job *job)
         cln_uniform4(1, CLN_STREAM_SURFACE, (uint32_t)((uint64_t)i >> 32), (uint32_t)i, 1, u);
         until = ((double)i + u[0]) / (double)count * area;
         while (passed < until && face + 1 < s.faces)
-            passed += area_of(&s, ++face);
+            passed += cln_surface_area(&s, ++face);
         place(job, &s, face, i, &mesh);
     }
     CLN_TRY(cln_export_mesh_write(job, "points of the surface", &mesh));

@@ -47,6 +47,7 @@ static cln_status drop_unused(cln_mesh *mesh)
     cln_keep_vertices(mesh->vertices, to, sizeof mesh->at[0], mesh->at);
     cln_keep_vertices(mesh->vertices, to, sizeof mesh->normal[0], mesh->normal);
     cln_keep_vertices(mesh->vertices, to, sizeof mesh->colour[0], mesh->colour);
+    cln_keep_vertices(mesh->vertices, to, sizeof mesh->views[0], mesh->views);
     mesh->vertices = kept;
 done:
     free(to);

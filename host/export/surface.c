@@ -133,16 +133,14 @@ done:
 static cln_status look(const job *j, cln_surface *s)
 {
     cln_status st = CLN_OK;
-    uint8_t *seen = NULL;
 
     CLN_TRY(cln_alloc(&s->towards, s->vertices, sizeof *s->towards, "directions"));
-    CLN_TRY(cln_alloc(&seen, s->vertices, sizeof *seen, "vertices"));
+    CLN_TRY(cln_alloc(&s->views, s->vertices, sizeof *s->views, "vertices"));
     for (size_t i = 0; i < s->vertices; i++)
-        seen[i] = cln_fusion_seen(j->fusion, s->at[i], s->normal[i], s->towards[i]);
+        s->views[i] = (uint8_t)cln_fusion_seen(j->fusion, s->at[i], s->normal[i], s->towards[i]);
     if (!j->closed)
-        CLN_TRY(cln_surface_keep(s, seen));
+        CLN_TRY(cln_surface_keep(s, s->views));
 done:
-    free(seen);
     return st;
 }
 
@@ -166,7 +164,7 @@ static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
         CLN_TRY(poll(desc->callbacks));
         for (size_t i = 0; i < n; i++) {
             const float *towards = s->towards[first + i], *normal = s->normal[first + i];
-            const bool seen = towards[0] != 0 || towards[1] != 0 || towards[2] != 0;
+            const bool seen = s->views[first + i] > 0;
 
             for (int a = 0; a < 3; a++) {
                 at[i][a] = s->at[first + i][a] * to_tree;
@@ -180,7 +178,7 @@ static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
         for (size_t i = 0; i < n; i++)
             for (int c = 0; c < 3; c++) {
                 s->colour[first + i][c] = cln_to_u8(out[i][c]);
-                known[first + i] |= s->colour[first + i][c] > 0 || s->towards[first + i][c] != 0;
+                known[first + i] |= s->colour[first + i][c] > 0 || s->views[first + i] > 0;
             }
     }
     CLN_TRY(cln_surface_bleed(s, known));

@@ -13,6 +13,7 @@ typedef struct cln_surface {
     float (*normal)[3];   /* [vertex] unit, outwards */
     float (*towards)[3];  /* [vertex] unit, from the eye that saw it best; 0: none did */
     uint8_t (*colour)[3]; /* [vertex] sRGB */
+    uint8_t *views;       /* [vertex] how many of the views (fusion.h) see it */
     uint32_t (*face)[3];  /* [face] counter-clockwise as seen from outside */
     double fine;          /* finest cell, or a pixel of the views if that is wider; in the cube */
     double faint;         /* share of what the views show that is seen through (fusion.h) */
@@ -43,6 +44,8 @@ cln_status cln_surface_drop_unused(cln_surface *surface);
  * are on outwards; what no known one is connected to stays as it is. known: [vertex], becomes 1.
  * CLN_MEMORY. */
 cln_status cln_surface_bleed(cln_surface *surface, uint8_t *known);
+
+double cln_surface_area(const cln_surface *surface, size_t face); /* in the cube */
 
 /* Keeps the faces that have a vertex with keep[vertex] != 0, and the vertices of these. */
 cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep);

@@ -66,8 +66,9 @@ static cln_status ply_header(cln_atomic_file *file, const cln_mesh *mesh, bool w
                         "element vertex %zu\n"
                         "property %s x\nproperty %s y\nproperty %s z\n"
                         "property float nx\nproperty float ny\nproperty float nz\n"
-                        "property uchar red\nproperty uchar green\nproperty uchar blue\n",
-                        mesh->comment, mesh->vertices, real, real, real);
+                        "property uchar red\nproperty uchar green\nproperty uchar blue\n%s",
+                        mesh->comment, mesh->vertices, real, real, real,
+                        mesh->views ? "property uchar views\n" : "");
 
     if (mesh->faces > 0)
         used += snprintf(text + used, sizeof text - (size_t)used,
@@ -94,6 +95,8 @@ static cln_status ply_body(cln_atomic_file *file, const cln_mesh *mesh, bool wid
         }
         put(&to, mesh->normal[i], sizeof mesh->normal[0]);
         put(&to, mesh->colour[i], sizeof mesh->colour[0]);
+        if (mesh->views)
+            put(&to, &mesh->views[i], 1);
         CLN_TRY(cln_atomic_write(file, bytes, (size_t)(to - bytes)));
     }
     for (size_t i = 0; i < mesh->faces; i++) {

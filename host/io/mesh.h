@@ -13,6 +13,7 @@ typedef struct cln_mesh {
     double (*at)[3];
     float (*normal)[3];   /* unit */
     uint8_t (*colour)[3]; /* sRGB */
+    uint8_t *views;       /* how many views see it, of PLY alone; NULL: not known */
     uint32_t (*face)[3];  /* counter-clockwise as seen from outside */
     double origin[3];     /* a point near all vertices */
     double fine;          /* smallest length that positions must resolve */

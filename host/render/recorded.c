@@ -269,8 +269,9 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
     if (!since.elsewhere) {
         cln_since_text(&since, text);
         if (!*text && since.changed > 0)
-            snprintf(text, sizeof text, "%d of %d photos, or their masks, have changed",
-                     since.changed, since.known);
+            snprintf(text, sizeof text, "%d of %d photos, or their masks, have changed (%.100s%s)",
+                     since.changed, since.known, since.first_changed,
+                     since.changed > 1 ? ", ..." : "");
         cln_info("scene: since it began %s",
                  *text ? text : "photos, masks or lenses of the same names have changed");
         return CLN_OK;
@@ -367,7 +368,8 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
                         "was %s); --scene tells where it is now",
                         text_of(dataset, "path"), run, scene->path, place, digest,
                         saved ? saved : "unknown");
-    cln_warn("%s: the scene is not the one that %s began with (digest %s, was %s); results will "
+    cln_warn("%s: the scene is not the one that %s was last trained on (digest %s, was %s); "
+             "results will "
              "not be those of the same photos and poses",
              scene->folder, run, digest, saved ? saved : "unknown");
     return CLN_OK;

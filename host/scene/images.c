@@ -33,11 +33,47 @@ static bool in_folder_of_copies(const char *path, double factor)
     return strstr(path, folder) != NULL;
 }
 
+/* Images of another size than their cameras are given for, and the first few of them. */
+typedef struct resized {
+    int count;
+    char names[256];
+} resized;
+
+static void add_resized(resized *r, const cln_view *view)
+{
+    enum { NAMED = 3 };
+    const size_t used = strlen(r->names);
+
+    r->count++;
+    if (r->count <= NAMED)
+        snprintf(r->names + used, sizeof r->names - used, "%s%.40s %d x %d for %d x %d",
+                 used ? ", " : "", view->name, view->file_width, view->file_height,
+                 view->camera.width, view->camera.height);
+    else if (r->count == NAMED + 1)
+        snprintf(r->names + used, sizeof r->names - used, ", ...");
+}
+
+/* Of a smaller copy of a dataset all are; of some among others one may have been cropped. */
+static void warn_resized(const cln_scene *scene, const resized *r)
+{
+    if (r->count == scene->view_count)
+        cln_warn("%s: images have other sizes than their cameras are given for (%s): cameras are "
+                 "scaled to the images",
+                 scene->folder, r->names);
+    else if (r->count > 0)
+        cln_warn("%s: %d of %d images %s another size than %s camera%s given for (%s): cameras are "
+                 "scaled to the images, which is wrong of one that was cropped: replace it by the "
+                 "whole one, or correct its camera's size, cx and cy",
+                 scene->folder, r->count, scene->view_count, cln_plural(r->count, "has", "have"),
+                 cln_plural(r->count, "its", "their"), cln_plural(r->count, " is", "s are"),
+                 r->names);
+}
+
 /* Brings a camera that is given for another image size to the size of the file: smaller copies of a
  * dataset keep the cameras of the originals. Another shape is an error. */
-static cln_status fit_camera(const char *dialect, cln_view *view, int width, int height,
-                             bool *warned)
+static cln_status fit_camera(const char *dialect, cln_view *view, resized *others)
 {
+    const int width = view->file_width, height = view->file_height;
     const bool colmap = strcmp(dialect, "COLMAP") == 0;
     cln_camera *camera = &view->camera;
 
@@ -61,12 +97,8 @@ static cln_status fit_camera(const char *dialect, cln_view *view, int width, int
             : colmap ? "replace the image, or correct its camera in cameras.txt: the size, after a "
                        "crop also cx and cy (of .bin files, COLMAP's model_converter writes .txt)"
                      : "correct w and h, after a crop also cx and cy, or replace the image");
-    if (!*warned && !in_folder_of_copies(view->path, (double)camera->width / width)) {
-        cln_warn("%s: the image has %d x %d pixels, its camera is given for %d x %d: cameras are "
-                 "scaled to the images",
-                 view->path, width, height, camera->width, camera->height);
-        *warned = true;
-    }
+    if (!in_folder_of_copies(view->path, (double)camera->width / width))
+        add_resized(others, view);
     cln_camera_resize(camera, width, height, (double)camera->width / width,
                       (double)camera->height / height);
     return CLN_OK;
@@ -317,7 +349,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     const int downscale = desc->config->downscale;
     cln_status st = CLN_OK;
     char *frame = NULL;
-    bool warned = false;
+    resized others = {0};
 
     CLN_TRY(read_heads(scene, desc->callbacks));
     if (!desc->keep_alpha)
@@ -334,13 +366,14 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
             desc->config->multiplied_alpha && view->channels == 4 && !view->alpha_path;
         if (view->alpha_path)
             view->channels = 4;
-        CLN_TRY(fit_camera(scene->dialect, view, view->file_width, view->file_height, &warned));
+        CLN_TRY(fit_camera(scene->dialect, view, &others));
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
         CLN_TRY(cln_camera_check(&view->camera, frame));
         scene->has_alpha |= view->channels == 4;
         scene->lenses |= cln_camera_lenses(&view->camera);
     }
+    warn_resized(scene, &others);
     warn_mixed_alpha(scene);
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];

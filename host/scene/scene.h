@@ -243,9 +243,10 @@ uint64_t cln_scene_training_names(const cln_scene *scene);
  * from their middle, or turned by more than a degree, about ten pixels; and the medians of both,
  * that distance being 1. elsewhere: these are beyond it, or no view is known, by its name or, of
  * most, by its place. Of those whose files' digests are known on both sides (told), how many have
- * another one. */
+ * another one, and the first of them. */
 typedef struct cln_since {
     int known, fresh, gone, moved, told, changed;
+    const char *first_changed; /* the scene's; NULL: none */
     double shift, degrees;
     bool elsewhere;
 } cln_since;

@@ -172,8 +172,9 @@ cln_status cln_scene_moved_since(const cln_scene *scene, const cln_scene *kept, 
         turn[k] = degrees_between(was[i]->camera.c2w, to);
         out->moved += shift[k] > FAR || turn[k] > TURNED;
         out->told += scene->views[i].digest && was[i]->digest;
-        out->changed +=
-            scene->views[i].digest && was[i]->digest && scene->views[i].digest != was[i]->digest;
+        if (scene->views[i].digest && was[i]->digest && scene->views[i].digest != was[i]->digest &&
+            out->changed++ == 0)
+            out->first_changed = scene->views[i].name;
         out->known++;
     }
     if (out->known > 0) {

@@ -21,6 +21,7 @@ typedef struct cln_trainer {
     cln_device *device;
     cln_scene *scene;
     cln_model model;
+    bool other_scene;   /* of a resumed run: than its last start had */
     cln_config trained; /* of a resumed run: the settings of its checkpoint */
     cln_pipeline pipeline;
     cln_plan plan, host_plan;

@@ -26,7 +26,7 @@ static cln_export_desc export_desc(const char *what, const char *file)
 
 typedef struct vertex {
     float at[3], normal[3];
-    uint8_t colour[3];
+    uint8_t colour[3], views;
 } __attribute__((packed)) vertex;
 
 /* The vertices of a PLY file with float positions; the caller frees *text. */

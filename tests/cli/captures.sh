@@ -356,6 +356,12 @@ section_second() {
     mv "$work/larger" "$work/small copies/transforms.json"
     expect "photos in a quarter of their cameras' size" 0 "~cameras.are.scaled" \
         "$cln" info "$work/small copies"
+    "$make_scene" "$work/one of them" --format nerfstudio --size 24 --train 20 --test 3 >/dev/null
+    "$make_scene" "$work/smaller" --format nerfstudio --size 12 --train 20 --test 3 >/dev/null
+    small_one=$(ls "$work/smaller/images" | sed -n 7p)
+    cp "$work/smaller/images/$small_one" "$work/one of them/images"
+    expect "one of many has another size" 0 "~1.of.23.images.has.another.size \
+        ~$small_one.12.x.12.for.24.x.24 ~cropped" "$cln" info "$work/one of them"
     mv "$work/small copies/images" "$work/small copies/images_4"
     sed -i 's,"images/,"images_4/,' "$work/small copies/transforms.json"
     expect "in a folder that says so" 0 "" "$cln" info "$work/small copies"

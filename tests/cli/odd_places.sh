@@ -268,6 +268,12 @@ section_reused() {
         --resume "$work/first alone" --skip-selftest --progress none --steps +1
     expect "the run tells that its photos changed" 0 "" "$cln" info "$work/first alone"
     check "with both digests" printed "and other photos or poses: scene "
+    rm "$s/images/frame_00004.png"
+    cp "$work/first alone/run.json" "$work/record"
+    expect "a run that is done keeps its record" 3 "~first.alone.was.trained.on ~--steps.+N" \
+        "$cln" train --resume "$work/first alone" --skip-selftest --progress none
+    check "to the byte" cmp "$work/record" "$work/first alone/run.json"
+    cp "$work/vault/current/images/frame_00004.png" "$s/images"
     expect "unless none may be missing" 3 "frame_00003" "$cln" train --resume "$work/first alone" \
         --skip-selftest --progress none --steps +1 --missing fail
     run "$cln" train "$s" -o "$work/corrected" "${small[@]}" --refine-poses --exposure --steps 3

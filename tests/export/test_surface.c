@@ -289,16 +289,19 @@ static void what_is_not_kept_goes(void **state)
     keep = calloc(s.vertices, 1);
     s.normal = calloc(s.vertices, sizeof *s.normal);
     s.towards = calloc(s.vertices, sizeof *s.towards);
+    s.views = calloc(s.vertices, sizeof *s.views);
     for (size_t i = 0; i < s.vertices; i++) {
         keep[i] = s.at[i][2] > 0;
         s.normal[i][0] = s.at[i][0];
         s.towards[i][1] = s.at[i][1];
+        s.views[i] = keep[i];
     }
     assert_int_equal(cln_surface_keep(&s, keep), CLN_OK);
     assert_in_range(s.vertices, before / 2, before * 2 / 3);
     for (size_t i = 0; i < s.vertices; i++) {
         assert_true(s.at[i][2] > -0.3f);
         assert_true(s.normal[i][0] == s.at[i][0] && s.towards[i][1] == s.at[i][1]);
+        assert_int_equal(s.views[i], s.at[i][2] > 0);
     }
     for (size_t f = 0; f < s.faces; f++)
         assert_true(s.at[s.face[f][0]][2] > 0 || s.at[s.face[f][1]][2] > 0 ||
@@ -386,6 +389,44 @@ static double nearest(const cln_surface *s, vec p)
     return sqrt(best);
 }
 
+/* How many of the cameras see a point of the shapes from its front. */
+static int seen_by(const shapes *scene, vec p, vec normal)
+{
+    const cln_space unit_cube = {.half = 1};
+    int seen = 0;
+
+    for (int i = 0; i < VIEWS; i++) {
+        cln_camera c;
+        vec eye, ray;
+        hit h;
+
+        make_camera(i, &unit_cube, &c);
+        eye = vec3(c.c2w[3], c.c2w[7], c.c2w[11]);
+        ray = sub(p, eye);
+        seen += dot(ray, normal) < 0 && shapes_hit(scene, eye, unit(ray), 0, 100, &h) &&
+                fabs(h.t - sqrt(dot(ray, ray))) < 0.05;
+    }
+    return seen;
+}
+
+static void check_views(const shapes *scene, const cln_surface *s)
+{
+    double off = 0, most = 0;
+    int n = 0;
+
+    for (size_t i = 0; i < s->vertices; i += 17, n++) {
+        const vec p = vec3(s->at[i][0], s->at[i][1], s->at[i][2]);
+        const vec normal = vec3(s->normal[i][0], s->normal[i][1], s->normal[i][2]);
+        const int seen = seen_by(scene, p, normal);
+
+        off += abs(seen - s->views[i]);
+        most = fmax(most, seen);
+    }
+    print_message("    seen by up to %.0f views, %.3f off in the mean of %d\n", most, off / n, n);
+    assert_true(most > 8);
+    assert_true(off / n < 1);
+}
+
 static void check_surface(const shapes *scene, const cln_surface *s, double pixel)
 {
     double sum = 0, cosines = 0, missing = 0;
@@ -448,6 +489,7 @@ static void depths_give_the_surface_back(void **state)
         assert_near(fusion.pixel, 3 / (1.3 * WIDTH), 0.005);
         assert_int_equal(cln_surface_trace(&fusion, 0, 0.01, false, NULL, &none, &s), CLN_OK);
         check_surface(&scene, &s, fusion.pixel);
+        check_views(&scene, &s);
         assert_int_equal(cln_surface_trace(&fusion, 60, 0, true, NULL, &none, &whole), CLN_OK);
         assert_closed(&whole);
         cln_surface_free(&s);

@@ -48,17 +48,20 @@ static void ply_is_wide_where_it_must_be(void **state)
     const char *file = scratch_path(*state, "x.ply");
     size_t bytes = 0;
 
-    for (int wide = 0; wide < 2; wide++) {
-        const cln_mesh mesh = wide ? make(0, 0) : make(500000, 4100000);
-        const size_t row = (wide ? 24u : 12u) + 15;
+    for (int k = 0; k < 4; k++) {
+        const bool wide = k % 2, views = k / 2;
+        cln_mesh mesh = wide ? make(0, 0) : make(500000, 4100000);
+        const size_t row = (wide ? 24u : 12u) + 15 + views;
         char *text = NULL, *body = NULL;
         uint32_t index = 0;
 
+        mesh.views = views ? (uint8_t[]){0, 1, 17, 100} : NULL;
         assert_int_equal(cln_mesh_fits_floats(&mesh), !wide);
         assert_int_equal(cln_mesh_write_ply(file, &mesh), CLN_OK);
         text = scratch_get(file, &bytes);
         assert_non_null(strstr(text, "comment a test; scene units\nelement vertex 4\n"));
         assert_non_null(strstr(text, wide ? "property double x\n" : "property float x\n"));
+        assert_int_equal(strstr(text, "property uchar views\n") != NULL, views);
         assert_non_null(strstr(text, "element face 1\nproperty list uchar int vertex_indices\n"));
         body = strstr(text, "end_header\n") + strlen("end_header\n");
         assert_int_equal(bytes - (size_t)(body - text), 4 * row + 13);
@@ -71,8 +74,10 @@ static void ply_is_wide_where_it_must_be(void **state)
                 memcpy(&narrow, body + i * row + 4 * a, 4);
                 assert_true((wide ? value : (double)narrow) == mesh.at[i][a]);
             }
-            assert_memory_equal(body + i * row + row - 15, normal[i], 12);
-            assert_memory_equal(body + i * row + row - 3, colour[i], 3);
+            assert_memory_equal(body + i * row + row - 15 - views, normal[i], 12);
+            assert_memory_equal(body + i * row + row - 3 - views, colour[i], 3);
+            if (views)
+                assert_memory_equal(body + i * row + row - 1, &mesh.views[i], 1);
         }
         assert_int_equal(body[4 * row], 3);
         memcpy(&index, body + 4 * row + 9, 4);
