@@ -19,6 +19,7 @@
 #include "pipeline/room.h"
 #include "render/ray_batch.h"
 #include "train/batch.h"
+#include "train/grow.h"
 
 enum { LEAST_STEPS = 3, MOST_STEPS = 64, SMALL = 64 }; /* SMALL: leaves */
 static const double MOST_BYTES = 256e6; /* of weights; a larger tree is measured on fewer leaves */
@@ -141,9 +142,33 @@ done:
     return st;
 }
 
-/* Seconds of a step over a budget in steps, or of one in seconds (harmonic). Trees before the last
- * level count as the first one: they have few leaves, so batches are no larger yet. */
-static double mean_step(const cln_config *c, const timing *first, const timing *last, bool harmonic)
+/* Seconds of a step on a tree of voxels, by those on the first one and on the largest, the mean
+ * over a budget of steps (0: of seconds). grows: single leaves split. */
+static double mean_of_voxels(const cln_config *c, const timing *first, const timing *last,
+                             bool shell, double steps, bool grows)
+{
+    enum { MOMENTS = 200 };
+    const double begins = cln_config_first_leaves(c, shell),
+                 most = cln_config_most_leaves(c, shell);
+    cln_config whole = *c;
+    double sum = 0;
+
+    if (!grows)
+        whole.adaptive = false;
+    for (int i = 0; i < MOMENTS; i++) {
+        const double leaves = cln_grow_foresee(&whole, begins, most, (i + 0.5) / MOMENTS, steps);
+        const double share = most > begins ? fmax(0, (leaves - begins) / (most - begins)) : 1;
+        const double step = first->median + share * (last->median - first->median);
+
+        sum += steps > 0 ? step : 1 / step;
+    }
+    return steps > 0 ? sum / MOMENTS : MOMENTS / sum;
+}
+
+/* Seconds of a step over a budget in steps, or of one in seconds (harmonic). Networks: trees before
+ * the last level count as the first one, as they have few leaves, so batches are no larger yet. */
+static double mean_of_networks(const cln_config *c, const timing *first, const timing *last,
+                               bool harmonic)
 {
     double at[CLN_LEVELS], early = 0;
 
@@ -163,13 +188,22 @@ static double picture_pixels(const cln_scene *scene)
     return cln_scene_training_pixels(scene) / cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
 }
 
+static double mean_step(const cln_config *c, const timing *first, const timing *last, bool shell,
+                        double steps, bool grows)
+{
+    return cln_leaf_kind_of(c->encoding)->levels_first
+               ? mean_of_voxels(c, first, last, shell, steps, grows)
+               : mean_of_networks(c, first, last, steps <= 0);
+}
+
 static void add_time(json_t *about, cln_device *device, const cln_scene *scene, const cln_config *c,
                      double steps, double budget, const cln_callbacks *callbacks)
 {
     const int most = cln_config_most_leaves(c, scene->space.shell), trees = most > SMALL ? 2 : 1;
+    const bool shell = scene->space.shell;
     cln_status st = CLN_OK;
     timing first = {0}, last = {0};
-    double step = 0;
+    double step = 0, least = 0;
     json_t *time = NULL;
 
     st = cln_tell_work(callbacks, "timing", 0, trees);
@@ -188,7 +222,8 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
         cln_clear_error();
         return;
     }
-    step = mean_step(c, &first, &last, steps <= 0);
+    step = mean_step(c, &first, &last, shell, steps, true);
+    least = mean_step(c, &first, &last, shell, steps, false);
     time = json_pack("{s:f, s:f, s:f, s:f, s:f, s:i, s:f, s:f, s:s}", "step_seconds", step,
                      "step_seconds_first", first.median, "step_seconds_last", last.median,
                      "step_seconds_least", fmin(first.least, last.least), "step_seconds_most",
@@ -198,12 +233,13 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
                      "how_good", how_good);
     json_object_set_new(time, "seconds", steps > 0 ? json_real(steps * step) : json_null());
     json_object_set_new(time, "seconds_least",
-                        steps > 0 ? json_real(LEAST * steps * step) : json_null());
+                        steps > 0 ? json_real(LEAST * steps * least) : json_null());
     json_object_set_new(time, "seconds_most",
                         steps > 0 ? json_real(MOST * steps * step) : json_null());
     if (c->time_limit > 0)
-        json_object_set_new(time, "steps_in_time_limit",
-                            json_real(floor(c->time_limit / mean_step(c, &first, &last, true))));
+        json_object_set_new(
+            time, "steps_in_time_limit",
+            json_real(floor(c->time_limit / mean_step(c, &first, &last, shell, 0, true))));
     json_object_set_new(about, "time", time);
 }
 

@@ -77,7 +77,13 @@ enum { /* the order in which they are looked for (scene/readers.c) */
 enum { CLN_EXPOSURE_NO, CLN_EXPOSURE_YES, CLN_EXPOSURE_AUTO };
 enum { CLN_EXCHANGE_SAMPLES, CLN_EXCHANGE_STRETCHES };
 enum { CLN_MISSING_AUTO, CLN_MISSING_SKIP, CLN_MISSING_FAIL };
-enum { CLN_MASKS_AUTO, CLN_MASKS_ALPHA, CLN_MASKS_IGNORE, CLN_MASKS_INVERTED };
+enum {
+    CLN_MASKS_AUTO,
+    CLN_MASKS_ALPHA,
+    CLN_MASKS_IGNORE,
+    CLN_MASKS_INVERTED,
+    CLN_MASKS_IGNORE_WHITE
+};
 enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
 
 /* Leaves: compile-time constants of the kernels (method.md sections 1, 2). */
@@ -420,10 +426,12 @@ enum { CLN_SPACE_AUTO, CLN_SPACE_CUBE, CLN_SPACE_NDC, CLN_SPACE_SHELL };
          "than a tenth, leave them out however many (and photos without alpha or mask, where "     \
          "most cut an object out), or refuse the scene",                                           \
          .flags = CLN_ROW_SCENE | CLN_ROW_LATER)                                                   \
-    ENUM(masks, "masks", CLN_MASKS_IGNORE, CLN_MASKS_AUTO, "auto|alpha|ignore|inverted",           \
+    ENUM(masks, "masks", CLN_MASKS_IGNORE, CLN_MASKS_AUTO,                                         \
+         "auto|alpha|ignore|inverted|ignore-white",                                                \
          "masks beside photos: the alpha of an object, outside of which is nothing, or pixels "    \
          "that do not count; auto: alpha if nearly all keep one part around the middle and drop "  \
-         "the border; inverted: alpha, black is the object",                                       \
+         "the border; inverted: alpha, black is the object; ignore-white: what is white does not " \
+         "count",                                                                                  \
          .flags = CLN_ROW_FIXED | CLN_ROW_SCENE | CLN_ROW_LATER)                                   \
     BOOL(multiplied_alpha, "multiplied-alpha", false, false,                                       \
          "photos with alpha: colours are multiplied by it, as of cut-outs over black: divide",     \

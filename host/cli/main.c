@@ -46,14 +46,25 @@ static void print_error(cln_status st, const cln_options *options)
                 command ? " " : "");
 }
 
-/* Refuses several ranks for most commands: each would do, and write, the same. */
+/* An error of a rank that ends all names it already. */
+static void log_ranked(cln_log_level level, const char *line, void *user)
+{
+    char named[8192 + 256];
+
+    snprintf(named, sizeof named, "%s%s", level == CLN_LOG_WARN ? cln_ranks_name() : "", line);
+    cln_log_stderr(level, named, user);
+}
+
+/* Refuses several ranks for most commands: each would do, and write, the same. Rank 0 has the log,
+ * and the first rank of each other machine its warnings, as that has photos, disks and memory of
+ * its own. */
 static cln_status join_ranks(const cln_command *command)
 {
     cln_status st = CLN_OK;
 
     CLN_TRY(cln_ranks_open());
-    if (cln_ranks_me() > 0) /* rank 0 has the log */
-        cln_log_set_level(CLN_LOG_WARN);
+    if (cln_ranks_me() > 0)
+        cln_log_to(cln_ranks_me_here() > 0 ? CLN_LOG_ERROR : CLN_LOG_WARN, log_ranked, NULL);
     if (cln_ranks_count() > 1 && !(command->bit & (CLN_TRAIN | CLN_EVAL | CLN_RENDER | CLN_VIEW)))
         CLN_TRY(cln_fail(CLN_USAGE,
                          "%s: runs in one process, not in %d; start it without mpirun or srun "

@@ -73,7 +73,7 @@ static bool put_psnr(FILE *to, const cln_report_data *data, bool over_steps)
     full.count = 0;
     for (int i = 0; i < data->eval_count && full.count < CLN_REPORT_POINTS; i++) {
         const cln_report_eval *e = &data->evals[i];
-        if (!is_held_out(e))
+        if (!is_held_out(e) || e->chosen)
             continue;
         full.x[full.count] = over_steps ? e->step : e->seconds;
         full.y[full.count++] = e->psnr;

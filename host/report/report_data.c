@@ -359,6 +359,7 @@ static cln_status add_eval(const char *folder, const char *name, cln_report_data
     e->psnr = cln_json_number(mean, "psnr");
     e->ssim = cln_json_number(mean, "ssim");
     say_how(e->stem, e->how, sizeof e->how);
+    e->chosen = is_chosen(e->stem);
     e->images = (int)json_array_size(json_object_get(e->document, "images"));
     data->eval_count++;
 done:

@@ -64,6 +64,7 @@ typedef struct cln_report_eval {
     const char *split;                /* in document */
     double step, seconds, psnr, ssim; /* seconds of training; means */
     int images;
+    bool chosen;  /* of views that --views or --max-images chose */
     char how[96]; /* " with --fast"; "" for pictures as they are */
 } cln_report_eval;
 

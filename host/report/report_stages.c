@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "device/device.h"
+#include "io/json.h"
 #include "io/progress.h"
 #include "report/html.h"
 
@@ -53,7 +54,9 @@ static bool is_apart(const char *name)
 static void put_apart(FILE *to, const cln_report_data *data, double training)
 {
     const cln_report_rows *r = &data->rows;
-    const double wall = data->clock.earlier + data->clock.wall;
+    const json_t *result = json_object_get(data->run, "result");
+    const double wall =
+        data->clock.earlier + fmax(data->clock.wall, cln_json_number(result, "wall_seconds"));
     char time[32], all[32];
     const char *comma = "";
 

@@ -16,6 +16,7 @@
 #include "io/json.h"
 #include "io/run_history.h"
 #include "io/run_folder.h"
+#include "model/model.h"
 #include "report/report_data.h"
 #include "report/report_sections.h"
 
@@ -74,12 +75,13 @@ static void put(side *s, const char *key, double value)
                             : cln_json_real(value));
 }
 
-/* What a column of metrics.jsonl has in the last row with a number in `where`; NaN without. */
-static double last_of(const side *s, const double *column, const double *where)
+/* What a column of metrics.jsonl has in the last row until `step` with a number in `where`; NaN
+ * without. */
+static double last_of(const side *s, double step, const double *column, const double *where)
 {
     int i = s->data.rows.count - 1;
 
-    while (i >= 0 && !isfinite(where[i]))
+    while (i >= 0 && (!isfinite(where[i]) || s->data.rows.step[i] > step))
         i--;
     return i >= 0 ? column[i] : NAN;
 }
@@ -98,14 +100,18 @@ static void find_figures(side *s)
     for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++)
         put(s, ends[i], cln_json_number(result, ends[i]));
     if (!json_is_object(result)) {
-        put(s, "step", last_of(s, r->step, r->step));
-        put(s, "seconds", last_of(s, r->seconds, r->seconds));
-        put(s, "leaves", last_of(s, r->leaves, r->leaves));
-        put(s, "psnr_train", last_of(s, r->psnr_train, r->psnr_train));
-        put(s, "psnr_test", last_of(s, r->psnr_test, r->psnr_test));
+        /* of one that was killed, what its checkpoint is of: later rows are lost */
+        const int64_t kept = cln_checkpoint_newest(s->run);
+        const double until = kept >= 0 ? (double)kept : INFINITY;
+
+        put(s, "step", kept >= 0 ? until : last_of(s, until, r->step, r->step));
+        put(s, "seconds", last_of(s, until, r->seconds, r->seconds));
+        put(s, "leaves", last_of(s, until, r->leaves, r->leaves));
+        put(s, "psnr_train", last_of(s, until, r->psnr_train, r->psnr_train));
+        put(s, "psnr_test", last_of(s, until, r->psnr_test, r->psnr_test));
         put(s, "eval_views",
             s->readable && isfinite(tests) ? fmin(s->config.eval_images, tests) : NAN);
-        put(s, "eval_step", last_of(s, r->step, r->psnr_test));
+        put(s, "eval_step", last_of(s, until, r->step, r->psnr_test));
     }
     put(s, "test_views", tests);
     if (!json_is_number(json_object_get(s->figures, "psnr_test")))

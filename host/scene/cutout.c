@@ -423,6 +423,13 @@ static void take_as_alpha(cln_scene *scene, bool black)
     }
 }
 
+/* As programs write them that find people and cars. */
+static void count_black(cln_scene *scene)
+{
+    for (int i = 0; i < scene->view_count; i++)
+        scene->views[i].mask_black |= is_mask(&scene->views[i]);
+}
+
 static void drop_masks(cln_scene *scene)
 {
     int dropped = 0;
@@ -472,7 +479,10 @@ cln_status cln_scene_read_masks(cln_scene *scene, const cln_scene_desc *desc)
     if (asked == CLN_MASKS_ALPHA || asked == CLN_MASKS_INVERTED ||
         (asked == CLN_MASKS_AUTO && !why))
         take_as_alpha(scene, asked == CLN_MASKS_INVERTED);
-    if (asked == CLN_MASKS_ALPHA)
+    if (asked == CLN_MASKS_IGNORE_WHITE) {
+        count_black(scene);
+        CLN_TRY(cln_strdup(&scene->masks_rule, "what is white in them does not count"));
+    } else if (asked == CLN_MASKS_ALPHA)
         CLN_TRY(cln_strdup(&scene->masks_rule, "read as alpha: outside of them is nothing"));
     else if (asked == CLN_MASKS_INVERTED)
         CLN_TRY(cln_strdup(&scene->masks_rule,

@@ -640,9 +640,11 @@ static cln_status add_mask(cln_view *view, bool wanted, uint64_t *digest)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: the mask leaves no pixel of its image (%s ones count); remove the "
                          "frame or correct the mask, or, if all masks are %s where something is to "
-                         "be left out, exchange their black and white",
+                         "be left out, %s",
                          view->mask_path, view->mask_black ? "black" : "other than black",
-                         view->mask_black ? "black" : "white"));
+                         view->mask_black ? "black" : "white",
+                         view->mask_black ? "exchange their black and white"
+                                          : "give --masks ignore-white"));
     view->kept = view->masked = kept;
     kept = NULL;
 done:

@@ -514,11 +514,12 @@ static void check_masks(cln_inspection *in)
     if (in->posed && agreeing < KEPT_LEAST * area)
         cln_found_fault(in->findings, "masks", true, NULL,
                         "the %s keep %.0f%% of the pixels, but only %.0f%% of what several photos "
-                        "show alike. Likely the wrong colour counts: invert them%s",
+                        "show alike. Likely the wrong colour counts: %s",
                         masks || in->scene->masks_alpha ? "masks" : "alpha channels", 100 * area,
                         100 * agreeing,
-                        masks ? ", or, if they are of an object, --masks inverted reads them so"
-                              : "");
+                        masks ? "--masks ignore-white reads them so, or, if they are of an object, "
+                                "--masks inverted"
+                              : "invert them");
     else if (masks && (left < CLN_MASKS_LEAST || left >= 1))
         cln_found_fault(in->findings, "masks", false, NULL,
                         "the mask%s of %d photo%s leave%s %.3g%% of %s pixels; if the wrong colour "

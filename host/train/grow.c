@@ -124,6 +124,28 @@ done:
     return st;
 }
 
+double cln_grow_foresee(const cln_config *c, double first, double most, double fraction,
+                        double steps)
+{
+    const double wait = 2.0 * c->cull_after + c->refresh_every, now = fraction * steps;
+    double at[CLN_MAX_LEVEL + 1], leaves = first, grown = 0, ramp = 0;
+
+    if (cln_config_levels(c, at) != CLN_OK) {
+        cln_clear_error();
+        return most;
+    }
+    for (int level = c->start_level + 1; level <= CLN_MAX_LEVEL && is_whole(c, leaves); level++) {
+        grown = fmax(grown + wait, at[level] * steps);
+        if (fraction < at[level] || (steps > 0 && now < grown))
+            return fmin(leaves, most);
+        leaves *= SURFACE_CHILDREN;
+    }
+    ramp = (fraction - c->structure_from) / (c->structure_until - c->structure_from);
+    if (!c->adaptive || !(ramp > 0) || (steps > 0 && now < grown + wait - c->cull_after))
+        return fmin(leaves, most);
+    return fmin(leaves + (most - leaves) * fmin(ramp, 1), most);
+}
+
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
  * must have been culled, as growth splits every leaf, the finer voxels must not be finer than the
  * photos can tell (--cell-pixels), and in a tree that adapts they must be few. */

@@ -373,16 +373,23 @@ static void report_progress(cln_trainer *t, double fraction)
         callbacks->train(p, callbacks->user);
 }
 
-/* Writes a row of metrics.jsonl and begins a new interval. */
+/* Writes a row of metrics.jsonl of the interval so far, which may go on when the run is resumed. */
+static cln_status put_row(cln_trainer *t, double fraction, bool evaluated, bool unfinished)
+{
+    keep_window(t);
+    t->psnr_train = cln_psnr(t->model.row.square / t->model.row.steps);
+    t->psnr_train_steps = (int)t->model.row.steps;
+    return cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated,
+                          unfinished);
+}
+
+/* Does, and begins a new interval. */
 static cln_status log_row(cln_trainer *t, double fraction, bool evaluated)
 {
     cln_status st = CLN_OK;
     char peak[32], limit[32];
 
-    keep_window(t);
-    t->psnr_train = cln_psnr(t->model.row.square / t->model.row.steps);
-    t->psnr_train_steps = (int)t->model.row.steps;
-    CLN_TRY(cln_record_row(t, cln_step_learning_rate(&t->model.config, fraction), evaluated));
+    CLN_TRY(put_row(t, fraction, evaluated, false));
     if (!t->said.host_full && cln_peak_rss() > t->host_plan.limit) {
         cln_format_bytes(cln_peak_rss(), peak);
         cln_format_bytes(t->host_plan.limit, limit);
@@ -678,6 +685,8 @@ cln_status cln_loop_run(cln_trainer *t)
     cln_batch_forget(&t->batch); /* nobody takes the next step */
     cln_ranks_tell(&t->clock, sizeof t->clock);
     t->model.train_seconds = t->clock;
+    if (t->signal && t->model.row.rays > 0)
+        CLN_TRY(put_row(t, cln_step_fraction(t), false, true));
     cln_exposure_say(&t->exposure, &t->model);
     cln_refine_say(t);
     CLN_TRY(checkpoint(t));

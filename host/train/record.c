@@ -513,7 +513,7 @@ static json_t *find_ends(cln_trainer *t, double photos[2], double device[2])
     return stages;
 }
 
-cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
+cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated, bool unfinished)
 {
     cln_status st = CLN_OK;
     const double spent = t->model.train_seconds - t->model.row.began;
@@ -570,6 +570,8 @@ cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated)
         json_object_set_new(row, "leaf_samples", json_real(leaf_samples));
         json_object_set_new(row, "padding", json_real(padding));
     }
+    if (unfinished)
+        json_object_set_new(row, "unfinished", json_true());
     CLN_TRY(cln_metrics_add(t->metrics, row));
     memcpy(t->window.stage_seconds, t->device->stage_seconds, sizeof t->window.stage_seconds);
     t->window.waits = t->device->waits;

@@ -38,8 +38,8 @@ cln_status cln_record_held(cln_trainer *t);
  * the cameras, and the rows so far. */
 cln_status cln_record_keep(const cln_trainer *t, const char *run);
 
-/* Adds a row for the interval that ends now. */
-cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated);
+/* Adds a row for the interval that ends now, or that a stop leaves unfinished. */
+cln_status cln_record_row(cln_trainer *t, double lr, bool evaluated, bool unfinished);
 
 /* Adds the row of a structure decision. */
 cln_status cln_record_decision(cln_trainer *t, const cln_decision *decision);

@@ -67,6 +67,7 @@ section_same() {
     check "leaves moved between them" said "moved to other ranks"
     check "the model is that of one process" same_model "$work/one" "$work/two"
     check "one rank prints the run" [ "$(grep -c '^run ' "$work/out")" = 1 ]
+    check "and warns" [ "$(grep -c 'only 8 training photos' "$work/err")" = 1 ]
     check "rows have the bytes sent" grep -q '"sent_bytes"' "$work/two/metrics.jsonl"
     check "and the idlest and the busiest rank's seconds in messages" awk -F'"messages":[[]' '
         NF == 2 { split($2, ends, "[],]"); n++; if (!(ends[1] > 0 && ends[1] < ends[2])) bad++ }

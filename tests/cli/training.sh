@@ -249,6 +249,10 @@ section_resume() {
     kill -TERM "$child"
     finish
     check "SIGTERM: exit code 143" [ $rc = 143 ]
+    check "its last row is of where it stopped" [ "$(step_rows "$r" | tail -1 | "$query" step)" = \
+        "$("$query" result.step <"$r/run.json")" ]
+    check "and so is its PSNR" [ "$(step_rows "$r" | tail -1 | "$query" psnr_train)" = \
+        "$("$query" result.psnr_train <"$r/run.json")" ]
     expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "terminated and resumed = not interrupted" is_whole "$r"
     for key in loss psnr_train samples_per_ray; do

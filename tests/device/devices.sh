@@ -5,6 +5,7 @@
 #   tests/device/devices.sh [-q] [SECTION...]      -q: the part that `make test` runs
 #   table    every check of the self-test against float64, its outputs against the first device that
 #            passed all: whole numbers equal, floats within the check's own bounds
+#   extremes its rows at extremes, on the device with most compute units
 #   unit     the kernels' tests in build/tests on each device (not with -q)
 #   train    a scene trained and evaluated on each, networks and voxels: PSNR within 0.1 dB of the
 #            first device's; the first device's run evaluated on each: within 0.01 dB
@@ -92,6 +93,12 @@ section_table() {
         fi
     done
     [ ${#devices[@]} -gt 1 ] || skip "devices against each other" "there is one"
+}
+
+# Kernels as users have them, at extremes; build/tests changes them, and may have none optimised.
+section_extremes() {
+    expect "device ${names[$best]}: extremes" 0 "" timeout 900 "$cln" selftest --extremes --quick \
+        -d "${devices[$best]}" --progress none
 }
 
 section_unit() {
@@ -242,9 +249,9 @@ section_grind() {
     check "the bad access's kernel is named" reports 'Kernel: rays_make'
 }
 
-shapes=all sections=(table unit train broken grind)
+shapes=all sections=(table extremes unit train broken grind)
 if [ "${1-}" = -q ]; then
-    shapes=quick sections=(table train broken grind)
+    shapes=quick sections=(table extremes train broken grind)
     shift
 fi
 [ $# -gt 0 ] && sections=("$@")

@@ -248,6 +248,37 @@ static void test_inverted(void **state)
     }
 }
 
+/* Of masks that are white where the people are, what is white does not count: the pixels that count
+ * without it do not, and the others do. */
+static void test_ignore_white(void **state)
+{
+    for (way as = 0; as < WAYS; as++) {
+        const char *folder = scratch_path(*state, (const char[]){(char)('a' + as), 0});
+        cln_config config = *plain();
+        int white = 0, black = 0;
+        cln_scene *scene = NULL;
+
+        if (as == CUT_OUT) /* its colours tell nothing */
+            continue;
+        put_scene(folder, THING, as);
+        config.masks = CLN_MASKS_IGNORE_WHITE;
+        scene = load(folder, &config);
+        assert_true(!scene->masks_alpha && !scene->has_alpha);
+        for (int v = 0; v < FORMAT_VIEWS; v++)
+            for (int x = 0; x < WIDE; x += 3) {
+                const bool thing = keeps(THING, v, x, 24);
+
+                if (thing != keeps(THING, v, x - 1, 24) || thing != keeps(THING, v, x + 1, 24))
+                    continue;
+                assert_int_equal(cln_view_keeps(&scene->views[v], x, 24), !thing);
+                white += thing;
+                black += !thing;
+            }
+        assert_true(white > 0 && black > 0);
+        cln_scene_free(scene);
+    }
+}
+
 /* Masks of some photos that follow each other are exchanged: the fewer are named. */
 static void test_partly_inverted(void **state)
 {
@@ -395,6 +426,7 @@ int test_group_cutout(void)
         cmocka_unit_test_setup_teardown(test_values, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_inverted, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_uncut, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_ignore_white, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_partly_inverted, scratch_make, scratch_remove),
         cmocka_unit_test(test_soft),
         cmocka_unit_test_setup_teardown(test_settings, scratch_make, scratch_remove),
