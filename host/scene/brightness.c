@@ -14,11 +14,15 @@ const double cln_exposure_jump = 0.7;
 /* Powers of distance that are exceeded where light goes along, and how surely: fading(). */
 static const double BESIDE = 0.25, SURE_BESIDE = 3, THROUGH = 1, SURE = 5;
 
-/* Of a pair of views: that of a over b's, in stops. */
+/* Of a pair of views: that of a over b's, in stops, and how many marks tell it. */
 typedef struct brightness {
-    int a, b;
+    int a, b, marks;
     double ratio;
 } brightness;
+
+/* Marks from which a pair counts whole, and may tell of a single photo; and counts at all: visits
+ * in other light have few marks in common, but many such pairs. */
+enum { ENOUGH_MARKS = 8, FEWEST_MARKS = 3 };
 
 static bool jumps(const cln_agree_view *v)
 {
@@ -148,12 +152,12 @@ static double find_falloff(const cln_agreement *a, const compared *marks)
 cln_status cln_agree_brightness(const cln_scene *scene, cln_agreement *out)
 {
     cln_status st = CLN_OK;
-    enum { ROUNDS = 200, FEWEST_RATIOS = 8 };
+    enum { ROUNDS = 200 };
     const int views = scene->view_count;
     brightness *pairs = NULL;
     compared *marks = NULL;
     double *ratios = NULL, *sum = NULL, *weight = NULL;
-    int count = 0, pair_count = 0;
+    int count = 0, pair_count = 0, firm = 0;
 
     CLN_TRY(cln_alloc(&pairs, (size_t)out->pairs + 1, sizeof *pairs, "pairs"));
     CLN_TRY(cln_alloc(&ratios, CLN_FEATURES_MOST + (size_t)out->pairs, sizeof *ratios, "ratios"));
@@ -170,10 +174,11 @@ cln_status cln_agree_brightness(const cln_scene *scene, cln_agreement *out)
 
         if (!isnan(ratio))
             ratios[count++] = ratio;
-        if (last && count >= FEWEST_RATIOS) {
+        if (last && count >= FEWEST_MARKS) {
             cln_reals_sort(ratios, count);
             pairs[pair_count].a = t->a;
             pairs[pair_count].b = t->b;
+            pairs[pair_count].marks = count;
             pairs[pair_count++].ratio = ratios[count / 2];
         }
         count = last ? 0 : count;
@@ -186,19 +191,23 @@ cln_status cln_agree_brightness(const cln_scene *scene, cln_agreement *out)
         memset(sum, 0, (size_t)views * sizeof *sum);
         memset(weight, 0, (size_t)views * sizeof *weight);
         for (int p = 0; p < pair_count; p++) {
+            const double whole = fmin(1, (double)pairs[p].marks / ENOUGH_MARKS);
             cln_agree_view *a = &out->views[pairs[p].a], *b = &out->views[pairs[p].b];
 
-            sum[pairs[p].a] += b->exposure + pairs[p].ratio;
-            sum[pairs[p].b] += a->exposure - pairs[p].ratio;
-            weight[pairs[p].a]++;
-            weight[pairs[p].b]++;
+            sum[pairs[p].a] += whole * (b->exposure + pairs[p].ratio);
+            sum[pairs[p].b] += whole * (a->exposure - pairs[p].ratio);
+            weight[pairs[p].a] += whole;
+            weight[pairs[p].b] += whole;
         }
         for (int v = 0; v < views; v++)
             if (weight[v] > 0)
                 out->views[v].exposure = 0.5 * out->views[v].exposure + 0.5 * sum[v] / weight[v];
     }
-    find_jumps(out->views, views, pairs, pair_count, ratios, weight);
-    find_around(out->views, views, pairs, pair_count, ratios, sum);
+    for (int p = 0; p < pair_count; p++)
+        if (pairs[p].marks >= ENOUGH_MARKS)
+            pairs[firm++] = pairs[p];
+    find_jumps(out->views, views, pairs, firm, ratios, weight);
+    find_around(out->views, views, pairs, firm, ratios, sum);
 done:
     free(marks);
     free(pairs);

@@ -198,8 +198,9 @@ static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *mod
                  "(--exposure gives each gains)",
                  spread);
     else if (share < CONFIRM)
-        cln_info("exposure: photos differ in brightness by %.2g stops, but what two of them show "
-                 "does not: they are taken as they are (--exposure gives each gains)",
+        cln_info("exposure: photos differ in brightness by %.2g stops, but marks that two of "
+                 "them show do not: they are taken as they are (--exposure gives each gains, as of "
+                 "visits in other light)",
                  spread);
     else if (spread >= DIFFER)
         cln_info("exposure: photos differ in brightness by %.2g stops, but not as those before and "

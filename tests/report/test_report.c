@@ -806,17 +806,19 @@ static void doubt_knows_the_scene(void **state)
     (void)state;
     of.training_photos = 40;
     assert_true(cln_report_doubt(&of, text));
-    assert_string_equal(text,
-                        "test views are 16.0 dB below training views, at 12.0 dB: poses or lenses "
-                        "are wrong, or the photos are few, or look elsewhere, or something stands "
-                        "in every photo (a logo, bars, a bonnet): mask it (check --write-mask)");
+    assert_string_equal(
+        text, "test views are 16.0 dB below training views, at 12.0 dB: poses or lenses "
+              "are wrong, or the photos are few, or look elsewhere, or things moved or the "
+              "light changed between them, or something stands "
+              "in every photo (a logo, bars, a bonnet): mask it (check --write-mask)");
     of.cube_guessed = of.masks_doubtful = true;
     of.training_photos = 8;
     assert_true(cln_report_doubt(&of, text));
     assert_non_null(strstr(text, "dB: the cube, which is a guess, may be far too large or small "
                                  "(--bbox), or the masks may be of an object (--masks alpha), or "
                                  "8 training photos are few, or poses or lenses are wrong, or the "
-                                 "photos look elsewhere, or something"));
+                                 "photos look elsewhere, or things moved or the light changed "
+                                 "between them, or something"));
     assert_non_null(strstr(text, "mask it (check --write-mask)"));
     of = wrong;
     of.alpha = true;

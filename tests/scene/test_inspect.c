@@ -573,7 +573,7 @@ static void test_backdrop(void **state)
     assert_true(measured(w, "agreeing_kept") > 0.6);
     memset(lower, 255, sizeof lower / 2); /* the other half */
     memset(lower + sizeof lower / 2, 0, sizeof lower / 2);
-    assert_non_null(strstr(text_of(inspect(w, "masks")), "invert them"));
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "--masks ignore-white"));
     free_wall(w);
 }
 
