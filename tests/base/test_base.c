@@ -1,11 +1,7 @@
 /* The rest of base/: random numbers against Random123's published known answers, the error record,
  * checked allocation, files (whole reads, atomic writes that keep the old file, folders, digests)
  * and the log. Oracle: published or literal values. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <dirent.h>
 #include <fcntl.h>
 #include <limits.h>

@@ -1,11 +1,7 @@
 /* The option table (base/config.h, base/number.h): presets, every row to text and back and to JSON
  * and back, ranges, refused texts with their sentences, units, locale, suggestions, and the small
  * languages of level-at, eval-at, background and bbox. Oracle: literal values. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <float.h>
 #include <limits.h>
 #include <math.h>

@@ -1,10 +1,6 @@
 /* Marked cells. Tested: what meets a marked cell, how often cells were marked, room. Oracle: the
  * cells' boxes, one by one. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <string.h>
 #include "base/rng.h"
 #include "device_abi.h"

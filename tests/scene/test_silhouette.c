@@ -1,10 +1,6 @@
 /* The box of what alpha shows (host/scene/silhouette.c): photos of an ellipsoid, from two rings of
  * cameras around it, against its sides. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
