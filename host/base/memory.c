@@ -71,6 +71,23 @@ cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *w
     return CLN_OK;
 }
 
+cln_status cln_grow(void *array_pointer, int64_t count, size_t size, const char *what)
+{
+    void **array = array_pointer;
+    void *more = NULL;
+    cln_status st = CLN_OK;
+
+    if (count & (count - 1))
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, size, what));
+    if (count)
+        memcpy(more, *array, (size_t)count * size);
+    free(*array);
+    *array = more;
+done:
+    return st;
+}
+
 cln_status cln_strdup(char **out, const char *text)
 {
     *out = NULL;

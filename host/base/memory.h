@@ -13,6 +13,10 @@
  * in the error sentence. On failure *out is NULL. */
 cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *what);
 
+/* Makes room in *array for one more element of size bytes after the first `count`; the array grows
+ * at powers of two. On failure it is as before. */
+cln_status cln_grow(void *array_pointer, int64_t count, size_t size, const char *what);
+
 /* *out = copy of text; NULL stays NULL. */
 cln_status cln_strdup(char **out, const char *text);
 

@@ -107,15 +107,7 @@ static cln_status keep_name(cln_names *names, const char *within, const char *na
     if (count >= MAX_NAMES)
         return cln_fail(CLN_INPUT, "%s: more than %d files; give the folder of one scene", within,
                         MAX_NAMES);
-    if ((count & (count - 1)) == 0) { /* full at powers of two */
-        char **more = NULL;
-
-        CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, sizeof *more, "names"));
-        if (count)
-            memcpy(more, names->name, (size_t)count * sizeof *more);
-        free(names->name);
-        names->name = more;
-    }
+    CLN_TRY(cln_grow(&names->name, count, sizeof *names->name, "names"));
     CLN_TRY(cln_path_join(&names->name[count], within, name));
     names->count++;
 done:
@@ -298,23 +290,6 @@ cln_status cln_dataset_image_folder(const char *base, char **out)
 }
 
 /* ---- cameras ---- */
-
-cln_status cln_dataset_grow(void *array_pointer, int64_t count, size_t size, const char *what)
-{
-    void **array = array_pointer;
-    void *more = NULL;
-    cln_status st = CLN_OK;
-
-    if (count & (count - 1))
-        return CLN_OK;
-    CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, size, what));
-    if (count)
-        memcpy(more, *array, (size_t)count * size);
-    free(*array);
-    *array = more;
-done:
-    return st;
-}
 
 cln_status cln_dataset_lenses(char **out)
 {
