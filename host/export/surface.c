@@ -290,7 +290,7 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
     CLN_TRY(cln_surface_trace(&fusion, (int)wanted, cln_surface_cell(model), desc->closed,
                               desc->crop->on ? desc->crop->planes : NULL, desc->callbacks, out));
     if (out->faces == 0 && desc->crop->on) {
-        char cube[CLN_CUBE_TEXT];
+        char cube[CLN_BOX_BYTES];
 
         cln_crop_cube(&model->space, cube);
         CLN_TRY(
