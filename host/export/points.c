@@ -10,25 +10,17 @@
 #include "base/rng.h"
 #include "export/mesh.h"
 #include "export/surface.h"
+#include "scene/vectors.h"
 
 enum { STANDARD_COUNT = 200000, MOST_POINTS = 100000000 };
 
 /* Area of a face, in the cube. */
 static double area_of(const cln_surface *s, size_t face)
 {
-    const uint32_t *v = s->face[face];
-    double p[2][3], sum = 0;
+    double n[3];
 
-    for (int k = 0; k < 2; k++)
-        for (int a = 0; a < 3; a++)
-            p[k][a] = (double)s->at[v[k + 1]][a] - s->at[v[0]][a];
-    for (int a = 0; a < 3; a++) {
-        const double n =
-            p[0][(a + 1) % 3] * p[1][(a + 2) % 3] - p[0][(a + 2) % 3] * p[1][(a + 1) % 3];
-
-        sum += n * n;
-    }
-    return 0.5 * sqrt(sum);
+    cln_surface_across(s, face, n);
+    return 0.5 * sqrt(cln_dot(n, n));
 }
 
 static cln_status count_points(const cln_export_job *job, double area, size_t *count)

@@ -12,6 +12,7 @@
 #include "export/marching.h"
 #include "io/image.h"
 #include "pipeline/field.h"
+#include "scene/vectors.h"
 
 enum {
     CHUNK = 65536,
@@ -81,18 +82,25 @@ static double make_unit(float v[3])
     return length;
 }
 
+void cln_surface_across(const cln_surface *s, size_t face, double out[3])
+{
+    const uint32_t *v = s->face[face];
+    double p[2][3];
+
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < 3; a++)
+            p[k][a] = (double)s->at[v[k + 1]][a] - s->at[v[0]][a];
+    cln_cross(p[0], p[1], out);
+}
+
 /* The normals of the faces, by area. */
 static void add_face_normals(cln_surface *s)
 {
     for (size_t f = 0; f < s->faces; f++) {
         const uint32_t *v = s->face[f];
-        double p[2][3], n[3];
+        double n[3];
 
-        for (int k = 0; k < 2; k++)
-            for (int a = 0; a < 3; a++)
-                p[k][a] = (double)s->at[v[k + 1]][a] - s->at[v[0]][a];
-        for (int a = 0; a < 3; a++)
-            n[a] = p[0][(a + 1) % 3] * p[1][(a + 2) % 3] - p[0][(a + 2) % 3] * p[1][(a + 1) % 3];
+        cln_surface_across(s, f, n);
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++)
                 s->normal[v[k]][a] += (float)n[a];

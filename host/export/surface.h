@@ -22,6 +22,9 @@ cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool cl
                              const float (*crop)[4], const cln_callbacks *callbacks,
                              cln_surface *out);
 
+/* The cross product of two sides of a face, in the cube: its normal, of twice its area. */
+void cln_surface_across(const cln_surface *s, size_t face, double out[3]);
+
 typedef struct cln_surface_desc {
     cln_open_run *opened; /* started, with a scene; the cameras of the pipeline are replaced */
     double spacing;       /* of a uniform grid, scene units; 0 = by leaves and views */
