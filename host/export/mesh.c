@@ -13,7 +13,6 @@
 #include "export/surface.h"
 #include "io/disk.h"
 #include "io/progress.h"
-#include "render/up.h"
 
 /* A part that is longer than this share of the largest may be an object of its own. */
 static const double OWN_OBJECT = 0.25;

@@ -11,7 +11,6 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/build.h"
 #include "scene/dataset.h"
 
 #define WITH_POSES "with `cl-nascent poses` or COLMAP, whose models are read"

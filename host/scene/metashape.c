@@ -17,7 +17,6 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
-#include "base/text.h"
 #include "scene/dataset.h"
 
 enum { MOST_BYTES = 1 << 28, DEPTH = 12, NAME = 32, TEXT = 1024 };

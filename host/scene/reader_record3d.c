@@ -12,7 +12,6 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
-#include "base/text.h"
 #include "io/json.h"
 #include "scene/dataset.h"
 #include "scene/placing.h"
