@@ -23,6 +23,9 @@ cln_status cln_strdup(char **out, const char *text);
 /* *out = printf-style text. */
 cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
+/* The same behind *text, which may be NULL for none yet; on failure it is as before. */
+cln_status cln_append(char **text, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
 /* Memory for a large array, not zeroed, aligned to a huge page; free() frees it. NULL if memory is
  * short, if bytes are less than a huge page, or if the system has none. */
 enum { CLN_HUGE_PAGE = 2 << 20 };

@@ -294,7 +294,7 @@ cln_status cln_dataset_image_folder(const char *base, char **out)
 cln_status cln_dataset_lenses(char **out)
 {
     cln_status st = CLN_OK;
-    char *list = NULL, *longer = NULL;
+    char *list = NULL;
 
     CLN_TRY(cln_strdup(&list, ""));
     for (int lens = 0; lens < CLN_LENSES; lens++) {
@@ -303,12 +303,9 @@ cln_status cln_dataset_lenses(char **out)
         for (int i = -1; i < model->count; i++) { /* -1: the name */
             const char *comma = i < 0 && lens > 0 ? ", " : i > 0 ? " " : "";
 
-            CLN_TRY(cln_asprintf(&longer, "%s%s%s%s%s", list, comma, i == 0 ? " (" : "",
-                                 i < 0 ? model->name : model->params[i],
-                                 i >= 0 && i == model->count - 1 ? ")" : ""));
-            free(list);
-            list = longer;
-            longer = NULL;
+            CLN_TRY(cln_append(&list, "%s%s%s%s", comma, i == 0 ? " (" : "",
+                               i < 0 ? model->name : model->params[i],
+                               i >= 0 && i == model->count - 1 ? ")" : ""));
         }
     }
     *out = list;

@@ -217,13 +217,8 @@ done:
 /* Appends ", " and `more` to *text, or begins it with "it holds " and `more`. Frees `more`. */
 static cln_status append(char **text, char *more)
 {
-    cln_status st = CLN_OK;
-    char *longer = NULL;
+    const cln_status st = cln_append(text, "%s%s", *text ? ", " : "it holds ", more);
 
-    CLN_TRY(cln_asprintf(&longer, "%s%s%s", *text ? *text : "it holds ", *text ? ", " : "", more));
-    free(*text);
-    *text = longer;
-done:
     free(more);
     return st;
 }
