@@ -292,7 +292,7 @@ static void advise_level(const cln_export_job *job)
 {
     const double level = 0.99985; /* cosine of a degree */
     double numbers[CLN_CROP_NUMBERS], up[3], cosine = 0;
-    int n = 0;
+    char box[CLN_BOX_BYTES], turn[64];
 
     memcpy(up, job->up, sizeof up);
     if (!job->crop.on || !job->turns || !cln_normalise(up)) /* it may be as long as it was given */
@@ -300,12 +300,11 @@ static void advise_level(const cln_export_job *job)
     cosine = cln_crop_level(&job->crop, up, numbers);
     if (cosine > level)
         return;
-    n = cln_reals_digits(6, numbers, numbers[3] - numbers[0]);
+    cln_box_write(numbers, numbers[3] - numbers[0], box);
+    cln_format(turn, sizeof turn, "%.5g,%.5g,%.5g", numbers[6], numbers[7], numbers[8]);
     cln_info("%s: the box of --crop is %.2g degrees off level by --up, and so is what it cuts off; "
-             "turned upright about its middle: --crop=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g,%.5g,%.5g,%.5g",
-             job->desc->file, acos(fmin(1, cosine)) * 57.29577951308232, n, numbers[0], n,
-             numbers[1], n, numbers[2], n, numbers[3], n, numbers[4], n, numbers[5], numbers[6],
-             numbers[7], numbers[8]);
+             "turned upright about its middle: --crop=%s,%s",
+             job->desc->file, acos(fmin(1, cosine)) * 57.29577951308232, box, turn);
 }
 
 static cln_status open_for(const export_row *row, cln_export_job *job)

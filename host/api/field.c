@@ -343,7 +343,7 @@ static cln_status render(cln_field *field, const cln_frame_desc *frame, const cl
     CLN_TRY(choose_array(rgb, &field->rgb, 3 * n, &picture->rgb));
     CLN_TRY(choose_array(depth, &field->depth, n, &picture->depth));
     CLN_TRY(choose_array(opacity, &field->opacity, n, &picture->opacity));
-    CLN_TRY(cln_render_into(&field->opened.pipeline, 0,
+    CLN_TRY(cln_render_into(&field->opened.pipeline,
                             frame->background ? frame->background : model->background,
                             frame->mean_depth ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN,
                             &frame->callbacks, &field->rendering));

@@ -4,7 +4,6 @@
 #include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
-#include <fcntl.h>
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,7 +15,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
-#include "base/text.h"
 #include "io/command.h"
 #include "scene/dataset.h"
 

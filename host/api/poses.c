@@ -430,7 +430,7 @@ static cln_status check_match(const char *match)
 static cln_status find_lens(const char *name, const cln_colmap_model **out)
 {
     cln_status st = CLN_OK;
-    char *names = NULL, *longer = NULL;
+    char *names = NULL;
 
     *out = NULL;
     if (!name || !strcasecmp(name, "auto"))
@@ -439,11 +439,8 @@ static cln_status find_lens(const char *name, const cln_colmap_model **out)
     if (*out)
         return CLN_OK;
     CLN_TRY(cln_strdup(&names, "auto"));
-    for (int i = 0; i < CLN_COLMAP_MODELS; i++) {
-        CLN_TRY(cln_asprintf(&longer, "%s, %s", names, cln_colmap_models[i].name));
-        free(names);
-        names = longer;
-    }
+    for (int i = 0; i < CLN_COLMAP_MODELS; i++)
+        CLN_TRY(cln_append(&names, ", %s", cln_colmap_models[i].name));
     CLN_TRY(cln_fail(CLN_USAGE, "--lens %s: not the name of a camera model; give one of %s", name,
                      names));
 done:

@@ -16,7 +16,6 @@
 #include "render/open_run.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
-#include "render/recorded.h"
 #include "view/facts.h"
 #include "view/server.h"
 

@@ -431,18 +431,6 @@ cln_status cln_config_preset(const char *name, cln_config *out)
 
 /* ---- parsers outside the table ---- */
 
-cln_status cln_parse_seconds(const char *text, double *seconds)
-{
-    double value = 0;
-
-    if (!cln_seconds_read(text, &value, NULL))
-        return cln_fail(CLN_USAGE,
-                        "'%s' is not a time of 0 or more: give seconds, or 90s, 10m, 2h, 1:30",
-                        text);
-    *seconds = value;
-    return CLN_OK;
-}
-
 cln_status cln_parse_bytes(const char *text, double *bytes)
 {
     double value = 0;

@@ -342,7 +342,7 @@ cln_status cln_path_absolute(char **out, const char *path)
 cln_status cln_path_relative(char **out, const char *from, const char *to)
 {
     cln_status st = CLN_OK;
-    char *up = NULL, *longer = NULL;
+    char *up = NULL;
     size_t shared = 0, i = 0;
 
     for (;; i++) { /* counts whole names with which both paths begin */
@@ -354,13 +354,9 @@ cln_status cln_path_relative(char **out, const char *from, const char *to)
             break;
     }
     CLN_TRY(cln_strdup(&up, ""));
-    for (const char *p = from + shared; *p; p++) {
-        if (*p == '/' && p[1]) {
-            CLN_TRY(cln_asprintf(&longer, "../%s", up));
-            free(up);
-            up = longer;
-        }
-    }
+    for (const char *p = from + shared; *p; p++)
+        if (*p == '/' && p[1])
+            CLN_TRY(cln_append(&up, "../"));
     to += shared + (to[shared] == '/');
     CLN_TRY(*up || *to ? cln_asprintf(out, "%s%s", up, to) : cln_strdup(out, "."));
 done:

@@ -71,26 +71,71 @@ cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *w
     return CLN_OK;
 }
 
+cln_status cln_grow(void *array_pointer, int64_t count, size_t size, const char *what)
+{
+    void **array = array_pointer;
+    void *more = NULL;
+    cln_status st = CLN_OK;
+
+    if (count & (count - 1))
+        return CLN_OK;
+    CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, size, what));
+    if (count)
+        memcpy(more, *array, (size_t)count * size);
+    free(*array);
+    *array = more;
+done:
+    return st;
+}
+
 cln_status cln_strdup(char **out, const char *text)
 {
     *out = NULL;
     return text ? cln_asprintf(out, "%s", text) : CLN_OK;
 }
 
+/* *out = `before` and the text. */
+static cln_status format(char **out, const char *before, const char *fmt, va_list args)
+{
+    cln_status st = CLN_OK;
+    const size_t kept = strlen(before);
+    size_t length = 0;
+    va_list again;
+
+    va_copy(again, args);
+    length = (size_t)vsnprintf(NULL, 0, fmt, again);
+    va_end(again);
+    CLN_TRY(cln_alloc(out, kept + length + 1, 1, "text"));
+    memcpy(*out, before, kept);
+    vsnprintf(*out + kept, length + 1, fmt, args);
+done:
+    return st;
+}
+
 cln_status cln_asprintf(char **out, const char *fmt, ...)
 {
     cln_status st = CLN_OK;
-    int length = 0;
     va_list args;
 
     va_start(args, fmt);
-    length = vsnprintf(NULL, 0, fmt, args);
+    st = format(out, "", fmt, args);
     va_end(args);
-    CLN_TRY(cln_alloc(out, (size_t)length + 1, 1, "text"));
+    return st;
+}
+
+cln_status cln_append(char **text, const char *fmt, ...)
+{
+    cln_status st = CLN_OK;
+    char *longer = NULL;
+    va_list args;
+
     va_start(args, fmt);
-    vsnprintf(*out, (size_t)length + 1, fmt, args);
+    st = format(&longer, *text ? *text : "", fmt, args);
     va_end(args);
-done:
+    if (st == CLN_OK) {
+        free(*text);
+        *text = longer;
+    }
     return st;
 }
 

@@ -13,11 +13,18 @@
  * in the error sentence. On failure *out is NULL. */
 cln_status cln_alloc(void *out_pointer, size_t count, size_t size, const char *what);
 
+/* Makes room in *array for one more element of size bytes after the first `count`; the array grows
+ * at powers of two. On failure it is as before. */
+cln_status cln_grow(void *array_pointer, int64_t count, size_t size, const char *what);
+
 /* *out = copy of text; NULL stays NULL. */
 cln_status cln_strdup(char **out, const char *text);
 
 /* *out = printf-style text. */
 cln_status cln_asprintf(char **out, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+/* The same behind *text, which may be NULL for none yet; on failure it is as before. */
+cln_status cln_append(char **text, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
 /* Memory for a large array, not zeroed, aligned to a huge page; free() frees it. NULL if memory is
  * short, if bytes are less than a huge page, or if the system has none. */

@@ -178,6 +178,14 @@ int cln_reals_digits(int count, const double *values, double least)
     return (int)fmin(fmax(3 + ceil(log10(largest / least)), 4), 17); /* NaN: 4 */
 }
 
+void cln_box_write(const double box[6], double least, char out[CLN_BOX_BYTES])
+{
+    const int n = cln_reals_digits(6, box, least);
+
+    cln_format(out, CLN_BOX_BYTES, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2],
+               n, box[3], n, box[4], n, box[5]);
+}
+
 static int by_value(const void *a, const void *b)
 {
     const double x = *(const double *)a, y = *(const double *)b;

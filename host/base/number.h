@@ -37,6 +37,10 @@ bool cln_reals_read(const char *text, int count, double *out);
  * least 4, at most 17. */
 int cln_reals_digits(int count, const double *values, double least);
 
+/* A box {x, y, z, x, y, z} as options take it, in such digits. */
+enum { CLN_BOX_BYTES = 160 };
+void cln_box_write(const double box[6], double least, char out[CLN_BOX_BYTES]);
+
 /* Sort ascending; no NaN allowed. */
 void cln_reals_sort(double *values, int count);
 void cln_floats_sort(float *values, size_t count);

@@ -66,9 +66,8 @@ typedef struct tuner {
     cln_device *device;
     cln_network net;
     cln_synthetic work;
-    cln_pipeline best; /* device NULL: none yet */
-    cln_tune *tried;   /* [result->count] */
-    int capacity;
+    cln_pipeline best;      /* device NULL: none yet */
+    cln_tune *tried;        /* [result->count] */
     double began, deadline; /* monotonic seconds */
     double longest[2]; /* of a candidate whose kernels: [0] were compiled already, [1] were not */
     bool spent;        /* some sets were not tried, for lack of time */
@@ -142,23 +141,8 @@ static cln_status add_try(tuner *t, const cln_tune *tune, cln_tune_try **out)
     cln_status st = CLN_OK;
     cln_tune_result *r = t->result;
 
-    if (r->count == t->capacity) {
-        const int capacity = t->capacity ? 2 * t->capacity : 32;
-        cln_tune_try *tries = NULL;
-        cln_tune *tried = NULL;
-
-        CLN_TRY(cln_alloc(&tries, (size_t)capacity, sizeof *tries, "tuner"));
-        if (r->count)
-            memcpy(tries, r->tries, (size_t)r->count * sizeof *tries);
-        free(r->tries);
-        r->tries = tries;
-        CLN_TRY(cln_alloc(&tried, (size_t)capacity, sizeof *tried, "tuner"));
-        if (r->count)
-            memcpy(tried, t->tried, (size_t)r->count * sizeof *tried);
-        free(t->tried);
-        t->tried = tried;
-        t->capacity = capacity;
-    }
+    CLN_TRY(cln_grow(&r->tries, r->count, sizeof *r->tries, "tuner"));
+    CLN_TRY(cln_grow(&t->tried, r->count, sizeof *t->tried, "tuner"));
     t->tried[r->count] = *tune;
     *out = &r->tries[r->count++];
     **out =

@@ -11,14 +11,14 @@
 #include "cli/console.h"
 #include "io/json.h"
 
-enum { COLUMNS = 96 };
+enum { COLUMNS = 96, INDENT = 9 };
 
-/* In lines of the terminal's width, without one of COLUMNS; all but the first are indented. */
-static void print_wrapped(int column, int indent, const char *text)
+/* In lines of the terminal's width, without one of COLUMNS; all but the first have an INDENT. */
+static void print_wrapped(int column, const char *text)
 {
     const int has = cln_stdout_columns(COLUMNS);
 
-    cln_print_wrapped(column, indent, has < COLUMNS ? has : COLUMNS, text);
+    cln_print_wrapped(column, INDENT, has < COLUMNS ? has : COLUMNS, text);
 }
 
 static const char *text_of(const json_t *object, const char *key)
@@ -42,7 +42,7 @@ static void print_findings(const json_t *findings)
         const bool fault = json_is_true(json_object_get(one, "likely_fault"));
         const int column = printf("  %s %s: ", fault ? "FAULT " : "remark", text_of(one, "what"));
 
-        print_wrapped(column, 9, text_of(one, "text"));
+        print_wrapped(column, text_of(one, "text"));
     }
 }
 
@@ -66,7 +66,7 @@ static void print_overlap(const json_t *measures)
     if (!isnan(partners))
         snprintf(line + strlen(line), sizeof line - strlen(line),
                  "; a photo shares much with %.2g of those that it was compared with", partners);
-    print_wrapped(printf("overlap  "), 9, line);
+    print_wrapped(printf("overlap  "), line);
 }
 
 static void print_measures(const json_t *document)
@@ -83,9 +83,9 @@ static void print_measures(const json_t *document)
              cln_json_number(splits, "train"), cln_json_number(splits, "val"),
              cln_json_number(splits, "test"), text_of(scene, "dialect"),
              text_of(scene, "split_rule"));
-    print_wrapped(printf("photos   "), 9, line);
+    print_wrapped(printf("photos   "), line);
     if (json_is_object(json_object_get(scene, "masks")))
-        print_wrapped(printf("masks    "), 9, text_of(json_object_get(scene, "masks"), "because"));
+        print_wrapped(printf("masks    "), text_of(json_object_get(scene, "masks"), "because"));
     snprintf(least, sizeof least, "%.3g", fov[0]);
     snprintf(most, sizeof most, "%.3g", fov[1]);
     one = strcmp(least, most) == 0;
@@ -95,7 +95,7 @@ static void print_measures(const json_t *document)
     if (!isnan(fov[0]) && !isnan(fov[1])) /* panoramas have none */
         snprintf(line + strlen(line), sizeof line - strlen(line), "; field of view %s%s%s degrees",
                  one ? "" : least, one ? "" : " to ", most);
-    print_wrapped(printf("cameras  "), 9, line);
+    print_wrapped(printf("cameras  "), line);
     snprintf(line, sizeof line, "half side %.6g, %s; %.1f%% of the training rays meet it",
              cln_json_number(scene, "half"), text_of(scene, "bounds_rule"),
              100 * cln_json_number(measures, "cube_share"));
@@ -103,7 +103,7 @@ static void print_measures(const json_t *document)
         snprintf(line + strlen(line), sizeof line - strlen(line),
                  ", it holds %.0f%% of what the photos show",
                  100 * cln_json_number(measures, "points_inside"));
-    print_wrapped(printf("cube     "), 9, line);
+    print_wrapped(printf("cube     "), line);
     print_overlap(measures);
 }
 
@@ -120,7 +120,7 @@ static void print_note(const json_t *training, const char *key)
     const char *text = json_string_value(json_object_get(training, key));
 
     if (text)
-        print_wrapped(printf("%9s", ""), 9, text);
+        print_wrapped(printf("%*s", INDENT, ""), text);
 }
 
 static void print_training(const json_t *training)
@@ -130,7 +130,7 @@ static void print_training(const json_t *training)
     char step[4][32];
 
     if (json_is_string(json_object_get(training, "no_device"))) {
-        print_wrapped(printf("training "), 9, text_of(training, "no_device"));
+        print_wrapped(printf("training "), text_of(training, "no_device"));
         return;
     }
     cln_format_bytes(cln_json_number(training, "device_memory"), need[0]);
@@ -146,13 +146,13 @@ static void print_training(const json_t *training)
              cln_json_number(training, "most_leaves"),
              cln_plural(cln_json_number(training, "most_leaves"), "leaf", "leaves"),
              text_of(training, "device"));
-    print_wrapped(printf("memory   "), 9, line);
+    print_wrapped(printf("memory   "), line);
     print_note(training, "batch_note");
     print_note(training, "tree_note");
     print_note(training, "photos_note");
     print_note(training, "free_note");
     if (json_is_string(json_object_get(training, "no_time"))) {
-        print_wrapped(printf("time     "), 9, text_of(training, "no_time"));
+        print_wrapped(printf("time     "), text_of(training, "no_time"));
         return;
     }
     if (!time)
@@ -175,7 +175,7 @@ static void print_training(const json_t *training)
              in_ms(cln_json_number(time, "step_seconds_last"), step[2]),
              in_ms(cln_json_number(time, "picture_seconds"), step[3]),
              1e-6 * cln_json_number(time, "picture_pixels"), text_of(time, "how_good"));
-    print_wrapped(printf("time     "), 9, line);
+    print_wrapped(printf("time     "), line);
 }
 
 cln_status cln_cmd_check(const cln_options *options)

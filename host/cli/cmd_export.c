@@ -130,12 +130,10 @@ static void print_leaves(FILE *to, const cln_export_result *r)
 static void print_box(FILE *to, const char *where, const double b[6])
 {
     const double side = fmax(fmax(b[3] - b[0], b[4] - b[1]), b[5] - b[2]);
-    const int n = cln_reals_digits(6, b, side > 0 ? side : 1);
-    char text[256];
+    char text[CLN_BOX_BYTES];
 
-    cln_format(text, sizeof text, ", %s within %.*g,%.*g,%.*g,%.*g,%.*g,%.*g", where, n, b[0], n,
-               b[1], n, b[2], n, b[3], n, b[4], n, b[5]);
-    fputs(text, to);
+    cln_box_write(b, side > 0 ? side : 1, text);
+    fprintf(to, ", %s within %s", where, text);
 }
 
 /* The size as it is written, by which a wrong unit is seen, where that is, if the file's numbers

@@ -80,17 +80,10 @@ static const char *split(char *line, char **value)
 /* Adds "NAME VALUE" to the line for the log. */
 static cln_status say(char **said, const char *path, const char *name, const char *value)
 {
-    cln_status st = CLN_OK;
-    char *longer = NULL;
+    const char *shown = *value ? value : "\"\"";
 
-    if (*said)
-        CLN_TRY(cln_asprintf(&longer, "%s, %s %s", *said, name, *value ? value : "\"\""));
-    else
-        CLN_TRY(cln_asprintf(&longer, "from %s: %s %s", path, name, *value ? value : "\"\""));
-    free(*said);
-    *said = longer;
-done:
-    return st;
+    return *said ? cln_append(said, ", %s %s", name, shown)
+                 : cln_asprintf(said, "from %s: %s %s", path, name, shown);
 }
 
 /* What a file is read into. */
@@ -239,22 +232,17 @@ static cln_status say_other(char **said, const char *path, const cln_config_row 
                             const cln_settings *run, const cln_settings *there)
 {
     cln_status st = CLN_OK;
-    char ours[CLN_TEXT_BYTES], theirs[CLN_TEXT_BYTES], *longer = NULL;
+    char ours[CLN_TEXT_BYTES], theirs[CLN_TEXT_BYTES];
 
     cln_config_text(&run->config, row, ours);
     cln_config_text(&there->config, row, theirs);
     if (!strcmp(ours, theirs))
         goto done;
-    if (*said)
-        CLN_TRY(cln_asprintf(&longer, "%s, ", *said));
-    else
-        CLN_TRY(cln_asprintf(&longer, "%s is not read on --resume: the run keeps ", path));
-    free(*said);
-    *said = NULL;
-    CLN_TRY(cln_asprintf(said, "%s%s %s (there %s)", longer, row->option, *ours ? ours : "\"\"",
-                         *theirs ? theirs : "\"\""));
+    CLN_TRY(*said ? cln_append(said, ", ")
+                  : cln_asprintf(said, "%s is not read on --resume: the run keeps ", path));
+    CLN_TRY(cln_append(said, "%s %s (there %s)", row->option, *ours ? ours : "\"\"",
+                       *theirs ? theirs : "\"\""));
 done:
-    free(longer);
     return st;
 }
 

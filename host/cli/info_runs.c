@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/config.h"
-#include "base/memory.h"
 #include "base/number.h"
 #include "cli/console.h"
 #include "report/side_by_side.h"

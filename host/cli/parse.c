@@ -7,7 +7,6 @@
  *   forms        --name value   --name=value   --no-name   -n value   -nvalue   -qv   -- */
 #include "cli/parse.h"
 
-#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -23,24 +23,14 @@ typedef struct source {
     const char **text;
     char *owned[2 * FILES + 1]; /* each file's mark, and its text if it was read */
     char names[FILES][NAME];    /* files so far */
-    int count, capacity, owned_count, files;
+    int count, owned_count, files;
 } source;
 
 static cln_status append(source *s, const char *text)
 {
     cln_status st = CLN_OK;
 
-    if (s->count == s->capacity) {
-        const int capacity = s->capacity ? 2 * s->capacity : 1024;
-        const char **bigger = NULL;
-
-        CLN_TRY(cln_alloc(&bigger, (size_t)capacity, sizeof *bigger, "kernel source"));
-        if (s->count)
-            memcpy(bigger, s->text, (size_t)s->count * sizeof *bigger);
-        free(s->text);
-        s->text = bigger;
-        s->capacity = capacity;
-    }
+    CLN_TRY(cln_grow(&s->text, s->count, sizeof *s->text, "kernel source"));
     s->text[s->count++] = text;
 done:
     return st;

@@ -216,17 +216,7 @@ static cln_status append(cln_tune_rows *rows, const cln_tune_row *row)
 {
     cln_status st = CLN_OK;
 
-    if (rows->count == rows->capacity) {
-        cln_tune_row *bigger = NULL;
-        const int capacity = rows->capacity ? 2 * rows->capacity : 16;
-
-        CLN_TRY(cln_alloc(&bigger, (size_t)capacity, sizeof *bigger, "tuning rows"));
-        if (rows->count)
-            memcpy(bigger, rows->row, (size_t)rows->count * sizeof *bigger);
-        free(rows->row);
-        rows->row = bigger;
-        rows->capacity = capacity;
-    }
+    CLN_TRY(cln_grow(&rows->row, rows->count, sizeof *rows->row, "tuning rows"));
     rows->row[rows->count++] = *row;
 done:
     return st;

@@ -59,7 +59,7 @@ typedef struct cln_tune_row {
 
 typedef struct cln_tune_rows {
     cln_tune_row *row; /* [count] */
-    int count, capacity;
+    int count;
     char *files[16]; /* names, one for each text */
     int file_count;
 } cln_tune_rows;

@@ -7,7 +7,6 @@
 
 #include "base/files.h"
 #include "base/log.h"
-#include "base/memory.h"
 #include "export/export.h"
 #include "io/disk.h"
 #include "io/run_folder.h"

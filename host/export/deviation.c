@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include "base/memory.h"
+#include "scene/vectors.h"
 
 enum { LEAF = 4, BITS = 10 }; /* triangles of a leaf; of each coordinate along the curve */
 
@@ -25,11 +26,6 @@ typedef struct tree {
     box *boxes;     /* [2 leaves]: of node 1, the root, and of 2 i and 2 i + 1 below node i */
 } tree;
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* The square of a point's distance from a triangle (Ericson, Real-Time Collision Detection, 5.1.5):
  * the nearest place is a corner, on an edge, or within. */
 static double square_to(const tree *t, uint32_t f, const double p[3])
@@ -43,8 +39,9 @@ static double square_to(const tree *t, uint32_t f, const double p[3])
         ac[a] = (double)t->at[t->face[f][2]][a] - corner;
         ap[a] = p[a] - corner;
     }
-    const double d1 = dot(ab, ap), d2 = dot(ac, ap), bb = dot(ab, ab), bc = dot(ab, ac);
-    const double cc = dot(ac, ac), d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc;
+    const double d1 = cln_dot(ab, ap), d2 = cln_dot(ac, ap), bb = cln_dot(ab, ab),
+                 bc = cln_dot(ab, ac);
+    const double cc = cln_dot(ac, ac), d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc;
     const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
 
     if (d1 <= 0 && d2 <= 0) {
@@ -68,7 +65,7 @@ static double square_to(const tree *t, uint32_t f, const double p[3])
     }
     for (int a = 0; a < 3; a++)
         to[a] = ap[a] - v * ab[a] - w * ac[a];
-    return dot(to, to);
+    return cln_dot(to, to);
 }
 
 /* ---- the tree ---- */

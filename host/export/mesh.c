@@ -13,7 +13,6 @@
 #include "export/surface.h"
 #include "io/disk.h"
 #include "io/progress.h"
-#include "render/up.h"
 
 /* A part that is longer than this share of the largest may be an object of its own. */
 static const double OWN_OBJECT = 0.25;
@@ -290,7 +289,7 @@ static void tell_unseen(cln_export_job *job, const cln_surface *surface, const c
 {
     double all = 0, unseen = 0,
            box[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
-    int n = 0;
+    char text[CLN_BOX_BYTES];
 
     for (size_t f = 0; f < mesh->faces; f++) {
         const uint32_t *v = mesh->face[f];
@@ -308,10 +307,11 @@ static void tell_unseen(cln_export_job *job, const cln_surface *surface, const c
     if (!(unseen > 0))
         return;
     job->result->unseen = unseen / all;
-    n = cln_reals_digits(6, box, fmax(fmax(box[3] - box[0], box[4] - box[1]), box[5] - box[2]));
-    cln_info("%.2g %% of the surface is what no training view sees, within "
-             "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g: size and volume have it, too; --crop cuts it off",
-             100 * unseen / all, n, box[0], n, box[1], n, box[2], n, box[3], n, box[4], n, box[5]);
+    cln_box_write(box, fmax(fmax(box[3] - box[0], box[4] - box[1]), box[5] - box[2]), text);
+    cln_info(
+        "%.2g %% of the surface is what no training view sees, within %s: size and volume have "
+        "it, too; --crop cuts it off",
+        100 * unseen / all, text);
 }
 
 /* Which side of the crop box each face lies in: 1 to 6, or 0. */

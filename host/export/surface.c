@@ -12,6 +12,7 @@
 #include "export/marching.h"
 #include "io/image.h"
 #include "pipeline/field.h"
+#include "scene/vectors.h"
 
 enum {
     CHUNK = 65536,
@@ -81,18 +82,34 @@ static double make_unit(float v[3])
     return length;
 }
 
+/* The cross product of two sides of a face: its normal, of twice its area. */
+static void across(const cln_surface *s, size_t face, double out[3])
+{
+    const uint32_t *v = s->face[face];
+    double p[2][3];
+
+    for (int k = 0; k < 2; k++)
+        for (int a = 0; a < 3; a++)
+            p[k][a] = (double)s->at[v[k + 1]][a] - s->at[v[0]][a];
+    cln_cross(p[0], p[1], out);
+}
+
+double cln_surface_area(const cln_surface *s, size_t face)
+{
+    double n[3];
+
+    across(s, face, n);
+    return 0.5 * sqrt(cln_dot(n, n));
+}
+
 /* The normals of the faces, by area. */
 static void add_face_normals(cln_surface *s)
 {
     for (size_t f = 0; f < s->faces; f++) {
         const uint32_t *v = s->face[f];
-        double p[2][3], n[3];
+        double n[3];
 
-        for (int k = 0; k < 2; k++)
-            for (int a = 0; a < 3; a++)
-                p[k][a] = (double)s->at[v[k + 1]][a] - s->at[v[0]][a];
-        for (int a = 0; a < 3; a++)
-            n[a] = p[0][(a + 1) % 3] * p[1][(a + 2) % 3] - p[0][(a + 2) % 3] * p[1][(a + 1) % 3];
+        across(s, f, n);
         for (int k = 0; k < 3; k++)
             for (int a = 0; a < 3; a++)
                 s->normal[v[k]][a] += (float)n[a];
@@ -288,7 +305,7 @@ cln_status cln_surface_make(const cln_surface_desc *desc, cln_surface *out)
     CLN_TRY(cln_surface_trace(&fusion, (int)wanted, cln_surface_cell(model), desc->closed,
                               desc->crop->on ? desc->crop->planes : NULL, desc->callbacks, out));
     if (out->faces == 0 && desc->crop->on) {
-        char cube[CLN_CUBE_TEXT];
+        char cube[CLN_BOX_BYTES];
 
         cln_crop_cube(&model->space, cube);
         CLN_TRY(

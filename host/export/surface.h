@@ -22,6 +22,8 @@ cln_status cln_surface_trace(cln_fusion *fusion, int cells, double cell, bool cl
                              const float (*crop)[4], const cln_callbacks *callbacks,
                              cln_surface *out);
 
+double cln_surface_area(const cln_surface *s, size_t face); /* of a face, in the cube */
+
 typedef struct cln_surface_desc {
     cln_open_run *opened; /* started, with a scene; the cameras of the pipeline are replaced */
     double spacing;       /* of a uniform grid, scene units; 0 = by leaves and views */

@@ -1,7 +1,6 @@
 /* The arrays of a surface. See triangles.h. */
 #include "export/triangles.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
@@ -106,23 +105,6 @@ cln_status cln_surface_drop_unused(cln_surface *surface)
 done:
     free(to);
     return st;
-}
-
-double cln_surface_area(const cln_surface *surface, size_t face)
-{
-    const uint32_t *v = surface->face[face];
-    double p[2][3], sum = 0;
-
-    for (int k = 0; k < 2; k++)
-        for (int a = 0; a < 3; a++)
-            p[k][a] = (double)surface->at[v[k + 1]][a] - surface->at[v[0]][a];
-    for (int a = 0; a < 3; a++) {
-        const double n =
-            p[0][(a + 1) % 3] * p[1][(a + 2) % 3] - p[0][(a + 2) % 3] * p[1][(a + 1) % 3];
-
-        sum += n * n;
-    }
-    return 0.5 * sqrt(sum);
 }
 
 cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep)

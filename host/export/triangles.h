@@ -45,8 +45,6 @@ cln_status cln_surface_drop_unused(cln_surface *surface);
  * CLN_MEMORY. */
 cln_status cln_surface_bleed(cln_surface *surface, uint8_t *known);
 
-double cln_surface_area(const cln_surface *surface, size_t face); /* in the cube */
-
 /* Keeps the faces that have a vertex with keep[vertex] != 0, and the vertices of these. */
 cln_status cln_surface_keep(cln_surface *surface, const uint8_t *keep);
 

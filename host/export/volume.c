@@ -10,7 +10,6 @@
 #include "base/memory.h"
 #include "export/export.h"
 #include "io/disk.h"
-#include "io/json.h"
 #include "io/npy.h"
 #include "pipeline/field.h"
 

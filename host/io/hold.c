@@ -13,7 +13,6 @@
 #include <unistd.h>
 #include "base/files.h"
 #include "base/log.h"
-#include "base/memory.h"
 
 /* Reads what the holder of a lock wrote into its file: "process 123 on HOST". */
 static void read_holder(int lock, char *out, size_t bytes)

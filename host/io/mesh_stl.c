@@ -1,7 +1,6 @@
 /* Meshes as binary STL, which slicers read: 80 bytes of text, the number of triangles, and for each
  * of them its normal, its corners and two bytes of 0, all little-endian whatever the host is;
  * floats of 32 bits, no colours and no shared vertices. */
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include "base/files.h"

@@ -503,7 +503,7 @@ static cln_status list_steps(const char *folder, int64_t **steps, int *count)
     cln_status st = CLN_OK;
     DIR *dir = opendir(folder);
     const struct dirent *e = NULL;
-    int64_t step = 0, *grown = NULL;
+    int64_t step = 0;
 
     *steps = NULL;
     *count = 0;
@@ -518,11 +518,8 @@ static cln_status list_steps(const char *folder, int64_t **steps, int *count)
             break;
         if (!parse_name(e->d_name, ".json", true, &step))
             continue;
-        grown = realloc(*steps, ((size_t)*count + 1) * sizeof **steps);
-        if (!grown)
-            CLN_TRY(cln_fail(CLN_MEMORY, "%s: out of host memory", folder));
-        *steps = grown;
-        grown[(*count)++] = step;
+        CLN_TRY(cln_grow(steps, *count, sizeof **steps, folder));
+        (*steps)[(*count)++] = step;
     }
     if (*count)
         qsort(*steps, (size_t)*count, sizeof **steps, descending);

@@ -127,16 +127,6 @@ done:
     return st;
 }
 
-/* Summed in the order of slots. */
-static double cost_of_splits(const group *g, int split)
-{
-    double cost = 0;
-
-    for (int i = 0; i < g->count; i++)
-        cost += split >> i & 1 ? g->split[i] : g->keep[i];
-    return cost;
-}
-
 /* Adds a way to a group. Ways come in ascending order of leaves. */
 static void add_way(group *g, int leaves, double cost, int split)
 {
@@ -347,6 +337,10 @@ done:
 
 static void mark(const group *g, const way *w, cln_integer_program_result *out)
 {
+    double kept = 0; /* summed in the order of slots */
+
+    for (int i = 0; i < g->count; i++)
+        kept += g->keep[i];
     if (w->split == MERGE) {
         for (int i = 0; i < g->count; i++)
             out->merge[g->slot[i]] = 1;
@@ -362,7 +356,7 @@ static void mark(const group *g, const way *w, cln_integer_program_result *out)
     }
     out->leaves += w->leaves;
     out->objective += w->cost;
-    out->cost_before += cost_of_splits(g, 0);
+    out->cost_before += kept;
 }
 
 void cln_integer_program_result_free(cln_integer_program_result *result)

@@ -29,18 +29,8 @@ static cln_marked stretch_of(int level, const int cell[3])
 cln_status cln_marks_add(cln_marks *marks, int level, const int cell[3])
 {
     cln_status st = CLN_OK;
-    cln_marked *more = NULL;
 
-    if (marks->count == marks->capacity) {
-        const int room = 2 * marks->capacity + 64;
-
-        CLN_TRY(cln_alloc(&more, (size_t)room, sizeof *more, "marks of cells"));
-        if (marks->count > 0)
-            memcpy(more, marks->mark, (size_t)marks->count * sizeof *more);
-        free(marks->mark);
-        marks->mark = more;
-        marks->capacity = room;
-    }
+    CLN_TRY(cln_grow(&marks->mark, marks->count, sizeof *marks->mark, "marks of cells"));
     marks->mark[marks->count++] = stretch_of(level, cell);
 done:
     return st;

@@ -12,7 +12,7 @@ typedef struct cln_marked {
 } cln_marked;
 
 typedef struct cln_marks { /* zeros: none */
-    int count, capacity;
+    int count;
     cln_marked *mark; /* [count] as they came, or in order */
 } cln_marks;
 

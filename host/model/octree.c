@@ -12,7 +12,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
-#include "base/config_rows.h"
 
 _Static_assert(CLN_LEVELS == CLN_MAX_LEVEL + 1, "the settings' levels are the kernels' levels");
 

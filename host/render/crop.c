@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "base/log.h"
-#include "base/number.h"
 #include "scene/vectors.h"
 
 cln_status cln_crop_set(const char *name, const double box[6], const double angle[3], cln_crop *out)
@@ -199,21 +198,18 @@ bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop 
     return is_empty(space, tree, false, crop);
 }
 
-void cln_crop_cube(const cln_space *space, char text[CLN_CUBE_TEXT])
+void cln_crop_cube(const cln_space *space, char text[CLN_BOX_BYTES])
 {
     double box[6];
-    int n = 0;
 
     for (int i = 0; i < 6; i++)
         box[i] = space->centre[i % 3] + (i < 3 ? -space->half : space->half);
-    n = cln_reals_digits(6, box, 2 * space->half);
-    cln_format(text, CLN_CUBE_TEXT, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n,
-               box[2], n, box[3], n, box[4], n, box[5]);
+    cln_box_write(box, 2 * space->half, text);
 }
 
 void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *tree, cln_crop *crop)
 {
-    char text[CLN_CUBE_TEXT];
+    char text[CLN_BOX_BYTES];
 
     if (!cln_crop_is_empty(space, tree, crop))
         return;
@@ -243,7 +239,7 @@ static bool holds_cube(const cln_crop *crop)
 cln_status cln_crop_check(const char *name, const cln_space *space, const cln_octree *tree,
                           cln_crop *crop)
 {
-    char text[CLN_CUBE_TEXT];
+    char text[CLN_BOX_BYTES];
 
     const bool empty = crop->on && is_empty(space, tree, true, crop);
 

@@ -3,6 +3,7 @@
 #ifndef CLN_CROP_H
 #define CLN_CROP_H
 
+#include "base/number.h"
 #include "model/octree.h"
 #include "pipeline/pipeline.h"
 
@@ -37,8 +38,7 @@ double cln_crop_level(const cln_crop *crop, const double up[3], double numbers[C
 bool cln_crop_is_turned(const cln_crop *crop);
 
 /* The scene's cube as an option's box, for messages. */
-enum { CLN_CUBE_TEXT = 160 };
-void cln_crop_cube(const cln_space *space, char text[CLN_CUBE_TEXT]);
+void cln_crop_cube(const cln_space *space, char text[CLN_BOX_BYTES]);
 
 /* Empty: is every ACTIVE leaf outside one side of the box? Sets its planes. Warn: warns if so.
  * Check: CLN_USAGE if so, also of a shell space if only leaves beyond the cube reach into it, for

@@ -16,21 +16,13 @@ cln_status cln_depth_scale_add(cln_depth_scale *scale, size_t n, const float *de
 {
     cln_status st = CLN_OK;
     const size_t stride = (n + OF_A_FRAME - 1) / OF_A_FRAME;
-    float *longer = NULL;
 
-    if (scale->room < scale->count + OF_A_FRAME) {
-        const size_t room = 2 * scale->room + OF_A_FRAME;
-
-        CLN_TRY(cln_alloc(&longer, room, sizeof *longer, "depth pictures"));
-        if (scale->count > 0)
-            memcpy(longer, scale->sample, scale->count * sizeof *longer);
-        free(scale->sample);
-        scale->sample = longer;
-        scale->room = room;
-    }
     for (size_t i = 0; i < n; i += stride)
-        if (opacity[i] >= OPAQUE && depth[i] > 0)
+        if (opacity[i] >= OPAQUE && depth[i] > 0) {
+            CLN_TRY(cln_grow(&scale->sample, (int64_t)scale->count, sizeof *scale->sample,
+                             "depth pictures"));
             scale->sample[scale->count++] = 1 / depth[i];
+        }
 done:
     return st;
 }

@@ -12,7 +12,7 @@
 typedef struct cln_depth_scale {
     float low, high; /* the scale's ends: 2nd and 98th percentile of inverse depths */
     float *sample;
-    size_t count, room;
+    size_t count;
 } cln_depth_scale;
 
 /* Adds a frame, depth and opacity of n pixels; keeps some thousands of those mostly opaque, evenly

@@ -15,6 +15,7 @@
 #include "base/memory.h"
 #include "io/json.h"
 #include "scene/scene.h"
+#include "scene/vectors.h"
 
 #define NAME "dataparser_transforms.json"
 
@@ -65,7 +66,7 @@ static affine inverse(const affine *a)
 static bool turns(const affine *a)
 {
     const double *m = a->linear;
-    double worst = 0, det = 0;
+    double worst = 0;
 
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
@@ -75,10 +76,7 @@ static bool turns(const affine *a)
                 dot += m[3 * i + k] * m[3 * j + k];
             worst = fmax(worst, fabs(dot - (i == j)));
         }
-    for (int i = 0; i < 3; i++)
-        det += m[i] *
-               (m[3 + (i + 1) % 3] * m[6 + (i + 2) % 3] - m[3 + (i + 2) % 3] * m[6 + (i + 1) % 3]);
-    return worst < 1e-3 && det > 0;
+    return worst < 1e-3 && cln_det3(m) > 0;
 }
 
 /* Three rows of four numbers that turn and shift. */

@@ -230,12 +230,12 @@ done:
     return st;
 }
 
-cln_status cln_render_into(cln_pipeline *p, int view, const float background[3], unsigned depth,
+cln_status cln_render_into(cln_pipeline *p, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_rendering *r)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_rendering_follow(p, view, background, r));
+    CLN_TRY(cln_rendering_follow(p, 0, background, r));
     r->batch.depth = depth;
     r->done = 0;
     CLN_TRY(render_all(p, callbacks, r));

@@ -52,9 +52,9 @@ cln_status cln_rendering_step(cln_pipeline *p, cln_rendering *r);
 bool cln_rendering_whole(const cln_rendering *r);
 void cln_rendering_end(cln_rendering *r); /* accepts a zeroed one */
 
-/* Like cln_render_view, into arrays that are there: all of r->picture. r: zeroed, or of an earlier
- * picture, whose other arrays it takes over. The caller ends it, also after a failure. */
-cln_status cln_render_into(cln_pipeline *p, int view, const float background[3], unsigned depth,
+/* Like cln_render_view of view 0, into arrays that are there: all of r->picture. r: zeroed, or of
+ * an earlier one, whose other arrays it takes over. The caller ends it, also after a failure. */
+cln_status cln_render_into(cln_pipeline *p, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_rendering *r);
 
 #endif

@@ -6,7 +6,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include "report/html.h"
 #include "io/json.h"
 #include "io/progress.h"
 #include "report/svg.h"

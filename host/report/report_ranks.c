@@ -3,7 +3,6 @@
  * which wrote the rows. */
 #include "report/report_sections.h"
 
-#include <math.h>
 #include "io/progress.h"
 #include "report/html.h"
 

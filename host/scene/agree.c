@@ -48,7 +48,6 @@ typedef struct work {
     cln_agreement *out;
     cln_features *features; /* [view]; list NULL: not found yet */
     double reach;           /* typical distance of a camera from the middle of all */
-    int capacity;
     int pairs[ASKED * (NEIGHBOURS + 1)][2]; /* that were compared: out->pairs */
 } work;
 
@@ -154,19 +153,10 @@ static cln_status add_ties(work *w, int a, int b, bool cut)
     cln_match matches[CLN_FEATURES_MOST];
     const int count = cln_features_match(of_a, of_b, matches);
 
-    if (out->tie_count + count > w->capacity) {
-        const int capacity = 2 * (out->tie_count + count);
-        cln_tie *longer = NULL;
-
-        CLN_TRY(cln_alloc(&longer, (size_t)capacity, sizeof *longer, "ties"));
-        if (out->tie_count)
-            memcpy(longer, out->ties, (size_t)out->tie_count * sizeof *longer);
-        free(out->ties);
-        out->ties = longer;
-        w->capacity = capacity;
-    }
     for (int i = 0; i < count; i++) {
         const cln_feature *f = &of_a->list[matches[i].a], *g = &of_b->list[matches[i].b];
+
+        CLN_TRY(cln_grow(&out->ties, out->tie_count, sizeof *out->ties, "ties"));
 
         out->ties[out->tie_count++] = (cln_tie){.a = a,
                                                 .b = b,

@@ -52,12 +52,11 @@ bool cln_scene_shown_box(const cln_scene *scene, double box[6])
     return narrow(scene, cube, box);
 }
 
-cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text)
+cln_status cln_scene_narrow_cube(cln_scene *scene, char text[CLN_BOX_BYTES])
 {
     cln_status st = CLN_OK;
     const double before = scene->space.half;
     double box[6], side = 0, least = INFINITY;
-    int n = 0;
 
     text[0] = 0;
     for (int i = 0; i < cln_scene_split_count(scene, CLN_SPLIT_TRAIN); i++)
@@ -76,9 +75,7 @@ cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text)
     }
     if (side > WIDE * 2 * before)
         goto done;
-    n = cln_reals_digits(6, box, least);
-    snprintf(text, bytes, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
-             box[3], n, box[4], n, box[5]);
+    cln_box_write(box, least, text);
     CLN_TRY(cln_scene_take_box(scene, text));
     cln_info("%s: a box around what the photos' alpha shows, and a tenth more, as cameras alone "
              "tell a cube %.*f times as wide: --bbox=%s",
@@ -122,8 +119,8 @@ static void count_met(const cln_scene *scene, const double focus[3], int *opaque
 void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
 {
     double focus[3], around[6], narrowed[6], box[6], radius = 0;
-    int opaque = 0, met = 0, n = 0;
-    char text[512];
+    int opaque = 0, met = 0;
+    char text[512], box_text[CLN_BOX_BYTES];
 
     if (!scene->has_alpha || scene->space.forward || scene->space.shell ||
         !cln_scene_focus(scene, focus))
@@ -139,7 +136,7 @@ void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
     }
     if (narrow(scene, around, narrowed))
         memcpy(box, narrowed, sizeof box);
-    n = cln_reals_digits(6, box, box[3] - box[0]);
+    cln_box_write(box, box[3] - box[0], box_text);
     if (met < MET * opaque)
         snprintf(text, sizeof text,
                  "only %.0f%% of the rays through what the photos' alpha shows meet the cube "
@@ -150,9 +147,7 @@ void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
                  "%.1f%% of the rays through what the photos' alpha shows miss the cube (half side "
                  "%g; %s), so what they show is cut off. A box around all of it",
                  100.0 * (opaque - met) / opaque, scene->space.half, scene->bounds_rule);
-    cln_found_fault(findings, "cube", met < MET * opaque, NULL,
-                    "%s: --bbox=%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", text, n, box[0], n, box[1], n,
-                    box[2], n, box[3], n, box[4], n, box[5]);
+    cln_found_fault(findings, "cube", met < MET * opaque, NULL, "%s: --bbox=%s", text, box_text);
 }
 
 /* Some photos' names, one after the other, the first five. */

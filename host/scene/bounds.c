@@ -407,21 +407,12 @@ static bool sees_aside(const cln_scene *scene)
 /* Adds to bounds_rule why the space is not a forward one, and that a shell is around the cube. */
 static cln_status add_reasons(cln_scene *scene, const char *refused, bool chosen)
 {
-    cln_status st = CLN_OK;
-    char *longer = NULL;
-
-    if (!refused[0] && !scene->space.shell)
-        return CLN_OK;
-    CLN_TRY(cln_asprintf(&longer, "%s%s%s%s", scene->bounds_rule,
-                         refused[0] ? "; not normalised device coordinates, because " : "", refused,
-                         !scene->space.shell ? ""
-                         : chosen ? "; and a shell, as photos may show what lies beyond it, too "
-                                    "(--space cube: without)"
-                                  : "; and a shell with what lies beyond it"));
-    free(scene->bounds_rule);
-    scene->bounds_rule = longer;
-done:
-    return st;
+    return cln_append(&scene->bounds_rule, "%s%s%s",
+                      refused[0] ? "; not normalised device coordinates, because " : "", refused,
+                      !scene->space.shell ? ""
+                      : chosen ? "; and a shell, as photos may show what lies beyond it, too "
+                                 "(--space cube: without)"
+                               : "; and a shell with what lies beyond it");
 }
 
 cln_status cln_scene_find_bounds(cln_scene *scene, const cln_reader_result *result,

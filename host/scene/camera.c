@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 #include "io/image.h"
+#include "scene/vectors.h"
 
 static const double ROTATION_LIMIT = 1e-3; /* largest entry of R minus the nearest rotation */
 static const double POSITION_LIMIT = 1e12; /* squares of it must stay far from overflow */
@@ -227,8 +228,7 @@ static cln_status check_pose(cln_camera *camera, const char *frame)
                     "camera-to-world matrices without scale",
                     frame, r[3 * i + j]);
     }
-    det = r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
-          r[2] * (r[3] * r[7] - r[4] * r[6]);
+    det = cln_det3(r);
     if (det < 0.5)
         return cln_fail(CLN_INPUT,
                         "%s: the pose is not rigid: the determinant of its rotation part is "

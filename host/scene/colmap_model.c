@@ -40,8 +40,8 @@ static cln_status add_observation(cln_colmap *out, uint32_t image)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(cln_dataset_grow(&out->observations, out->observation_count, sizeof *out->observations,
-                             "images of points"));
+    CLN_TRY(cln_grow(&out->observations, out->observation_count, sizeof *out->observations,
+                     "images of points"));
     out->observations[out->observation_count++] =
         (cln_observation){.point = out->point_count, .view = (int32_t)image};
 done:
@@ -217,8 +217,7 @@ static cln_status parse_cameras(cln_cursor *c, cln_colmap *out)
 
         if (out->camera_count >= CLN_MAX_VIEWS)
             CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "cameras", CLN_MAX_VIEWS));
-        CLN_TRY(
-            cln_dataset_grow(&out->cameras, out->camera_count, sizeof *out->cameras, "cameras"));
+        CLN_TRY(cln_grow(&out->cameras, out->camera_count, sizeof *out->cameras, "cameras"));
         if (!parse_camera(line, &out->cameras[out->camera_count], size))
             CLN_TRY(bad_line(c, "id, one of COLMAP's camera models, width, height and the model's "
                                 "parameters"));
@@ -271,7 +270,7 @@ static cln_status parse_images(cln_cursor *c, cln_colmap *out)
 
         if (out->image_count >= CLN_MAX_VIEWS)
             CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "images", CLN_MAX_VIEWS));
-        CLN_TRY(cln_dataset_grow(&out->images, out->image_count, sizeof *out->images, "images"));
+        CLN_TRY(cln_grow(&out->images, out->image_count, sizeof *out->images, "images"));
         image = &out->images[out->image_count];
         if (!parse_image(&line, image))
             CLN_TRY(bad_line(c, "id, quaternion, translation, id of the camera and name of an "
@@ -304,7 +303,7 @@ static cln_status parse_points(cln_cursor *c, cln_colmap *out)
         good = cln_field_number(&line, &value);
         if (out->point_count >= MAX_POINTS)
             CLN_TRY(too_many(c->path, (size_t)MAX_POINTS + 1, "points", MAX_POINTS));
-        CLN_TRY(cln_dataset_grow(&out->points, out->point_count, sizeof *out->points, "points"));
+        CLN_TRY(cln_grow(&out->points, out->point_count, sizeof *out->points, "points"));
         point = &out->points[out->point_count];
         for (int i = 0; i < 3 && good; i++)
             good = cln_field_number(&line, &point->xyz[i]);

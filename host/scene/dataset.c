@@ -107,15 +107,7 @@ static cln_status keep_name(cln_names *names, const char *within, const char *na
     if (count >= MAX_NAMES)
         return cln_fail(CLN_INPUT, "%s: more than %d files; give the folder of one scene", within,
                         MAX_NAMES);
-    if ((count & (count - 1)) == 0) { /* full at powers of two */
-        char **more = NULL;
-
-        CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, sizeof *more, "names"));
-        if (count)
-            memcpy(more, names->name, (size_t)count * sizeof *more);
-        free(names->name);
-        names->name = more;
-    }
+    CLN_TRY(cln_grow(&names->name, count, sizeof *names->name, "names"));
     CLN_TRY(cln_path_join(&names->name[count], within, name));
     names->count++;
 done:
@@ -299,27 +291,10 @@ cln_status cln_dataset_image_folder(const char *base, char **out)
 
 /* ---- cameras ---- */
 
-cln_status cln_dataset_grow(void *array_pointer, int64_t count, size_t size, const char *what)
-{
-    void **array = array_pointer;
-    void *more = NULL;
-    cln_status st = CLN_OK;
-
-    if (count & (count - 1))
-        return CLN_OK;
-    CLN_TRY(cln_alloc(&more, count ? 2 * (size_t)count : 1, size, what));
-    if (count)
-        memcpy(more, *array, (size_t)count * size);
-    free(*array);
-    *array = more;
-done:
-    return st;
-}
-
 cln_status cln_dataset_lenses(char **out)
 {
     cln_status st = CLN_OK;
-    char *list = NULL, *longer = NULL;
+    char *list = NULL;
 
     CLN_TRY(cln_strdup(&list, ""));
     for (int lens = 0; lens < CLN_LENSES; lens++) {
@@ -328,12 +303,9 @@ cln_status cln_dataset_lenses(char **out)
         for (int i = -1; i < model->count; i++) { /* -1: the name */
             const char *comma = i < 0 && lens > 0 ? ", " : i > 0 ? " " : "";
 
-            CLN_TRY(cln_asprintf(&longer, "%s%s%s%s%s", list, comma, i == 0 ? " (" : "",
-                                 i < 0 ? model->name : model->params[i],
-                                 i >= 0 && i == model->count - 1 ? ")" : ""));
-            free(list);
-            list = longer;
-            longer = NULL;
+            CLN_TRY(cln_append(&list, "%s%s%s%s", comma, i == 0 ? " (" : "",
+                               i < 0 ? model->name : model->params[i],
+                               i >= 0 && i == model->count - 1 ? ")" : ""));
         }
     }
     *out = list;

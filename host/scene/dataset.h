@@ -79,9 +79,6 @@ void cln_dataset_tell_depths(const char *where, const cln_reader_result *result)
 /* Of so many photos, evenly chosen, depth images are read. */
 enum { CLN_DEPTH_PHOTOS = 200 };
 
-/* Makes room for one more element after `count`; *array grows at powers of two. */
-cln_status cln_dataset_grow(void *array, int64_t count, size_t size, const char *what);
-
 /* "OPENCV (k1 k2 p1 p2), ...": every lens model there is. The caller frees *out. */
 cln_status cln_dataset_lenses(char **out);
 

@@ -187,8 +187,8 @@ cln_status cln_dataset_depth_points(const cln_view *view, cln_reader_result *res
         if (!(g.z[at] > 0) || !ray_of(c, across_of(&g, at % g.columns) * c->width,
                                       down_of(&g, at / g.columns) * c->height, o, d))
             continue;
-        CLN_TRY(cln_dataset_grow(&result->points, result->point_count, sizeof *point,
-                                 "points of depth images"));
+        CLN_TRY(cln_grow(&result->points, result->point_count, sizeof *point,
+                         "points of depth images"));
         point = &result->points[result->point_count++];
         *point = (cln_point){0};
         result->depth_points = true;

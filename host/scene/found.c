@@ -11,7 +11,6 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/build.h"
 #include "scene/dataset.h"
 
 #define WITH_POSES "with `cl-nascent poses` or COLMAP, whose models are read"
@@ -215,16 +214,11 @@ done:
     return st;
 }
 
-/* Appends ", " and `more` to *text, or begins it with `begin` and `more`. Frees `more`. */
-static cln_status append(char **text, const char *begin, char *more)
+/* Appends ", " and `more` to *text, or begins it with "it holds " and `more`. Frees `more`. */
+static cln_status append(char **text, char *more)
 {
-    cln_status st = CLN_OK;
-    char *longer = NULL;
+    const cln_status st = cln_append(text, "%s%s", *text ? ", " : "it holds ", more);
 
-    CLN_TRY(cln_asprintf(&longer, "%s%s%s", *text ? *text : begin, *text ? ", " : "", more));
-    free(*text);
-    *text = longer;
-done:
     free(more);
     return st;
 }
@@ -246,13 +240,13 @@ static cln_status describe_folder(const char *path, const survey *found, char **
             continue;
         *advice = markers[i].advice;
         CLN_TRY(cln_asprintf(&part, "%s (%s)", markers[i].what, markers[i].name));
-        CLN_TRY(append(what, "it holds ", part));
+        CLN_TRY(append(what, part));
         marked = true;
     }
     if (found->of_it && !*what) {
         *advice = programs[found->program].advice;
         CLN_TRY(cln_asprintf(&part, "%s ('%s')", programs[found->program].what, found->of_it));
-        CLN_TRY(append(what, "it holds ", part));
+        CLN_TRY(append(what, part));
         marked = true;
     }
     for (int kind = 0; kind < KINDS; kind++) {
@@ -265,7 +259,7 @@ static cln_status describe_folder(const char *path, const survey *found, char **
         else
             CLN_TRY(cln_asprintf(&part, "%d %s (the first is '%s')", found->count[kind],
                                  kinds[kind].many, found->first[kind]));
-        CLN_TRY(append(what, "it holds ", part));
+        CLN_TRY(append(what, part));
     }
     if (!*what)
         CLN_TRY(cln_strdup(what, "it is empty"));

@@ -5,7 +5,6 @@
 #include "scene/inspect.h"
 
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,7 +33,7 @@ static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube
 static const double FOV_LEAST = 5, FOV_SURE = 0.3;
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
 static const double ALONE_TIES = 20; /* of a pair, as FAR_TIES of inspect_poses.c: it overlaps */
-enum { FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800, BOX_BYTES = 160 };
+enum { FEW_PHOTOS = 12, FEW_POINTS = 50, POINTS = 800 };
 enum { EXPOSURE_PARTNERS = 2 };
 
 /* ---- cameras ---- */
@@ -142,18 +141,15 @@ static void check_overlap(cln_inspection *in)
 /* ---- the cube ---- */
 
 /* As --bbox takes it. */
-static void write_box(const double low[3], const double high[3], char out[BOX_BYTES])
+static void write_box(const double low[3], const double high[3], char out[CLN_BOX_BYTES])
 {
     const double box[6] = {low[0], low[1], low[2], high[0], high[1], high[2]};
     double least = INFINITY;
-    int n = 0;
 
     for (int a = 0; a < 3; a++)
         if (high[a] > low[a])
             least = fmin(least, high[a] - low[a]);
-    n = cln_reals_digits(6, box, least);
-    cln_format(out, BOX_BYTES, "%.*g,%.*g,%.*g,%.*g,%.*g,%.*g", n, box[0], n, box[1], n, box[2], n,
-               box[3], n, box[4], n, box[5]);
+    cln_box_write(box, least, out);
 }
 
 static void count_cameras(cln_inspection *in)
@@ -278,7 +274,7 @@ cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
     double low[3], high[3];
 
     *out = (cln_placed){.space = config->space};
-    CLN_TRY(cln_scene_narrow_cube(scene, sizeof out->box, out->box));
+    CLN_TRY(cln_scene_narrow_cube(scene, out->box));
     if (out->box[0] || !scene->cube_guessed || !scene->in_parallel)
         goto done;
     for (int i = 0; i < scene->view_count && cln_ranks_count() == 1; i++)
@@ -327,7 +323,7 @@ static void judge_cube(cln_inspection *in, double inside, double low[3], double 
 {
     const cln_space *space = &in->scene->space;
     double span = 0, shown[6];
-    char box[BOX_BYTES], advice[BOX_BYTES + 64] = "";
+    char box[CLN_BOX_BYTES], advice[CLN_BOX_BYTES + 64] = "";
     bool tighter = true; /* the box is smaller than the cube, on all axes */
     /* of a thing that cameras stand around, smooth parts have no marks: a head, legs, a rim */
     const double more = is_around(in->scene, low, high) ? 1.0 / 3 : 0; /* half, with a tenth */

@@ -106,20 +106,11 @@ static void digest_cameras(cln_scene *scene)
 /* The first of `count` frames from `from` on, for a sentence: "'a', 'b', 'c', ...". */
 static cln_status name_frames(const cln_scene *scene, int from, int count, char **out)
 {
-    cln_status st = CLN_OK;
-    char *text = NULL, *longer = NULL;
+    cln_status st = cln_strdup(out, "");
 
-    CLN_TRY(cln_strdup(&text, ""));
-    for (int i = 0; i < count && i < NAMED; i++) {
-        CLN_TRY(
-            cln_asprintf(&longer, "%s%s'%s'", text, i ? ", " : "", scene->views[from + i].name));
-        free(text);
-        text = longer;
-    }
-    CLN_TRY(cln_asprintf(out, "%s%s", text, count > NAMED ? ", ..." : ""));
-done:
-    free(text);
-    return st;
+    for (int i = 0; st == CLN_OK && i < count && i < NAMED; i++)
+        st = cln_append(out, "%s'%s'", i ? ", " : "", scene->views[from + i].name);
+    return st == CLN_OK && count > NAMED ? cln_append(out, ", ...") : st;
 }
 
 /* Why frames are left out, a phrase with the first of their names. */

@@ -17,7 +17,6 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
-#include "base/text.h"
 #include "scene/dataset.h"
 
 enum { MOST_BYTES = 1 << 28, DEPTH = 12, NAME = 32, TEXT = 1024 };
@@ -87,7 +86,7 @@ static void begin_sensor(reader *r, const XML_Char **attributes)
     cln_metashape *m = r->out;
     const char *type = value_of(attributes, "type");
 
-    if (cln_dataset_grow(&m->sensors, m->sensor_count, sizeof *m->sensors, "sensors") != CLN_OK) {
+    if (cln_grow(&m->sensors, m->sensor_count, sizeof *m->sensors, "sensors") != CLN_OK) {
         refuse(r, CLN_MEMORY, "no memory");
         return;
     }
@@ -132,7 +131,7 @@ static void begin_camera(reader *r, const XML_Char **attributes)
         return;
     }
     strcpy(camera.label, label);
-    if (cln_dataset_grow(&m->cameras, m->camera_count, sizeof *m->cameras, "cameras") != CLN_OK) {
+    if (cln_grow(&m->cameras, m->camera_count, sizeof *m->cameras, "cameras") != CLN_OK) {
         refuse(r, CLN_MEMORY, "no memory");
         return;
     }
@@ -143,7 +142,7 @@ static void begin_transform(reader *r, int component)
 {
     cln_metashape *m = r->out;
 
-    if (cln_dataset_grow(&m->transforms, m->transform_count, sizeof *m->transforms, "transforms") !=
+    if (cln_grow(&m->transforms, m->transform_count, sizeof *m->transforms, "transforms") !=
         CLN_OK) {
         refuse(r, CLN_MEMORY, "no memory");
         return;

@@ -20,7 +20,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/build.h"
 #include "scene/dataset.h"
 #include "scene/metashape.h"
 #include "scene/placing.h"

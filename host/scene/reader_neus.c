@@ -65,9 +65,7 @@ static cln_status take_apart(const char *where, const double p[12], cln_camera *
                             "the cameras again",
                             where);
     }
-    if (r[0] * (r[4] * r[8] - r[5] * r[7]) - r[1] * (r[3] * r[8] - r[5] * r[6]) +
-            r[2] * (r[3] * r[7] - r[4] * r[6]) <
-        0)
+    if (cln_det3(r) < 0)
         sign = -1;
     for (int i = 2; i >= 0; i--) { /* K t = P's last column, from below */
         translation[i] = sign * p[4 * i + 3];

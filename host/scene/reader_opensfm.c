@@ -245,8 +245,8 @@ static cln_status read_tracks(const char *path, const json_t *shots, const json_
 
         if (!view || !number)
             continue;
-        CLN_TRY(cln_dataset_grow(&result->observations, result->observation_count,
-                                 sizeof *result->observations, "images of points"));
+        CLN_TRY(cln_grow(&result->observations, result->observation_count,
+                         sizeof *result->observations, "images of points"));
         result->observations[result->observation_count++] = (cln_observation){
             (int32_t)json_integer_value(number), (int32_t)json_integer_value(view)};
         result->points[json_integer_value(number)].views++;

@@ -12,7 +12,6 @@
 #include <string.h>
 #include "base/files.h"
 #include "base/memory.h"
-#include "base/text.h"
 #include "io/json.h"
 #include "scene/dataset.h"
 #include "scene/placing.h"
@@ -50,16 +49,14 @@ static bool detect(const char *path, const char **missing)
     return false;
 }
 
-/* `count` numbers of an array from number `from` on. */
-static cln_status numbers(const char *where, const json_t *array, size_t from, size_t count,
-                          double *out)
+static cln_status numbers(const char *where, const json_t *array, size_t count, double *out)
 {
     for (size_t i = 0; i < count; i++) {
-        const json_t *value = json_array_get(array, from + i);
+        const json_t *value = json_array_get(array, i);
 
         if (!json_is_number(value))
             return cln_fail(CLN_INPUT, "%s must have %zu numbers; export the capture again", where,
-                            from + count);
+                            count);
         out[i] = json_number_value(value);
     }
     return CLN_OK;
@@ -107,20 +104,20 @@ static cln_status read_camera(const char *file, const json_t *root, size_t numbe
     char *where = NULL;
 
     CLN_TRY(cln_asprintf(&where, "%s: pose %zu", file, number));
-    CLN_TRY(numbers(where, json_array_get(json_object_get(root, "poses"), number), 0, POSE, pose));
+    CLN_TRY(numbers(where, json_array_get(json_object_get(root, "poses"), number), POSE, pose));
     CLN_TRY(set_pose(where, pose, out->c2w));
     free(where);
     where = NULL;
     if (json_array_size(each) > number) {
         CLN_TRY(cln_asprintf(&where, "%s: perFrameIntrinsicCoeffs %zu", file, number));
-        CLN_TRY(numbers(where, json_array_get(each, number), 0, 4, k));
+        CLN_TRY(numbers(where, json_array_get(each, number), 4, k));
         out->fx = k[0];
         out->fy = k[1];
         out->cx = k[2];
         out->cy = k[3];
     } else {
         CLN_TRY(cln_asprintf(&where, "%s: K", file));
-        CLN_TRY(numbers(where, json_object_get(root, "K"), 0, 9, k));
+        CLN_TRY(numbers(where, json_object_get(root, "K"), 9, k));
         out->fx = k[0];
         out->fy = k[4];
         out->cx = k[6];

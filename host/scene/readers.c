@@ -37,7 +37,7 @@ bool cln_reader_detects(const char *path)
 static cln_status list_readers(const char *path, int format, char **out)
 {
     cln_status st = CLN_OK;
-    char *list = NULL, *longer = NULL;
+    char *list = NULL;
 
     CLN_TRY(cln_strdup(&list, ""));
     for (int i = CLN_FORMAT_AUTO + 1; i < CLN_FORMATS; i++) {
@@ -46,11 +46,8 @@ static cln_status list_readers(const char *path, int format, char **out)
         readers[i]->detect(path, &missing);
         if (format == CLN_FORMAT_AUTO ? !missing : format != i)
             continue;
-        CLN_TRY(cln_asprintf(&longer, "%s (%s wants %s%s%s)", list, readers[i]->name,
-                             readers[i]->wants, missing ? ": " : "", missing ? missing : ""));
-        free(list);
-        list = longer;
-        longer = NULL;
+        CLN_TRY(cln_append(&list, " (%s wants %s%s%s)", readers[i]->name, readers[i]->wants,
+                           missing ? ": " : "", missing ? missing : ""));
     }
     *out = list;
     list = NULL;
@@ -65,7 +62,6 @@ static cln_status list_others(const char *path, int format, char **out)
     cln_status st = CLN_OK;
     const cln_config_row *row = cln_config_find("format");
     cln_config config = {0};
-    char *longer = NULL;
 
     *out = NULL;
     for (int i = format + 1; i < CLN_FORMATS; i++) {
@@ -76,10 +72,7 @@ static cln_status list_others(const char *path, int format, char **out)
             continue;
         config.format = i;
         cln_config_text(&config, row, word);
-        CLN_TRY(cln_asprintf(&longer, "%s%s%s", *out ? *out : "", *out ? " or " : "", word));
-        free(*out);
-        *out = longer;
-        longer = NULL;
+        CLN_TRY(cln_append(out, "%s%s", *out ? " or " : "", word));
     }
 done:
     return st;

@@ -10,6 +10,7 @@
 
 #include <jansson.h>
 #include <stdint.h>
+#include "base/number.h"
 #include "base/status.h"
 #include "base/config_rows.h"
 #include "scene/lens.h"
@@ -283,7 +284,7 @@ bool cln_scene_shown_box(const cln_scene *scene, double box[6]);
 /* If a cube that was guessed from the cameras is much wider than that, takes a box around that
  * instead, as --bbox does, and says so. text: the box, or "": nothing changed, as where training
  * photos are not loaded. CLN_MEMORY. */
-cln_status cln_scene_narrow_cube(cln_scene *scene, size_t bytes, char *text);
+cln_status cln_scene_narrow_cube(cln_scene *scene, char text[CLN_BOX_BYTES]);
 
 /* bounds.c: the cube of --bbox in place of what it was, and what follows from it. CLN_USAGE. */
 cln_status cln_scene_take_box(cln_scene *scene, const char *bbox);

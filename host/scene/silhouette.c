@@ -5,7 +5,7 @@
  * transparent parts of it. Cells are halved until they are small; those inside what is known to
  * belong to the box are not looked at again. A box of few cells is divided anew: a long lens shows
  * less than one of those out to the cameras. */
-#include "scene/build.h"
+#include "scene/scene.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -14,7 +14,6 @@
 #include "base/text.h"
 #include "io/image.h"
 #include "io/json.h"
-#include "scene/build.h"
 #include "scene/dataset.h"
 #include "scene/moved.h"
 

@@ -39,22 +39,24 @@ static inline bool cln_normalise(double v[3])
     return true;
 }
 
+/* The determinant of a row-major matrix. */
+static inline double cln_det3(const double m[9])
+{
+    return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
+           m[2] * (m[3] * m[7] - m[4] * m[6]);
+}
+
 /* Solves m x = b by Cramer's rule; x is 0 if m has no positive determinant. */
 static inline void cln_solve3(const double m[9], const double b[3], double x[3])
 {
-    const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
-                       m[2] * (m[3] * m[7] - m[4] * m[6]);
+    const double det = cln_det3(m);
 
     for (int k = 0; k < 3; k++) { /* column k replaced */
         double n[9];
 
         for (int i = 0; i < 9; i++)
             n[i] = i % 3 == k ? b[i / 3] : m[i];
-        x[k] = !(det > 0)
-                   ? 0
-                   : (n[0] * (n[4] * n[8] - n[5] * n[7]) - n[1] * (n[3] * n[8] - n[5] * n[6]) +
-                      n[2] * (n[3] * n[7] - n[4] * n[6])) /
-                         det;
+        x[k] = !(det > 0) ? 0 : cln_det3(n) / det;
     }
 }
 

@@ -11,7 +11,6 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "io/run_folder.h"
-#include "model/checkpoint.h"
 #include "model/structure.h"
 #include "scene/cameras_file.h"
 #include "train/carve.h"

@@ -8,7 +8,6 @@
 
 #include "base/log.h"
 #include "base/number.h"
-#include "base/text.h"
 #include "io/json.h"
 #include "io/run_folder.h"
 

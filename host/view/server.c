@@ -18,7 +18,6 @@
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "view/pages.h"
@@ -185,11 +184,11 @@ static enum MHD_Result send_response(cln_server *s, struct MHD_Connection *conne
 }
 
 /* text lives as long as the server. */
-static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connection, int status,
-                                 const char *type, const char *text)
+static enum MHD_Result send_text(cln_server *s, struct MHD_Connection *connection, const char *type,
+                                 const char *text)
 {
     return send_response(
-        s, connection, status, type, strlen(text),
+        s, connection, 200, type, strlen(text),
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT));
 }
 
@@ -430,9 +429,9 @@ static enum MHD_Result route(cln_server *s, struct MHD_Connection *connection, c
         return take_order(s, connection, order);
     for (int i = 0; i < PAGES; i++)
         if (strcmp(path, pages[i].path) == 0)
-            return send_text(s, connection, 200, pages[i].type, s->pages[i]);
+            return send_text(s, connection, pages[i].type, s->pages[i]);
     if (strcmp(path, "/facts") == 0)
-        return send_text(s, connection, 200, "application/json", s->facts);
+        return send_text(s, connection, "application/json", s->facts);
     if (strcmp(path, s->training ? "/training" : "/newest") == 0)
         return send_told(s, connection);
     for (size_t i = 0; i < sizeof asks / sizeof *asks; i++)

@@ -1,11 +1,7 @@
 /* Arguments that a caller of the library may get wrong (cl_nascent.h): pointers that are NULL and
  * numbers out of range are CLN_USAGE with a sentence that names them, or are accepted where the
  * header says so; never a crash. Needs no device. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "cl_nascent.h"

@@ -1,10 +1,6 @@
 /* How many photos COLMAP looks for features in at a time, by the memory that there is
  * (api/colmap.h). */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "api/colmap.h"
 #include "near.h"
 #include "tests.h"

@@ -1,10 +1,6 @@
 /* The library's calls that ask of devices: the self-test, which names a wrong kernel, and the
  * list. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>

@@ -2,11 +2,7 @@
  * the tree (render/tree_picture.h), on a small tree: level 1 without its first leaf, its second
  * leaf split. Oracle: literal boxes, slots and colours; faces must close a box and point
  * outwards. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <dirent.h>
 #include <math.h>
 #include <stdio.h>

@@ -1,10 +1,6 @@
 /* cln_export of a trained run: points and mesh of a ball of radius 1, the formats of a mesh against
  * each other, a volume against the field, cameras read by the scene's readers, what is refused. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <dlfcn.h>
 #include <unistd.h>
 #include "comma.h"

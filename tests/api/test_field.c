@@ -2,11 +2,7 @@
  * a trained run against the float64 networks of reference/, in scene units, with leaves of two
  * levels, culled octants and points outside the cube; odd batch sizes; refused arguments; a run in
  * normalised device coordinates, whose networks see the scene's directions. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <pthread.h>
 #include "base/rng.h"
 #include "check/selftest_checks.h"

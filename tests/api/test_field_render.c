@@ -1,13 +1,9 @@
 /* Pictures in memory (cl_nascent.h: cln_field_render) against the files of cln_render for the same
  * poses, which have the same pixels: by every kind of lens, depth and leaf; over other backgrounds;
  * whatever was asked of the field before, also if that failed; refused cameras. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
+#include "unit.h"
 #include <signal.h>
 #include <stdlib.h>
-#include <cmocka.h>
 #include "io/npy.h"
 #include "model/checkpoint.h"
 #include "pipeline/pipeline.h"

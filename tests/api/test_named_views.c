@@ -1,11 +1,7 @@
 /* eval and render of views by name (cln_eval_desc.views, cln_render_desc.views): their figures are
  * those of the whole evaluation, whose file they leave as it is, each choice has its own; and the
  * pictures are those of the named views alone. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <dirent.h>
 #include <string.h>
 #include "run_fixture.h"

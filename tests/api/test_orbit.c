@@ -1,10 +1,6 @@
 /* Orbits: their cameras, the arc that they keep to where training cameras cover only one, and a
  * render of one from a run. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "run_fixture.h"
 #include "io/image.h"

@@ -1,10 +1,6 @@
 /* Frames of render: ranges of them, pictures without their background, files that a copy cut
  * short. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "run_fixture.h"
 #include "io/image.h"

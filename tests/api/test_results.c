@@ -1,10 +1,6 @@
 /* Functions that read a run: eval (equal to train's own figures, image by image), render (files,
  * existing files, stopping, foreign folders), info. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <pthread.h>
 #include "run_fixture.h"
 #include "render/open_run.h"

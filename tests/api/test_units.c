@@ -7,11 +7,7 @@
  * the other frames they are the plain one's: units that are powers of two change no bit of a
  * training, and an offset changes last bits of poses. Under sanitizers trainings are short, with a
  * bound to match. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "base/number.h"
 #include "io/npy.h"
 #include "near.h"

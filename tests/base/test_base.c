@@ -1,11 +1,7 @@
 /* The rest of base/: random numbers against Random123's published known answers, the error record,
  * checked allocation, files (whole reads, atomic writes that keep the old file, folders, digests)
  * and the log. Oracle: published or literal values. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <dirent.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -260,6 +256,25 @@ static void test_try(void **state)
 /* ---- memory ---- */
 
 /* NULL is correct on systems without such pages. */
+/* It moves at powers of two alone, with what it holds. */
+static void test_grow(void **state)
+{
+    int *list = NULL, moves = 0;
+
+    (void)state;
+    for (int i = 0; i < 100; i++) {
+        const int *before = list;
+
+        assert_int_equal(cln_grow(&list, i, sizeof *list, "numbers"), CLN_OK);
+        moves += list != before;
+        list[i] = 7 * i;
+    }
+    for (int i = 0; i < 100; i++)
+        assert_int_equal(list[i], 7 * i);
+    assert_in_range(moves, 1, 8);
+    free(list);
+}
+
 static void test_huge_pages(void **state)
 {
     const size_t page = 2 << 20;
@@ -852,6 +867,7 @@ int test_group_base(void)
         cmocka_unit_test(test_exit_codes),
         cmocka_unit_test(test_try),
         cmocka_unit_test(test_alloc),
+        cmocka_unit_test(test_grow),
         cmocka_unit_test(test_huge_pages),
         cmocka_unit_test_setup_teardown(test_available_memory, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_read_write, scratch_make, scratch_remove),

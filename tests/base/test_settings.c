@@ -1,11 +1,7 @@
 /* Settings by name and text behind the opaque type (cl_nascent.h, base/settings.h): every setting
  * through set and get, refused values, extending a budget, and warnings of settings without effect.
  * Oracle: the rows of config.h, and literal sentences. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

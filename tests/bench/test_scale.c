@@ -1,11 +1,7 @@
 /* The model of bench/scale: its arithmetic against speed-ups and bytes worked out by hand, and the
  * fit of costs against costs that made the data. No time is measured; tests/cli/ranks.sh compares
  * its bytes with those of a real training. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "scale/model.h"
 #include "tests.h"

@@ -1,10 +1,6 @@
 /* The comparison that every check of a kernel rests on: errors by hand, and verdicts on both sides
  * of each bound. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "check/compare.h"

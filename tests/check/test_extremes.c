@@ -1,11 +1,7 @@
 /* The self-test at extremes (selftest --extremes): its rows pass with the parameters of several
  * kinds of devices, and each kind of row can fail: a kernel is made wrong in a way that ordinary
  * numbers hardly show, and its row must name it. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,11 +1,7 @@
 /* The ordinary self-test (cl-nascent selftest), in its smallest shapes: each of these rows can
  * fail. Kernels are made wrong in one number, and the rows of that number must name it; all pass
  * with the kernels as they are. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdio.h>
 #include <string.h>
 #include "check/selftest.h"

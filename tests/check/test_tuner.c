@@ -2,11 +2,7 @@
  * whose kernels compute wrong results; it decides by the timings, as it says. Oracle: kernels made
  * wrong on purpose, for some sets or for all; decisions about made-up timings, by hand. Asserts no
  * speed. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -2,11 +2,7 @@
  * manual name what the option tables hold, with ranges, words and defaults, within 80 columns; the
  * live line reads as the manual shows it; signals reach who polls for them. Oracle: the tables, and
  * texts written down here. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <ctype.h>
 #include <math.h>
 #include <stdio.h>

@@ -2,11 +2,7 @@
  * set through the parser, precedence of line, environment, preset and resumed run, forms,
  * suggestions, refused lines with their sentences. Help texts: test_help.c. Oracle: lines and
  * values written down here, and the rows' own legal values. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

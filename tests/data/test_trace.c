@@ -1,11 +1,7 @@
 /* The scene generator's geometry, as its pictures and depths serve as ground truth: hits of each
  * shape against its implicit equation marched in small steps (independent of data/), the tree
  * against one shape at a time, and a rendered sphere against its closed form. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,9 +1,5 @@
 /* Memory of a CPU device's buffers that is kept for the next ones (device/blocks.h). */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"

@@ -1,10 +1,6 @@
 /* A process's turn at compiling (device/cache.h): who has it, who waits and until when, and that
  * nothing stands still where no lock can be had. Oracle: locks of this process, taken by hand. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/file.h>

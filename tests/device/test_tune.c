@@ -1,11 +1,7 @@
 /* Kernel parameters: lists and rows as text (device/tune.h), precedence of sources, fallback to
  * plain ones, parameters kept by a resumed run. The tuner: test_tuner.c. Oracles: literal texts,
  * and digests of runs. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>

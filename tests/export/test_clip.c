@@ -1,11 +1,7 @@
 /* Surfaces cut to half-spaces (host/export/clip.h): a ball of triangles against the areas of a
  * sphere's zones, which go as their heights (Archimedes); what is inside stays bit for bit, new
  * sides lie in the planes, and triangles that shared a side still do. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,10 +1,6 @@
 /* Distances of points from triangles by a grid (host/export/deviation.h), against every triangle by
  * another formula: balls, thin and large triangles, points far outside; one triangle; none. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "base/rng.h"
 #include "export/deviation.h"

@@ -1,10 +1,6 @@
 /* The largest connected part of a surface (host/export/parts.h): balls apart from each other, by
  * marching cubes, against the triangles of each alone; small meshes by hand. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

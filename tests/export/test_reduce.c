@@ -1,11 +1,7 @@
 /* Fewer triangles of a mesh (host/export/reduce.h): balls and a sheet with exact places, far from
  * 0, too. Places, normals and colours must be those of earlier vertices; no new edge may be open;
  * and the surface must stay where it was. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,11 +1,7 @@
 /* The surface that exports write, without training: marching cubes of functions whose surface is
  * known (closed, oriented, in its place), and exact depths of generated shapes, fused and traced,
  * against these shapes: distances both ways, normals, what is hidden. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdio.h>
 #include <string.h>
 #include "base/rng.h"

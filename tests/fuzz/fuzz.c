@@ -8,11 +8,7 @@
  *
  * Besides crashes and what the sanitizers find, an input fails that is refused without a sentence
  * or by a status of our own mistakes, or accepted with cameras or a cube that nobody can use. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>

@@ -1,10 +1,6 @@
 /* Photos whose colours are not sRGB's (io/colour.h), as files: profiles in PNG and JPEG, gAMA and
  * cHRM. Oracle: the definitions of Adobe RGB (1998) and sRGB, in double. Damaged profiles. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,10 +1,6 @@
 /* Other programs (io/command.h), a shell that stands for them: the lines of its output and errors
  * whatever ends them, the log, and the last line in the error. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <signal.h>
 #include <string.h>
 #include <sys/time.h>

@@ -1,14 +1,10 @@
 /* Films: the bytes of .y4m against values worked out by hand; for other films, the input of a
  * stand-in for ffmpeg. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
+#include "unit.h"
 #include <dirent.h>
 #include <stdlib.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include <cmocka.h>
 #include "io/film.h"
 #include "comma.h"
 #include "outcome.h"

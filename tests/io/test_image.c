@@ -2,11 +2,7 @@
  * Oracles: numbers calculated by hand, and the bytes of the formats' definitions. Damaged files:
  * every truncation and every flipped byte of a small image must give an error that names the path,
  * and no pixels. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,10 +1,6 @@
 /* Meshes as files (host/io/mesh.h): PLY, OBJ, GLB and STL read back by the formats' own rules;
  * large coordinates keep their digits in each but STL. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "glb.h"
 #include "io/mesh.h"
 #include "near.h"

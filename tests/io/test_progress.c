@@ -1,10 +1,6 @@
 /* The progress line as a bar, as plain lines and off, and human-readable figures. Oracle: literal
  * texts. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <fcntl.h>
 #include <math.h>
 #include <stdio.h>

@@ -2,11 +2,7 @@
  * a foreign one stays unchanged; run.json keeps every bit of its numbers and is never half written;
  * resuming truncates the metrics, so an interrupted run ends with the rows of an uninterrupted one.
  * Oracle: hand-made folders and files. Reading JSON is tested in scene_input. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <fcntl.h>
 #include <math.h>
 #include <string.h>

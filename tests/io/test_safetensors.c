@@ -2,11 +2,7 @@
  * bit for bit (every dtype, empty tensors, scalars); every damage is refused: truncation, flipped
  * bits, wrong lengths, offsets, shapes and dtypes; a failed write leaves the old file. Oracles: a
  * hand-made file, and the format's own rules. The address sanitizer detects reads out of bounds. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <dirent.h>
 #include <inttypes.h>
 #include <string.h>

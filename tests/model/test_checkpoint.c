@@ -2,11 +2,7 @@
  * empty tree; a damaged one (truncated, bits flipped, of another shape, type or tree, missing) is
  * refused and the previous one used with a warning; a failed or killed write leaves the old ones.
  * Oracle: the written model, compared byte for byte. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <dirent.h>
 #include <inttypes.h>

@@ -4,11 +4,7 @@
  * Oracles: hand-made cases, costs calculated in comments; every assignment of n, s and g to the
  * leaves of small trees; a MIP solver (glpsol) on the LP text of random trees; for big trees the
  * bracket of Lagrange's relaxation. Costs and rules are reimplemented here from the header. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "base/rng.h"

@@ -1,11 +1,7 @@
 /* The model on the host. Tested: contents of a new model, how a change of structure carries every
  * buffer (copies, folds, zeroes, nearest cells), and what the digest depends on. Oracles: hand-made
  * index tables, and the model before the change compared byte for byte. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include "model_fixture.h"
 #include "tests.h"

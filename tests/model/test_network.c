@@ -3,11 +3,7 @@
  * uniform within their bounds, padding is zero; the initial density gives the requested depth; a
  * folded child computes the same as its parent, also after four folds. Oracles: counts and
  * constants calculated by hand, and host/reference/ for the network itself. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

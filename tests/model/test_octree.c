@@ -2,11 +2,7 @@
  * splits, culls and merges, collapse of culled groups, the kernels' map against point lookup,
  * packing, refusal of damaged node tables. Oracles: brute-force geometry from level and position,
  * and hand-made cases. test_structure.c tests decisions about the tree. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

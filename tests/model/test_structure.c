@@ -1,11 +1,7 @@
 /* Decisions about the tree (method.md 12.3). Tested: the guard on the peak keeps a thin rod,
  * culling needs two strikes in a row, never culls every leaf, ignores densities that are NaN, and
  * levels grow according to plan. Oracle: hand-made cases, thresholds calculated in comments. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "base/config.h"

@@ -2,11 +2,7 @@
  * of leaves with no, too few, just enough and many samples, over one and many slices; untouched
  * leaves keep every bit, the transposed copy matches the weights, and a launch repeated from the
  * same state gives the same bytes. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "reference/reference.h"
 #include "tests.h"

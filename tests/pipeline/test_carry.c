@@ -2,11 +2,7 @@
  * returns of culled leaves, the device's model equals bit for bit the host's (cln_model_apply), in
  * one buffer and in parts, with both kinds of moments; a change frees the memory it allocates.
  * Oracle: model/model.c. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "model_fixture.h"
 #include "pipeline/carry.h"

@@ -2,11 +2,7 @@
  * and gradients of rays from none to many samples, with optical depths from 1e-12 to 1e6, opaque
  * first samples, and every loss and regulariser. Errors are compared over all rays, and each with
  * the scale of its own element: a faint ray's opacity, a hidden sample's gradient. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "pipeline/stretch.h"
 #include "near.h"

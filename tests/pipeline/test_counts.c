@@ -2,13 +2,9 @@
  * leaf, by the macros of kernels/leaves.h; and pixels of photos, in memory that is only reserved.
  * test_plan.c has the memory plans of such sizes, test_splat.c counts of projected samples, the
  * extremes sums of a scan. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
+#include "unit.h"
 #include <string.h>
 #include <sys/mman.h>
-#include <cmocka.h>
 #include "base/config.h"
 #include "base/status.h"
 #include "scene/scene.h"

@@ -2,11 +2,7 @@
  * of vertices by their places, and sums in double. One process takes the place of each rank in
  * turn, with that rank's leaves alone, and the test carries what ranks would send. Numbers that a
  * kernel must not read are NaN; all that it must not write is compared, too. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "pipeline/halo.h"
 #include "pipeline/share.h"

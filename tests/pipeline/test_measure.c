@@ -2,11 +2,7 @@
  * share of its ray's error and its transmittance-weighted density (composite.cl), their sums over
  * leaves and steps (stats.cl) and the gradient of the distillation (distil.cl), each against
  * float64 code of this file. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "reference/reference.h"
 #include "tests.h"

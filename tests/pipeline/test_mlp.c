@@ -4,11 +4,7 @@
  * recalculated here from their documented hash, and the same bytes from the same launch. With many
  * bands samples lie at exact local coordinates: the encoding multiplies float32's rounding of a
  * position by 2^bands, which would count as an error of the network. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "pipeline/field.h"
 #include "reference/reference.h"

@@ -2,11 +2,7 @@
  * stay below the largest allocation, others are refused by name. Runs, on the actual device: none
  * allocates more than its plan or its limit, growth stops at the limit, and batches cut by a small
  * largest allocation train and render bit for bit like batches of that size. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <sys/resource.h>
 #include <stdlib.h>
 #include "pipeline/room.h"

@@ -1,11 +1,7 @@
 /* The memory plans by ranks (pipeline/plan.h), on fake devices: links and other ranks' leaves have
  * room, however leaves are dealt, and moves keep to what fits. */
+#include "unit.h"
 #include <math.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
 #include "pipeline/halo.h"
 #include "pipeline/plan.h"
 #include "plan_fake.h"

@@ -2,11 +2,7 @@
  * scale of rays through pixels of pinholes and of every lens model, alone and in one scene, in
  * scenes of 1e-4 and 1e6 units. tests/check/test_extremes.c has far cameras, pixels beyond a lens'
  * fold, and forward spaces; test_sampling.c tests which leaves a ray meets. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "check/forward_scene.h"
 #include "device_test.h"
 #include "scene/scene.h"

@@ -1,11 +1,7 @@
 /* regularise.cl: extra samples have correct positions (points inside their leaf, pairs on a face
  * that both leaves share); gradients equal central differences, in double, of the two losses of
  * method.md 10; densities from 0 to 1e4. Two parameter sets, one of them a GPU's. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "near.h"
 #include "sampling_test.h"

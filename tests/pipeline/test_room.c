@@ -1,10 +1,6 @@
 /* What memory has room for (pipeline/room.h), on fake devices: photos before leaves up to a quarter
  * of host memory, numbers of leaves that the plans themselves then agree with, and what is said. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include <string.h>
 #include "pipeline/room.h"

@@ -2,11 +2,7 @@
  * of all kinds of devices: slices of few and many samples; gradients of very different size, zero,
  * tiny and huge; the expectation is the whole gradient; NaN. test_mlp.c tests the backward pass of
  * chosen samples. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "reference/reference.h"
 #include "tests.h"

@@ -1,11 +1,7 @@
 /* sampling.cl with stage 1 by gather, against the float64 reference: leaves along a ray, counts,
  * positions, deltas; random rays, and rays along axes, faces, edges and corners, from inside a leaf
  * and past the cube; cutting a too large batch. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "sampling_test.h"
 #include "tests.h"

@@ -2,11 +2,7 @@
  * by leaf, against plain loops on the host. Results are integers and must be equal. Sizes: 0,
  * around the chunk length of every parameter set, over a million. Long runs of equal keys reveal
  * instability in the values. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "tests.h"
 

@@ -2,11 +2,7 @@
  * from a near distance on; leaves, counts, places and rows of samples are the reference's; networks
  * get the place and direction that the scene's ray has there; depths are distances in the scene;
  * cropped rays are what is inside a box of the scene; cells are in view where cameras see them. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "sampling_test.h"
 #include "tests.h"

@@ -3,11 +3,7 @@
  * groups of views and bands of rows give the same bytes; splatting and gathering give about the
  * same optical depths. One camera stands inside a leaf, one looks along an axis at symmetrical
  * samples, which have equal depths. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "base/log.h"
 #include "device_test.h"
 #include "check/forward_scene.h"

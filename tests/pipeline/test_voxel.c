@@ -2,11 +2,7 @@
  * added, and the smoothness' gradient, too; every copy of a vertex gets the bits of one step;
  * vertices that no sample met keep theirs. Also shared vertices after a change of the tree. Forward
  * and backward: test_mlp.c. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "device_test.h"
 #include "pipeline/carry.h"
 #include "reference/reference.h"

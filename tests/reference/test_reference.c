@@ -2,11 +2,7 @@
  * central differences (step 1e-5), the closed form of method.md 9 in long double, hand-computed
  * numbers. If a perturbation crosses a kink, the difference does not converge when the step is
  * quartered; such elements are skipped, counted and limited to 2 %. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

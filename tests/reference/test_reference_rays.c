@@ -1,11 +1,7 @@
 /* The float64 reference itself, second half: rays through the tree, stage 1 and stage 2 sampling,
  * keys, bfloat16. Oracles: point membership by cln_octree_find, a second implementation of the
  * piecewise-linear distribution function, hand-computed numbers. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>

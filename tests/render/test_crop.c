@@ -1,11 +1,7 @@
 /* Crop boxes (host/render/crop.h): their numbers, as text and turned, against a turn worked out
  * here; and which boxes are known to hold nothing of a tree, in plain, forward and shell spaces,
  * against points of its leaves. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <string.h>
 #include "base/rng.h"
 #include "check/forward_scene.h"

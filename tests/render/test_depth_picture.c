@@ -1,9 +1,5 @@
 /* The scale of depth pictures that a film's frames share (render/depth_picture.h). */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "render/depth_picture.h"

@@ -1,10 +1,6 @@
 /* Exposures of photos that training did not see (render/exposure_guess.h), against a direct search
  * for each view's neighbours. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,14 +1,10 @@
 /* What `render` shows: files of poses against cameras worked out by hand, and paths by what they
  * must keep: ends, pace, distance, direction. No device. */
+#include "unit.h"
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <cmocka.h>
 #include "render/frames.h"
 #include "scene/vectors.h"
 #include "scratch.h"

@@ -1,10 +1,6 @@
 /* PSNR and SSIM of pictures. Oracles: numbers calculated by hand, and SSIM of a separate program
  * with direct two-dimensional windows. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "near.h"

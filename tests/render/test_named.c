@@ -1,11 +1,7 @@
 /* Views by the names of their photos (host/render/named.h), on a list of views made by hand: what a
  * name may be, several that share one, commas, splits, and what is said of names that are not
  * there. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include <string.h>
 #include "outcome.h"

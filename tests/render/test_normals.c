@@ -1,10 +1,6 @@
 /* Normals from depths (render/normals.h) of a ball before a wall, whose depths and normals are
  * known by geometry. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "render/normals.h"

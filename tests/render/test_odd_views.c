@@ -1,9 +1,5 @@
 /* What single views of an evaluation tell (render/odd_views.h). */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "near.h"
 #include "render/odd_views.h"

@@ -1,13 +1,9 @@
 /* Pictures as good as the model (docs/method.md 13): compares a picture's few samples with hundreds
  * of evenly spread ones, whose sum is nearly the integral, on the same rays of one trained
  * model. */
+#include "unit.h"
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <stdlib.h>
-#include <cmocka.h>
 #include "render/antialias.h"
 #include "render/crop.h"
 #include "render/open_run.h"

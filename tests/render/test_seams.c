@@ -1,11 +1,7 @@
 /* `eval --seams` on a field that is known: eight leaves, constant inside, a chessboard of two
  * colours and densities, thin enough that surfaces lie everywhere. Every face has the same jump,
  * and inside there is none. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "model/model.h"
 #include "run_fixture.h"
 #include "tests.h"

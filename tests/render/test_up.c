@@ -1,13 +1,9 @@
 /* Which way is up, of cameras whose headings and tilts are known: orbits about an object, flights
  * over land, photos from the front. No device. */
+#include "unit.h"
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
-#include <cmocka.h>
 #include "draws.h"
 #include "base/log.h"
 #include "render/frames.h"

@@ -1,11 +1,7 @@
 /* The report. Tested: the page shows the contents of a hand-made run folder, its HTML is well
  * formed, names with markup stay text, missing and damaged files still give a page. Oracle: literal
  * texts and numbers. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <fcntl.h>
 #include <math.h>
 #include <stdio.h>

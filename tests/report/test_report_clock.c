@@ -1,10 +1,6 @@
 /* The report's clock over the processes that trained a run, by rows as metrics.jsonl has them.
  * Oracle: sums by hand. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

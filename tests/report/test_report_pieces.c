@@ -1,10 +1,6 @@
 /* What the report is made of: curves of few points, charts with round ticks, escaped texts, base64
  * of pictures. Oracle: literal texts and numbers; for base64, the vectors of RFC 4648. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,9 +1,5 @@
 /* The report of a run that is broken off: what can be done with it. Oracle: literal texts. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include <string.h>
 #include "report/report.h"

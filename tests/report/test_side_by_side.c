@@ -1,11 +1,7 @@
 /* Runs side by side. Tested on hand-made run folders: which settings and facts are listed, which
  * evaluation counts, which run is best, when figures do not compare, runs without results or with
  * the same name or model, runs that do not tell all. Oracle: literal texts and numbers. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <fcntl.h>
 #include <string.h>
 #include <unistd.h>

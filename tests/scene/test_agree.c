@@ -1,10 +1,6 @@
 /* Which photos are compared to see whether their poses fit (scene/agree.h): those of neighbours,
  * which stand near and look the same way, and the next by name. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>

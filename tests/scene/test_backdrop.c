@@ -1,10 +1,6 @@
 /* What photos without alpha stand before: one colour along their borders (scene.backdrop), and
  * whether it is evenly lit. test_scene.c tests other backgrounds. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "io/image.h"

@@ -1,11 +1,7 @@
 /* Datasets that must not load: every reader with its files truncated at every length, damaged at
  * random, and with wrong contents. Each gives CLN_INPUT, a sentence that names the file, a NULL
  * scene and no leak (run under sanitizers). test_scene_input.c tests the transforms reader. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "tests.h"
 

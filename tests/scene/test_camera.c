@@ -1,10 +1,6 @@
 /* Cameras without files: the lens model against numbers worked out by hand, pixel -> ray -> point
  * -> pixel with strong distortion, the fold of the model, and the check of poses. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <string.h>
 #include "base/rng.h"
 #include "near.h"

@@ -1,10 +1,6 @@
 /* A run's cameras.json (scene/cameras_file.h): there and back to the bit, by the scene that was
  * written; and what is refused. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <string.h>
 #include "outcome.h"
 #include "scene/cameras_file.h"

@@ -1,10 +1,6 @@
 /* What the masks beside photos mean (scene/cutout.c): drawn masks of objects and of what else masks
  * are of, and what becomes of them. Oracle: what was drawn. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "scene/build.h"
 #include "tests.h"

@@ -1,11 +1,7 @@
 /* Depth images (scene/depth_points.c) as depths of training pixels, and what else of a photo shows
  * nothing or stands still. Oracle: a ball, whose depths are known; circles and borders that were
  * drawn. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "phone_fixture.h"
 #include "scene/build.h"
 #include "scene/cameras_file.h"

@@ -2,11 +2,7 @@
  * warning, good captures of all kinds give none. Cameras are set by hand. The bounds were measured
  * on photos of many kinds: cameras around something have an apart_share of 0, in a room 0.25, in
  * flights over flat land up to 0.6, and 1 where cameras around something are turned. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "base/rng.h"

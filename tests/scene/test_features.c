@@ -1,11 +1,7 @@
 /* Marks of photos (scene/features.h) on painted pictures: a random field of blobs, the same moved,
  * turned, larger, darker. Most marks must be found again at the very place where the
  * picture has moved them; another field has hardly any in common. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,11 +1,7 @@
 /* Readers of datasets. One scene of known cameras, written in every format (format_fixture.h), must
  * give the same rays. Then features of single formats: places of files, cubes.
  * test_masks.c tests masks, test_broken_formats.c broken datasets. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "tests.h"
 

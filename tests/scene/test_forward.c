@@ -1,11 +1,7 @@
 /* Forward spaces (normalised device coordinates): LLFF scenes whose cameras look one way have one,
  * other scenes on request. Tested: the mean camera, the near plane by depths or points, sides that
  * hold what the images show, and the reason why a scene has none. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "base/text.h"
 #include "format_fixture.h"
 #include "tests.h"

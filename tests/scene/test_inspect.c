@@ -1,10 +1,6 @@
 /* The findings of check (scene/inspect.h) that captures of the command line do not reach, on photos
  * of a painted wall that are made by hand. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <jansson.h>
 #include <math.h>
 #include <signal.h>

@@ -1,11 +1,7 @@
 /* The lens models: numbers from the published formulas with 40 digits, independent of the tested
  * code; round trips over whole images, from telephoto to the sphere; the Jacobian against
  * differences; limits of the models; meaning of COLMAP's lists. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

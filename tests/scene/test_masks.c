@@ -1,10 +1,6 @@
 /* Masks of datasets: NeuS's, and those that transforms JSON names. test_cutout.c tests which masks
  * are of an object, test_placing.c those that a dataset does not name. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "outcome.h"
 #include "phone_fixture.h"

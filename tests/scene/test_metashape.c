@@ -1,11 +1,7 @@
 /* Cameras of Metashape (scene/reader_metashape.c): poses and places in the picture against the
  * formulas of Metashape's manual; local coordinates, and those on the earth; what is left out; the
  * region; what is refused. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "near.h"
 #include "tests.h"

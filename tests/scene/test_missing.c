@@ -1,10 +1,6 @@
 /* Frames whose image is missing or unreadable: few are left out with a warning, as --missing says;
  * the others keep their splits and names, and the scene lists what it lacks. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>

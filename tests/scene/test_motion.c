@@ -1,10 +1,6 @@
 /* Motions of cameras (scene/motion.h): by numbers computed by hand, there and back, and what a set
  * of poses has in common. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "base/rng.h"

@@ -1,11 +1,7 @@
 /* Images that are not where the dataset names them: paths of another machine, and names in another
  * case. What is found is told once; what two files could be, or another frame has, is not taken. */
+#include "unit.h"
 #include <math.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
 #include "base/log.h"
 #include "base/unicode.h"
 #include "format_fixture.h"

@@ -2,11 +2,7 @@
  * data, how pixels are turned, which photos of a scene are, and their masks with them; and as what
  * people see the others. Oracle: the standard's words on where the stored picture's first row and
  * column belong, on pictures of few pixels. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <jansson.h>
 #include "exif_fixture.h"
 #include "format_fixture.h"

@@ -1,10 +1,6 @@
 /* Panoramas of transforms.json: whole spheres, ones that were cut, and ones that are not told from
  * photos. Oracle: numbers by hand. The lens itself is test_lens.c's. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "near.h"
 #include "scene/build.h"

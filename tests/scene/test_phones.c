@@ -1,11 +1,7 @@
 /* Captures of phones' apps: Polycam's raw data (scene/reader_polycam.c) and Record3D's
  * (reader_record3d.c). Poses and intrinsics against a scene of known cameras; the cube by depth
  * images; pixels along the edges of corrected photos; what is left out, and what is refused. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <unistd.h>
 #include "near.h"
 #include "phone_fixture.h"

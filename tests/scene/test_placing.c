@@ -1,10 +1,6 @@
 /* Files beside a dataset that it does not name: masks by the names that programs give them, and
  * OpenSfM's undistorted photos, which have one more ending than its shots. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "base/log.h"
 #include "format_fixture.h"
 #include "scene/placing.h"

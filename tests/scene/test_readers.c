@@ -2,11 +2,7 @@
  * contents, what is missing and the remedy. Also scenes whose folder and images have names with a
  * meaning to shells, patterns and JSON: they load, and `info` prints them unchanged. And what
  * becomes of the colours of a PLY file. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <jansson.h>
 #include <sys/stat.h>
 #include "base/files.h"

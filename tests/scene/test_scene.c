@@ -2,11 +2,7 @@
  * projected pixel of a known point; splits, order, downscale, bounds, digest, description. Oracles:
  * numbers calculated by hand from the conventions in scene.h. test_scene_input.c tests broken
  * input. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <string.h>
 #include "io/image.h"
 #include "near.h"

@@ -1,11 +1,7 @@
 /* Scenes that must not load. Every case is a row: the text of transforms.json, and words of the
  * sentence; each gives CLN_INPUT, a NULL scene and no leak (run under sanitizers). Then broken
  * files, and the JSON reader's lines, columns and relaxed dialect. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "io/json.h"

@@ -2,11 +2,7 @@
  * of the core and of all faces there and back, to infinity; a ray's lines: each straight and in one
  * piece, together all of the ray, no longer than their number allows; depths, directions, normals
  * and densities are those of the point's map; which tree holds the pieces. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,10 +1,6 @@
 /* Depths from sparse points: the pixels of training views that show a point, against the
  * projection of the known cameras; which points and views count, and how far they are trusted. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "tests.h"
 

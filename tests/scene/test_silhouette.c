@@ -1,14 +1,11 @@
 /* The box of what alpha shows (host/scene/silhouette.c): photos of an ellipsoid, from two rings of
  * cameras around it, against its sides. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/status.h"
+#include "comma.h"
 #include "scene/scene.h"
 #include "scene/vectors.h"
 #include "tests.h"
@@ -96,10 +93,37 @@ static void test_box(void **state)
     free(p);
 }
 
+/* A cube that was guessed becomes a box around that, whatever the caller's decimal point. */
+static void test_narrowed(void **state)
+{
+    photos *p = calloc(1, sizeof *p);
+    char text[CLN_BOX_BYTES];
+    cln_status st;
+    double box[6];
+
+    (void)state;
+    assert_non_null(p);
+    take(p, 10, 1.3, 1.3);
+    p->scene.cube_guessed = true;
+    p->scene.space.half = 10;
+    p->scene.folder = "scene";
+    comma_locale_begin();
+    st = cln_scene_narrow_cube(&p->scene, text);
+    comma_locale_end();
+    assert_int_equal(st, CLN_OK);
+    assert_true(cln_reals_read(text, 6, box));
+    for (int a = 0; a < 3; a++)
+        assert_true(box[a] < -radii[a] && box[3 + a] > radii[a] && box[3 + a] < 2);
+    assert_true(p->scene.space.half < 2);
+    free(p->scene.bounds_rule);
+    free(p);
+}
+
 int test_group_silhouette(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_box),
+        cmocka_unit_test(test_narrowed),
     };
 
     return cmocka_run_group_tests_name("silhouette", tests, NULL, NULL);

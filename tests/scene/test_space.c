@@ -3,11 +3,7 @@
  * on both sides of the map; boxes of neighbours share their faces to the bit. Of forward spaces
  * also: lines stay lines; a box is the same on both sides; depths, directions, normals and
  * densities are those of the point's map. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "base/rng.h"

@@ -1,11 +1,7 @@
 /* Photos that show nothing (scene/photos.h), and what stands in all: logos, bars and round fields
  * are found and become a mask, of one colour with another text, as a round body may be before a
  * backdrop; bodies of other outlines, and photos that hardly differ, have none. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

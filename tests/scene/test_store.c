@@ -1,10 +1,6 @@
 /* Photos in a file (scene/store.h): every pixel as it was written, scenes and batches of pixels
  * equal to those in memory, memory that keeps to --host-mem, and failures reported. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <dirent.h>
 #include <string.h>
 #include <sys/wait.h>

@@ -1,14 +1,10 @@
 /* --test-views: a list of names decides which photos are test, in every format; what a name may be,
  * and what is said of lists that are not right. A run keeps what a list said, and what every Nth
  * (--holdout) was; what became of its photos and poses since it began. */
+#include "unit.h"
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include <cmocka.h>
 #include "format_fixture.h"
 #include "tests.h"
 

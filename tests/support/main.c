@@ -9,11 +9,7 @@
  *
  * The last line is "N passed, N failed", and ", N skipped" if any were; exit code 1 if any failed.
  * It counts cmocka's output: a test that started and did not end well has failed. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <errno.h>
 #include <signal.h>
 #include <stdbool.h>

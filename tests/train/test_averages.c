@@ -1,11 +1,7 @@
 /* Pixels at edges of a photo that are the mean of several rays (--antialias): which pixels, where
  * their rays go, that all else is drawn as without, and when it begins. Their loss and its gradient
  * are in tests/pipeline/test_composite.c. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "tests.h"
 #include "train/batch.h"

@@ -1,10 +1,6 @@
 /* Leaves that are empty by geometry: those that too few training views see, against a count over
  * many places of each leaf, those outside the scene's box, and those far from all sparse points. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdlib.h>
 #include "format_fixture.h"

@@ -1,10 +1,6 @@
 /* Which children a split makes (train/children.h). Tested: that those which are none go right after
  * it, as one change, on a tree by hand. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include "outcome.h"
 #include "tests.h"

@@ -1,10 +1,6 @@
 /* Training pixels whose rays meet a leaf (train/coverage.h), against float64 rays through all
  * pixels, and the batches drawn from them (train/batch.h). */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "base/rng.h"
 #include "train/batch.h"

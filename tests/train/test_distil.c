@@ -1,10 +1,6 @@
 /* Random numbers of distilled leaves. Tested: none is drawn twice, up to the most nodes and points
  * that there can be. Training itself is test_training.c's. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "tests.h"
 #include "train/distil.h"
 

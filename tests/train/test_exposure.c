@@ -1,10 +1,6 @@
 /* Gains of the training photos (train/exposure.h): found from what is rendered beside the photos,
  * late results go to their own step, and pixels that show nothing do not count. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <string.h>
 #include "base/rng.h"

@@ -3,11 +3,7 @@
  * place, far too high learning rates, thousands of samples a ray; with networks and with voxels.
  * Each ends with finite numbers, in losses, weights and pictures, or with a sentence that has a way
  * out. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "render/open_run.h"
 #include "render/view.h"
 #include "run_fixture.h"

@@ -8,11 +8,7 @@
  * Two trainings move apart: a rounding changes the side of an activation's kink or whether the
  * roulette takes a sample, and Adam, which divides by the gradient's size, makes steps of a
  * gradient that is all rounding. So the bound is on the loss curve. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "base/rng.h"
 #include "check/selftest_checks.h"
 #include "tests.h"

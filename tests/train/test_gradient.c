@@ -1,12 +1,8 @@
 /* Training's gradient is the integral's (docs/method.md 7, 9): compares the average over steps of a
  * few jittered samples with hundreds of even samples on the same rays of one trained model. */
+#include "unit.h"
 #include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <stdlib.h>
-#include <cmocka.h>
 #include "render/open_run.h"
 #include "run_fixture.h"
 #include "tests.h"

@@ -2,11 +2,7 @@
  * (--cell-pixels) does not depend on how far --refine-poses has moved the cameras, so that a
  * resumed run grows as one without interruption; which leaves are at --max-level, in a shell space,
  * too, whose tree is one level deeper. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "tests.h"
 #include "scene/motion.h"
 #include "train/grow.h"

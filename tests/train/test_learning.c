@@ -2,11 +2,7 @@
  * whose colour is its normal): pictures are better than any constant one, depth is the ball's, the
  * learning rate follows its schedule, random backgrounds empty the space around, and numbers that
  * are not finite end the training. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "render/open_run.h"
 #include "render/view.h"
 #include "run_fixture.h"

@@ -1,11 +1,7 @@
 /* --opaque-loss and --random-background in a training on photos without alpha, a ball before white:
  * without them, rays that pass the ball stay empty, as the white background explains them; with one
  * of them, something must stand there. On photos with alpha the first changes nothing. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "run_fixture.h"
 #include "tests.h"
 

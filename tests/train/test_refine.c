@@ -2,11 +2,7 @@
  * place: pictures of it are exact, and so is what a step should find. Then a training whose poses
  * were shaken: they come back, held-out pictures get better, and an interrupted one has the same
  * bits. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "base/rng.h"
 #include "render/open_run.h"
 #include "run_fixture.h"

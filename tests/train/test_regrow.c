@@ -2,11 +2,7 @@
  * place far from it, that the ball's inside is found and what photos show to be empty is not; that
  * what it hands back follows what is found, not the finest leaf; when culling waits for what came
  * back. Oracle: the ball. tests/cli/training.sh trains. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <malloc.h>
 #include "tests.h"
 #include "train/cull.h"

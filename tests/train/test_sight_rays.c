@@ -1,10 +1,6 @@
 /* Rays to sparse points: which rays of a batch go to them, that all points get equally many, and
  * what the device gets for each. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "format_fixture.h"
 #include "scene/motion.h"
 #include "tests.h"

@@ -1,10 +1,6 @@
 /* Steps one at a time: what is told of a step's loss, worked out by hand, and how often cached
  * densities are refreshed (train/step.h, train/refresh.h). */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "tests.h"
 #include "train/refresh.h"
 #include "trainer_fixture.h"

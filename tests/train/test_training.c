@@ -1,11 +1,7 @@
 /* Training as a whole: it learns; seed and settings determine every bit, also across interruptions;
  * growth, culling and both kinds of stage 1; impossible requests fail with their status and write
  * nothing. test_results.c tests functions that read a run. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "model/model.h"
 #include "run_fixture.h"
 #include "render/quality.h"

@@ -1,11 +1,7 @@
 /* --tree-from: a run on another run's tree keeps its leaves regardless of the rows about growth,
  * culling and adaptation, learns, and resumes after an interruption as if there had been none; an
  * unusable tree is refused, and nothing written. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include "run_fixture.h"
 #include "tests.h"
 

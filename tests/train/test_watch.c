@@ -1,11 +1,7 @@
 /* What a watched training counts: its curve (train/curve.h) stays bounded, in order, even, and
  * keeps its few test PSNRs, however long the training is; viewing stays within its share of the
  * time (train/allowance.h). Oracles: the points that were added; a clock that is made up. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include "tests.h"
 #include "train/allowance.h"

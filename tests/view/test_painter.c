@@ -1,9 +1,5 @@
 /* Photos as a browser gets them (view/painter.h), by hand. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include "io/image.h"
 #include "near.h"

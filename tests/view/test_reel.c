@@ -1,10 +1,6 @@
 /* How long the film of a viewer lives (view/reel.h): while its page asks for frames, and not much
  * longer; the finished one long enough to be fetched. Without ffmpeg, so that files are y4m. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>

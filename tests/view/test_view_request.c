@@ -1,11 +1,7 @@
 /* What a page may ask, and who may (view/request.h): values with their bounds, cameras, the Host,
  * Origin and token of a request, and texts of all kinds. Oracle: literal values, and rules about
  * whatever was accepted. */
-#include <stdarg.h>
-#include <stddef.h>
-#include <setjmp.h>
-#include <stdint.h>
-#include <cmocka.h>
+#include "unit.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
