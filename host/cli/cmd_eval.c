@@ -112,6 +112,27 @@ static void print_hidden(const cln_eval_result *r)
            hidden > 3 ? ", ..." : "");
 }
 
+/* Views of which a small part is off. */
+static void print_partly(const cln_eval_result *r)
+{
+    char names[256] = "";
+    size_t used = 0;
+    int partly = 0;
+
+    for (int i = 0; i < r->count; i++) {
+        const cln_eval_image *e = &r->images[i];
+
+        if (e->partly && partly++ < 3)
+            used += (size_t)snprintf(names + used, sizeof names - used, "%s%.40s: %.1f dB without",
+                                     partly > 1 ? ", " : "", e->name, e->psnr_most);
+    }
+    if (partly)
+        printf("%d of %d views differ%s from the photo in a small part of it, less than 7 %% of "
+               "its pixels (%s%s): something that moved, or that few photos show (NAME.error.png)? "
+               "Masks take it out\n",
+               partly, r->count, cln_plural(partly, "s", ""), names, partly > 3 ? ", ..." : "");
+}
+
 /* Photos that were divided: figures of them do not compare with those of whole ones. */
 static void print_sizes(const cln_eval_result *r)
 {
@@ -163,6 +184,7 @@ static void print_table(const cln_eval_result *r, bool exposure)
         print_seams(&r->seams);
     print_fitted(r, exposure);
     print_hidden(r);
+    print_partly(r);
     if (isfinite(r->opacity_error)) {
         printf("opacity: RMS error %.4f", r->opacity_error);
         if (isfinite(r->opaque_air))

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "base/number.h"
 
 enum { WINDOW = CLN_SSIM_WINDOW, MOMENTS = 5 /* a, b, aa, bb, ab */ };
 
@@ -33,6 +34,32 @@ double cln_image_mse(int width, int height, const uint8_t *kept, const float *a,
         count++;
     }
     return count ? sum / (double)count : 0;
+}
+
+cln_status cln_image_most_mse(int width, int height, const uint8_t *kept, const float *a,
+                              const float *b, double share, double *mse)
+{
+    cln_status st = CLN_OK;
+    const size_t pixels = (size_t)width * (size_t)height;
+    double *errors = NULL, sum = 0;
+    size_t count = 0, most = 0;
+
+    CLN_TRY(cln_alloc(&errors, pixels, sizeof *errors, "picture"));
+    for (size_t i = 0; i < pixels; i++) {
+        if (kept && !kept[i])
+            continue;
+        for (size_t c = 3 * i; c < 3 * i + 3; c++)
+            errors[count] += pow(clipped(a[c]) - clipped(b[c]), 2) / 3;
+        count++;
+    }
+    cln_reals_sort(errors, (int)count);
+    most = (size_t)ceil(share * (double)count);
+    for (size_t i = 0; i < most; i++)
+        sum += errors[i];
+    *mse = most ? sum / (double)most : 0;
+done:
+    free(errors);
+    return st;
 }
 
 /* An affine map of colours: to[i] = sum_j matrix[i][j] (from[j] - from_mean[j]) + to_mean[i]. */

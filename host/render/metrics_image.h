@@ -21,6 +21,9 @@ double cln_psnr(double mse);
  * above cln_image_mse but for the clipping to [0,1]; a NaN stays a NaN. */
 double cln_image_fitted_mse(int width, int height, const uint8_t *kept, const float *a,
                             const float *b);
+/* The same of the given share of the pixels that count, those that differ least. CLN_MEMORY. */
+cln_status cln_image_most_mse(int width, int height, const uint8_t *kept, const float *a,
+                              const float *b, double share, double *mse);
 enum { CLN_SSIM_WINDOW = 11 };
 /* NAN if no window is whole. CLN_INPUT if a side is under that many pixels. */
 cln_status cln_image_ssim(int width, int height, const uint8_t *kept, const float *a,

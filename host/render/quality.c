@@ -22,6 +22,8 @@
 #include "io/run_folder.h"
 #include "scene/dealt.h"
 
+static const double MOST = 0.93; /* of the pixels, without those that are farthest off */
+
 enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
 
 void cln_eval_free(cln_eval_result *result)
@@ -250,6 +252,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     const int width = picture->width, height = picture->height;
     const size_t pixels = (size_t)width * (size_t)height;
     float *truth = NULL, *rounded = NULL, alpha = 0;
+    double mse = 0;
     uint8_t *kept = NULL;
 
     CLN_TRY(cln_view_borrow(&scene->views[view], v));
@@ -272,6 +275,8 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->psnr = cln_psnr(image->mse);
     image->psnr_u8 = cln_psnr(cln_image_mse(width, height, kept, rounded, truth));
     image->psnr_fitted = cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
+    CLN_TRY(cln_image_most_mse(width, height, kept, picture->rgb, truth, MOST, &mse));
+    image->psnr_most = scene->has_alpha ? NAN : cln_psnr(mse);
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
     CLN_TRY(cln_odd_depth(picture, &image->depth));
@@ -459,6 +464,10 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         json_object_set_new(one, "depth", cln_json_real(e->depth));
         if (one && e->hidden)
             json_object_set_new(one, "hidden", json_true());
+        if (one && isfinite(e->psnr_most))
+            json_object_set_new(one, "psnr_most", json_real(e->psnr_most));
+        if (one && e->partly)
+            json_object_set_new(one, "partly", json_true());
         if (one && e->apart)
             json_object_set_new(one, "apart", json_true());
         if (one && e->turn > 1)

@@ -42,6 +42,31 @@ static void test_psnr(void **state)
     assert_true(isnan(cln_image_mse(1, 1, NULL, not_a_number, two)));
 }
 
+/* Of the pixels that differ least; others may be as far off as they like. */
+static void test_most(void **state)
+{
+    float a[W * H * 3], b[W * H * 3];
+    uint8_t kept[W * H];
+    double mse = 0;
+
+    (void)state;
+    for (int i = 0; i < W * H; i++) {
+        for (int c = 0; c < 3; c++) {
+            a[3 * i + c] = 0.5f;
+            b[3 * i + c] = i % 10 == 3 ? 1 : 0.4f; /* 18 of 182 */
+        }
+        kept[i] = i % 10 == 3 || i % 2;
+    }
+    assert_int_equal(cln_image_most_mse(W, H, NULL, a, b, 0.9, &mse), CLN_OK);
+    assert_near(mse, 0.01, 1e-8);
+    assert_int_equal(cln_image_most_mse(W, H, NULL, a, b, 1, &mse), CLN_OK);
+    assert_near(mse, cln_image_mse(W, H, NULL, a, b), 1e-12);
+    assert_int_equal(cln_image_most_mse(W, H, kept, a, b, 0.75, &mse), CLN_OK);
+    assert_near(mse, 0.01, 1e-8); /* 73 others of 91 */
+    assert_int_equal(cln_image_most_mse(W, H, kept, a, b, 1, &mse), CLN_OK);
+    assert_near(mse, cln_image_mse(W, H, kept, a, b), 1e-12);
+}
+
 /* Another exposure and white balance cost nothing; other differences stay. */
 static void test_fitted(void **state)
 {
@@ -140,10 +165,8 @@ static void test_left_out(void **state)
 int test_group_metrics_image(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_psnr),
-        cmocka_unit_test(test_fitted),
-        cmocka_unit_test(test_ssim),
-        cmocka_unit_test(test_left_out),
+        cmocka_unit_test(test_psnr), cmocka_unit_test(test_most),     cmocka_unit_test(test_fitted),
+        cmocka_unit_test(test_ssim), cmocka_unit_test(test_left_out),
     };
 
     return cmocka_run_group_tests_name("metrics_image", tests, NULL, NULL);

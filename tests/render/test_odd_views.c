@@ -64,6 +64,26 @@ static void test_hidden(void **state)
     assert_false(images[0].hidden);
 }
 
+/* Partly off are views whose PSNR gains much without a few pixels, unless all gain that. */
+static void test_partly(void **state)
+{
+    cln_eval_image images[VIEWS];
+    cln_eval_result result = views_of(images, 0, 0, 2);
+
+    (void)state;
+    for (int i = 0; i < VIEWS; i++)
+        images[i].psnr_most = images[i].psnr + (i < 2 ? 9.5 : 5.4);
+    images[6].psnr_most = NAN; /* of a photo with alpha */
+    assert_int_equal(cln_odd_views(&result), CLN_OK);
+    for (int i = 0; i < VIEWS; i++)
+        assert_int_equal(images[i].partly, i < 2);
+    for (int i = 2; i < VIEWS; i++)
+        images[i].psnr_most = images[i].psnr + 5.6;
+    assert_int_equal(cln_odd_views(&result), CLN_OK);
+    for (int i = 0; i < VIEWS; i++)
+        assert_false(images[i].partly);
+}
+
 /* The depth is the median of opaque pixels, if most are. */
 static void test_depth(void **state)
 {
@@ -84,6 +104,7 @@ int test_group_odd_views(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fitted_gain),
         cmocka_unit_test(test_hidden),
+        cmocka_unit_test(test_partly),
         cmocka_unit_test(test_depth),
     };
 
