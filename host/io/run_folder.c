@@ -275,8 +275,8 @@ bool cln_run_is_of_others(const char *run)
     return others;
 }
 
-/* Returns whether a line is a row up to `step`, of an interval that is over. An event belongs to the
- * beginning of the next step: a run resumed at the event's step repeats it. */
+/* Returns whether a line is a row up to `step`, of an interval that is over. An event belongs to
+ * the beginning of the next step: a run resumed at the event's step repeats it. */
 static bool keep_row(const char *line, size_t length, int64_t step)
 {
     json_t *row = json_loadb(line, length, 0, NULL);
