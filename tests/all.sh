@@ -119,15 +119,17 @@ part trainings tests/cli/training.sh
 part "unit: checks" groups build/tests checks
 part devices tests/device/devices.sh -q
 part "unit: networks" groups build/tests networks
-part captures "${quick[@]}" tests/cli/captures.sh
+part "captures: trees" tests/cli/captures.sh depth sparse forward beyond
+part captures "${quick[@]}" tests/cli/captures.sh -depth -sparse -forward -beyond
 part "unit: kernels" groups build/tests kernels
-# Without what builds many kernels, or trains for long: it runs the same host code.
+# Without what builds many kernels, or takes long for the same host code.
 part "sanitized unit: rest" groups build/sanitize/tests rest \
-    "float64|refine|learning|regrow|units|opaque|extreme_scenes"
+    "float64|refine|learning|regrow|units|opaque|extreme_scenes|agree"
 part "sanitized unit: checks" groups build/sanitize/tests checks "tuner|extremes"
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
-part endings "${quick[@]}" tests/cli/endings.sh
-part faults "${quick[@]}" FAULTS=1 tests/faults.sh
+part "endings: doubts" tests/cli/endings.sh short doubtful
+part endings "${quick[@]}" tests/cli/endings.sh -short -doubtful
+part faults env FAULTS=1 tests/faults.sh
 part "command line" "${quick[@]}" tests/cli/cli.sh
 part check "${quick[@]}" tests/cli/check.sh
 part poses "${quick[@]}" tests/cli/poses.sh
@@ -144,8 +146,9 @@ part viewer "${quick[@]}" tests/cli/view.sh
 part leaks "${quick[@]}" tests/cli/leaks.sh
 part install tests/cli/install.sh
 part bench tests/cli/bench.sh
-part "sanitized unit: networks" build/sanitize/tests mlp/test_points mlp/test_no_samples \
-    mlp/test_in_parts mlp/test_small_networks
+part "sanitized unit: some" build/sanitize/tests mlp/test_points mlp/test_no_samples \
+    mlp/test_in_parts mlp/test_small_networks agree/test_positions agree/test_merged \
+    agree/test_lamp_on_camera
 part "fuzz corpus" tests/fuzz/fuzz.sh replay
 wait
 

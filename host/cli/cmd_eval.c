@@ -3,6 +3,7 @@
 #include "cli/commands.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -84,53 +85,55 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
                    "or see what `cl-nascent check` says of them");
 }
 
-/* Views whose camera stands in, or right behind, what nothing contradicts. */
-static void print_hidden(const cln_eval_result *r)
+/* Lists the first views whose member `flag` is set: "a.png, b.png, c.png, ...". Returns how many. */
+static int list_views(const cln_eval_result *r, size_t flag, char out[256])
 {
-    char names[256] = "", depth[32];
+    enum { LISTED = 3 };
     size_t used = 0;
-    int hidden = 0;
-    double nearest = INFINITY;
+    int count = 0;
 
+    out[0] = 0;
     for (int i = 0; i < r->count; i++) {
         const cln_eval_image *e = &r->images[i];
 
-        if (!e->hidden)
+        if (!*(const bool *)((const char *)e + flag) || count++ >= LISTED)
             continue;
-        if (hidden++ < 3)
-            used += (size_t)snprintf(names + used, sizeof names - used, "%s%.70s",
-                                     hidden > 1 ? ", " : "", e->name);
-        nearest = fmin(nearest, e->depth);
+        used += (size_t)snprintf(out + used, 256 - used, "%s%.70s", count > 1 ? ", " : "", e->name);
     }
-    if (!hidden)
-        return;
+    if (count > LISTED)
+        snprintf(out + used, 256 - used, ", ...");
+    return count;
+}
+
+/* Views whose camera stands in, or right behind, what nothing contradicts. */
+static void print_hidden(const cln_eval_result *r)
+{
+    char names[256], depth[32];
+    const int hidden = list_views(r, offsetof(cln_eval_image, hidden), names);
+    double nearest = INFINITY;
+
+    for (int i = 0; i < r->count; i++)
+        if (r->images[i].hidden)
+            nearest = fmin(nearest, r->images[i].depth);
     cln_format_real(nearest, 3, depth);
-    printf("%d of %d views %s hidden by something right before the camera, at a distance of %s "
-           "(%s%s): where no training photo looks through, anything may be. Photos from there, or "
-           "from farther away, tell; else keep to the photos' places\n",
-           hidden, r->count, cln_plural(hidden, "is", "are"), depth, names,
-           hidden > 3 ? ", ..." : "");
+    if (hidden)
+        printf("%d of %d views %s hidden by something right before the camera, at a distance of %s "
+               "(%s): where no training photo looks through, anything may be. Photos from there, "
+               "or from farther away, tell; else keep to the photos' places\n",
+               hidden, r->count, cln_plural(hidden, "is", "are"), depth, names);
 }
 
 /* Views of which a small part is off. */
 static void print_partly(const cln_eval_result *r)
 {
-    char names[256] = "";
-    size_t used = 0;
-    int partly = 0;
+    char names[256];
+    const int partly = list_views(r, offsetof(cln_eval_image, partly), names);
 
-    for (int i = 0; i < r->count; i++) {
-        const cln_eval_image *e = &r->images[i];
-
-        if (e->partly && partly++ < 3)
-            used += (size_t)snprintf(names + used, sizeof names - used, "%s%.40s: %.1f dB without",
-                                     partly > 1 ? ", " : "", e->name, e->psnr_most);
-    }
     if (partly)
         printf("%d of %d views differ%s from the photo in a small part of it, less than 7 %% of "
-               "its pixels (%s%s): something that moved, or that few photos show (NAME.error.png)? "
+               "its pixels (%s): something that moved, or that few photos show (NAME.error.png)? "
                "Masks take it out\n",
-               partly, r->count, cln_plural(partly, "s", ""), names, partly > 3 ? ", ..." : "");
+               partly, r->count, cln_plural(partly, "s", ""), names);
 }
 
 /* Photos that were divided: figures of them do not compare with those of whole ones. */

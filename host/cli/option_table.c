@@ -666,12 +666,21 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
 
 cln_status cln_fail_command(const char *name)
 {
+    static const char *const others[][2] = {
+        /* what other programs have */
+        {"resume", "a run goes on with train --resume RUN"},
+        {"continue", "a run goes on with train --resume RUN"},
+        {"runs", "info RUN RUN compares runs"},
+        {"compare", "info RUN RUN compares runs"},
+        {"report", "train and eval write RUN/report.html"},
+        {"viewer", "view RUN opens it in a browser"},
+        {"test", "eval RUN measures its test views, selftest the device"}};
     const char *best = NULL;
     int distance = limit_for(strlen(name));
 
-    if (!strcmp(name, "resume") || !strcmp(name, "continue"))
-        return cln_fail(CLN_USAGE, "unknown command '%s'; a run goes on with train --resume RUN",
-                        name);
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++)
+        if (strcmp(name, others[i][0]) == 0)
+            return cln_fail(CLN_USAGE, "unknown command '%s'; %s", name, others[i][1]);
     for (int i = 0; i < cln_command_count; i++)
         consider(name, cln_commands[i].name, &distance, &best);
     if (best)

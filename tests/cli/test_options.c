@@ -663,6 +663,8 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
     } cases[] = {
         {"", "command"},
         {"trian s", "'trian'|did you mean 'train'"},
+        {"runs", "'runs'|info RUN RUN"},
+        {"report r", "'report'|RUN/report.html"},
         {"xyzzyplugh", "unknown command 'xyzzyplugh'"},
         {"resume", "train --resume RUN"},
         {"help rendre", "did you mean 'render'"},

@@ -54,7 +54,7 @@ section_tune() {
         "$cln" train "$work/blender" -o "$work/given" "${tiny[@]}" --steps 2 --tune VW=4
     check "then they are not as tuned" eval '! said "as tuned in"'
     check "run.json: --tune" eval '"$query" tune_from <"$work/given/run.json" | grep -q "^--tune"'
-    expect "groups of a few work-items" 0 "" "$cln" selftest --tune LS=2,SG=2
+    expect "groups of a few work-items" 0 "" "$cln" selftest --quick --tune LS=2,SG=2
     echo '* | * | W32-* | VW=4,NV=1,TS=4' >>"$rows"
     expect "devices" 0 "" "$cln" devices --no-test --json
     check "devices names the parameters" grep -q '"VW=4,NV=1,LS=1,TS=4,' "$work/out"

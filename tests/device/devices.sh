@@ -98,7 +98,7 @@ section_table() {
 # Kernels as users have them, at extremes; build/tests changes them, and may have none optimised.
 section_extremes() {
     expect "device ${names[$best]}: extremes" 0 "" timeout 900 "$cln" selftest --extremes --quick \
-        -d "${devices[$best]}" --progress none
+        -d "${devices[$best]}"
 }
 
 section_unit() {
