@@ -18,7 +18,7 @@ enum {
     CHUNK = 65536,
     MOST_CELLS = 2048,
     BAND = 6,          /* cells or pixels */
-    VERTEX_BYTES = 136 /* with its two faces, a third of them to grow by, and what a writer takes */
+    VERTEX_BYTES = 138 /* with its two faces, a third of them to grow by, and what a writer takes */
 };
 
 /* ---- the surface ---- */
