@@ -85,7 +85,8 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
                    "or see what `cl-nascent check` says of them");
 }
 
-/* Lists the first views whose member `flag` is set: "a.png, b.png, c.png, ...". Returns how many. */
+/* Lists the first views whose member `flag` is set: "a.png, b.png, c.png, ...". Returns how many
+ * have it set. */
 static int list_views(const cln_eval_result *r, size_t flag, char out[256])
 {
     enum { LISTED = 3 };
