@@ -138,6 +138,16 @@ section_voxels() {
     check "it tells of the parts" grep -qE \
         "triangles, (in one part|the largest of [0-9]+ parts \(the others had [0-9,]+ t[a-z]+\))," \
         "$work/out"
+    check "and so does the file, if there were several" [ "$(grep -ac "parts (the" "$work/out")" = \
+        "$(grep -ac "^comment .*; the largest of [0-9]* parts$" "$work/largest.ply")" ]
+    check "its vertices have the number of views" grep -aqx "property uchar views" \
+        "$work/largest.ply"
+    expect "export --triangles" 0 "" "$cln" export "$work/voxels" --mesh "$work/fewer.ply" \
+        --triangles 300 --json
+    check "the file tells that they moved" grep -aqE \
+        "^comment .*; fewer triangles, moved by up to [0-9.e-]+$" "$work/fewer.ply"
+    check "a share is seen by few" eval '[ -n "$(json few_views_share)" ] &&
+        number_above "$(json few_views_share)" -0.001 && number_above 1 "$(json few_views_share)"'
     expect "info" 0 "" "$cln" info "$work/voxels"
     check "the leaves are of level 3" grep -q "leaves_by_level *0, 0, 0, [1-9]" "$work/out"
     local -a decoded=(--preset voxel --decoder-width 16 --rays 512 --leaf-samples 0 --steps 120

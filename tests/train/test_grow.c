@@ -1,9 +1,10 @@
 /* When a whole level of voxels comes. Tested: whether its voxels are too fine for the photos
  * (--cell-pixels) does not depend on how far --refine-poses has moved the cameras, so that a
  * resumed run grows as one without interruption; which leaves are at --max-level, in a shell space,
- * too, whose tree is one level deeper. */
+ * too, whose tree is one level deeper; how many leaves are foreseen. */
 #include "unit.h"
 #include "tests.h"
+#include "near.h"
 #include "scene/motion.h"
 #include "train/grow.h"
 #include "train/measure.h"
@@ -161,11 +162,44 @@ static void test_too_fine(void **state)
     assert_int_equal(too_fine(true, 1), 0);
 }
 
+/* Whole levels come every 2 x 32 + 32 steps until four times their leaves are more than a third of
+ * the most, single leaves from a quarter of the steps on, all of them at 0.7. */
+static void test_foresee(void **state)
+{
+    static const struct {
+        double step, leaves;
+    } cases[] = {{10, 64}, {95, 64}, {97, 256}, {191, 256}, {193, 1024}, {249, 1024}, {701, 16384}};
+    cln_config config;
+    double before = 0;
+
+    (void)state;
+    assert_ok(cln_config_preset("voxel", &config));
+    config.structure_from = 0.25;
+    config.structure_until = 0.7;
+    config.cull_after = config.refresh_every = 32;
+    config.max_leaves = 16384;
+    config.start_level = 2;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        assert_near(cln_grow_foresee(&config, 64, 16384, cases[i].step / 1000, 1000),
+                    cases[i].leaves, 1e-9);
+    for (int step = 0; step < 1000; step++) {
+        const double leaves = cln_grow_foresee(&config, 64, 16384, step / 1000.0, 1000);
+
+        assert_true(leaves >= before && leaves <= 16384);
+        before = leaves;
+    }
+    assert_near(cln_grow_foresee(&config, 64, 100, 0.9, 1000), 100, 1e-9);
+    config.adaptive = false;
+    assert_near(cln_grow_foresee(&config, 64, 16384, 0.9, 1000), 4096, 1e-9);
+    config.adaptive = true; /* too few steps for single leaves, of any number of them */
+    assert_near(cln_grow_foresee(&config, 64, 16384, 0.9, 200), 256, 1e-9);
+}
+
 int test_group_grow(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_refined),
-                                       cmocka_unit_test(test_can_split),
-                                       cmocka_unit_test(test_too_fine)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_refined), cmocka_unit_test(test_foresee),
+        cmocka_unit_test(test_can_split), cmocka_unit_test(test_too_fine)};
 
     return cmocka_run_group_tests_name("grow", tests, fixture_setup, fixture_teardown);
 }
