@@ -184,17 +184,20 @@ done:
     return st;
 }
 
-/* Truth, render and their absolute difference times four. */
+/* Truth, render and their absolute difference times four; what does not count is grey in the truth
+ * and no difference. */
 static cln_status save(const char *folder, const char *name, int width, int height,
-                       const float *rgb, const float *truth, float *scratch)
+                       const float *rgb, const float *truth, const uint8_t *kept, float *scratch)
 {
     cln_status st = CLN_OK;
     const size_t n = (size_t)width * (size_t)height * 3;
 
     CLN_TRY(write_picture(folder, name, ".png", width, height, rgb));
-    CLN_TRY(write_picture(folder, name, ".truth.png", width, height, truth));
     for (size_t i = 0; i < n; i++)
-        scratch[i] = 4.0f * fabsf(rgb[i] - truth[i]);
+        scratch[i] = kept && !kept[i / 3] ? CLN_LEFT_OUT_GREY : truth[i];
+    CLN_TRY(write_picture(folder, name, ".truth.png", width, height, scratch));
+    for (size_t i = 0; i < n; i++)
+        scratch[i] = kept && !kept[i / 3] ? 0 : 4.0f * fabsf(rgb[i] - truth[i]);
     CLN_TRY(write_picture(folder, name, ".error.png", width, height, scratch));
 done:
     return st;
@@ -284,7 +287,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
         image->depth = cln_space_depth_to_scene(&scene->space, (float)image->depth);
     CLN_TRY(cln_scene_check_pixels(scene));
     if (folder)
-        CLN_TRY(save(folder, v->file, width, height, picture->rgb, truth, rounded));
+        CLN_TRY(save(folder, v->file, width, height, picture->rgb, truth, kept, rounded));
 done:
     cln_view_give_back(&scene->views[view], v);
     free(kept);

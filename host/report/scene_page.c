@@ -194,8 +194,8 @@ static void put_side(FILE *to, const cln_scene *scene, const json_t *document, c
 
 /* ---- photos ---- */
 
-/* A small copy over the background, as people see the photo: nearest pixels suffice to recognise
- * it. */
+/* A small copy over the background, as people see the photo, grey where it does not count: nearest
+ * pixels suffice to recognise it. */
 static cln_status put_thumb(FILE *to, const cln_scene *scene, const cln_view *view)
 {
     cln_status st = CLN_OK;
@@ -208,11 +208,13 @@ static cln_status put_thumb(FILE *to, const cln_scene *scene, const cln_view *vi
     CLN_TRY(cln_alloc(&pixels, (size_t)w * (size_t)h, 3, "a thumbnail"));
     for (int y = 0; y < h; y++)
         for (int x = 0; x < w; x++) {
+            const int u = x * wide / w, v = y * high / h;
             float rgb[3], alpha = 1;
 
-            cln_view_pixel(view, x * wide / w, y * high / h, scene->background, rgb, &alpha);
+            cln_view_pixel(view, u, v, scene->background, rgb, &alpha);
             for (int c = 0; c < 3; c++)
-                pixels[3 * ((size_t)y * (size_t)w + (size_t)x) + (size_t)c] = cln_to_u8(rgb[c]);
+                pixels[3 * ((size_t)y * (size_t)w + (size_t)x) + (size_t)c] =
+                    cln_to_u8(cln_view_keeps(view, u, v) ? rgb[c] : CLN_LEFT_OUT_GREY);
         }
     CLN_TRY(cln_image_turn(cln_view_turn(view), &w, &h, 3, &pixels));
     CLN_TRY(cln_image_encode_jpeg(w, h, 3, pixels, QUALITY, &jpeg, &bytes));

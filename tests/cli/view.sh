@@ -615,19 +615,19 @@ section_silence() {
     fi
     [ $server = 0 ] || stop TERM
     baseline
-    with=(LD_PRELOAD="$PWD/build/faults.so" FAULT_SPEED=20) # two minutes are six seconds
+    with=(LD_PRELOAD="$PWD/build/faults.so" FAULT_SPEED=40) # two minutes are three seconds
     train "$work/silent"
     with=()
     begin_film "a film of a training"
     posts "its first frame" 200 "/film/frame?film=$film&view=6" "${me[@]}"
     kill -STOP $server # as an evaluation
-    sleep 7
+    sleep 4
     kill -CONT $server
     posts "the film outlives minutes in which nothing is painted" 200 \
         "/film/frame?film=$film&view=7" "${me[@]}"
     posts "it is completed" 200 "/film/end?film=$film" "${me[@]}"
     begin_film "another film"
-    curl -s -m 600 -o /dev/null -H "X-Viewer: large" "$address/picture?view=6&width=2500" &
+    curl -s -m 600 -o /dev/null -H "X-Viewer: large" "$address/picture?view=6&width=1200" &
     large=$!
     sleep 0.3
     posts "a frame that waits for minutes behind a large picture" 200 \

@@ -4,6 +4,7 @@
 #include "unit.h"
 #include <math.h>
 #include <stdlib.h>
+#include <sys/stat.h>
 #include "render/antialias.h"
 #include "render/crop.h"
 #include "render/open_run.h"
@@ -725,6 +726,73 @@ static void test_no_window(void **state)
     free(views);
 }
 
+/* The picture NAME.ENDING of the first view in `folder`; the caller frees it. */
+static uint8_t *read_eval(const char *folder, const cln_view *view, const char *ending)
+{
+    char path[4096];
+    int width = 0, height = 0, channels = 0;
+    uint8_t *pixels = NULL;
+
+    snprintf(path, sizeof path, "%s/%s%s", folder, view->file, ending);
+    assert_ok(cln_image_load(path, &width, &height, &channels, &pixels));
+    assert_int_equal(width, SIDE);
+    assert_int_equal(height, SIDE);
+    assert_int_equal(channels, 3);
+    return pixels;
+}
+
+/* What a mask hides is not in pictures of the truth, nor as an error. */
+static void test_left_out(void **state)
+{
+    const bool pixels[CLN_SPLITS] = {[CLN_SPLIT_TEST] = true};
+    const cln_device_desc device = fixture_device();
+    const char *folder = fixture_path("left-out");
+    uint8_t spots[(SIDE * SIDE + 7) / 8], *truth = NULL, *error = NULL, *render = NULL;
+    cln_eval_result result = {0};
+    cln_open_run v;
+    const cln_view *view = NULL;
+    int *views = NULL, count = 0, hidden = 0;
+
+    NEED_DEVICE();
+    memset(spots, 0x7f, sizeof spots); /* every eighth column is left out */
+    assert_int_equal(mkdir(folder, 0777), 0);
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
+    view = &v.scene->views[views[0]];
+    v.scene->views[views[0]].kept = spots;
+    assert_ok(cln_quality_measure(&v.pipeline, NULL, v.scene, views, count, folder, NULL, &result));
+    truth = read_eval(folder, view, ".truth.png");
+    error = read_eval(folder, view, ".error.png");
+    render = read_eval(folder, view, ".png");
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        float rgb[3], alpha = 0;
+
+        cln_view_pixel(view, i % SIDE, i / SIDE, v.scene->background, rgb, &alpha);
+        for (int c = 0; c < 3; c++) {
+            const int at = 3 * i + c, photo = (int)lrintf(255 * rgb[c]);
+
+            if (i % 8 == 7) {
+                assert_in_range(truth[at], 127, 128);
+                assert_int_equal(error[at], 0);
+                hidden += abs(photo - 128) > 20 && render[at] != truth[at];
+            } else {
+                assert_int_equal(truth[at], photo);
+                assert_true(abs(error[at] - 4 * abs(render[at] - photo)) <= 3 || error[at] == 255);
+            }
+        }
+    }
+    assert_true(hidden > SIDE); /* there was something to hide, which is rendered */
+    v.scene->views[views[0]].kept = NULL;
+    free(truth);
+    free(error);
+    free(render);
+    cln_eval_free(&result);
+    cln_open_run_close(&v);
+    free(views);
+}
+
 int test_group_pictures(void)
 {
     const struct CMUnitTest tests[] = {
@@ -733,6 +801,7 @@ int test_group_pictures(void)
         cmocka_unit_test(test_follow),
         cmocka_unit_test(test_squares),
         cmocka_unit_test(test_no_window),
+        cmocka_unit_test(test_left_out),
         cmocka_unit_test(test_keeps_to_the_plan),
         cmocka_unit_test(test_wide),
         cmocka_unit_test_teardown(test_antialias, show_all_of_whole),

@@ -4,6 +4,7 @@
 #include "format_fixture.h"
 #include "outcome.h"
 #include "phone_fixture.h"
+#include "report/scene_page.h"
 #include "tests.h"
 
 /* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
@@ -210,6 +211,50 @@ static void test_masks(void **state)
              3); /* and in the other: the wrong way round? */
     cln_scene_free(load(folder, &config));
     assert_int_equal(warnings, 1);
+}
+
+/* The size of the page of `check` and the sum of its bytes. */
+static uint64_t page(const char *folder)
+{
+    const char *path = scratch_path(folder, "page.html");
+    json_t *document = json_object();
+    cln_scene *scene = load(folder, plain());
+    uint64_t sum = 0;
+    FILE *f = NULL;
+
+    assert_int_equal(cln_scene_page(path, scene, document), CLN_OK);
+    f = fopen(path, "r");
+    assert_non_null(f);
+    for (int c = getc(f); c != EOF; c = getc(f))
+        sum = sum * 31 + (uint64_t)c;
+    fclose(f);
+    cln_scene_free(scene);
+    json_decref(document);
+    return sum;
+}
+
+/* What a mask hides is not on the page of `check`. */
+static void test_hidden_on_page(void **state)
+{
+    const char *folder = *state;
+    uint8_t photo[FORMAT_WIDTH * FORMAT_HEIGHT * 3];
+    uint64_t sum[3];
+
+    put_mask(folder, "m.png", 9, 1);
+    put_text(folder, "transforms.json",
+             "{\"fl_x\":20,\"aabb_scale\":1,\"mask_path\":\"m.png\",\"frames\":[" FRAME(
+                 "view_00.png", POSE_FRONT) "," FRAME("view_01.png", POSE_FRONT) "]}");
+    for (int n = 0; n < 3; n++) {
+        format_images(folder, 1);
+        for (int i = 0; i < FORMAT_WIDTH * FORMAT_HEIGHT * 3; i++) /* black is 0 in either part */
+            photo[i] = n > 0 && (i / 3 % FORMAT_WIDTH < 9) == (n == 1) ? 240 : 0;
+        assert_int_equal(cln_image_write_png(scratch_path(folder, "view_00.png"), FORMAT_WIDTH,
+                                             FORMAT_HEIGHT, 3, photo),
+                         CLN_OK);
+        sum[n] = page(folder);
+    }
+    assert_true(sum[0] == sum[1]);
+    assert_true(sum[0] != sum[2]);
 }
 
 /* The document's mask is that of all frames without one of their own. */
@@ -424,6 +469,7 @@ int test_group_masks(void)
         cmocka_unit_test_setup_teardown(test_folder_of_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_whole_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_hidden_on_page, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_one_mask_for_all, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks_in_folder, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
