@@ -227,13 +227,22 @@ static void leave_cut_out(work *w)
 {
     cln_agreement *out = w->out;
     int all[2] = {0}, agreeing[2] = {0}, left = 0;
+    int kept = 0, could = 0; /* of what agrees where both photos could cut it away */
 
     for (int i = 0; i < out->tie_count; i++) {
-        all[out->ties[i].cut]++;
-        agreeing[out->ties[i].cut] += cln_tie_agrees(w->scene, &out->ties[i], &GIVEN);
+        const cln_tie *t = &out->ties[i];
+        const bool agrees = cln_tie_agrees(w->scene, t, &GIVEN);
+
+        all[t->cut]++;
+        agreeing[t->cut] += agrees;
+        if (agrees && cln_view_cut(&w->scene->views[t->a]) &&
+            cln_view_cut(&w->scene->views[t->b])) {
+            could++;
+            kept += !t->cut;
+        }
     }
-    if (agreeing[0] + agreeing[1] >= FEWEST)
-        out->kept_share = (double)agreeing[0] / (agreeing[0] + agreeing[1]);
+    if (could >= FEWEST)
+        out->kept_share = (double)kept / could;
     if (agreeing[1] >= FEWEST && agreeing[1] >= GOOD * all[1] &&
         (all[0] < FEWEST || agreeing[0] < KEPT_GOOD * all[0]))
         return;

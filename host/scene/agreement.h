@@ -95,7 +95,7 @@ typedef struct cln_agreement {
     double tilt_exact;   /* share of the ties that then do */
     double falloff;      /* power of its distance from the camera with which a mark fades, as the
                             light goes along; 0: it does not */
-    double kept_share;   /* of what agrees, cut away or not: what masks and alpha keep; or NaN */
+    double kept_share;   /* of what agrees in photos with masks or alpha: what these keep; or NaN */
     int turned, stored;  /* of photos that EXIF data turn and that are taken as stored: ties that
                             agree if these are turned, and as they are */
     int still;           /* ties left out, as what they are of stands still in the pictures */

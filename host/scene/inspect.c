@@ -498,10 +498,14 @@ static void check_masks(cln_inspection *in)
 {
     const double agreeing = in->agreement.kept_share;
     double area = 0, left = 0;
-    int masks = 0;
+    int masks = 0, cut = 0;
 
     for (int i = 0; i < in->scene->view_count; i++)
-        area += kept_pixels(&in->scene->views[i]) / in->scene->view_count;
+        if (cln_view_cut(&in->scene->views[i])) {
+            area += kept_pixels(&in->scene->views[i]);
+            cut++;
+        }
+    area = cut ? area / cut : 1;
     left = cln_scene_masks_leave(in->scene, &masks);
     if (!masks && !in->scene->has_alpha)
         return;

@@ -239,6 +239,11 @@ bool cln_view_keeps(const cln_view *view, int x, int y)
     return !view->kept || (view->kept[at / 8] >> at % 8 & 1);
 }
 
+bool cln_view_cut(const cln_view *view)
+{
+    return view->masked || view->channels == 4;
+}
+
 cln_fold cln_scene_fold(const cln_scene *scene)
 {
     cln_fold fold = {0};

@@ -400,6 +400,8 @@ void cln_view_pixel(const cln_view *view, int x, int y, const float background[3
 /* Whether pixel (x, y) counts, in training and in figures. Those beyond the fold of the view's
  * lens, which have no ray, and those that its mask leaves out do not. */
 bool cln_view_keeps(const cln_view *view, int x, int y);
+/* Has the loaded view a mask or alpha? */
+bool cln_view_cut(const cln_view *view);
 /* What people see there, in place of what a mask is to hide. */
 #define CLN_LEFT_OUT_GREY 0.5f
 /* Views that have pixels beyond a fold, and the share of those in all pixels of these views. */

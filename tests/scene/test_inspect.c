@@ -448,20 +448,6 @@ static void test_masks_without_effect(void **state)
     free_wall(w);
 }
 
-/* Some photos have no mask: the share is of those that have one. */
-static void test_masks_of_some(void **state)
-{
-    wall *w = make_wall(VIEWS);
-    static uint8_t some[WIDE * HIGH / 8];
-
-    (void)state;
-    memset(some, 255, sizeof some / 16);
-    for (int i = 0; i < VIEWS / 2; i++)
-        w->views[i].kept = w->views[i].masked = some;
-    assert_non_null(strstr(text_of(inspect(w, "masks")), "of 6 photos leave 6.25% of their"));
-    free_wall(w);
-}
-
 /* Photos that do not fit their poses: causes that poses and masks tell come with the usual ones. */
 static void test_causes(void **state)
 {
@@ -570,6 +556,37 @@ static void test_backdrop(void **state)
     memset(lower, 255, sizeof lower / 2); /* the other half */
     memset(lower + sizeof lower / 2, 0, sizeof lower / 2);
     assert_non_null(strstr(text_of(inspect(w, "masks")), "--masks ignore-white"));
+    free_wall(w);
+}
+
+/* Some photos have no mask: shares are of those that have one, and of what these show. */
+static void test_masks_of_some(void **state)
+{
+    wall *w = make_turning(8, 0);
+    static uint8_t some[WIDE * HIGH / 8];
+    double kept = 0;
+
+    (void)state;
+    for (int y = 0; y < HIGH / 4; y++)
+        memset(some + ((HIGH / 2 + y) * WIDE + WIDE / 4) / 8, 255, WIDE / 4 / 8);
+    for (int i = 0; i < VIEWS / 2; i++)
+        w->views[i].kept = w->views[i].masked = some;
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "of 6 photos leave 6.25% of their"));
+    assert_true(fabs(measured(w, "kept") - 0.0625) < 1e-9);
+    memset(some, 255, sizeof some / 2); /* half of the photos keep what others show otherwise */
+    memset(some + sizeof some / 2, 0, sizeof some / 2);
+    for (int i = 0; i < VIEWS; i++)
+        for (int p = 0; p < WIDE * HIGH / 2; p++)
+            memset(w->pixels[i] + 3 * p, grey_of(10 + (uint32_t)i, p % WIDE, p / WIDE), 3);
+    for (int i = 0; i < VIEWS; i++)
+        w->views[i].kept = w->views[i].masked = i < VIEWS / 2 ? some : NULL;
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "--masks ignore-white"));
+    assert_true(fabs(measured(w, "kept") - 0.5) < 1e-9);
+    kept = measured(w, "agreeing_kept");
+    for (int i = 0; i < VIEWS; i++)
+        w->views[i].kept = w->views[i].masked = some;
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "--masks ignore-white"));
+    assert_true(fabs(measured(w, "agreeing_kept") - kept) < 0.1);
     free_wall(w);
 }
 
