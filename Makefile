@@ -1,7 +1,8 @@
 # cl-nascent: plain GNU make. Only build/ is written.
 #   make                    build/cl-nascent, and the library: libcl-nascent.a and .so
 #   make demo               install missing packages, generate, train two minutes, evaluate, render
-#   make test | check       install missing packages, run the whole suite
+#   make test | check       install missing packages, run what every change is to pass
+#   make test-all           the whole suite, four times as long: before a release
 #   make test-devices       the cases of docs/devices.md on every OpenCL device found
 #   make test-browser       the viewer's page in headless Chromium (a large download; not in test)
 #   make grind              the kernels under Oclgrind, for races and bad accesses
@@ -369,9 +370,9 @@ demo:
 
 check: test
 
-test:
+test test-all:
 	@tests/deps.sh build test lint
-	@MAKE="$(MAKE)" tests/all.sh
+	@MAKE="$(MAKE)" tests/all.sh $(if $(filter test-all,$@),all)
 
 test-devices grind:
 	@tests/deps.sh build test
@@ -498,6 +499,6 @@ clean: # B=FOLDER: that one alone
 -include $(ALL_SRC:%.c=$B/obj/%.d) $B/obj/mpi/ranks.d
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE help deps demo test check test-devices test-browser grind faults fuzz lint fmt \
+.PHONY: all FORCE help deps demo test test-all check test-devices test-browser grind faults fuzz lint fmt \
         bench bench-programs bench-peers bench-sort bench-scale bench-scale-programs \
         install uninstall dist deb clean

@@ -1,17 +1,22 @@
 #!/bin/bash
-# The whole suite behind `make test`, from the repository's root: lint, unit tests, the same under
-# AddressSanitizer and UndefinedBehaviorSanitizer, the command line end to end, the installed
-# library, and the devices side by side. A driver compiles kernels with one thread, so as many
+# The suite, from the repository's root. `make test` runs what every change is to pass, in some ten
+# minutes: lint, unit tests, those of kernels and readers under AddressSanitizer and
+# UndefinedBehaviorSanitizer, the command line end to end. `make test-all` (all.sh all) runs the
+# rest, too: what takes longer, or seldom breaks alone. Together they run each section of each
+# script. A driver compiles kernels with one thread, so as many
 # parts as there are processors run at once, long ones first, so that all processors are busy to the
 # end; a part that mostly waits runs beside them. Each is printed when it ends, with its seconds and
 # those of processors. It ends with a line "N passed, N failed[, N skipped]"; the last line here is
 # their sum, and the exit status is non-zero if anything failed. A part that breaks without this
 # line counts as one failure. Failures are repeated before the sum.
+# shellcheck disable=SC2046,SC2086 # lists of words
 set -u
 cd "$(dirname "$0")/.." || exit 1
 
 make=${MAKE:-make}
 jobs=$(nproc 2>/dev/null || echo 2)
+all=0
+[ "${1:-}" != all ] || all=1
 logs=build/test-parts
 parts=0
 waiting=none # the process of the part that mostly waits
@@ -65,6 +70,11 @@ part() {
     finish "$1" "$logs/$(printf '%02d' $parts)" "${@:2}" &
 }
 
+# more NAME COMMAND...: a part of `make test-all` alone
+more() {
+    [ "$all" = 0 ] || part "$@"
+}
+
 # beside NAME COMMAND...: starts the part that mostly waits, without a processor of its own
 beside() {
     parts=$((parts + 1))
@@ -80,18 +90,30 @@ build() {
     fi
 }
 
-# groups PROGRAM NAME [EXCEPT]: a share of a program's test groups. Building kernels is most of what
-# `kernels` and `checks` do.
+# Groups of unit tests: building kernels is most of what `kernels`, `checks` and `devices` do, and
+# `readers` read what others wrote. `rest` is all that is in no set but `readers`.
+kernels='sampling|splat|composite|measure|adam|rays|shell_rays|roulette|carry|regularise|voxel|halo'
+networks=mlp checks='selftest|results' devices='extremes|devices|tuner|field_render'
+long='float64|agree|surface|scan_sort'
+readers='colmap|clip|colour|image|film|progress|run_folder|safetensors|checkpoint|config|settings'
+readers+='|broken_formats|cameras_file|cutout|depth_images|masks|metashape|missing|phones|placing'
+readers+='|readers|scene|scene_input|store|view_request|model'
+
+# groups PROGRAM SET [EXCEPT]
 groups() {
-    local kernels='sampling|splat|composite|measure|adam|rays|shell_rays|roulette|carry|regularise'
-    local checks='extremes|selftest|devices|tuner|results|field_render'
-    kernels+='|voxel|halo'
-    # shellcheck disable=SC2046
+    local of=("$1") listed
+    listed=$("$1" -l)
     case $2 in
-    networks) "$1" mlp ;;
-    kernels | checks) "${quick[@]}" "$1" $("$1" -l | grep -x -E "${!2}" | grep -v -x -E "${3:-}") ;;
-    rest) "$1" $("$1" -l | grep -v -x -E "$kernels|$checks|mlp${3:+|$3}") ;;
+    rest) listed=$(grep -v -x -E "$kernels|$networks|$checks|$devices|$long" <<<"$listed") ;;
+    *) listed=$(grep -x -E "${!2}" <<<"$listed") ;;
     esac
+    case $2 in kernels | checks | devices) of=("${quick[@]}" "$1") ;; esac
+    "${of[@]}" $(grep -v -x -E "${3:-}" <<<"$listed")
+}
+
+# others SECTION...: the arguments that leave these out
+others() {
+    printf -- '-%s ' "$@"
 }
 
 # Kernels that are compiled without being optimised, where few samples run on them: PoCL takes half
@@ -110,46 +132,67 @@ part "sanitized build" "$make" --no-print-directory -j"$jobs" SANITIZE=address,u
     build/sanitize/cl-nascent build/sanitize/make-scene build/sanitize/tests \
     build/sanitize/fuzz-alone
 wait
+# Sections of scripts that every change is to pass.
+ranks="same dies" trainings="train resume damage" faults="kill disk memory files"
+captures="missing masks objects nerfstudio phone" hour="words training" trees="culling resume"
+viewer="page pictures refused token" endings="killed again lost"
 # Long ones first. Under sanitizers when those without have ended, as the driver keeps what it
 # compiled: side by side both would compile the same.
 beside "ranks: hangs" tests/cli/ranks.sh hangs
 part "unit: rest" groups build/tests rest
-part ranks tests/cli/ranks.sh -hangs
-part trainings tests/cli/training.sh
-part "unit: checks" groups build/tests checks
-part devices tests/device/devices.sh -q
-part "unit: networks" groups build/tests networks
-part "captures: trees" tests/cli/captures.sh depth sparse forward beyond
-part captures "${quick[@]}" tests/cli/captures.sh -depth -sparse -forward -beyond
 part "unit: kernels" groups build/tests kernels
-# Without what builds many kernels, or takes long for the same host code.
-part "sanitized unit: rest" groups build/sanitize/tests rest \
-    "float64|refine|learning|regrow|units|opaque|extreme_scenes|agree"
-part "sanitized unit: checks" groups build/sanitize/tests checks "tuner|extremes"
-part "sanitized unit: kernels" groups build/sanitize/tests kernels
-part "endings: doubts" tests/cli/endings.sh short doubtful
-part endings "${quick[@]}" tests/cli/endings.sh -short -doubtful
-part faults env FAULTS=1 tests/faults.sh
 part "command line" "${quick[@]}" tests/cli/cli.sh
-part check "${quick[@]}" tests/cli/check.sh
-part poses "${quick[@]}" tests/cli/poses.sh
 part lint tests/lint.sh
-part "first hour" "${quick[@]}" tests/cli/first_hour.sh
-part "odd places" "${quick[@]}" tests/cli/odd_places.sh
-part tree tests/cli/tree.sh
-part tune "${quick[@]}" tests/cli/tune.sh
+part trainings tests/cli/training.sh $trainings
+part "unit: checks" groups build/tests checks
+part "unit: networks" groups build/tests networks
+part "unit: extremes" "${quick[@]}" build/tests extremes/test_passes
+part ranks tests/cli/ranks.sh $ranks
+part "sanitized unit: kernels" groups build/sanitize/tests kernels
+part "sanitized unit: readers" groups build/sanitize/tests readers
+part captures "${quick[@]}" tests/cli/captures.sh $captures
+part faults env FAULTS=1 tests/faults.sh $faults
+part "first hour" "${quick[@]}" tests/cli/first_hour.sh $hour
+part tree tests/cli/tree.sh $trees
+part viewer "${quick[@]}" tests/cli/view.sh $viewer
+part endings "${quick[@]}" tests/cli/endings.sh $endings
+part poses "${quick[@]}" tests/cli/poses.sh
 # leaks.sh looks for leaks: looking for them while the driver's threads end now and then crashes
 sanitized=("${quick[@]}" BUILD=build/sanitize ASAN_OPTIONS="$ASAN_OPTIONS:detect_leaks=0")
 part "sanitized command line" "${sanitized[@]}" tests/cli/cli.sh usage scenes
-part "sanitized training" "${sanitized[@]}" tests/cli/training.sh resume
-part viewer "${quick[@]}" tests/cli/view.sh
-part leaks "${quick[@]}" tests/cli/leaks.sh
-part install tests/cli/install.sh
-part bench tests/cli/bench.sh
-part "sanitized unit: some" build/sanitize/tests mlp/test_points mlp/test_no_samples \
+part "fuzz corpus" tests/fuzz/fuzz.sh replay
+
+more "unit: long" groups build/tests long
+more "unit: devices" groups build/tests devices
+more "more ranks" tests/cli/ranks.sh $(others hangs $ranks)
+more devices tests/device/devices.sh -q
+more "captures: trees" tests/cli/captures.sh depth sparse forward beyond
+more "more captures" "${quick[@]}" tests/cli/captures.sh \
+    $(others depth sparse forward beyond $captures)
+# Without what builds many kernels, or takes long for the same host code.
+more "sanitized unit: rest" groups build/sanitize/tests rest \
+    "$readers|refine|learning|regrow|units|opaque|extreme_scenes"
+more "sanitized unit: long" groups build/sanitize/tests long "float64|agree"
+more "sanitized unit: checks" groups build/sanitize/tests checks
+more "sanitized unit: devices" groups build/sanitize/tests devices "tuner|extremes"
+more "sanitized unit: some" build/sanitize/tests mlp/test_points mlp/test_no_samples \
     mlp/test_in_parts mlp/test_small_networks agree/test_positions agree/test_merged \
     agree/test_lamp_on_camera
-part "fuzz corpus" tests/fuzz/fuzz.sh replay
+more "more trainings" tests/cli/training.sh $(others $trainings)
+more "endings: doubts" tests/cli/endings.sh short doubtful
+more "more endings" "${quick[@]}" tests/cli/endings.sh $(others short doubtful $endings)
+more "more faults" env FAULTS=1 tests/faults.sh $(others $faults)
+more check "${quick[@]}" tests/cli/check.sh
+more "more of the first hour" "${quick[@]}" tests/cli/first_hour.sh $(others $hour)
+more "odd places" "${quick[@]}" tests/cli/odd_places.sh
+more "more tree" tests/cli/tree.sh $(others $trees)
+more tune "${quick[@]}" tests/cli/tune.sh
+more "sanitized training" "${sanitized[@]}" tests/cli/training.sh resume
+more "more viewer" "${quick[@]}" tests/cli/view.sh $(others silence $viewer)
+more "viewer: silence" tests/cli/view.sh silence # a large picture
+more leaks "${quick[@]}" tests/cli/leaks.sh
+more install tests/cli/install.sh
+more bench tests/cli/bench.sh
 wait
 
 cat "$logs"/*.failed 2>/dev/null | sed '1i\

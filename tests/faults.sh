@@ -7,7 +7,7 @@
 #
 #   tests/faults.sh [SECTION...]   sections: kill disk memory device nan files changing signals
 #                                  clock results small means groups untimed
-#   FAULTS=50                      moments for each kind of fault; make test takes 1, all sections
+#   FAULTS=50                      moments for each kind of fault; make test-all takes 1
 #   FAULT_SEED=1                   chooses them
 # Every check is one line of the count in the last line; the output of a failed one is shown.
 set -u

@@ -2,7 +2,7 @@
 # One table of cases on every OpenCL device, against float64 and against each other: vendors'
 # compilers miscompile silently, and success on one device proves little about the next.
 # docs/devices.md has the results. A failure names device and case.
-#   tests/device/devices.sh [-q] [SECTION...]      -q: the part that `make test` runs
+#   tests/device/devices.sh [-q] [SECTION...]      -q: the part that `make test-all` runs
 #   table    every check of the self-test against float64, its outputs against the first device that
 #            passed all: whole numbers equal, floats within the check's own bounds
 #   extremes its rows at extremes, on the device with most compute units
