@@ -160,7 +160,8 @@ cln_status cln_agree_brightness(const cln_scene *scene, cln_agreement *out)
     int count = 0, pair_count = 0, firm = 0;
 
     CLN_TRY(cln_alloc(&pairs, (size_t)out->pairs + 1, sizeof *pairs, "pairs"));
-    CLN_TRY(cln_alloc(&ratios, CLN_FEATURES_MOST + (size_t)out->pairs, sizeof *ratios, "ratios"));
+    CLN_TRY(cln_alloc(&ratios, (size_t)out->tie_count + (size_t)out->pairs + 1, sizeof *ratios,
+                      "ratios"));
     CLN_TRY(cln_alloc(&sum, (size_t)views, sizeof *sum, "views"));
     CLN_TRY(cln_alloc(&weight, (size_t)views, sizeof *weight, "views"));
     CLN_TRY(cln_alloc(&marks, (size_t)out->tie_count + 1, sizeof *marks, "ties"));
