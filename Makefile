@@ -499,6 +499,7 @@ clean: # B=FOLDER: that one alone
 -include $(ALL_SRC:%.c=$B/obj/%.d) $B/obj/mpi/ranks.d
 .DELETE_ON_ERROR:
 FORCE:
-.PHONY: all FORCE help deps demo test test-all check test-devices test-browser grind faults fuzz lint fmt \
+.PHONY: all FORCE help deps demo test test-all \
+        check test-devices test-browser grind faults fuzz lint fmt \
         bench bench-programs bench-peers bench-sort bench-scale bench-scale-programs \
         install uninstall dist deb clean

@@ -482,7 +482,8 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
     /* a shell may be around another cube than the box's */
     const bool boxed = scene->has_box && !space->shell;
     char box[6][CLN_NUMBER_BYTES]; /* far from the origin, as many digits as it takes */
-    bool masks = false, held_out = false, edges = false, depths = false;
+    bool masks = false, held_out = false, edges = false, depths = false, inverted = false;
+    int black = 0;
     /* what takes most of a scene's quality away, where only a split was wanted */
     const char *points = scene->has_sights
                              ? ". Without these points --depth-loss has nothing to work on: only "
@@ -508,6 +509,18 @@ static void say_left_out(bool json, double scale, const cln_scene *scene)
         cln_info("cameras: COLMAP's files do not say which views are held out; FILE.json does");
     if (masks)
         cln_warn("cameras: COLMAP's files have no masks of photos; FILE.json has them");
+    for (int i = 0; i < scene->view_count && json; i++) {
+        black += scene->views[i].mask_path && scene->views[i].mask_black;
+        inverted = inverted || (scene->views[i].alpha_mask && scene->views[i].alpha_black);
+    }
+    if (black)
+        cln_warn("cameras: the mask%s of %d photo%s, of which black counts, %s left out, as the "
+                 "file cannot say so: a training on it needs masks whose black does not count",
+                 cln_plural(black, "", "s"), black, cln_plural(black, "", "s"),
+                 cln_plural(black, "is", "are"));
+    if (inverted)
+        cln_warn("cameras: black is the object in these masks, which the file cannot say: train "
+                 "on it with --masks inverted, and exchange black and white for other programs");
     if (space->forward) {
         cln_info("cameras: what the scene tells of depths (near and far, sparse points) is left "
                  "out%s",

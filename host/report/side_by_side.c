@@ -101,7 +101,7 @@ static void find_figures(side *s)
         put(s, ends[i], cln_json_number(result, ends[i]));
     if (!json_is_object(result)) {
         /* of one that was killed, what its checkpoint is of: later rows are lost */
-        const int64_t kept = cln_checkpoint_newest(s->run);
+        const int64_t kept = cln_run_is_held(s->run) ? -1 : cln_checkpoint_newest(s->run);
         const double until = kept >= 0 ? (double)kept : INFINITY;
 
         put(s, "step", kept >= 0 ? until : last_of(s, until, r->step, r->step));
@@ -231,7 +231,7 @@ static void find_outcome(const side *s, const char *option, const char *setting,
     for (size_t i = 0; i < sizeof pairs / sizeof pairs[0]; i++)
         if (strcmp(option, pairs[i][0]) == 0)
             value = json_object_get(s->dataset, pairs[i][1]);
-    if (strcmp(option, "masks") == 0)
+    if (strcmp(option, "masks") == 0 && s->config.masks == CLN_MASKS_AUTO)
         value = json_object_get(json_object_get(s->dataset, "masks"), "as");
     if (strcmp(option, "downscale") == 0 && json_is_integer(value)) {
         char span[CLN_SPAN_BYTES];
@@ -309,6 +309,18 @@ static void add_facts(int count, const side *sides, json_t *facts)
 
 typedef enum comparable { NONE, OF_TESTS, ALL } comparable;
 
+/* How a run reads its masks; "" if it has none. */
+static const char *masks_of(const side *s)
+{
+    const char *as = json_string_value(json_object_get(json_object_get(s->dataset, "masks"), "as"));
+
+    if (as && s->readable && s->config.masks == CLN_MASKS_INVERTED)
+        return "inverted";
+    if (as && s->readable && s->config.masks == CLN_MASKS_IGNORE_WHITE)
+        return "ignore-white";
+    return as ? as : "";
+}
+
 /* Which figures of quality compare; a note says why not all do. */
 static comparable check_comparable(int count, const side *sides, json_t *notes)
 {
@@ -346,6 +358,12 @@ static comparable check_comparable(int count, const side *sides, json_t *notes)
             return NONE;
         }
     }
+    for (int i = 1; i < count; i++)
+        if (strcmp(masks_of(&sides[i]), masks_of(&sides[0])) != 0) {
+            add_note(notes, "Masks are read in different ways (masks), by which other test pixels "
+                            "count, so figures of quality do not compare");
+            return NONE;
+        }
     if (only_tests)
         add_note(notes, "Test photos are the same and compare; training photos differ");
     return only_tests ? OF_TESTS : ALL;

@@ -643,7 +643,8 @@ static cln_status add_mask(cln_view *view, bool wanted, uint64_t *digest)
                          "be left out, %s",
                          view->mask_path, view->mask_black ? "black" : "other than black",
                          view->mask_black ? "black" : "white",
-                         view->mask_black ? "exchange their black and white"
+                         view->mask_black ? "exchange their black and white, or leave --masks "
+                                            "ignore-white out"
                                           : "give --masks ignore-white"));
     view->kept = view->masked = kept;
     kept = NULL;

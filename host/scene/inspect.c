@@ -499,9 +499,11 @@ static void check_masks(cln_inspection *in)
     const double agreeing = in->agreement.kept_share;
     double area = 0, left = 0;
     int masks = 0, cut = 0;
+    bool black = false;
 
     for (int i = 0; i < in->scene->view_count; i++)
         if (cln_view_cut(&in->scene->views[i])) {
+            black = black || in->scene->views[i].mask_black;
             area += kept_pixels(&in->scene->views[i]);
             cut++;
         }
@@ -517,9 +519,10 @@ static void check_masks(cln_inspection *in)
                         "show alike. Likely the wrong colour counts: %s",
                         masks || in->scene->masks_alpha ? "masks" : "alpha channels", 100 * area,
                         100 * agreeing,
-                        masks ? "--masks ignore-white reads them so, or, if they are of an object, "
-                                "--masks inverted"
-                              : "invert them");
+                        black   ? "invert them, or leave --masks ignore-white out"
+                        : masks ? "--masks ignore-white reads them so, or, if they are of an "
+                                  "object, --masks inverted"
+                                : "invert them");
     else if (masks && (left < CLN_MASKS_LEAST || left >= 1))
         cln_found_fault(in->findings, "masks", false, NULL,
                         "the mask%s of %d photo%s leave%s %.3g%% of %s pixels; if the wrong colour "

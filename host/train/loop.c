@@ -685,7 +685,7 @@ cln_status cln_loop_run(cln_trainer *t)
     cln_batch_forget(&t->batch); /* nobody takes the next step */
     cln_ranks_tell(&t->clock, sizeof t->clock);
     t->model.train_seconds = t->clock;
-    if (t->signal && t->model.row.rays > 0)
+    if (t->model.row.rays > 0) /* stopped, now or by the start before, which no step followed */
         CLN_TRY(put_row(t, cln_step_fraction(t), false, true));
     cln_exposure_say(&t->exposure, &t->model);
     cln_refine_say(t);

@@ -807,6 +807,14 @@ section_masks() {
     "$make_scene" "$at" --format colmap --size 32 --train 6 >/dev/null
     expect "masks that a file names" 0 "~masks.of.[0-9]*.images.leave" "$cln" train \
         "$work/masks named" -o "$work/masks named run" "${small[@]}" --steps 1 --masks ignore
+    expect "and whose white does not count" 0 "~masks.of.[0-9]*.images.leave" "$cln" train \
+        "$work/masks named" -o "$work/white" "${small[@]}" --steps 1 --masks ignore-white
+    expect "cameras with masks whose white does not count" 0 "~of.which.black.counts left ~out" \
+        "$cln" export "$work/white" --cameras "$work/white.json"
+    run "$cln" export "$work/masks named run" --cameras "$work/black.json"
+    check "with the others, it has no word on them" not_said "which black counts"
+    check "and has them" [ "$(grep -c mask_path "$work/black.json") $(
+        grep -c mask_path "$work/white.json")" = "14 0" ]
     expect "photos without" 0 "" "$cln" train "$at" -o "$at bare" "${small[@]}" --steps 1
     mkdir "$at/masks"
     for file in "$work/masks named"/masks/*.png; do cp "$file" "$at/masks/${file##*/}.png"; done
@@ -871,6 +879,10 @@ section_objects() {
     expect "cameras with masks" 0 "" "$cln" export "$run" --cameras "$at/transforms.json"
     check "name them as masks" grep -q '"mask_path": "masks/' "$at/transforms.json"
     rm "$at/transforms.json"
+    expect "masks the other way round" 0 "" "$cln" train "$at" -o "$work/inverted" "${small[@]}" \
+        --steps 1 --masks inverted
+    expect "cameras with them say it" 0 "~black.is.the.object ~--masks.inverted" "$cln" export \
+        "$work/inverted" --cameras "$work/inverted.json"
     expect "a run goes on" 0 "" "$cln" train --resume "$run" --steps 6
     expect "and cannot read them otherwise" 8 "masks" "$cln" train --resume "$run" --steps 8 \
         --masks ignore

@@ -253,6 +253,14 @@ section_resume() {
         "$("$query" result.step <"$r/run.json")" ]
     check "and so is its PSNR" [ "$(step_rows "$r" | tail -1 | "$query" psnr_train)" = \
         "$("$query" result.psnr_train <"$r/run.json")" ]
+    key=$("$query" result.step <"$r/run.json")
+    cp -r "$r" "$work/no-more"
+    expect "resume without a step that is left" 0 "" "$cln" train --resume "$work/no-more" \
+        --skip-selftest --progress none --steps "$key"
+    check "its rows are those of the stop" [ "$(step_rows "$r" | "$query" -l psnr_train)" = \
+        "$(step_rows "$work/no-more" | "$query" -l psnr_train)" ]
+    check "and so is its PSNR" [ "$("$query" result.psnr_train <"$r/run.json")" = \
+        "$("$query" result.psnr_train <"$work/no-more/run.json")" ]
     expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "terminated and resumed = not interrupted" is_whole "$r"
     for key in loss psnr_train samples_per_ray; do

@@ -254,6 +254,34 @@ static void untold_scenes_do_not_compare(void **state)
     }
 }
 
+/* The same masks, read in other ways: other pixels count. */
+static void masks_read_otherwise_do_not_compare(void **state)
+{
+    static const struct {
+        const char *first, *as, *second, *other, *row;
+    } cases[] = {
+        {"ignore", "ignore", "ignore-white", "ignore", "[\"ignore\",\"ignore-white\"]"},
+        {"alpha", "alpha", "inverted", "alpha", "[\"alpha\",\"inverted\"]"},
+        {"auto", "alpha", "ignore", "ignore", "[\"alpha (auto)\",\"ignore\"]"},
+        {"auto", "ignore", "ignore", "ignore", ""},
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *const first[][2] = {{"masks", cases[i].first}, {NULL}};
+        const char *const second[][2] = {{"masks", cases[i].second}, {NULL}};
+        const char *a = put_run(*state, "a", "d1", first), *b = put_run(*state, "b", "d1", second);
+        json_t *document = NULL;
+
+        change_run(a, "dataset", "masks", json_pack("{s:s}", "as", cases[i].as));
+        change_run(b, "dataset", "masks", json_pack("{s:s}", "as", cases[i].other));
+        document = beside(a, b);
+        assert_row(document, "settings", "masks", cases[i].row);
+        assert_int_equal(json_is_true(json_object_get(document, "comparable")), !*cases[i].row);
+        assert_note(document, "Masks are read in different ways", *cases[i].row);
+        json_decref(document);
+    }
+}
+
 /* Runs without a result: their test views are told by settings. */
 static void unfinished_runs_compare_by_the_same_views(void **state)
 {
@@ -463,6 +491,8 @@ int test_group_side_by_side(void)
         cmocka_unit_test_setup_teardown(other_scenes_do_not_compare, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(the_same_test_photos_compare, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(untold_scenes_do_not_compare, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(masks_read_otherwise_do_not_compare, scratch_make,
+                                        scratch_remove),
         cmocka_unit_test_setup_teardown(unfinished_runs_compare_by_the_same_views, scratch_make,
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(odd_runs_are_ordinary, scratch_make, scratch_remove),

@@ -555,7 +555,10 @@ static void test_backdrop(void **state)
     assert_true(measured(w, "agreeing_kept") > 0.6);
     memset(lower, 255, sizeof lower / 2); /* the other half */
     memset(lower + sizeof lower / 2, 0, sizeof lower / 2);
-    assert_non_null(strstr(text_of(inspect(w, "masks")), "--masks ignore-white"));
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "--masks ignore-white reads them so"));
+    for (int i = 0; i < VIEWS; i++)
+        w->views[i].mask_black = true; /* by that option */
+    assert_non_null(strstr(text_of(inspect(w, "masks")), "or leave --masks ignore-white out"));
     free_wall(w);
 }
 
