@@ -379,6 +379,8 @@ typedef struct cln_render_desc {
     double stereo;          /* for each pose a pair side by side, left and right, of eyes this many
                                scene units apart; 0 = single pictures */
     bool normals;           /* also NAME.normal.npy and NAME.normal.png */
+    bool seen;              /* also NAME.seen.png: how many training views see what a pixel shows;
+                               needs the cameras of the scene or the run */
     double fps;             /* film: frames a second, 0.001 or more; 0 = the file of poses', or
                                24 */
     bool overwrite;         /* else existing frames are skipped if they were made from the same
@@ -404,6 +406,9 @@ typedef struct cln_render_result {
     int rendered, skipped;
     double seconds;
     bool plain_film; /* it is in OUT with the ending .y4m, as ffmpeg is not installed */
+    /* With `seen`, means over the frames: of what they show, the shares that no training view and
+     * that fewer than three see; else, or if they show nothing, NaN. */
+    double unseen, hardly_seen;
 } cln_render_result;
 
 /* Writes OUT/NAME.png (colour), NAME.depth.npy (float32, scene units), NAME.depth.png (for

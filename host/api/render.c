@@ -2,8 +2,8 @@
  * stereo pairs; render/frames.c chooses the cameras, render/view.c renders a view, render_folder.c
  * has the files. A frame's files, in the order in which they are written, each atomically:
  *
- *   NAME.depth.npy  (NAME.depth.pfm  NAME.metric.png  NAME.normal.npy  NAME.normal.png)
- *   NAME.opacity.png  NAME.png
+ *   NAME.depth.npy  (NAME.depth.pfm  NAME.metric.png  NAME.normal.npy  NAME.normal.png
+ *   NAME.seen.png)  NAME.opacity.png  NAME.png
  *
  * An old NAME.png is removed first and the new one written last, so a frame that was cut short is
  * rendered again. Depth pictures follow when all frames are there, as they share a scale.
@@ -69,6 +69,7 @@ static cln_status list_frames(cln_render_job *j)
     for (int i = 0; i < j->count; i++) {
         j->frames[i].name = j->cameras.frame[i].name;
         j->frames[i].camera = j->cameras.frame[i].camera;
+        j->frames[i].seen = (cln_seen_shares){NAN, NAN};
     }
 done:
     return st;
@@ -192,6 +193,14 @@ static cln_status start(cln_render_job *j)
     const int each = cln_render_eyes(j);
     unsigned lenses = 0;
 
+    if (j->desc->seen)
+        CLN_TRY(cln_seen_choose(v->scene, &j->seen));
+    for (int i = 0; i < j->seen.count; i++) {
+        const cln_camera *c = &j->seen.cameras[i];
+
+        lenses |= cln_camera_lenses(c);
+        v->view_pixels = fmax(v->view_pixels, (double)c->width * c->height);
+    }
     CLN_TRY(cln_alloc(&cameras, (size_t)(j->count * each), sizeof *cameras, "cameras"));
     for (int i = 0; i < j->count * each; i++) {
         cameras[i] = &j->eyes[i];
@@ -206,6 +215,8 @@ static cln_status start(cln_render_job *j)
     }
     v->fast = j->desc->fast;
     CLN_TRY(cln_open_run_start(v, &j->desc->device, lenses));
+    if (j->desc->seen)
+        CLN_TRY(cln_seen_make(v, &j->desc->callbacks, &j->seen));
     v->pipeline.antialias = j->antialias;
     CLN_TRY(cln_crop_use(&v->pipeline, &v->model.space, &j->crop));
     CLN_TRY(cln_pipeline_cameras(&v->pipeline, cameras, j->count * each, &v->model.space));
@@ -236,6 +247,8 @@ static cln_status render_eye(cln_render_job *j, int eye, float *normals, cln_pic
                             j->desc->mean_depth ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN,
                             &j->desc->callbacks, out));
     cln_picture_to_scene(&j->opened.model.space, out);
+    if (j->desc->seen)
+        CLN_TRY(cln_seen_picture(&j->seen, camera, out));
     if (j->desc->transparent)
         cln_picture_straight(j->opened.model.background, out);
     if (normals)
@@ -271,11 +284,16 @@ static cln_status render_frame(cln_render_job *j, int i, cln_picture *out, float
     CLN_TRY(cln_alloc(&out->rgb, 2 * n, 3 * sizeof *out->rgb, "picture"));
     CLN_TRY(cln_alloc(&out->depth, 2 * n, sizeof *out->depth, "picture"));
     CLN_TRY(cln_alloc(&out->opacity, 2 * n, sizeof *out->opacity, "picture"));
+    if (j->desc->seen)
+        CLN_TRY(cln_alloc(&out->seen, 2 * n, sizeof *out->seen, "picture"));
     for (int e = 0; e < each; e++) {
         CLN_TRY(render_eye(j, i * each + e, own, &eye));
         put_beside(eye.rgb, width, height, 3, e * width, of, out->rgb);
         put_beside(eye.depth, width, height, 1, e * width, of, out->depth);
         put_beside(eye.opacity, width, height, 1, e * width, of, out->opacity);
+        for (int y = 0; y < height && eye.seen; y++)
+            memcpy(out->seen + (size_t)y * (size_t)of + (size_t)(e * width),
+                   eye.seen + (size_t)y * (size_t)width, (size_t)width);
         if (own)
             put_beside(own, width, height, 3, e * width, of, *normals);
         cln_picture_free(&eye);
@@ -316,6 +334,8 @@ static cln_status render_frames(cln_render_job *j, cln_film *film, cln_render_re
             continue;
         cln_show_work(callbacks, "render", result->skipped + rendered, j->count);
         CLN_TRY(render_frame(j, i, &picture, &normals));
+        if (picture.seen)
+            j->frames[i].seen = cln_seen_share(&picture);
         CLN_TRY(cln_frame_writer_wait(&writer, &done));
         result->rendered += done;
         rendered++;
@@ -390,6 +410,34 @@ static cln_status render_film(cln_render_job *j, cln_render_result *result)
 done:
     cln_film_abandon(film);
     return st;
+}
+
+/* Means over the frames that show something, kept ones too; names the one that shows most that no
+ * training view sees. */
+static void sum_up_seen(const cln_render_job *j, cln_render_result *result)
+{
+    const cln_render_frame *most = NULL;
+    double none = 0, few = 0;
+    int count = 0;
+
+    for (int i = 0; i < j->count; i++) {
+        const cln_seen_shares *seen = &j->frames[i].seen;
+
+        if (isnan(seen->none))
+            continue;
+        none += seen->none;
+        few += seen->few;
+        count++;
+        if (!most || seen->none > most->seen.none)
+            most = &j->frames[i];
+    }
+    if (!count)
+        return;
+    result->unseen = none / count;
+    result->hardly_seen = few / count;
+    if (count > 1 && most->seen.none > 0.01)
+        cln_info("%s: most that no training view sees is in %s (%.3g %%)", j->desc->out, most->name,
+                 100 * most->seen.none);
 }
 
 static cln_status check_given(const cln_render_desc *d)
@@ -512,7 +560,7 @@ static cln_status open_cameras(cln_render_job *j)
     cln_status st =
         cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, &j->opened);
 
-    if (st != CLN_INPUT || !alike || !cln_frames_have_orbit(desc, j->run))
+    if (st != CLN_INPUT || !alike || desc->seen || !cln_frames_have_orbit(desc, j->run))
         return st;
     cln_clear_error();
     return cln_open_run_model(desc->run, &j->opened);
@@ -525,13 +573,13 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
 
     cln_clear_error();
     CLN_TRY(cln_given("cln_render", "result", result));
-    memset(result, 0, sizeof *result);
+    *result = (cln_render_result){.unseen = NAN, .hardly_seen = NAN};
     CLN_TRY(cln_given("cln_render", "desc", desc));
     CLN_TRY(check_given(desc));
     CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &j.crop));
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
-    if (cln_frames_need_scene(desc, j.run))
+    if (desc->seen || cln_frames_need_scene(desc, j.run))
         CLN_TRY(open_cameras(&j));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
@@ -547,7 +595,9 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
         warn_unseen(&j);
     CLN_TRY(check_ranks(&j));
     CLN_TRY(cln_film_named(desc->out) ? render_film(&j, result) : render_folder(&j, result));
+    sum_up_seen(&j, result);
 done:
+    cln_seen_free(&j.seen);
     free(j.frames);
     free(j.eyes);
     cln_frames_free(&j.cameras);

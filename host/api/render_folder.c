@@ -27,15 +27,16 @@
 
 #define SCHEMA "cl-nascent.frames/1"
 
-static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",  ".metric.png",
-                                       ".normal.npy", ".normal.png", ".opacity.png",
-                                       ".png",        ".depth.png",  ".depth16.png"};
+static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",  ".metric.png",  ".normal.npy",
+                                       ".normal.png", ".seen.png",   ".opacity.png", ".png",
+                                       ".depth.png",  ".depth16.png"};
 enum {
     DEPTH_NPY,
     DEPTH_PFM,
     DEPTH_PNG16,
     NORMAL_NPY,
     NORMAL_PNG,
+    SEEN_PNG,
     OPACITY_PNG,
     COLOUR_PNG,
     FILES,
@@ -109,6 +110,8 @@ static bool is_wanted(const cln_render_job *j, int file)
     case NORMAL_NPY:
     case NORMAL_PNG:
         return j->desc->normals;
+    case SEEN_PNG:
+        return j->desc->seen;
     default:
         return true;
     }
@@ -160,6 +163,27 @@ static json_t *background_json(const cln_render_job *j)
     return rgb;
 }
 
+/* "seen" of the folder's frames: those of this render, and of others that have it. */
+static int put_seen(const cln_render_job *j, json_t *about)
+{
+    json_t *seen = json_object(), *before = json_object_get(j->before, "seen");
+    int lost = before ? json_object_update(seen, before) : 0;
+
+    for (int i = 0; i < j->count; i++) {
+        const cln_render_frame *f = &j->frames[i];
+
+        if (!isnan(f->seen.none) && cln_utf8_valid(f->name))
+            lost |=
+                json_object_set_new(seen, f->name, json_pack("[f, f]", f->seen.none, f->seen.few));
+        else if (!f->there)
+            json_object_del(seen, f->name);
+    }
+    if (json_object_size(seen) > 0)
+        lost |= json_object_set(about, "seen", seen);
+    json_decref(seen);
+    return lost;
+}
+
 /* Makes render.json: what this rendering is of, and the digest of every frame in the folder.
  * Nothing in it differs between two renderings of the same. */
 static json_t *describe(const cln_render_job *j)
@@ -182,6 +206,8 @@ static json_t *describe(const cln_render_job *j)
                       "poses", j->cameras.poses, "frames", frames);
     if (about)
         lost |= json_object_set_new(about, "background", background_json(j));
+    if (about)
+        lost |= put_seen(j, about);
     if (about && j->earlier > 0)
         lost |= json_object_set_new(about, "earlier_frames", json_integer(j->earlier));
     if (about && d->depth_unit > 0)
@@ -275,6 +301,15 @@ static bool take_scale(const cln_render_job *j, cln_depth_scale *scale)
     return true;
 }
 
+/* Of a frame that is kept. */
+static void read_seen(const json_t *row, cln_seen_shares *seen)
+{
+    const json_t *none = json_array_get(row, 0), *few = json_array_get(row, 1);
+
+    if (json_is_number(none) && json_is_number(few))
+        *seen = (cln_seen_shares){json_number_value(none), json_number_value(few)};
+}
+
 cln_status cln_render_find_there(cln_render_job *j)
 {
     cln_status st = CLN_OK;
@@ -291,6 +326,8 @@ cln_status cln_render_find_there(cln_render_job *j)
             if (is_wanted(j, file))
                 CLN_TRY(has_whole_file(j, f, file, &f->there));
         CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
+        if (f->there && j->desc->seen)
+            read_seen(json_object_get(json_object_get(j->before, "seen"), f->name), &f->seen);
         j->there += f->there;
         j->pictured += pictured;
     }
@@ -675,6 +712,21 @@ done:
     return st;
 }
 
+static cln_status write_seen(const char *path, const cln_picture *p)
+{
+    cln_status st = CLN_OK;
+    const size_t n = (size_t)p->width * (size_t)p->height;
+    uint8_t *bytes = NULL;
+
+    CLN_TRY(cln_alloc(&bytes, n, 1, "picture"));
+    for (size_t i = 0; i < n; i++)
+        bytes[i] = (uint8_t)(p->seen[i] < 0 ? 255 : CLN_SEEN_STEP * p->seen[i]);
+    CLN_TRY(cln_image_write_png(path, p->width, p->height, 1, bytes));
+done:
+    free(bytes);
+    return st;
+}
+
 /* From the nearest to the farthest that is seen; infinite where nothing is. */
 static double depth_range(const cln_picture *p)
 {
@@ -728,6 +780,8 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
                              j->desc->depth_unit));
     if (normals)
         CLN_TRY(write_normals(j, f, normals));
+    if (p->seen)
+        CLN_TRY(write_seen(path[SEEN_PNG], p));
     CLN_TRY(write_opacity(j, path[OPACITY_PNG], p));
     CLN_TRY(write_colours(j, path[COLOUR_PNG], p));
 done:
@@ -824,9 +878,9 @@ cln_status cln_render_check_disk(const cln_render_job *j)
 
     for (int i = 0; i < j->count; i++)
         if (!j->frames[i].there)
-            bytes +=
-                (sizeof(float) + (4.0 + j->desc->transparent) * (j->desc->bits == 16 ? 2 : 1) + 1 +
-                 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0) + 15.0 * j->desc->normals) *
-                cln_render_width(j, &j->frames[i]) * j->frames[i].camera.height;
+            bytes += (sizeof(float) + (4.0 + j->desc->transparent) * (j->desc->bits == 16 ? 2 : 1) +
+                      1 + 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0) +
+                      15.0 * j->desc->normals + j->desc->seen) *
+                     cln_render_width(j, &j->frames[i]) * j->frames[i].camera.height;
     return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;
 }

@@ -10,6 +10,7 @@
 #include "render/frames.h"
 #include "render/open_run.h"
 #include "render/picture.h"
+#include "render/seen.h"
 
 typedef struct cln_render_frame {
     const char *name;
@@ -17,6 +18,7 @@ typedef struct cln_render_frame {
     char made_from[CLN_DIGEST_TEXT]; /* digest of all that its pictures depend on */
     bool alike; /* by render.json, what the folder may have of it was made from the same */
     bool there; /* that is there, whole, and stays */
+    cln_seen_shares seen; /* NAN if it was not asked for, or nothing is shown */
 } cln_render_frame;
 
 typedef struct cln_render_job {
@@ -26,6 +28,7 @@ typedef struct cln_render_job {
     int antialias;         /* n x n rays for pixels at edges */
     uint64_t model_digest; /* once: it takes half a second for many voxels */
     cln_frames cameras;
+    cln_seen seen; /* by training views; none if it is not asked for */
     cln_crop crop;
     cln_render_frame *frames;
     cln_camera *eyes;           /* [count][1 or 2] what is rendered */

@@ -3,6 +3,7 @@
 
 #include <ctype.h>
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -76,16 +77,21 @@ static cln_status print_result(const cln_options *options, const char *out,
     char duration[32];
 
     if (options->json)
-        return cln_print_json(json_pack("{s:s s:s s:s s:i s:i s:o}", "schema",
-                                        "cl-nascent.render/1", "run", options->operand, "out", out,
-                                        "rendered", result->rendered, "skipped", result->skipped,
-                                        "seconds", cln_json_real(result->seconds)));
+        return cln_print_json(json_pack(
+            "{s:s s:s s:s s:i s:i s:o s:o s:o}", "schema", "cl-nascent.render/1", "run",
+            options->operand, "out", out, "rendered", result->rendered, "skipped", result->skipped,
+            "seconds", cln_json_real(result->seconds), "unseen", cln_json_real(result->unseen),
+            "hardly_seen", cln_json_real(result->hardly_seen)));
     cln_format_duration(result->seconds, duration);
     printf("%s: %d rendered in %s", out, result->rendered, duration);
     if (result->skipped)
         printf(", %d left as %s (--overwrite renders all again)", result->skipped,
                cln_plural(result->skipped, "it is", "they are"));
     putchar('\n');
+    if (!isnan(result->unseen))
+        printf("%.3g %% of what they show is seen by no training view, %.3g %% by fewer than three "
+               "(NAME.seen.png, render.json)\n",
+               100 * result->unseen, 100 * result->hardly_seen);
     return CLN_OK;
 }
 
@@ -121,6 +127,7 @@ cln_status cln_cmd_render(const cln_options *options)
                             .pfm = options->pfm,
                             .stereo = options->stereo,
                             .normals = options->normals,
+                            .seen = options->seen,
                             .transparent = options->transparent,
                             .depth_unit = options->depth_unit,
                             .bits = strcmp(options->bits, "16") == 0 ? 16 : 8,

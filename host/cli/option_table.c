@@ -267,6 +267,8 @@ const cln_arg cln_args[] = {
          "also NAME.depth.pfm"),
     FLAG(CLN_RENDER, "normals", normals,
          "also NAME.normal.npy and NAME.normal.png: the surface's normals, from the depths"),
+    FLAG(CLN_RENDER, "seen", seen,
+         "also NAME.seen.png: by how many training views what it shows is seen"),
     REAL(CLN_RENDER, "depth-unit", depth_unit, "D", 0, 1e12,
          "also NAME.metric.png: 16-bit grey in steps of D scene units; 0 = no such file",
          .standard = "0"),

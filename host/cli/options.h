@@ -31,7 +31,7 @@ typedef struct cln_options {
     int verbose, max_images, antialias, frames;
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */
     const char *poses, *depth, *crop, *up, *offset;
-    bool pfm, normals, transparent;
+    bool pfm, normals, seen, transparent;
     const char *frame_range, *fps, *background, *bits;
     double elevation, radius, fov, depth_unit, stereo, min_psnr, budget, probe, scale;
     double spacing;       /* 0 = not given */

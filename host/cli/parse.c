@@ -646,7 +646,8 @@ static cln_status check_drive(const char *path)
 /* A film has only colours, and a folder must not be named like a film or a picture. */
 static cln_status check_render_output(const parser *p)
 {
-    static const char *const of_folder[] = {"pfm", "normals", "depth-unit", "z-depth", "bits"};
+    static const char *const of_folder[] = {"pfm",        "normals", "seen",
+                                            "depth-unit", "z-depth", "bits"};
     static const char *const files[] = {".avi",  ".m4v",  ".mpg",  ".mpeg", ".ogv",
                                         ".png",  ".jpg",  ".jpeg", ".tif",  ".exr",
                                         ".webp", ".apng", ".avif", ".tiff", ".wmv"};

@@ -8,8 +8,8 @@
 #include "base/callbacks.h"
 #include "base/memory.h"
 #include "base/number.h"
-#include "render/orbit.h"
-#include "render/quality.h"
+#include "render/seen.h"
+#include "render/view.h"
 
 enum { MOST_VIEWS = 100, VIEW_WIDTH = 800 };
 
@@ -297,23 +297,16 @@ done:
 cln_status cln_fusion_make(cln_open_run *opened, const cln_callbacks *callbacks, cln_fusion *out)
 {
     cln_status st = CLN_OK;
-    const cln_scene *scene = opened->scene;
     const cln_camera **pointers = NULL;
     cln_camera *cameras = NULL;
-    int *chosen = NULL, count = 0;
+    int count = 0;
 
     memset(out, 0, sizeof *out);
-    CLN_TRY(cln_quality_choose(scene, CLN_SPLIT_TRAIN, MOST_VIEWS, &chosen, &count));
+    CLN_TRY(cln_training_cameras(opened->scene, MOST_VIEWS, VIEW_WIDTH, &cameras, &count));
     CLN_TRY(cln_fusion_start(&opened->model.space, &opened->model.tree, count, out));
-    CLN_TRY(cln_alloc(&cameras, (size_t)count, sizeof *cameras, "cameras"));
     CLN_TRY(cln_alloc(&pointers, (size_t)count, sizeof *pointers, "cameras"));
-    for (int i = 0; i < count; i++) {
-        const cln_camera *photo = &scene->views[chosen[i]].camera;
-
-        CLN_TRY(cln_orbit_resize(photo, photo->width < VIEW_WIDTH ? photo->width : VIEW_WIDTH, 0,
-                                 &cameras[i]));
+    for (int i = 0; i < count; i++)
         pointers[i] = &cameras[i];
-    }
     CLN_TRY(cln_pipeline_cameras(&opened->pipeline, pointers, count, out->space));
     CLN_TRY(render(opened, cameras, callbacks, out));
 done:
@@ -321,6 +314,5 @@ done:
         cln_fusion_free(out);
     free(cameras);
     free(pointers);
-    free(chosen);
     return st;
 }

@@ -12,6 +12,7 @@ void cln_picture_free(cln_picture *picture)
     free(picture->rgb);
     free(picture->depth);
     free(picture->opacity);
+    free(picture->seen);
     memset(picture, 0, sizeof *picture);
 }
 

@@ -9,6 +9,7 @@ typedef struct cln_picture {
     float *rgb;     /* [height][width][3] */
     float *depth;   /* [height][width] normalised units; 0 where nothing is (opacity 0) */
     float *opacity; /* [height][width] */
+    int8_t *seen;   /* [height][width] or NULL: by how many training views (seen.h) */
 } cln_picture;
 
 void cln_picture_free(cln_picture *picture);

@@ -402,6 +402,15 @@ section_results() {
     expect "render --stereo" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/stereo.y4m" --stereo 0.2 --json
     check "a film of pairs" [ "$(head -1 "$work/stereo.y4m" | cut -d' ' -f2,3)" = "W96 H48" ]
+    expect "render --seen" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
+        -o "$work/seen" --seen
+    check "from below it shows what nobody saw" grep -qE \
+        "^[1-9][0-9.]* % of what they show is seen by no training view" "$work/out"
+    check "frame by frame" [ "$("$query" seen.orbit_0003.0 <"$work/seen/render.json" |
+        cut -c -2)$(ls "$work/seen" | grep -c "seen.png")" = 0.4 ]
+    expect "frames that are there" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
+        -o "$work/seen" --seen
+    check "are told of, too" grep -q "of what they show is seen by no training" "$work/out"
     expect "render --normals" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/edges" --normals --overwrite
     check "render --normals leaves its files" [ -s "$work/edges/test_r_000.normal.png" -a \

@@ -124,7 +124,7 @@ section_results() {
     clean 0 eval "$work/run" --views r_000.png,test/r_000 --no-save-images --progress none
     clean 2 render "$work/run" --views r_00 --progress none
     clean 9 eval "$work/run" --min-psnr 99 --no-save-images --fast --json --progress none
-    clean 0 render "$work/run" --normals --pfm --depth-unit 0.001 --z-depth --progress none
+    clean 0 render "$work/run" --normals --seen --pfm --depth-unit 0.001 --z-depth --progress none
     clean 0 render "$work/run" --orbit 2 --circle --stereo 0.1 --width 16 --progress none
     clean 0 render "$work/run" --spiral 2 --width 16 --depth mean --progress none
     clean 0 render "$work/run" --interpolate 3 --width 16 -o "$work/film.y4m" --progress none

@@ -630,13 +630,13 @@ section_pictures() {
     check "pictures are those of one process" diff -r -x '*.json' "$work/eval-one" "$work/eval-two"
     check "figures are those of one process" diff <(grep -v seconds "$work/eval-one/"*-test.json) \
         <(grep -v seconds "$work/eval-two/"*-test.json)
-    run "$cln" render "$work/one" -o "$work/render-one" --normals --antialias 2
+    run "$cln" render "$work/one" -o "$work/render-one" --normals --seen --antialias 2
     expect "render with three ranks" 0 "" "${mpi[@]}" -n 3 "$ranked" render "$work/one" \
-        -o "$work/render-two" --normals --antialias 2
+        -o "$work/render-two" --normals --seen --antialias 2
     check "frames are those of one process" diff -r "$work/render-one" "$work/render-two"
     rm "$work/render-two/test_r_001.png"
     expect "render a missing frame" 0 "" "${mpi[@]}" -n 2 "$ranked" render "$work/one" \
-        -o "$work/render-two" --normals --antialias 2
+        -o "$work/render-two" --normals --seen --antialias 2
     check "only one frame is rendered" grep -q '1 rendered.* 1 left as it is' "$work/out"
     check "frames are those of one process again" diff -r "$work/render-one" "$work/render-two"
     expect "ranks of different frames are refused" 2 "checkpoint or choice of frames" \

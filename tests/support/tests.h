@@ -112,6 +112,7 @@ int test_group_scan_sort(void);
 int test_group_scene(void);
 int test_group_scene_input(void);
 int test_group_seams(void);
+int test_group_seen(void);
 int test_group_selftest(void);
 int test_group_settings(void);
 int test_group_shell(void);
