@@ -209,3 +209,33 @@ void cln_floats_sort(float *values, size_t count)
 {
     qsort(values, count, sizeof *values, by_float);
 }
+
+/* Hoare, "Algorithm 65: FIND", Communications of the ACM 4 (1961); the pivot is what stands where
+ * the border will be. */
+void cln_reals_split(double *values, size_t count, size_t first)
+{
+    const ptrdiff_t border = (ptrdiff_t)first - 1;
+    ptrdiff_t low = 0, high = (ptrdiff_t)count - 1; /* where the border's value is */
+
+    while (border >= 0 && low < high) {
+        const double pivot = values[border];
+        ptrdiff_t i = low, j = high;
+
+        while (i <= j) {
+            while (values[i] < pivot)
+                i++;
+            while (values[j] > pivot)
+                j--;
+            if (i <= j) {
+                const double swapped = values[i];
+
+                values[i++] = values[j];
+                values[j--] = swapped;
+            }
+        }
+        if (j < border)
+            low = i;
+        if (border < i)
+            high = j;
+    }
+}

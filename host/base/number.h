@@ -44,5 +44,8 @@ void cln_box_write(const double box[6], double least, char out[CLN_BOX_BYTES]);
 /* Sort ascending; no NaN allowed. */
 void cln_reals_sort(double *values, int count);
 void cln_floats_sort(float *values, size_t count);
+/* Moves the `first` smallest to the front, in an order that depends on the values alone. None may
+ * be NaN. */
+void cln_reals_split(double *values, size_t count, size_t first);
 
 #endif

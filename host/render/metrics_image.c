@@ -50,10 +50,11 @@ cln_status cln_image_most_mse(int width, int height, const uint8_t *kept, const 
             continue;
         for (size_t c = 3 * i; c < 3 * i + 3; c++)
             errors[count] += pow(clipped(a[c]) - clipped(b[c]), 2) / 3;
+        errors[count] = isnan(errors[count]) ? INFINITY : errors[count];
         count++;
     }
-    cln_reals_sort(errors, (int)count);
     most = (size_t)ceil(share * (double)count);
+    cln_reals_split(errors, count, most);
     for (size_t i = 0; i < most; i++)
         sum += errors[i];
     *mse = most ? sum / (double)most : 0;

@@ -278,8 +278,11 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->psnr = cln_psnr(image->mse);
     image->psnr_u8 = cln_psnr(cln_image_mse(width, height, kept, rounded, truth));
     image->psnr_fitted = cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
-    CLN_TRY(cln_image_most_mse(width, height, kept, picture->rgb, truth, MOST, &mse));
-    image->psnr_most = scene->has_alpha ? NAN : cln_psnr(mse);
+    image->psnr_most = NAN;
+    if (!scene->has_alpha) {
+        CLN_TRY(cln_image_most_mse(width, height, kept, picture->rgb, truth, MOST, &mse));
+        image->psnr_most = cln_psnr(mse);
+    }
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
     CLN_TRY(cln_odd_depth(picture, &image->depth));

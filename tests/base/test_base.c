@@ -763,6 +763,34 @@ static void test_sort(void **state)
     assert_true(floats[0] == -INFINITY);
 }
 
+/* The smallest ones are in front, whatever stands where, and none is lost. */
+static void test_split(void **state)
+{
+    enum { COUNT = 97 };
+
+    (void)state;
+    for (size_t first = 0; first <= COUNT; first++)
+        for (int kind = 0; kind < 5; kind++) {
+            double values[COUNT], sorted[COUNT];
+
+            for (int i = 0; i < COUNT; i++)
+                values[i] = kind == 0   ? i
+                            : kind == 1 ? -i
+                            : kind == 2 ? i * 37 % COUNT
+                            : kind == 3 ? i * 37 % 5
+                                        : 1;
+            memcpy(sorted, values, sizeof sorted);
+            cln_reals_sort(sorted, COUNT);
+            cln_reals_split(values, COUNT, first);
+            for (size_t i = 0; i < COUNT && first > 0; i++)
+                assert_true(i < first ? values[i] <= sorted[first - 1]
+                                      : values[i] >= sorted[first - 1]);
+            cln_reals_sort(values, COUNT);
+            assert_memory_equal(values, sorted, sizeof sorted);
+        }
+    cln_reals_split(NULL, 0, 0);
+}
+
 static void put_limit(const char *root, const char *folder, const char *file, const char *text)
 {
     const char *place = scratch_path(root, folder), *path = scratch_path(place, file);
@@ -878,7 +906,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_group_memory, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),
-        cmocka_unit_test(test_sort),
+        cmocka_unit_test(test_sort), cmocka_unit_test(test_split),
         cmocka_unit_test(test_natural_compare),
         cmocka_unit_test(test_ends),
         cmocka_unit_test(test_digest),
