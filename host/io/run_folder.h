@@ -48,10 +48,10 @@ bool cln_run_is_of_others(const char *run);
 /* Any JSON document at RUN/name, written atomically; folders are made as needed. */
 cln_status cln_run_write_json(const char *run, const char *name, const json_t *document);
 
-/* metrics.jsonl, an object a line, appended at once. Opening drops rows beyond `step`, those of
- * an interval that a stop left "unfinished", and events (rows with "event") of `step` itself, which
- * happen as the next step begins: a resumed run leaves
- * the rows of one that was never interrupted. */
+/* metrics.jsonl, an object a line, appended at once. Opening drops rows beyond `step`, those of an
+ * interval that a stop left "unfinished", and events (rows with "event") of `step` itself, which
+ * happen as the next step begins: a resumed run leaves the rows of one that was never
+ * interrupted. */
 typedef struct cln_metrics cln_metrics;
 cln_status cln_metrics_open(const char *run, int64_t step, cln_metrics **out);
 cln_status cln_metrics_add(cln_metrics *metrics, const json_t *row);

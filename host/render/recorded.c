@@ -369,8 +369,7 @@ static cln_status compare(const char *run, const json_t *dataset, const cln_scen
                         text_of(dataset, "path"), run, scene->path, place, digest,
                         saved ? saved : "unknown");
     cln_warn("%s: the scene is not the one that %s was last trained on (digest %s, was %s); "
-             "results will "
-             "not be those of the same photos and poses",
+             "results will not be those of the same photos and poses",
              scene->folder, run, digest, saved ? saved : "unknown");
     return CLN_OK;
 }

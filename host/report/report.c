@@ -85,8 +85,7 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
         cln_format(out, CLN_DOUBT_BYTES,
                    "test views are %.1f dB below training views, at %.1f dB: %s%s%sposes or lenses "
                    "are wrong, or the photos %slook elsewhere, or things moved or the light "
-                   "changed between "
-                   "them%s",
+                   "changed between them%s",
                    psnr_train - psnr_test, psnr_test,
                    of->cube_guessed ? "the cube, which is a guess, may be far too large or small "
                                       "(--bbox), or "

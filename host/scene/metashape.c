@@ -33,8 +33,7 @@ typedef struct reader {
     bool full; /* the text is longer than any that is read */
     bool done; /* a chunk with aligned cameras has been read: others are counted alone */
     bool adjusted;
-    cln_metashape_transform *transform; /* the open one's */
-    bool any;                           /* this chunk has an aligned camera */
+    bool any; /* this chunk has an aligned camera */
 } reader;
 
 static void refuse(reader *r, cln_status st, const char *reason)
