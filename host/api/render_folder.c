@@ -357,12 +357,11 @@ static const char *word_of(const cln_render_job *j, const cln_render_frame *f, c
 
 cln_status cln_render_refuse_others(const cln_render_job *j)
 {
-    enum { NAMED = 3 };
     cln_status st = CLN_OK;
     const char *word = NULL;
     char *path = NULL;
-    char names[256] = "";
-    int others = 0, right = 0;
+    cln_listed others = {0};
+    int right = 0;
 
     for (int i = 0; i < j->count && !j->desc->overwrite; i++) {
         const cln_render_frame *f = &j->frames[i];
@@ -377,23 +376,20 @@ cln_status cln_render_refuse_others(const cln_render_job *j)
             continue;
         if (!word)
             word = word_of(j, f, path);
-        if (others < NAMED)
-            snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s",
-                     others ? ", " : "", f->name);
-        others++;
+        cln_listed_add(&others, 3, "%s", f->name);
     }
-    if (others > 0 && right == 0)
+    if (others.count > 0 && right == 0)
         st = cln_fail(CLN_OUTPUT,
                       "%s: has %d of these frames already, but %s; --overwrite replaces %s, -o "
                       "names another folder",
-                      j->desc->out, others, word, cln_plural(others, "it", "them"));
-    else if (others > 0)
+                      j->desc->out, others.count, word, cln_plural(others.count, "it", "them"));
+    else if (others.count > 0)
         st = cln_fail(CLN_OUTPUT,
-                      "%s: has %d of these %d frames already (%s%s), but %s; remove %s to have %s "
+                      "%s: has %d of these %d frames already (%s), but %s; remove %s to have %s "
                       "rendered alone, --overwrite renders all again, -o names another folder",
-                      j->desc->out, others, j->count, names, others > NAMED ? ", ..." : "", word,
-                      cln_plural(others, "its .png", "their .png"),
-                      cln_plural(others, "it", "these"));
+                      j->desc->out, others.count, j->count, others.text, word,
+                      cln_plural(others.count, "its .png", "their .png"),
+                      cln_plural(others.count, "it", "these"));
 done:
     free(path);
     return st;

@@ -3,6 +3,7 @@
 #include "base/text.h"
 
 #include <ctype.h>
+#include <stdarg.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
@@ -73,6 +74,23 @@ size_t cln_utf8_whole(const char *text, size_t most)
             return first - 1;
     }
     return length;
+}
+
+void cln_listed_add(cln_listed *listed, int most, const char *fmt, ...)
+{
+    enum { ONE = 160 };
+    const size_t used = strlen(listed->text);
+    char one[ONE];
+    va_list args;
+
+    if (listed->count++ > most)
+        return;
+    va_start(args, fmt);
+    vsnprintf(one, sizeof one, fmt, args);
+    va_end(args);
+    one[cln_utf8_whole(one, ONE - 1)] = 0;
+    (void)snprintf(listed->text + used, CLN_LISTED_BYTES - used, "%s%s", used ? ", " : "",
+                   listed->count > most ? "..." : one);
 }
 
 void cln_utf8_repair(char *text)

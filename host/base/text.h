@@ -41,6 +41,18 @@ const char *cln_plural(double count, const char *one, const char *more);
 /* Bytes of the first `most` of text, without a character that these only begin. */
 size_t cln_utf8_whole(const char *text, size_t most);
 
+/* The first few of a list in a sentence, "a, b, c, ...", and how many there are. Zeroed: none. */
+enum { CLN_LISTED_BYTES = 832 };
+typedef struct cln_listed {
+    int count;
+    char text[CLN_LISTED_BYTES];
+} cln_listed;
+
+/* Counts one more. Of the first `most` the text has what the format makes, of the next "..."; what
+ * is longer than 159 bytes is cut between characters. */
+void cln_listed_add(cln_listed *listed, int most, const char *fmt, ...)
+    __attribute__((format(printf, 3, 4)));
+
 /* Replaces each byte outside UTF-8 characters by '?'. */
 void cln_utf8_repair(char *text);
 

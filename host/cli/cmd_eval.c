@@ -85,56 +85,45 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
                    "or see what `cl-nascent check` says of them");
 }
 
-/* Lists the first views whose member `flag` is set: "a.png, b.png, c.png, ...". Returns how many
- * have it set. */
-static int list_views(const cln_eval_result *r, size_t flag, char out[256])
+/* The views whose member `flag` is set. */
+static cln_listed list_views(const cln_eval_result *r, size_t flag)
 {
-    enum { LISTED = 3 };
-    size_t used = 0;
-    int count = 0;
+    cln_listed listed = {0};
 
-    out[0] = 0;
-    for (int i = 0; i < r->count; i++) {
-        const cln_eval_image *e = &r->images[i];
-
-        if (!*(const bool *)((const char *)e + flag) || count++ >= LISTED)
-            continue;
-        used += (size_t)snprintf(out + used, 256 - used, "%s%.70s", count > 1 ? ", " : "", e->name);
-    }
-    if (count > LISTED)
-        snprintf(out + used, 256 - used, ", ...");
-    return count;
+    for (int i = 0; i < r->count; i++)
+        if (*(const bool *)((const char *)&r->images[i] + flag))
+            cln_listed_add(&listed, 3, "%s", r->images[i].name);
+    return listed;
 }
 
 /* Views whose camera stands in, or right behind, what nothing contradicts. */
 static void print_hidden(const cln_eval_result *r)
 {
-    char names[256], depth[32];
-    const int hidden = list_views(r, offsetof(cln_eval_image, hidden), names);
+    const cln_listed hidden = list_views(r, offsetof(cln_eval_image, hidden));
+    char depth[32];
     double nearest = INFINITY;
 
     for (int i = 0; i < r->count; i++)
         if (r->images[i].hidden)
             nearest = fmin(nearest, r->images[i].depth);
     cln_format_real(nearest, 3, depth);
-    if (hidden)
+    if (hidden.count)
         printf("%d of %d views %s hidden by something right before the camera, at a distance of %s "
                "(%s): where no training photo looks through, anything may be. Photos from there, "
                "or from farther away, tell; else keep to the photos' places\n",
-               hidden, r->count, cln_plural(hidden, "is", "are"), depth, names);
+               hidden.count, r->count, cln_plural(hidden.count, "is", "are"), depth, hidden.text);
 }
 
 /* Views of which a small part is off. */
 static void print_partly(const cln_eval_result *r)
 {
-    char names[256];
-    const int partly = list_views(r, offsetof(cln_eval_image, partly), names);
+    const cln_listed partly = list_views(r, offsetof(cln_eval_image, partly));
 
-    if (partly)
+    if (partly.count)
         printf("%d of %d views differ%s from the photo in a small part of it, less than 7 %% of "
                "its pixels (%s): something that moved, or that few photos show (NAME.error.png)? "
                "Masks take it out\n",
-               partly, r->count, cln_plural(partly, "s", ""), names);
+               partly.count, r->count, cln_plural(partly.count, "s", ""), partly.text);
 }
 
 /* Photos that were divided: figures of them do not compare with those of whole ones. */

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
 #include "scene/inspect.h"
 
 enum { GRID = 48 }; /* rays of a photo along an axis */
@@ -150,27 +151,12 @@ void cln_scene_tell_missed(const cln_scene *scene, json_t *findings)
     cln_found_fault(findings, "cube", met < MET * opaque, NULL, "%s: --bbox=%s", text, box_text);
 }
 
-/* Some photos' names, one after the other, the first five. */
-typedef struct names {
-    char text[512];
-    int count;
-} names;
-
-static void add_name(names *n, const cln_view *view)
-{
-    enum { MOST = 5 };
-
-    if (n->count++ < MOST)
-        snprintf(n->text + strlen(n->text), sizeof n->text - strlen(n->text), "%s'%s'",
-                 n->text[0] ? ", " : "", view->name);
-    else if (n->count == MOST + 1)
-        snprintf(n->text + strlen(n->text), sizeof n->text - strlen(n->text), ", ...");
-}
+enum { NAMED = 5 };
 
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
 {
     enum { LABELS = 16 };
-    names empty = {"", 0};
+    cln_listed empty = {0};
     int views = 0, largest = 0;
 
     for (int i = 0; i < scene->view_count; i++) {
@@ -182,7 +168,7 @@ bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
         largest = alpha > largest ? alpha : largest;
         views++;
         if (alpha == 0)
-            add_name(&empty, view);
+            cln_listed_add(&empty, NAMED, "'%s'", view->name);
     }
     if (views > 0 && largest < LABELS)
         snprintf(text, CLN_EMPTY_BYTES,
@@ -211,7 +197,7 @@ static double left_by_mask(const cln_view *view)
 bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
 {
     const double few = 0.25; /* of the photos: more are as they should be */
-    names whole = {"", 0};
+    cln_listed whole = {0};
     double left = 0; /* by the masks that are not whole */
     int views = 0, masks = 0;
 
@@ -223,7 +209,7 @@ bool cln_scene_is_whole(const cln_scene *scene, char text[CLN_EMPTY_BYTES])
             continue;
         views++;
         if (view->masked ? share == 1 : !view->hides) {
-            add_name(&whole, view);
+            cln_listed_add(&whole, NAMED, "'%s'", view->name);
             continue;
         }
         masks += view->masked != NULL;
@@ -247,7 +233,7 @@ cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_B
     cln_status st = CLN_OK;
     const double few = 0.25, most = 0.5; /* of the photos: reversed ones, and sound ones */
     const double all = 0.9, known = 0.75;
-    names reversed = {"", 0}, straight = {"", 0};
+    cln_listed reversed = {0}, straight = {0};
     uint8_t *shapes = NULL;
     int views = 0, sound = 0;
 
@@ -260,9 +246,9 @@ cln_status cln_scene_find_reversed(const cln_scene *scene, char text[CLN_EMPTY_B
         views += shapes[i] != CLN_ALPHA_NONE;
         sound += shapes[i] == CLN_ALPHA_OBJECT;
         if (shapes[i] == CLN_ALPHA_OBJECT)
-            add_name(&straight, &scene->views[i]);
+            cln_listed_add(&straight, NAMED, "'%s'", scene->views[i].name);
         if (shapes[i] == CLN_ALPHA_REVERSED)
-            add_name(&reversed, &scene->views[i]);
+            cln_listed_add(&reversed, NAMED, "'%s'", scene->views[i].name);
     }
     if (reversed.count > 0 &&
         ((reversed.count <= few * views && sound >= most * views) ||

@@ -30,7 +30,6 @@ enum {
     DECADES = 3, /* of other units, either way */
     STEPS = 12,  /* a decade: below what ALIKE spans; then finer ones */
     FINE_STEPS = 12,
-    NAMED = 3,
 };
 static const double STEEPEST = 0.1;    /* cosine to the optical axis */
 static const double SMOOTH = 0.15;     /* by which depths around a pixel may differ from its own, */
@@ -421,9 +420,7 @@ static cln_status leave_odd_out(depths *d)
 {
     cln_status st = CLN_OK;
     agreement *each = NULL;
-    char names[256] = "";
-    size_t used = 0;
-    int odd = 0;
+    cln_listed odd = {0};
 
     CLN_TRY(cln_alloc(&each, (size_t)d->count, sizeof *each, "depth images"));
     (void)agree(d, (reading){1, false}, each);
@@ -436,18 +433,14 @@ static cln_status leave_odd_out(depths *d)
             continue;
         free(d->grids[k].z);
         d->grids[k].z = NULL;
-        if (odd++ < NAMED) {
-            cln_format(names + used, sizeof names - used, "%s'%.60s'", used ? ", " : "",
-                       d->scene->views[d->view[k]].name);
-            used = strlen(names);
-        }
+        cln_listed_add(&odd, 3, "'%s'", d->scene->views[d->view[k]].name);
     }
-    if (odd)
+    if (odd.count)
         cln_warn("%s: the depth image%s of %d of %d photos %s not used, as %s not fit the others' "
-                 "by the poses: %s%s",
-                 d->scene->folder, cln_plural(odd, "", "s"), odd, d->count,
-                 cln_plural(odd, "is", "are"), cln_plural(odd, "it does", "they do"), names,
-                 odd > NAMED ? ", ..." : "");
+                 "by the poses: %s",
+                 d->scene->folder, cln_plural(odd.count, "", "s"), odd.count, d->count,
+                 cln_plural(odd.count, "is", "are"), cln_plural(odd.count, "it does", "they do"),
+                 odd.text);
 done:
     free(each);
     return st;

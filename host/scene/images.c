@@ -33,45 +33,26 @@ static bool in_folder_of_copies(const char *path, double factor)
     return strstr(path, folder) != NULL;
 }
 
-/* Images of another size than their cameras are given for, and the first few of them. */
-typedef struct resized {
-    int count;
-    char names[256];
-} resized;
-
-static void add_resized(resized *r, const cln_view *view)
-{
-    enum { NAMED = 3 };
-    const size_t used = strlen(r->names);
-
-    r->count++;
-    if (r->count <= NAMED)
-        snprintf(r->names + used, sizeof r->names - used, "%s%.40s %d x %d for %d x %d",
-                 used ? ", " : "", view->name, view->file_width, view->file_height,
-                 view->camera.width, view->camera.height);
-    else if (r->count == NAMED + 1)
-        snprintf(r->names + used, sizeof r->names - used, ", ...");
-}
-
-/* Of a smaller copy of a dataset all are; of some among others one may have been cropped. */
-static void warn_resized(const cln_scene *scene, const resized *r)
+/* Images of another size than their cameras are given for. Of a smaller copy of a dataset all are;
+ * of some among others one may have been cropped. */
+static void warn_resized(const cln_scene *scene, const cln_listed *r)
 {
     if (r->count == scene->view_count)
         cln_warn("%s: images have other sizes than their cameras are given for (%s): cameras are "
                  "scaled to the images",
-                 scene->folder, r->names);
+                 scene->folder, r->text);
     else if (r->count > 0)
         cln_warn("%s: %d of %d images %s another size than %s camera%s given for (%s): cameras are "
                  "scaled to the images, which is wrong of one that was cropped: replace it by the "
                  "whole one, or correct its camera's size, cx and cy",
                  scene->folder, r->count, scene->view_count, cln_plural(r->count, "has", "have"),
                  cln_plural(r->count, "its", "their"), cln_plural(r->count, " is", "s are"),
-                 r->names);
+                 r->text);
 }
 
 /* Brings a camera that is given for another image size to the size of the file: smaller copies of a
  * dataset keep the cameras of the originals. Another shape is an error. */
-static cln_status fit_camera(const char *dialect, cln_view *view, resized *others)
+static cln_status fit_camera(const char *dialect, cln_view *view, cln_listed *others)
 {
     const int width = view->file_width, height = view->file_height;
     const bool colmap = strcmp(dialect, "COLMAP") == 0;
@@ -98,7 +79,8 @@ static cln_status fit_camera(const char *dialect, cln_view *view, resized *other
                        "crop also cx and cy (of .bin files, COLMAP's model_converter writes .txt)"
                      : "correct w and h, after a crop also cx and cy, or replace the image");
     if (!in_folder_of_copies(view->path, (double)camera->width / width))
-        add_resized(others, view);
+        cln_listed_add(others, 3, "%.100s %d x %d for %d x %d", view->name, width, height,
+                       camera->width, camera->height);
     cln_camera_resize(camera, width, height, (double)camera->width / width,
                       (double)camera->height / height);
     return CLN_OK;
@@ -150,16 +132,13 @@ static bool can_decode(const char *path)
  * is found too late to be left out. */
 static void name_other_failures(const cln_scene *scene)
 {
-    enum { NAMED = 5 };
     char *first = strdup(cln_error_text());
     const cln_status status = cln_error_status();
     const char *way = "";
-    char names[1024] = "";
-    int count = 0;
+    cln_listed others = {0};
 
     for (int i = 0; first && i < scene->view_count; i++) {
         const char *path = scene->views[i].path;
-        const size_t used = strlen(names);
         const bool whole = cln_image_check(path) == CLN_OK;
 
         if (strncmp(first, path, strlen(path)) == 0 && first[strlen(path)] == ':') {
@@ -169,18 +148,15 @@ static void name_other_failures(const cln_scene *scene)
                 way = "; remove the file, and --missing skip leaves its frame out";
             continue;
         }
-        if (whole)
-            continue;
-        if (count++ < NAMED)
-            snprintf(names + used, sizeof names - used, "%s'%s'", used ? ", " : "",
-                     scene->views[i].name);
+        if (!whole)
+            cln_listed_add(&others, 5, "'%s'", scene->views[i].name);
     }
     cln_clear_error();
-    if (count + 1 >= scene->view_count)
+    if (others.count + 1 >= scene->view_count)
         way = "";
-    if (count > 0)
-        (void)cln_fail(status, "%s; %d more image%s cannot be read: %s%s%s", first, count,
-                       count > 1 ? "s" : "", names, count > NAMED ? ", ..." : "", way);
+    if (others.count > 0)
+        (void)cln_fail(status, "%s; %d more image%s cannot be read: %s%s", first, others.count,
+                       cln_plural(others.count, "", "s"), others.text, way);
     else
         (void)cln_fail(status, "%s%s", first ? first : "out of memory", way);
     free(first);
@@ -349,7 +325,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
     const int downscale = desc->config->downscale;
     cln_status st = CLN_OK;
     char *frame = NULL;
-    resized others = {0};
+    cln_listed others = {0};
 
     CLN_TRY(read_heads(scene, desc->callbacks));
     if (!desc->keep_alpha)

@@ -19,8 +19,6 @@
 #include "scene/dataset.h"
 #include "scene/moved.h"
 
-enum { NAMED = 3 };
-
 cln_status cln_scene_folder(const char *path, char **out)
 {
     cln_status st = CLN_OK;
@@ -103,14 +101,14 @@ static void digest_cameras(cln_scene *scene)
     }
 }
 
-/* The first of `count` frames from `from` on, for a sentence: "'a', 'b', 'c', ...". */
-static cln_status name_frames(const cln_scene *scene, int from, int count, char **out)
+/* `count` frames from `from` on. */
+static cln_listed list_frames(const cln_scene *scene, int from, int count)
 {
-    cln_status st = cln_strdup(out, "");
+    cln_listed listed = {0};
 
-    for (int i = 0; st == CLN_OK && i < count && i < NAMED; i++)
-        st = cln_append(out, "%s'%s'", i ? ", " : "", scene->views[from + i].name);
-    return st == CLN_OK && count > NAMED ? cln_append(out, ", ...") : st;
+    for (int i = from; i < from + count; i++)
+        cln_listed_add(&listed, 3, "'%s'", scene->views[i].name);
+    return listed;
 }
 
 /* Why frames are left out, a phrase with the first of their names. */
@@ -119,25 +117,17 @@ static cln_status say_left_out(const cln_scene *scene, char **out)
     cln_status st = CLN_OK;
     const int total = scene->view_count + scene->missing;
     const int absent = scene->missing - scene->unreadable;
-    char *names = NULL, *gone = NULL;
+    const cln_listed gone = list_frames(scene, scene->view_count, absent);
+    const cln_listed broken = list_frames(scene, scene->view_count + absent, scene->unreadable);
 
-    if (absent > 0) {
-        CLN_TRY(name_frames(scene, scene->view_count, absent, &names));
-        CLN_TRY(cln_asprintf(&gone, "%d of %d images %s not there (%s)", absent, total,
-                             cln_plural(absent, "is", "are"), names));
-        free(names);
-        names = NULL;
-    }
-    CLN_TRY(name_frames(scene, scene->view_count + absent, scene->unreadable, &names));
+    CLN_TRY(cln_strdup(out, ""));
+    if (absent > 0)
+        CLN_TRY(cln_append(out, "%d of %d images %s not there (%s)", absent, total,
+                           cln_plural(absent, "is", "are"), gone.text));
     if (scene->unreadable > 0)
-        CLN_TRY(cln_asprintf(out, "%s%s%d of %d %scannot be read (%s)", gone ? gone : "",
-                             gone ? ", " : "", scene->unreadable, total, gone ? "" : "images ",
-                             names));
-    else
-        CLN_TRY(cln_strdup(out, gone));
+        CLN_TRY(cln_append(out, "%s%d of %d %scannot be read (%s)", absent ? ", " : "",
+                           scene->unreadable, total, absent ? "" : "images ", broken.text));
 done:
-    free(names);
-    free(gone);
     return st;
 }
 
@@ -257,7 +247,7 @@ cln_status cln_scene_leave_uncut_out(cln_scene *scene)
     cln_status st = CLN_OK;
     const int total = scene->view_count;
     cln_view *views = NULL;
-    char *names = NULL;
+    cln_listed names;
     int cut = 0, filled = 0, left = 0;
 
     for (int i = 0; i < total; i++)
@@ -273,18 +263,18 @@ cln_status cln_scene_leave_uncut_out(cln_scene *scene)
     memcpy(scene->views, views, (size_t)total * sizeof *views);
     scene->view_count = cut;
     scene->missing += left;
-    CLN_TRY(name_frames(scene, cut, left, &names));
+    names = list_frames(scene, cut, left);
     if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) == 0)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: no training view is left: %d of %d images have no %s (%s); make it, "
                          "or go without --missing skip",
-                         scene->folder, left, total, scene->masks_alpha ? "mask" : "alpha", names));
+                         scene->folder, left, total, scene->masks_alpha ? "mask" : "alpha",
+                         names.text));
     cln_warn("%s: %d of %d images %s no %s, unlike the others (%s); %s left out (--missing skip)",
              scene->folder, left, total, cln_plural(left, "has", "have"),
-             scene->masks_alpha ? "mask" : "alpha", names,
+             scene->masks_alpha ? "mask" : "alpha", names.text,
              cln_plural(left, "this frame is", "these frames are"));
 done:
-    free(names);
     free(views);
     return st;
 }

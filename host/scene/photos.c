@@ -6,8 +6,8 @@
 #include <string.h>
 #include "base/text.h"
 
-static const float STRONG = 6;                  /* gradients that count, of 255 */
-enum { ONE_COLOUR = 10, SIDE = 64, NAMED = 5 }; /* levels, at most; pixels of a side looked at */
+static const float STRONG = 6;       /* gradients that count, of 255 */
+enum { ONE_COLOUR = 10, SIDE = 64 }; /* levels, at most; pixels of a side looked at */
 
 static float grey(const cln_view *view, int x, int y)
 {
@@ -93,25 +93,19 @@ bool cln_photo_is_blank(const cln_view *view)
 
 bool cln_scene_has_blank(const cln_scene *scene, char text[CLN_BLANK_BYTES])
 {
-    char names[512] = "";
-    int count = 0;
+    cln_listed blank = {0};
 
-    for (int i = 0; i < scene->view_count; i++) {
-        const size_t length = strlen(names);
-
-        if (!cln_photo_is_blank(&scene->views[i]))
-            continue;
-        if (count++ < NAMED)
-            snprintf(names + length, sizeof names - length, "%s%s", length ? ", " : "",
-                     scene->views[i].name);
-    }
+    for (int i = 0; i < scene->view_count; i++)
+        if (cln_photo_is_blank(&scene->views[i]))
+            cln_listed_add(&blank, 5, "%s", scene->views[i].name);
     snprintf(text, CLN_BLANK_BYTES,
-             "%d of %d photos %s one colour alone, as of a camera that failed: %s%s. Leave %s out, "
+             "%d of %d photos %s one colour alone, as of a camera that failed: %s. Leave %s out, "
              "as %s that all is of that colour",
-             count, scene->view_count, cln_plural(count, "shows", "show"), names,
-             count > NAMED ? ", ..." : "", cln_plural(count, "it", "them"),
-             cln_plural(count, "it teaches", "they teach"));
-    return count > 0 && 2 * count <= scene->view_count; /* of more, it is what they are to show */
+             blank.count, scene->view_count, cln_plural(blank.count, "shows", "show"), blank.text,
+             cln_plural(blank.count, "it", "them"),
+             cln_plural(blank.count, "it teaches", "they teach"));
+    return blank.count > 0 &&
+           2 * blank.count <= scene->view_count; /* of more, it is what they are to show */
 }
 
 double cln_photo_difference(const cln_photo *a, const cln_photo *b)

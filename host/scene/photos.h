@@ -18,7 +18,7 @@ void cln_photo_measure(const cln_view *view, cln_photo *out);
 
 /* Do loaded photos without alpha show one colour alone, as of a camera that failed? Then a text
  * with the first names, and what to do. */
-enum { CLN_BLANK_BYTES = 1024 };
+enum { CLN_BLANK_BYTES = 1280 };
 bool cln_scene_has_blank(const cln_scene *scene, char text[CLN_BLANK_BYTES]);
 bool cln_photo_is_blank(const cln_view *view); /* is this one of them? */
 

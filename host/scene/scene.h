@@ -296,7 +296,7 @@ double cln_scene_spread(const cln_scene *scene);
 
 /* Of photos that were read: does alpha, or a mask that is alpha, show nothing in some, or is it
  * nowhere above a few of 255, as if labels of 0 and 1 were given as alpha? A sentence about it. */
-enum { CLN_EMPTY_BYTES = 1024 };
+enum { CLN_EMPTY_BYTES = 1280 };
 bool cln_scene_is_empty(const cln_scene *scene, char text[CLN_EMPTY_BYTES]);
 
 /* Likewise: does alpha, or a mask, hide nothing in a few of them, where most of a photo is hidden

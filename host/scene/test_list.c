@@ -17,7 +17,7 @@
 #include "base/text.h"
 #include "base/unicode.h"
 
-enum { MOST_BYTES = 1 << 26, NAMED = 3, ALIASES = 8, WORDS = 1024 };
+enum { MOST_BYTES = 1 << 26, NAMED = 3, ALIASES = 8 };
 
 typedef struct alias {
     const char *text;
@@ -135,36 +135,22 @@ static int find_written(const cln_scene *scene, const table *t, char *name, int 
 
 /* ---- the list ---- */
 
-/* What a list has that is of no photo, or of several: how many names, and the first in words. */
-typedef struct trouble {
-    int count;
-    char words[WORDS];
-} trouble;
-
-/* Adds "'NAME' (line N)" to the first of them. */
-static void add_trouble(trouble *t, char *name, int line)
+/* Adds "'NAME' (line N)". */
+static void add_trouble(cln_listed *t, char *name, int line)
 {
-    const size_t used = strlen(t->words);
-
     cln_utf8_repair(name);
-    if (t->count++ < NAMED)
-        cln_format(t->words + used, WORDS - used, "%s'%.*s' (line %d)", used ? ", " : "",
-                   (int)cln_utf8_whole(name, 200), name, line);
+    cln_listed_add(t, NAMED, "'%.*s' (line %d)", (int)cln_utf8_whole(name, 130), name, line);
 }
 
-/* The names of these views, or of the scene's first: "'a', 'b', 'c', ...". */
-static void list_views(const cln_scene *scene, const int *views, int count, char out[WORDS])
+/* The names of these views, or of the scene's first. */
+static cln_listed list_views(const cln_scene *scene, const int *views, int count)
 {
-    out[0] = 0;
-    for (int i = 0; i < count && i < NAMED; i++) {
-        const char *name = scene->views[views ? views[i] : i].name;
-        const size_t used = strlen(out);
+    cln_listed listed = {0};
 
-        cln_format(out + used, WORDS - used, "%s'%.*s'", used ? ", " : "",
-                   (int)cln_utf8_whole(name, 200), name);
-    }
-    if (count > NAMED)
-        strcat(out, ", ...");
+    for (int i = 0; i < count && i <= NAMED; i++)
+        cln_listed_add(&listed, NAMED, "'%s'",
+                       i < NAMED ? scene->views[views ? views[i] : i].name : "");
+    return listed;
 }
 
 /* The name in a line that a program for tables wrote: without its quotes and the commas or
@@ -188,9 +174,8 @@ static char *without_table(char *name)
 static cln_status take_lines(const cln_scene *scene, const table *t, const char *file, char *text,
                              bool *named, int *names)
 {
-    trouble none = {0}, several = {0};
+    cln_listed none = {0}, several = {0}, views_of;
     int line = 0, views[NAMED], of_first[NAMED], first = 0, level = 0;
-    char words[WORDS];
 
     *names = 0;
     /* skips the byte order mark of Windows editors */
@@ -226,20 +211,20 @@ static cln_status take_lines(const cln_scene *scene, const table *t, const char 
             add_trouble(found ? &several : &none, name, line);
     }
     if (none.count) {
-        list_views(scene, NULL, scene->view_count, words);
+        views_of = list_views(scene, NULL, scene->view_count);
         return cln_fail(CLN_INPUT,
-                        "%s: %d of its %d names %s of no photo of %s: %s%s; its photos are called "
+                        "%s: %d of its %d names %s of no photo of %s: %s; its photos are called "
                         "%s: write the names so, or leave these out",
                         file, none.count, *names, cln_plural(none.count, "is", "are"),
-                        scene->folder, none.words, none.count > NAMED ? ", ..." : "", words);
+                        scene->folder, none.text, views_of.text);
     }
     if (several.count) {
-        list_views(scene, of_first, first, words);
+        views_of = list_views(scene, of_first, first);
         return cln_fail(CLN_INPUT,
-                        "%s: %d of its %d names %s of several photos of %s: %s%s; the first may be "
+                        "%s: %d of its %d names %s of several photos of %s: %s; the first may be "
                         "%s: write the name with the folder",
                         file, several.count, *names, cln_plural(several.count, "is", "are"),
-                        scene->folder, several.words, several.count > NAMED ? ", ..." : "", words);
+                        scene->folder, several.text, views_of.text);
     }
     return CLN_OK;
 }

@@ -746,6 +746,33 @@ static void test_digits(void **state)
         assert_int_equal(cln_reals_digits(2, cases[i].values, cases[i].least), cases[i].digits);
 }
 
+/* The first few by name, all by number, and what is long between its characters. */
+static void test_listed(void **state)
+{
+    cln_listed some = {0}, full = {0};
+    char name[400];
+
+    (void)state;
+    for (int i = 0; i < 5; i++)
+        cln_listed_add(&some, 3, "'%c'", 'a' + i);
+    assert_int_equal(some.count, 5);
+    assert_string_equal(some.text, "'a', 'b', 'c', ...");
+    memset(&some, 0, sizeof some);
+    for (int i = 0; i < 3; i++)
+        cln_listed_add(&some, 3, "%d", i);
+    assert_string_equal(some.text, "0, 1, 2");
+    memset(name, 'x', sizeof name);
+    for (size_t i = 1; i + 2 < sizeof name; i += 2)
+        memcpy(name + i, "\xC3\xA4", 2);
+    name[sizeof name - 1] = 0;
+    for (int i = 0; i < 9; i++)
+        cln_listed_add(&full, 5, "%s", name);
+    assert_int_equal(full.count, 9);
+    assert_true(cln_utf8_valid(full.text));
+    assert_int_equal(strlen(full.text), 5 * 159 + 5 * 2 + 3);
+    assert_string_equal(full.text + strlen(full.text) - 7, "\xC3\xA4, ...");
+}
+
 static void test_sort(void **state)
 {
     static const double sorted[] = {-INFINITY, -2.5, -0.25, 0, 1e-300, 0.5, 0.5, 3};
@@ -906,6 +933,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_group_memory, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),
+        cmocka_unit_test(test_listed),
         cmocka_unit_test(test_sort),
         cmocka_unit_test(test_split),
         cmocka_unit_test(test_natural_compare),
