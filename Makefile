@@ -74,10 +74,10 @@ MESHOPTIMIZER := $(shell echo 'int main(void) { return 0; }' | $(CC) -include me
                          -x c - -o /dev/null -lmeshoptimizer 2>/dev/null && echo meshoptimizer)
 CLANG ?= $(firstword $(shell command -v clang-14 clang))
 CLANG_FORMAT ?= $(firstword $(shell command -v clang-format-14 clang-format))
-# -g1: reports of sanitizers have lines; compiling takes three quarters of the time
-OPT := $(if $(DEBUG),-O0 -g,$(if $(SANITIZE),-O1 -g1,-O2 -g))
-# tests run once after they are compiled, which takes half the time so
-$B/obj/tests/%: OPT := $(if $(DEBUG),-O0 -g,-O1 -g1)
+# reports of sanitizers have lines; compiling takes half the time of -O1 -g
+OPT := $(if $(DEBUG),-O0 -g,$(if $(SANITIZE),-Og -g1,-O2 -g))
+# tests run once after they are compiled
+$B/obj/tests/%: OPT := $(if $(DEBUG),-O0 -g,-Og -g1)
 VERSION := $(shell sed -n 's/^\#define CLN_VERSION "\(.*\)"/\1/p' include/cl_nascent.h)
 # The shared library's name for the linker. From 1.0 on it changes when a function or struct of
 # cl_nascent.h does; 0 promises nothing (docs/api.md).

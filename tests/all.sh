@@ -107,7 +107,7 @@ groups() {
     rest) listed=$(grep -v -x -E "$kernels|$networks|$checks|$devices|$long" <<<"$listed") ;;
     *) listed=$(grep -x -E "${!2}" <<<"$listed") ;;
     esac
-    case $2 in kernels | checks | devices) of=("${quick[@]}" "$1") ;; esac
+    case $2 in kernels | networks | checks | devices) of=("${quick[@]}" "$1") ;; esac
     "${of[@]}" $(grep -v -x -E "${3:-}" <<<"$listed")
 }
 
@@ -145,7 +145,8 @@ part "command line" "${quick[@]}" tests/cli/cli.sh
 part lint tests/lint.sh
 part trainings tests/cli/training.sh $trainings
 part "unit: checks" groups build/tests checks
-part "unit: networks" groups build/tests networks
+part "unit: networks" "${quick[@]}" build/tests mlp/test_points mlp/test_no_samples \
+    mlp/test_small_networks
 part "unit: extremes" "${quick[@]}" build/tests extremes/test_passes
 part ranks tests/cli/ranks.sh $ranks
 part "sanitized unit: kernels" groups build/sanitize/tests kernels
@@ -164,6 +165,7 @@ part "fuzz corpus" tests/fuzz/fuzz.sh replay
 
 more "unit: long" groups build/tests long
 more "unit: devices" groups build/tests devices
+more "unit: all networks" groups build/tests networks
 more "more ranks" tests/cli/ranks.sh $(others hangs $ranks)
 more devices tests/device/devices.sh -q
 more "captures: trees" tests/cli/captures.sh depth sparse forward beyond
