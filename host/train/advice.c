@@ -74,17 +74,38 @@ static bool waits_to_decide(const cln_trainer *t, double steps, cln_config *out)
     return false;
 }
 
-/* The share of the leaves of this level that a decision could split; of the others voxels are as
- * fine as the photos. */
-static double can_split(cln_trainer *t, int level)
+/* The share of the leaves of *level that a decision could split; of the others voxels are as fine
+ * as the photos. *level becomes the finest one that comes, if that is less. averaged: pixels are
+ * means of several rays, which allows finer voxels. */
+static double can_split(cln_trainer *t, bool averaged, int *level)
 {
+    const bool now = t->model.averaged;
     int finest = 0;
     double share = 1;
 
-    if (cln_grow_finest(t, &finest) != CLN_OK ||
-        cln_measure_can_split(t, level < finest ? level : finest, &share) != CLN_OK)
+    t->model.averaged = averaged;
+    if (cln_grow_finest(t, &finest) == CLN_OK)
+        *level = *level < finest ? *level : finest;
+    if (cln_measure_can_split(t, *level, &share) != CLN_OK)
         cln_clear_error();
+    t->model.averaged = now;
     return share;
+}
+
+/* The same in a training of *steps or of as many more, which *steps become, as it takes until pixels
+ * are means. */
+static double could_split(cln_trainer *t, double *steps, int *level)
+{
+    int averaged_level = *level;
+    double share = can_split(t, t->model.averaged, level), averaged = 0;
+
+    if (share >= FEW || t->model.averaged || !t->pipeline.averaged)
+        return share;
+    averaged = can_split(t, true, &averaged_level);
+    *level = averaged_level;
+    if (averaged >= FEW)
+        *steps = fmax(*steps, cln_steps_to_average(t));
+    return averaged;
 }
 
 void cln_advise_none_came(cln_trainer *t, double fraction)
@@ -104,11 +125,11 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
         return;
     t->said.none_came = true;
     enough = steps_to_decide(t, steps, &level);
-    share = enough > 0 ? can_split(t, level) : 1;
+    share = enough > 0 ? could_split(t, &enough, &level) : 1;
     if (share < FEW) {
-        cln_info("no single leaf was split, %s be in more steps: voxels half as wide would be "
+        cln_info("no single leaf was split, %s be in more steps: beyond level %d, voxels would be "
                  "below --cell-pixels %g of the photos%s",
-                 share > 0 ? "and hardly any would" : "nor would any", c->cell_pixels,
+                 share > 0 ? "and hardly any would" : "nor would any", level, c->cell_pixels,
                  share > 0 ? " almost everywhere" : "");
         return;
     }

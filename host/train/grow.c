@@ -185,9 +185,10 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     cln_info("the tree stays at level %d%s: voxels of the next level would be %.2g pixels of the "
              "photos wide (--cell-pixels)",
              t->model.level,
-             splits > 0    ? ", but for single leaves"
-             : c->adaptive ? ", and single leaves cannot split"
-                           : "",
+             splits > 0                                   ? ", but for single leaves"
+             : t->pipeline.averaged && !t->model.averaged ? " for now" /* means allow finer ones */
+             : c->adaptive                                ? ", and single leaves cannot split"
+                                                          : "",
              cell / pixel);
 done:
     return st;

@@ -141,14 +141,27 @@ static double depth_share(const cln_trainer *t)
  * --antialias auto: who asks for N has it when it comes. */
 static const double LAST_BEGIN = 0.5;
 
+static double rays_to_average(const cln_trainer *t)
+{
+    return t->model.config.antialias_after * (double)t->batch.first[t->batch.train_views];
+}
+
+double cln_steps_to_average(const cln_trainer *t)
+{
+    const cln_model *m = &t->model;
+    const double a_step = (double)m->drawn / fmax(1, (double)m->step);
+    const double begun = /* some of the budget is left to decide in */
+        0.8 * (m->config.antialias == 0 ? LAST_BEGIN : m->config.structure_until);
+
+    return 10 * ceil(rays_to_average(t) / a_step / begun / 10);
+}
+
 /* Pixels at edges become means of several rays once the photos were seen often enough. */
 static void begin_averages(cln_trainer *t)
 {
     cln_model *m = &t->model;
-    const double pixels = (double)t->batch.first[t->batch.train_views];
 
-    if (!t->pipeline.averaged || m->averaged ||
-        (double)m->drawn < m->config.antialias_after * pixels ||
+    if (!t->pipeline.averaged || m->averaged || (double)m->drawn < rays_to_average(t) ||
         (m->config.antialias == 0 && cln_step_fraction(t) > LAST_BEGIN))
         return;
     m->averaged = true;

@@ -22,6 +22,10 @@ double cln_step_decoder_rate(const cln_config *config, double fraction);
 /* The used fraction 0..1 of the budget in steps or in time, whichever is larger. */
 double cln_step_fraction(const cln_trainer *t);
 
+/* About how many steps a training takes, in round numbers, in which pixels become means while the
+ * tree still adapts. */
+double cln_steps_to_average(const cln_trainer *t);
+
 /* A step has at least so many rays, however many samples each of them has. */
 enum { CLN_STEP_LEAST_RAYS = 16 };
 

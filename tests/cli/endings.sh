@@ -62,7 +62,7 @@ decisions() {
 section_short() {
     local -a grows=("$work/scene" --preset voxel --rays 128 --leaf-samples 0 --skip-selftest
         --progress none --cell-pixels 0 --cull-after 16 --refresh-every 16)
-    local -a sooner
+    local -a sooner coarse=(--cell-pixels 1 --start-level 1 --level-at 2:0.01,3:0.03)
     local longer
     scene
     expect "a training too short for its tree" 0 "~warning:.no.single.leaf" \
@@ -83,10 +83,15 @@ section_short() {
         "$cln" train -o "$work/try" "${grows[@]}" --steps 20
     check "is not warned" not_said "warning: no single leaf"
     expect "photos that tell no finer voxels" 0 "~nor.would.any.be.in.more.steps:.*cell-pixels.1" \
-        "$cln" train -o "$work/coarse" "${grows[@]}" --steps 60 --cell-pixels 1 --start-level 1 \
-        --level-at 2:0.01,3:0.03
+        "$cln" train -o "$work/coarse" "${grows[@]}" "${coarse[@]}" --steps 60 --antialias 1
     check "nor is that hoped of single leaves" said "level 1, and single leaves cannot split"
     check "no number of steps is advised" not_said "or more"
+    expect "nor before pixels are means of rays" 0 "~level.1.for.now" \
+        "$cln" train -o "$work/before" "${grows[@]}" "${coarse[@]}" --steps 60
+    longer=$(advice "--steps [0-9]+ or more" | tr -dc 0-9)
+    expect "but then: so many steps are enough" 0 "~from.step.[0-9]*.on.pixels.at.edges" \
+        "$cln" train -o "$work/means" "${grows[@]}" "${coarse[@]}" --steps "${longer:-1}"
+    check "leaves were split" [ "$("$query" result.leaves <"$work/means/run.json")" -gt 8 ]
     # by the generator's cameras a few corners of the cube are near enough to one or two of them
     expect "photos that tell them in some corners alone" 0 "~hardly.any.would.*cell-pixels.0.3" \
         "$cln" train -o "$work/corners" "${grows[@]}" --steps 60 --cell-pixels 0.3
