@@ -431,13 +431,13 @@ cln_status cln_config_preset(const char *name, cln_config *out)
 
 /* ---- parsers outside the table ---- */
 
-cln_status cln_parse_bytes(const char *text, double *bytes)
+cln_status cln_parse_bytes(const char *option, const char *text, double *bytes)
 {
     double value = 0;
 
     if (!cln_bytes_read(text, &value))
-        return cln_fail(CLN_USAGE, "'%s' is not a size of 0 or more: give bytes, or 512M, 4G",
-                        text);
+        return cln_fail(CLN_USAGE, "%s: '%s' is not a size of 0 or more: give bytes, or 512M, 4G",
+                        option, text);
     *bytes = value;
     return CLN_OK;
 }

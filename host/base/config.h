@@ -58,7 +58,7 @@ cln_status cln_config_preset(const char *name, cln_config *out);
 cln_status cln_config_set(cln_config *config, const cln_config_row *row, const char *text);
 
 /* Its parsers, for options outside the table. */
-cln_status cln_parse_bytes(const char *text, double *bytes);
+cln_status cln_parse_bytes(const char *option, const char *text, double *bytes);
 cln_status cln_parse_reals(const char *text, int count, double *out); /* "a,b,c" */
 
 /* The value as text that cln_config_set reads back exactly. */

@@ -11,7 +11,7 @@ typedef struct idle {
     const char *why; /* reason; way out */
 } idle;
 
-enum { IDLE_ROWS = 55 };
+enum { IDLE_ROWS = 56 };
 
 #define ADAPTIVE                                                                          \
     "max-leaves max-level structure-from structure-every structure-until structure-wait " \
@@ -88,6 +88,8 @@ static void list_idle(const cln_config *c, const cln_settings_facts *facts, idle
         {"depth-loss", c->depth_loss > 0 && facts->no_sights,
          "the scene's files name no points with the images that show them; leave it out"},
         {"depth-until", c->depth_loss <= 0, "there is no depth loss; give --depth-loss"},
+        {"depth-until", c->depth_loss > 0 && facts->no_sights,
+         "the scene's files name no points with the images that show them; leave it out"},
         {"exposure", c->exposure == CLN_EXPOSURE_YES && facts->has_alpha,
          "images with alpha get no gains; leave it out"},
         {"epochs", c->steps > 0 || c->time_limit > 0,

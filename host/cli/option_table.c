@@ -646,6 +646,11 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s?", wanted, best);
     off = strncmp(wanted, "no-", 3) == 0;
     plain += off ? 3 : 0;
+    for (int i = 0; i < cln_command_count && off; i++)
+        if (cln_row_find(&cln_commands[i], plain, strlen(plain)))
+            bits |= cln_commands[i].bit;
+    if (bits && command && !(bits & command->bit))
+        return fail_of_others(command, wanted, bits);
     arg = off ? cln_arg_find(command, plain, strlen(plain)) : NULL;
     if (arg && arg->kind == CLN_ARG_FLAG)
         return cln_fail(CLN_USAGE,

@@ -277,6 +277,12 @@ static cln_status fail_letters(const cln_command *command, const char *argument,
         return fail_dashed(argument);
     if (letter == 'o' && command->bit == CLN_EXPORT)
         return cln_fail_output();
+    for (int i = 0; i < cln_command_count; i++) {
+        const cln_arg *arg = cln_arg_find_letter(&cln_commands[i], letter);
+
+        if (arg && !cln_arg_find(command, arg->name, strlen(arg->name)))
+            return cln_fail_option(command, arg->name, strlen(arg->name));
+    }
     return cln_fail(CLN_USAGE, "unknown option -%c", letter);
 }
 

@@ -283,37 +283,6 @@ done:
     return st;
 }
 
-/* Tells how much of a closed surface no training view sees, which is made up: below what stands on
- * the ground, say. */
-static void tell_unseen(cln_export_job *job, const cln_surface *surface, const cln_mesh *mesh)
-{
-    double all = 0, unseen = 0,
-           box[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
-    char text[CLN_BOX_BYTES];
-
-    for (size_t f = 0; f < mesh->faces; f++) {
-        const uint32_t *v = mesh->face[f];
-        const double area = cln_mesh_area(mesh, f, (double[3]){0});
-        const bool seen = most_views(surface, f) > 0;
-
-        all += area;
-        unseen += seen ? 0 : area;
-        for (int k = 0; k < 3 && !seen; k++)
-            for (int a = 0; a < 3; a++) {
-                box[a] = fmin(box[a], mesh->at[v[k]][a]);
-                box[3 + a] = fmax(box[3 + a], mesh->at[v[k]][a]);
-            }
-    }
-    if (!(unseen > 0))
-        return;
-    job->result->unseen = unseen / all;
-    cln_box_write(box, fmax(fmax(box[3] - box[0], box[4] - box[1]), box[5] - box[2]), text);
-    cln_info(
-        "%.2g %% of the surface is what no training view sees, within %s: size and volume have "
-        "it, too; --crop cuts it off",
-        100 * unseen / all, text);
-}
-
 /* Which side of the crop box each face lies in: 1 to 6, or 0. */
 static cln_status find_planes(const cln_crop *crop, const cln_surface *surface, uint8_t **out)
 {
@@ -339,6 +308,39 @@ static cln_status find_planes(const cln_crop *crop, const cln_surface *surface, 
         }
 done:
     return st;
+}
+
+/* Tells how much of a closed surface no training view sees, which is made up: below what stands on
+ * the ground, say. plane: NULL, or 0 for all faces but those that the crop box cut, which are as they
+ * are to be. */
+static void tell_unseen(cln_export_job *job, const cln_surface *surface, const cln_mesh *mesh,
+                        const uint8_t *plane)
+{
+    double all = 0, unseen = 0,
+           box[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
+    char text[CLN_BOX_BYTES];
+
+    for (size_t f = 0; f < mesh->faces; f++) {
+        const uint32_t *v = mesh->face[f];
+        const double area = cln_mesh_area(mesh, f, (double[3]){0});
+        const bool seen = (plane && plane[f]) || most_views(surface, f) > 0;
+
+        all += area;
+        unseen += seen ? 0 : area;
+        for (int k = 0; k < 3 && !seen; k++)
+            for (int a = 0; a < 3; a++) {
+                box[a] = fmin(box[a], mesh->at[v[k]][a]);
+                box[3 + a] = fmax(box[3 + a], mesh->at[v[k]][a]);
+            }
+    }
+    if (!(unseen > 0))
+        return;
+    job->result->unseen = unseen / all;
+    cln_box_write(box, fmax(fmax(box[3] - box[0], box[4] - box[1]), box[5] - box[2]), text);
+    cln_info(
+        "%.2g %% of the surface is what no training view sees, within %s: size and volume have "
+        "it, too; --crop cuts it off",
+        100 * unseen / all, text);
 }
 
 cln_status cln_export_mesh(cln_export_job *job)
@@ -375,11 +377,11 @@ cln_status cln_export_mesh(cln_export_job *job)
     mesh.face = surface.face;
     mesh.faces = surface.faces;
     memcpy(mesh.origin, job->opened.model.space.centre, sizeof mesh.origin);
+    CLN_TRY(find_planes(&job->crop, &surface, &plane));
     if (desc->closed)
-        tell_unseen(job, &surface, &mesh);
+        tell_unseen(job, &surface, &mesh, plane);
     if (desc->triangles != 0 && (size_t)desc->triangles < mesh.faces) {
         job->result->faces_before = (int64_t)mesh.faces;
-        CLN_TRY(find_planes(&job->crop, &surface, &plane));
         CLN_TRY(cln_mesh_reduce(&mesh, (size_t)desc->triangles, plane,
                                 &job->result->reduction_error, &crowded, &bent));
         if (bent > 0)

@@ -213,7 +213,7 @@ cln_status cln_open_run_start(cln_open_run *opened, const cln_device_desc *devic
     cln_room room;
 
     if (device->device_mem)
-        CLN_TRY(cln_parse_bytes(device->device_mem, &config.device_mem));
+        CLN_TRY(cln_parse_bytes("--device-mem", device->device_mem, &config.device_mem));
     if (opened->fast)
         cln_render_faster(&config);
     CLN_TRY(cln_device_open(device, &opened->device));

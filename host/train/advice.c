@@ -92,8 +92,8 @@ static double can_split(cln_trainer *t, bool averaged, int *level)
     return share;
 }
 
-/* The same in a training of *steps or of as many more, which *steps become, as it takes until pixels
- * are means. */
+/* The same in a training of *steps or of as many more, which *steps become, as it takes until
+ * pixels are means. */
 static double could_split(cln_trainer *t, double *steps, int *level)
 {
     int averaged_level = *level;
@@ -108,6 +108,21 @@ static double could_split(cln_trainer *t, double *steps, int *level)
     return averaged;
 }
 
+void cln_advise_first_tree(cln_trainer *t)
+{
+    const cln_config *c = &t->model.config;
+    const int leaves = t->pipeline.leaves;
+
+    if (!c->adaptive || c->tree_from[0] || leaves <= c->max_leaves)
+        return;
+    t->said.too_many = true;
+    cln_warn("the first tree has %d leaves, more than --max-leaves %d, so none is split%s: give %d "
+             "or more, or a lower --start-level than %d",
+             leaves, c->max_leaves,
+             cln_leaf_kind_of(c->encoding)->network ? " before others merge" : "", leaves,
+             c->start_level);
+}
+
 void cln_advise_none_came(cln_trainer *t, double fraction)
 {
     const cln_config *c = &t->model.config;
@@ -120,8 +135,9 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
     cln_config other;
 
     if (t->said.none_came || !c->adaptive || c->tree_from[0] || t->model.decisions > 0 ||
-        c->structure_from >= c->structure_until || fraction < c->structure_until ||
-        t->model.level >= c->max_level || !cln_grow_awaited(t, c->structure_until))
+        t->pipeline.leaves > c->max_leaves || c->structure_from >= c->structure_until ||
+        fraction < c->structure_until || t->model.level >= c->max_level ||
+        !cln_grow_awaited(t, c->structure_until))
         return;
     t->said.none_came = true;
     enough = steps_to_decide(t, steps, &level);

@@ -6,6 +6,9 @@
 
 #include "train/trainer.h"
 
+/* Warns if the first tree has more leaves than --max-leaves, which none may be split beyond. */
+void cln_advise_first_tree(cln_trainer *t);
+
 /* Says once that the tree never adapted, as the first decision waited (cln_grow_awaited) until
  * --structure-until, and what would do. A training of a few steps is a try, so its user is not
  * warned. fraction: 0..1 of the budget. */

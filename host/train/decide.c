@@ -84,7 +84,7 @@ static int leaf_budget(cln_trainer *t)
 }
 
 /* fine: leaves that --cell-pixels kept from being split. */
-static void say(const cln_trainer *t, const cln_decision *d, int fine)
+static void say(cln_trainer *t, const cln_decision *d, int fine)
 {
     const bool merges = cln_leaf_kind_of(t->model.config.encoding)->merges;
     char psnr[96] = "";
@@ -101,10 +101,11 @@ static void say(const cln_trainer *t, const cln_decision *d, int fine)
                   "photos, so %s not split",
                   (long long)t->model.step, fine, cln_plural(fine, "leaf", "leaves"),
                   t->model.config.cell_pixels, cln_plural(fine, "it was", "they were"));
-    if (d->infeasible)
+    if (d->infeasible && !t->said.too_many)
         cln_warn("no choice of splits and merges meets --max-leaves %d; %s", d->budget,
                  merges ? "only merges were made"
                         : "no leaf was added, as voxels do not merge; give more");
+    t->said.too_many |= d->infeasible;
 }
 
 /* By ranks, takes fewer leaves if those of one do not fit where they will be. *how: the

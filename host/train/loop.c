@@ -22,6 +22,7 @@
 #include "ranks/ranks.h"
 #include "render/metrics_image.h"
 #include "render/quality.h"
+#include "train/advice.h"
 #include "train/decide.h"
 #include "train/maintain.h"
 #include "train/probe.h"
@@ -631,6 +632,8 @@ cln_status cln_loop_run(cln_trainer *t)
         t->steps = cln_config_epoch_steps(c, (double)t->batch.first[t->batch.train_views]);
     cln_decide_recount(t);
     (void)cln_loop_used_up(t);
+    if (t->model.step == 0)
+        cln_advise_first_tree(t);
     CLN_TRY(warm_up(t));
     cln_cache_end_turn(&t->device->turn);
     t->start_seconds = cln_now() - t->began;

@@ -55,6 +55,7 @@ typedef struct cln_trainer {
         bool no_room_for_leaves; /* no memory for a single leaf */
         bool whole;              /* no whole level of voxels comes any more */
         bool none_came;          /* no decision until --structure-until */
+        bool too_many;           /* --max-leaves is below what the tree has */
         bool host_full;          /* host memory exceeds --host-mem */
         bool long_evaluation;    /* or need not be */
     } said;

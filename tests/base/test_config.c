@@ -478,20 +478,20 @@ static void test_units(void **state)
     assert_refused("time-limit", "1:5", "'1:5'");
     assert_refused("time-limit", "1:00:00:00", "'1:00:00:00'");
     assert_refused("time-limit", ":30", "':30'");
-    assert_int_equal(cln_parse_bytes("2K", &value), CLN_OK);
+    assert_int_equal(cln_parse_bytes("--size", "2K", &value), CLN_OK);
     assert_true(value == 2048);
     for (size_t i = 0; i < sizeof times / sizeof times[0]; i++) {
         assert_true(cln_seconds_read(times[i].text, &value, NULL));
         assert_true(value == times[i].value);
     }
     for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
-        assert_int_equal(cln_parse_bytes(sizes[i].text, &value), CLN_OK);
+        assert_int_equal(cln_parse_bytes("--size", sizes[i].text, &value), CLN_OK);
         assert_true(value == sizes[i].value);
     }
     assert_false(cln_seconds_read("2d", &value, NULL) || cln_seconds_read("-2m", &value, NULL));
     value = 2048;
-    assert_failed(cln_parse_bytes("M", &value), CLN_USAGE, "'M'|512M");
-    assert_failed(cln_parse_bytes("2048iB", &value), CLN_USAGE, "'2048iB'|512M");
+    assert_failed(cln_parse_bytes("--size", "M", &value), CLN_USAGE, "--size|'M'|512M");
+    assert_failed(cln_parse_bytes("--size", "2048iB", &value), CLN_USAGE, "'2048iB'|512M");
     assert_true(value == 2048);
     assert_int_equal(cln_parse_reals("1,-2.5,3e2", 3, three), CLN_OK);
     assert_true(three[0] == 1 && three[1] == -2.5 && three[2] == 300);

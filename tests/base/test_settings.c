@@ -442,6 +442,8 @@ static void test_idle(void **state)
     assert_string_equal(warnings("voxel", "harmonics-rise=0.2", false, false), "");
     no_sights = true;
     assert_non_null(strstr(warnings("fast", "depth-loss=0.1", false, false), "name no points"));
+    assert_non_null(strstr(warnings("fast", "depth-until=0.2 depth-loss=0.1", false, false),
+                           "--depth-until has no effect: the scene's files name no points"));
     no_sights = false;
     assert_non_null(
         strstr(warnings_with("fast", "slab=yes", &(cln_settings_facts){.ranks = 1, .no_box = true}),

@@ -402,12 +402,15 @@ section_results() {
     expect "render --stereo" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/stereo.y4m" --stereo 0.2 --json
     check "a film of pairs" [ "$(head -1 "$work/stereo.y4m" | cut -d' ' -f2,3)" = "W96 H48" ]
+    expect "a closed half" 0 "" "$cln" export "$work/whole" --mesh "$work/half.ply" --closed \
+        --crop=-1.5,-1.5,0,1.5,1.5,1.5 --json
+    check "its cut face is not made up" number_above 0.06 "$(json unseen_share)"
     expect "render --seen" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
         -o "$work/seen" --seen
     check "from below it shows what nobody saw" grep -qE \
         "^[1-9][0-9.]* % of what they show is seen by no training view" "$work/out"
     check "frame by frame" [ "$("$query" seen.orbit_0003.0 <"$work/seen/render.json" |
-        cut -c -2)$(ls "$work/seen" | grep -c "seen.png")" = 0.4 ]
+        cut -c -2)$(find "$work/seen" -name '*.seen.png' | wc -l)" = 0.4 ]
     expect "frames that are there" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
         -o "$work/seen" --seen
     check "are told of, too" grep -q "of what they show is seen by no training" "$work/out"

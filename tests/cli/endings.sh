@@ -62,7 +62,7 @@ decisions() {
 section_short() {
     local -a grows=("$work/scene" --preset voxel --rays 128 --leaf-samples 0 --skip-selftest
         --progress none --cell-pixels 0 --cull-after 16 --refresh-every 16)
-    local -a sooner coarse=(--cell-pixels 1 --start-level 1 --level-at 2:0.01,3:0.03)
+    local -a sooner coarse=(--cell-pixels 1 --start-level 1 --level-at "2:0.01,3:0.03")
     local longer
     scene
     expect "a training too short for its tree" 0 "~warning:.no.single.leaf" \
@@ -82,6 +82,10 @@ section_short() {
     expect "a try of a few steps" 0 "~single.leaf" \
         "$cln" train -o "$work/try" "${grows[@]}" --steps 20
     check "is not warned" not_said "warning: no single leaf"
+    expect "fewer leaves than the first tree has" 0 \
+        "~warning:.the.first.tree.has.64.leaves ~or.a.lower.--start-level.than.2" \
+        "$cln" train -o "$work/less" "${grows[@]}" --steps 20 --max-leaves 10 --start-level 2
+    check "and no advice to split them" not_said "no single leaf"
     expect "photos that tell no finer voxels" 0 "~nor.would.any.be.in.more.steps:.*cell-pixels.1" \
         "$cln" train -o "$work/coarse" "${grows[@]}" "${coarse[@]}" --steps 60 --antialias 1
     check "nor is that hoped of single leaves" said "level 1, and single leaves cannot split"

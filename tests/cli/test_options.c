@@ -674,6 +674,8 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train s -o r --no-steps", "--no-steps"},
         {"train s -o r --quux", "unknown option --quux"},
         {"info -x", "unknown option -x"},
+        {"devices -d cpu", "--device is not an option of devices, only of"},
+        {"info s --no-adaptive", "--no-adaptive is not an option of info, only of train, check"},
         {"export r -o m.glb", "-o|--mesh FILE"},
         {"export r --output=m.glb", "--output|--mesh FILE"},
         {"info a b --like c", "--like requires one SCENE|2 names"},

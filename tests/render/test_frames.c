@@ -168,6 +168,10 @@ static void test_path_with_crop(void **state)
             CROPPED("{\"crop_center\": [0, 0, 0], \"crop_scale\": [1, 1, 1], "
                     "\"crop_rot\": 3}"),
             "crop_rot");
+    refuses(state,
+            CROPPED("{\"crop_center\": [0, 0, 0], \"crop_scale\": [1, 1, 1], "
+                    "\"crop_bg_color\": [0, 9, 0]}"),
+            "crop_bg_color must be r, g and b");
 }
 
 static void test_broken_paths(void **state)
