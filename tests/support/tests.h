@@ -29,6 +29,7 @@ int test_group_composite(void);
 int test_group_config(void);
 int test_group_counts(void);
 int test_group_coverage(void);
+int test_group_export_views(void);
 int test_group_exposure(void);
 int test_group_exposure_guess(void);
 int test_group_float64(void);
