@@ -563,6 +563,91 @@ static void test_decoder_waits(void **state)
     }
 }
 
+/* Colour and density of one sample in a leaf of these numbers. */
+static void look(const cln_config *config, const cln_model *model, const float *params,
+                 const batch *b, uint32_t i, const float box[4], double out[4])
+{
+    const cln_sample *s = &b->samples[i];
+    ref_network r = {.net = model->net, .density = config->density, .decoder = model->decoder};
+    double local[3], dir[3];
+
+    r.kappa = (float)config->density_scale;
+    r.bias = (float)cln_network_density_bias(config);
+    for (int a = 0; a < 3; a++) {
+        dir[a] = b->ray_d[s->ray][a];
+        local[a] = (b->ray_o[s->ray][a] + s->t * dir[a] - box[a]) * 2 / box[3] - 1;
+    }
+    ref_forward(&r, params, local, dir, NULL, 0, out);
+}
+
+/* rng.h: the density noise, one normal number per sample and step (Box-Muller on two hashes). */
+static double noise_of(uint32_t step_key, uint32_t sample)
+{
+    const uint32_t a = cln_hash((step_key ^ 0x27D4EB2Fu) + sample * 0x9E3779B9u);
+    uint32_t b = a * 0x85EBCA6Bu + 0x165667B1u;
+
+    b = (b ^ b >> 16) * 0x21F0AAADu;
+    b ^= b >> 15;
+    return sqrt(-2 * log(((a >> 8) + 1) * 0x1p-24)) * cos(2 * M_PI * (b >> 8) * 0x1p-24);
+}
+
+/* Densities of training have each sample's own noise, wherever it is in its slice. */
+static void check_noise(const voxel_case *c)
+{
+    const uint32_t key = 0x7654321u;
+    cln_config config = config_of(c);
+    cln_pipeline *p = NULL;
+    cln_model model = {0};
+    batch b = {0};
+    uint32_t slices = 0;
+    float(*out)[4] = NULL, *got = NULL, *params = NULL, *boxes = NULL;
+    double *want = NULL;
+
+    config.density_noise = 0.5;
+    p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    make_model(&config, &model);
+    make_batch(&model.tree, (uint32_t)fmin(p->tune.sl, 64), &b);
+    out = test_alloc(b.n, sizeof *out);
+    got = test_alloc(b.n, sizeof *got);
+    want = test_alloc(b.n, sizeof *want);
+    params = test_alloc((size_t)model.net.params, sizeof *params);
+    assert_ok(cln_octree_boxes(&model.tree, &boxes));
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_pipeline_points(p, b.ray_o[0], b.ray_d[0], NULL, b.n));
+    assert_ok(cln_pipeline_samples(p, b.samples, b.n));
+    assert_ok(cln_stage_group(p, b.n, &slices));
+    assert_ok(cln_stage_forward(p, b.n, slices, true, key));
+    assert_ok(cln_buffer_read(p->device, &p->out, 0, out, b.n * sizeof *out));
+    for (uint32_t i = 0; i < b.n; i++) { /* noise of all vertices is that of their mean */
+        const int s = b.samples[i].slot;
+        double all[4];
+
+        memcpy(params, model.params + s * model.net.params,
+               (size_t)model.net.params * sizeof *params);
+        for (int v = 3; v < VERTICES * model.net.features; v += model.net.features)
+            params[v] += (float)(0.5 * noise_of(key, i));
+        look(&config, &model, params, &b, i, boxes + 4 * s, all);
+        want[i] = all[3];
+        got[i] = out[i][3];
+    }
+    compare(c->name, got, want, b.n, (bounds){1e-11, 2e-5});
+    free(out);
+    free(got);
+    free(want);
+    free(params);
+    free(boxes);
+    free_batch(&b);
+    cln_model_free(&model);
+}
+
+static void test_noise(void **state)
+{
+    (void)state;
+    check_noise(&cases[0]);
+    check_noise(&cases[5]); /* wide vectors */
+    check_noise(&cases[7]); /* several work-items a slice */
+}
+
 /* ---- pictures ---- */
 
 enum { SIGHTS = 400, ALONG = 5 };
@@ -605,24 +690,6 @@ static void make_sights(const cln_octree *tree, batch *b)
     free(boxes);
 }
 
-/* Colour and density of one sample. */
-static void look(const cln_config *config, const cln_model *model, const batch *b, uint32_t i,
-                 const float box[4], double out[4])
-{
-    const cln_sample *s = &b->samples[i];
-    ref_network r = {.net = model->net, .density = config->density, .decoder = model->decoder};
-    double local[3], dir[3];
-
-    r.kappa = (float)config->density_scale;
-    r.bias = (float)cln_network_density_bias(config);
-    for (int a = 0; a < 3; a++) {
-        dir[a] = b->ray_d[s->ray][a];
-        local[a] = (b->ray_o[s->ray][a] + s->t * dir[a] - box[a]) * 2 / box[3] - 1;
-        assert_true(fabs(local[a]) < 0.9);
-    }
-    ref_forward(&r, model->params + s->slot * model->net.params, local, dir, NULL, 0, out);
-}
-
 /* This process has the leaves from `first` on but the last `beyond`; samples of others keep what
  * was there. */
 static void check_sights(const voxel_case *c, const cln_config *config, const cln_model *model,
@@ -655,7 +722,8 @@ static void check_sights(const voxel_case *c, const cln_config *config, const cl
                 assert_true(isnan(got[i][k]));
             continue;
         }
-        look(config, model, b, i, boxes + 4 * s->slot, want + n);
+        look(config, model, model->params + s->slot * model->net.params, b, i, boxes + 4 * s->slot,
+             want + n);
         memcpy(mine + n, got[i], sizeof got[i]);
         n += 4;
     }
@@ -868,9 +936,9 @@ int test_group_voxel(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_update),        cmocka_unit_test(test_decoder_steps),
-        cmocka_unit_test(test_decoder_waits), cmocka_unit_test(test_sights),
-        cmocka_unit_test(test_regrown),       cmocka_unit_test(test_split),
-        cmocka_unit_test(test_around),
+        cmocka_unit_test(test_decoder_waits), cmocka_unit_test(test_noise),
+        cmocka_unit_test(test_sights),        cmocka_unit_test(test_regrown),
+        cmocka_unit_test(test_split),         cmocka_unit_test(test_around),
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(voxel_train) |
