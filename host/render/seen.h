@@ -25,7 +25,8 @@ cln_status cln_training_cameras(const cln_scene *scene, int most, int width, cln
 
 /* Chooses up to 100 training views, small ones. CLN_INPUT without any. */
 cln_status cln_seen_choose(const cln_scene *scene, cln_seen *out);
-/* Renders their depths. The run is started, without a crop; its pipeline's cameras are then these. */
+/* Renders their depths. The run is started, without a crop; its pipeline's cameras are then
+ * these. */
 cln_status cln_seen_make(cln_open_run *opened, const cln_callbacks *callbacks, cln_seen *seen);
 void cln_seen_free(cln_seen *seen); /* accepts a zeroed one */
 

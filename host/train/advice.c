@@ -92,8 +92,8 @@ static double can_split(cln_trainer *t, bool averaged, int *level)
     return share;
 }
 
-/* The same in a training of *steps or of as many more, which *steps become, as it takes until pixels
- * are means. */
+/* The same in a training of *steps or of as many more, which *steps become, as it takes until
+ * pixels are means. */
 static double could_split(cln_trainer *t, double *steps, int *level)
 {
     int averaged_level = *level;

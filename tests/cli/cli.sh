@@ -407,7 +407,7 @@ section_results() {
     check "from below it shows what nobody saw" grep -qE \
         "^[1-9][0-9.]* % of what they show is seen by no training view" "$work/out"
     check "frame by frame" [ "$("$query" seen.orbit_0003.0 <"$work/seen/render.json" |
-        cut -c -2)$(ls "$work/seen" | grep -c "seen.png")" = 0.4 ]
+        cut -c -2)$(find "$work/seen" -name "*seen.png" | wc -l)" = 0.4 ]
     expect "frames that are there" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
         -o "$work/seen" --seen
     check "are told of, too" grep -q "of what they show is seen by no training" "$work/out"

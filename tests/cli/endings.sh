@@ -62,7 +62,7 @@ decisions() {
 section_short() {
     local -a grows=("$work/scene" --preset voxel --rays 128 --leaf-samples 0 --skip-selftest
         --progress none --cell-pixels 0 --cull-after 16 --refresh-every 16)
-    local -a sooner coarse=(--cell-pixels 1 --start-level 1 --level-at 2:0.01,3:0.03)
+    local -a sooner coarse=(--cell-pixels 1 --start-level 1 --level-at "2:0.01,3:0.03")
     local longer
     scene
     expect "a training too short for its tree" 0 "~warning:.no.single.leaf" \
