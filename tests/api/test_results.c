@@ -127,6 +127,7 @@ static void test_eval_measures_opacity(void **state)
         assert_true(fabs(result.images[i].opaque_air - want_air) < 1e-9);
         all_error += result.images[i].opacity_error / TEST_VIEWS;
         all_air += result.images[i].opaque_air / TEST_VIEWS;
+        assert_true(isnan(result.images[i].psnr_most)); /* by the background it would be high */
         cln_picture_free(&picture);
         free(photo);
     }
@@ -177,6 +178,82 @@ static void test_eval_without_alpha(void **state)
     assert_true(json_is_null(fixture_at(document, "mean.opaque_air")));
     assert_true(json_is_real(fixture_at(document, "mean.opacity_error")));
     json_decref(document);
+    cln_eval_free(&result);
+}
+
+/* PSNR of the 93 % of two pictures' pixels that are nearest to each other. */
+static double psnr_of_most(const char *a, const char *b)
+{
+    uint8_t *pixels[2] = {NULL, NULL};
+    double errors[SIDE * SIDE], sum = 0;
+    int most = (int)ceil(0.93 * SIDE * SIDE), width = 0, height = 0, channels = 0;
+
+    for (int k = 0; k < 2; k++) {
+        assert_ok(cln_image_load(fixture_path(k ? b : a), &width, &height, &channels, &pixels[k]));
+        assert_true(width == SIDE && height == SIDE && channels == 3);
+    }
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        double error = 0;
+        int at = i;
+
+        for (int c = 3 * i; c < 3 * i + 3; c++)
+            error += pow((pixels[0][c] - (double)pixels[1][c]) / 255, 2) / 3;
+        for (; at > 0 && errors[at - 1] > error; at--) /* in order */
+            errors[at] = errors[at - 1];
+        errors[at] = error;
+    }
+    for (int i = 0; i < most; i++)
+        sum += errors[i] / most;
+    free(pixels[0]);
+    free(pixels[1]);
+    return -10 * log10(sum);
+}
+
+/* Photos without alpha are also told of by most of their pixels, up to digits of the pictures that
+ * are saved. */
+static void test_eval_of_most_pixels(void **state)
+{
+    static const char *const splits[] = {"train", "test"};
+    cln_eval_result result;
+    char copy[2 * PATH_MAX];
+
+    NEED_DEVICE();
+    snprintf(copy, sizeof copy, "cp -r '%s' '%s'", fixture_path("scene"), fixture_path("plain"));
+    assert_int_equal(system(copy), 0);
+    for (int i = 0; i < TRAIN_VIEWS + TEST_VIEWS; i++) {
+        uint8_t *photo = NULL;
+        int width = 0, height = 0, channels = 0;
+        char name[64];
+
+        snprintf(name, sizeof name, "plain/%s/r_%d.png", splits[i >= TRAIN_VIEWS], i % TRAIN_VIEWS);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &photo));
+        for (int k = 0; k < SIDE * SIDE; k++)
+            if (photo[4 * k + 3] > 0)
+                memmove(photo + 3 * k, photo + 4 * k, 3);
+            else
+                memset(photo + 3 * k, 255, 3); /* the background */
+        assert_ok(cln_image_write_png(fixture_path(name), width, height, 3, photo));
+        free(photo);
+    }
+    const cln_eval_desc desc = {.run = fixture_path("whole"),
+                                .scene = fixture_path("plain"),
+                                .split = "test",
+                                .out = fixture_path("plain eval"),
+                                .save_images = true,
+                                .device = fixture_device()};
+
+    assert_ok(cln_eval(&desc, &result));
+    for (int i = 0; i < TEST_VIEWS; i++) {
+        char name[64], truth[64];
+        double most = 0;
+
+        snprintf(name, sizeof name, "plain eval/%08d-test/test_r_%d.png", STEPS, i);
+        snprintf(truth, sizeof truth, "plain eval/%08d-test/test_r_%d.truth.png", STEPS, i);
+        most = psnr_of_most(name, truth);
+        print_message("%.3f dB, %.3f of most pixels\n", result.images[i].psnr, most);
+        assert_true(most > result.images[i].psnr + 0.3);
+        assert_near(result.images[i].psnr_most, most, 0.05);
+    }
     cln_eval_free(&result);
 }
 
@@ -820,6 +897,7 @@ int test_group_results(void)
         cmocka_unit_test(test_eval_measures_opacity),
         cmocka_unit_test(test_eval_of_a_part),
         cmocka_unit_test(test_eval_without_alpha),
+        cmocka_unit_test(test_eval_of_most_pixels),
         cmocka_unit_test(test_eval_of_other_splits),
         cmocka_unit_test(test_eval_stops_while_photos_are_read),
         cmocka_unit_test(test_render_skips),

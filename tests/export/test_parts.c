@@ -165,12 +165,36 @@ static void colours_bleed(void **state)
     cln_surface_free(&s);
 }
 
+/* Colours between two whole ones: the nearest, the upper one of two. */
+static void means_are_rounded(void **state)
+{
+    static const uint8_t colours[3][3] = {{10, 0, 200}, {11, 0, 201}, {10, 3, 201}};
+    static const uint8_t want[2][3] = {{11, 0, 201}, {10, 1, 201}}; /* 10.5, 0, 200.5; 10.25 ... */
+
+    (void)state;
+    for (uint32_t faces = 1; faces <= 2; faces++) { /* the second has corner 0, too */
+        cln_surface s = {.vertices = 4, .faces = faces};
+        uint8_t known[4] = {1, 1, 1, 0};
+
+        s.colour = calloc(s.vertices, sizeof *s.colour);
+        s.face = calloc(2, sizeof *s.face);
+        assert_true(s.colour && s.face);
+        memcpy(s.colour, colours, sizeof colours);
+        memcpy(s.face, (const uint32_t[2][3]){{0, 1, 3}, {0, 3, 2}}, 2 * sizeof *s.face);
+        assert_int_equal(cln_surface_bleed(&s, known), CLN_OK);
+        for (int c = 0; c < 3; c++)
+            assert_int_equal(s.colour[3][c], want[faces - 1][c]);
+        cln_surface_free(&s);
+    }
+}
+
 int test_group_parts(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_largest_ball_stays),
         cmocka_unit_test(parts_by_hand),
         cmocka_unit_test(colours_bleed),
+        cmocka_unit_test(means_are_rounded),
     };
 
     return cmocka_run_group_tests_name("parts", tests, NULL, NULL);

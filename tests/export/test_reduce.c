@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
+#include "export/crowded.h"
 #include "export/mesh.h"
 #include "export/reduce.h"
 #ifdef CLN_WITH_MESHOPTIMIZER
@@ -45,8 +46,14 @@ static void add_face(cln_mesh *mesh, size_t a, size_t b, size_t c)
     face[0] = (uint32_t)a, face[1] = (uint32_t)b, face[2] = (uint32_t)c;
 }
 
+/* How many views see a vertex, by its number. */
+static uint8_t views_of(size_t number)
+{
+    return (uint8_t)(number % 101);
+}
+
 /* A ball of radius 1 about mesh->origin, of rings and sectors between two poles. The colour is the
- * vertex' number. */
+ * vertex' number, and the views follow from it. */
 static void add_ball(cln_mesh *mesh, size_t first, const double middle[3])
 {
     const size_t south = first + (RINGS - 1) * SECTORS, north = south + 1;
@@ -64,6 +71,7 @@ static void add_ball(cln_mesh *mesh, size_t first, const double middle[3])
             mesh->normal[v][a] = (float)n[a];
             mesh->colour[v][a] = (uint8_t)(v >> 8 * a);
         }
+        mesh->views[v] = views_of(v);
     }
     for (size_t s = 0; s < SECTORS; s++) {
         const size_t t = (s + 1) % SECTORS, last = first + (RINGS - 2) * SECTORS;
@@ -163,6 +171,7 @@ static void a_ball_stays_round_and_closed(void **state)
                 assert_near(mesh.at[v][a] - middle[a], mesh.normal[v][a], 1e-6);
             }
             assert_true(number < BALL_VERTICES && !met[number]);
+            assert_int_equal(mesh.views[v], views_of(number));
             assert_near(mesh.normal[v][2], polar_height(number), 1e-6);
             met[number] = true;
         }
@@ -476,6 +485,47 @@ static void thin_parts_stay_tight(void **state)
     assert_true(parted > 0);
 }
 
+/* A tetrahedron with its triangles outwards; a to d turn to the right. */
+static void add_tetrahedron(cln_mesh *mesh, size_t a, size_t b, size_t c, size_t d)
+{
+    add_face(mesh, a, c, b);
+    add_face(mesh, a, b, d);
+    add_face(mesh, b, c, d);
+    add_face(mesh, a, d, c);
+}
+
+/* Two tetrahedra have an edge in common, which is parted: as few views see its new middle as see
+ * the end that fewer do. */
+static void a_middle_is_seen_by_the_fewest(void **state)
+{
+    static const double at[6][3] = {{0, 0, -1},   {0, 0, 1},    {1, 0.3, 0},
+                                    {1, -0.3, 0}, {-1, 0.3, 0}, {-1, -0.3, 0}};
+
+    (void)state;
+    for (int turned = 0; turned < 2; turned++) {
+        cln_mesh_edges edges;
+        size_t left = 0;
+        cln_mesh mesh;
+
+        make_mesh(&mesh, 8, 12);
+        mesh.vertices = 6;
+        memcpy(mesh.at, at, sizeof at);
+        for (size_t v = 0; v < mesh.vertices; v++)
+            mesh.views[v] = 9;
+        mesh.views[turned] = 2;
+        mesh.views[!turned] = 5;
+        add_tetrahedron(&mesh, 0, 1, 3, 2);
+        add_tetrahedron(&mesh, 0, 1, 4, 5);
+        assert_int_equal(cln_mesh_count_edges(&mesh, &edges), CLN_OK);
+        assert_int_equal(edges.crowded, 1);
+        assert_int_equal(cln_mesh_part_crowded(&mesh, 8, 12, &left), CLN_OK);
+        assert_int_equal(left, 0);
+        assert_int_equal(mesh.vertices, 7);
+        assert_int_equal(mesh.views[6], 2);
+        free_mesh(&mesh);
+    }
+}
+
 int test_group_reduce(void)
 {
     const struct CMUnitTest tests[] = {
@@ -486,6 +536,7 @@ int test_group_reduce(void)
         cmocka_unit_test(parts_stay_and_enough_is_enough),
         cmocka_unit_test(a_thin_ring_leaves_no_pairs),
         cmocka_unit_test(thin_parts_stay_tight),
+        cmocka_unit_test(a_middle_is_seen_by_the_fewest),
     };
 
     return cmocka_run_group_tests_name("reduce", tests, NULL, NULL);

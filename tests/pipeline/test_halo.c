@@ -1,8 +1,10 @@
-/* Common vertices of voxels by ranks (kernels/halo.cl, links of pipeline/halo.c) against a search
- * of vertices by their places, and sums in double. One process takes the place of each rank in
- * turn, with that rank's leaves alone, and the test carries what ranks would send. Numbers that a
- * kernel must not read are NaN; all that it must not write is compared, too. */
+/* Common vertices of voxels by ranks (kernels/halo.cl, links of pipeline/halo.c; voxel_join of
+ * voxel.cl) against a search of vertices by their places, and sums in double. One process takes the
+ * place of each rank in turn, with that rank's leaves alone, and the test carries what ranks would
+ * send. Numbers that a kernel must not read are NaN; all that it must not write is compared,
+ * too. */
 #include "unit.h"
+#include <limits.h>
 #include "device_test.h"
 #include "pipeline/halo.h"
 #include "pipeline/share.h"
@@ -516,6 +518,77 @@ static void take_values(world *w, int me, cl_uint what)
     free(got);
 }
 
+/* The vertex whose numbers hold after a change: of its copies in leaves that stayed, else of those
+ * that were split, else of those that begin anew, the first. holds [leaf * vertices], by owners. */
+static void find_holders(const world *w, const cl_int2 *places, int *holds)
+{
+    static const int anew = -10; /* kernels/carry.cl */
+    const int all = w->leaves * w->vertices;
+    int *best = test_alloc((size_t)all, sizeof *best); /* of owners */
+
+    for (int i = 0; i < all; i++)
+        best[i] = INT_MAX;
+    for (int i = 0; i < all; i++) {
+        const int slot = i / w->vertices, octant = places[slot].s[1];
+        const int grade = octant == -1 ? 0 : octant == anew ? 2 : 1;
+        const int order = grade * 1000 + place_of(w, slot);
+
+        if (order < best[w->owner[i]]) {
+            best[w->owner[i]] = order;
+            holds[w->owner[i]] = i;
+        }
+    }
+    free(best);
+}
+
+/* After a change of the tree: a leaf that did not stay takes common vertices from this rank's
+ * leaves. Where another rank's hold, halo.cl has brought them, and they stay. */
+static void join(world *w, int me)
+{
+    cln_pipeline *p = w->p;
+    const int all = w->leaves * w->vertices;
+    const cl_uint first = (cl_uint)w->p->rank_first[me];
+    const cl_uint own = (cl_uint)w->p->rank_first[me + 1] - first;
+    float *want = test_alloc((size_t)own * (size_t)w->row, sizeof *want);
+    float *got = test_alloc((size_t)own * (size_t)w->row, sizeof *got);
+    cl_int2 *places = test_alloc((size_t)w->leaves, sizeof *places);
+    int *holds = test_alloc((size_t)all, sizeof *holds), joined = 0, far = 0, given = 0;
+    const size_t bytes = (size_t)w->features * sizeof *want;
+
+    for (int s = 0; s < w->leaves; s++)
+        places[s].s[1] = (const int[]){-1, s % 8, -10, -10}[cln_hash((cl_uint)s) % 4];
+    find_holders(w, places, holds);
+    enter(w, me);
+    memcpy(want, w->ranks[me].params, (size_t)own * (size_t)w->row * sizeof *want);
+    for (int i = (int)first * w->vertices; i < (int)(first + own) * w->vertices; i++) {
+        const int from = holds[w->owner[i]], slot = i / w->vertices;
+        const int there = from / w->vertices, octant = places[slot].s[1];
+
+        if (octant == -1 || there == slot)
+            continue;
+        joined += rank_of(w, there) == me;
+        far += rank_of(w, there) != me;
+        given += octant == -10 && places[there].s[1] >= 0;
+        if (rank_of(w, there) == me)
+            memcpy(want + (slot - (int)first) * w->row + i % w->vertices * w->features,
+                   w->ranks[me].params + (there - (int)first) * w->row +
+                       from % w->vertices * w->features,
+                   bytes);
+    }
+    assert_true(joined > 20 && far > 20 && given > 10);
+    assert_ok(CLN_PUT(p, places, places, (size_t)w->leaves));
+    assert_ok(CLN_LAUNCH(p->device, p->k.voxel_join, CLN_STAGE_STRUCTURE, own, (size_t)p->tune.ls,
+                         CLN_ARG(p->around.mem), CLN_ARG(p->places.mem), CLN_LEAF_ARG(p, params),
+                         CLN_ARG(first), CLN_ARG(own)));
+    assert_ok(CLN_GET(p, params, got, (size_t)own));
+    if (memcmp(got, want, (size_t)own * (size_t)w->row * sizeof *got) != 0)
+        fail_msg("%s: rank %d's leaves are joined in another way", w->c->name, me);
+    free(want);
+    free(got);
+    free(places);
+    free(holds);
+}
+
 static void free_world(world *w)
 {
     for (int r = 0; r < w->c->ranks; r++) {
@@ -547,7 +620,7 @@ static void begin_ranks(world *w, const cln_config *config)
     p->rank_first = test_alloc((size_t)p->ranks + 1, sizeof *p->rank_first);
     cln_share_evenly(p, w->leaves);
     assert_ok(cln_pipeline_around(p, &w->model.tree));
-    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(halo)));
+    assert_ok(cln_pipeline_want(p, CLN_PROGRAM_BIT(halo) | CLN_PROGRAM_BIT(voxel_train)));
     w->features = p->net.features;
     w->row = p->net.params;
     w->side = config->grid_cells + 1;
@@ -589,6 +662,8 @@ static void check_case(const halo_case *c)
         for (int r = 0; r < c->ranks; r++)
             take_values(&w, r, whats[k]);
     }
+    for (int r = 0; r < c->ranks; r++)
+        join(&w, r);
     free_world(&w);
 }
 

@@ -1,7 +1,7 @@
 /* The update of voxels against the float64 reference: gradients of leaves that share vertices are
  * added, and the smoothness' gradient, too; every copy of a vertex gets the bits of one step;
- * vertices that no sample met keep theirs. Also shared vertices after a change of the tree. Forward
- * and backward: test_mlp.c. */
+ * vertices that no sample met keep theirs. Also shared vertices after a change of the tree, and
+ * samples of pictures, as they lie along rays. Forward to train, and backward: test_mlp.c. */
 #include "unit.h"
 #include "device_test.h"
 #include "pipeline/carry.h"
@@ -132,14 +132,15 @@ typedef struct batch {
     float (*ray_o)[4], (*ray_d)[4], (*dout)[4];
 } batch;
 
-/* Every other leaf has samples, at exact places: t = 0. few: so few that they are one slice. */
-static void make_batch(const cln_octree *tree, bool few, batch *b)
+/* Every other leaf has samples, at exact places: t = 0. slice: some have two slices of so many and
+ * a few more; 0: none. */
+static void make_batch(const cln_octree *tree, uint32_t slice, batch *b)
 {
     float *boxes = NULL;
     uint32_t counts[MOST * 2] = {0}, at = 0;
 
     for (int s = 0; s < tree->leaf_count; s++)
-        b->n += counts[s] = s % 2 ? 0 : few ? 3 + (uint32_t)s % 3 : 3 + (uint32_t)s % 5 * 7;
+        b->n += counts[s] = s % 2 ? 0 : 3 + (uint32_t)s % 5 * 7 + (s % 3 ? 0 : 2 * slice);
     b->samples = test_alloc(b->n, sizeof *b->samples);
     b->ray_o = test_alloc(b->n, sizeof *b->ray_o);
     b->ray_d = test_alloc(b->n, sizeof *b->ray_d);
@@ -177,9 +178,10 @@ static void free_batch(batch *b)
 /* ---- the reference's side ---- */
 
 /* Gradients [leaf][params] of the batch, the decoder's [decoder_params], and which vertices it met
- * [leaf][VERTICES]. */
+ * [leaf][VERTICES]: all of it, and the samples of each leaf's first slice, `starts` [sample]. */
 static void backward(const cln_config *config, const cln_model *model, const batch *b,
-                     double *grads, double *decoder, uint8_t *met)
+                     const uint8_t *starts, double *grads, double *decoder, uint8_t *met,
+                     uint8_t *met_first)
 {
     ref_network r = {.net = model->net,
                      .density = config->density,
@@ -205,16 +207,40 @@ static void backward(const cln_config *config, const cln_model *model, const bat
         }
         for (int k = 0; k < 4; k++)
             dout[k] = b->dout[i][k];
-        for (int c = 0; c < 8; c++)
-            met[s * VERTICES + first + (c & 1) + (c >> 1 & 1) * SIDE + (c >> 2) * SIDE * SIDE] = 1;
+        for (int c = 0; c < 8; c++) {
+            const int v = first + (c & 1) + (c >> 1 & 1) * SIDE + (c >> 2) * SIDE * SIDE;
+
+            met[s * VERTICES + v] = 1;
+            met_first[s * VERTICES + v] |= starts[i];
+        }
         ref_backward(&r, model->params + s * model->net.params, local, dir, NULL, 0, dout,
                      grads + s * model->net.params);
     }
     free(boxes);
 }
 
-/* Adds the smoothness' gradient over leaves' edges. Edges on faces count in every leaf that has
- * them. */
+/* Which samples are in the first slices of their leaves, [sample]: the batch is in the order of
+ * leaves, as grouped samples are. *several: leaves with more slices. */
+static uint8_t *first_slices(cln_pipeline *p, const batch *b, int *several)
+{
+    uint8_t *starts = test_alloc(b->n, 1);
+    cln_slice *slices = NULL;
+    uint32_t count = 0;
+
+    assert_ok(cln_stage_slices(p, &count));
+    slices = test_alloc(count, sizeof *slices);
+    assert_ok(cln_buffer_read(p->device, &p->slices, 0, slices, count * sizeof *slices));
+    for (uint32_t k = 0; k < count; k++)
+        if (k == 0 || slices[k].slot != slices[k - 1].slot)
+            memset(starts + slices[k].start, 1, slices[k].count);
+        else
+            *several += k == 1 || slices[k].slot != slices[k - 2].slot;
+    free(slices);
+    return starts;
+}
+
+/* Adds the smoothness' gradient over leaves' edges, at vertices that first slices met. Edges on
+ * faces count in every leaf that has them. */
 static void smooth(const cln_config *config, const cln_model *model, uint32_t key, double *grads,
                    const uint8_t *met)
 {
@@ -304,31 +330,34 @@ static void check_case(const voxel_case *c)
     batch b = {0};
     double *grads = NULL, *decoder = NULL;
     float *got = NULL, *moments = NULL;
-    uint8_t *met = NULL;
+    const bool smoothed = c->smooth_density + c->smooth_colour > 0;
+    uint8_t *met = NULL, *met_first = NULL, *starts = NULL;
     uint32_t slices = 0;
-    int *next = NULL, row = 0, leaves = 0, met_count = 0, tied = 0, features = 0;
+    int *next = NULL, row = 0, leaves = 0, met_count = 0, tied = 0, features = 0, several = 0;
     double worst = 0, wrong = 0, largest = 0;
 
     make_model(&config, &model);
-    make_batch(&model.tree, c->smooth_density + c->smooth_colour > 0, &b);
+    make_batch(&model.tree, smoothed ? (uint32_t)p->tune.sl : 0, &b);
     leaves = model.tree.leaf_count;
     next = circles_of(&model.tree);
     row = model.net.params;
     features = model.net.features;
     grads = test_alloc((size_t)(leaves * row), sizeof *grads);
     met = test_alloc((size_t)(leaves * VERTICES), 1);
+    met_first = test_alloc((size_t)(leaves * VERTICES), 1);
     got = test_alloc((size_t)(leaves * row), sizeof *got);
     moments = test_alloc((size_t)(leaves * row), sizeof *moments);
     decoder = test_alloc((size_t)model.net.decoder_params + 1, sizeof *decoder);
-    backward(&config, &model, &b, grads, decoder, met);
-    smooth(&config, &model, key, grads, met);
-
     assert_ok(cln_pipeline_upload(p, &model, true));
     assert_ok(cln_pipeline_points(p, b.ray_o[0], b.ray_d[0], NULL, b.n));
     assert_ok(cln_pipeline_samples(p, b.samples, b.n));
     assert_ok(CLN_RESERVE(p, dout, b.n));
     assert_ok(cln_buffer_write(p->device, &p->dout, 0, b.dout, b.n * sizeof *b.dout));
     assert_ok(cln_stage_group(p, b.n, &slices));
+    starts = first_slices(p, &b, &several);
+    assert_true(!smoothed || several > 5);
+    backward(&config, &model, &b, starts, grads, decoder, met, met_first);
+    smooth(&config, &model, key, grads, met_first);
     assert_ok(cln_stage_forward(p, b.n, slices, true, key));
     assert_ok(cln_stage_update(p, b.n, slices, 1, key, lr));
     if (c->decoder)
@@ -380,6 +409,8 @@ static void check_case(const voxel_case *c)
     free(grads);
     free(decoder);
     free(met);
+    free(met_first);
+    free(starts);
     free(next);
     free(got);
     free_batch(&b);
@@ -412,7 +443,7 @@ static void test_decoder_steps(void **state)
 
     (void)state;
     make_model(&config, &model);
-    make_batch(&model.tree, false, &b);
+    make_batch(&model.tree, 0, &b);
     n = model.net.decoder_params;
     m = test_alloc((size_t)n, sizeof *m);
     v = test_alloc((size_t)n, sizeof *v);
@@ -476,7 +507,7 @@ static void first_step(const voxel_case *c, double rate, float (*out)[4], float 
     make_model(&config, &model);
     for (int i = model.net.decoder_params - 3 * c->decoder; i < model.net.decoder_params; i++)
         model.decoder[i] = 0;
-    make_batch(&model.tree, false, &b);
+    make_batch(&model.tree, 0, &b);
     assert_ok(cln_pipeline_upload(p, &model, true));
     assert_false(p->decodes);
     p->decoder_rate = rate;
@@ -510,7 +541,7 @@ static void test_decoder_waits(void **state)
         if (!c->decoder)
             continue;
         make_model(&config, &model);
-        make_batch(&model.tree, false, &b);
+        make_batch(&model.tree, 0, &b);
         weights = (size_t)model.net.decoder_params;
         all = (size_t)(model.tree.leaf_count * model.net.params);
         for (int k = 0; k < 2; k++) {
@@ -531,6 +562,200 @@ static void test_decoder_waits(void **state)
         cln_model_free(&model);
     }
 }
+
+/* Colour and density of one sample in a leaf of these numbers. */
+static void look(const cln_config *config, const cln_model *model, const float *params,
+                 const batch *b, uint32_t i, const float box[4], double out[4])
+{
+    const cln_sample *s = &b->samples[i];
+    ref_network r = {.net = model->net, .density = config->density, .decoder = model->decoder};
+    double local[3], dir[3];
+
+    r.kappa = (float)config->density_scale;
+    r.bias = (float)cln_network_density_bias(config);
+    for (int a = 0; a < 3; a++) {
+        dir[a] = b->ray_d[s->ray][a];
+        local[a] = (b->ray_o[s->ray][a] + s->t * dir[a] - box[a]) * 2 / box[3] - 1;
+    }
+    ref_forward(&r, params, local, dir, NULL, 0, out);
+}
+
+/* rng.h: the density noise, one normal number per sample and step (Box-Muller on two hashes). */
+static double noise_of(uint32_t step_key, uint32_t sample)
+{
+    const uint32_t a = cln_hash((step_key ^ 0x27D4EB2Fu) + sample * 0x9E3779B9u);
+    uint32_t b = a * 0x85EBCA6Bu + 0x165667B1u;
+
+    b = (b ^ b >> 16) * 0x21F0AAADu;
+    b ^= b >> 15;
+    return sqrt(-2 * log(((a >> 8) + 1) * 0x1p-24)) * cos(2 * M_PI * (b >> 8) * 0x1p-24);
+}
+
+/* Densities of training have each sample's own noise, wherever it is in its slice. */
+static void check_noise(const voxel_case *c)
+{
+    const uint32_t key = 0x7654321u;
+    cln_config config = config_of(c);
+    cln_pipeline *p = NULL;
+    cln_model model = {0};
+    batch b = {0};
+    uint32_t slices = 0;
+    float(*out)[4] = NULL, *got = NULL, *params = NULL, *boxes = NULL;
+    double *want = NULL;
+
+    config.density_noise = 0.5;
+    p = test_pipeline(&tune_sets[c->set], &config, false, false);
+    make_model(&config, &model);
+    make_batch(&model.tree, (uint32_t)fmin(p->tune.sl, 64), &b);
+    out = test_alloc(b.n, sizeof *out);
+    got = test_alloc(b.n, sizeof *got);
+    want = test_alloc(b.n, sizeof *want);
+    params = test_alloc((size_t)model.net.params, sizeof *params);
+    assert_ok(cln_octree_boxes(&model.tree, &boxes));
+    assert_ok(cln_pipeline_upload(p, &model, true));
+    assert_ok(cln_pipeline_points(p, b.ray_o[0], b.ray_d[0], NULL, b.n));
+    assert_ok(cln_pipeline_samples(p, b.samples, b.n));
+    assert_ok(cln_stage_group(p, b.n, &slices));
+    assert_ok(cln_stage_forward(p, b.n, slices, true, key));
+    assert_ok(cln_buffer_read(p->device, &p->out, 0, out, b.n * sizeof *out));
+    for (uint32_t i = 0; i < b.n; i++) { /* noise of all vertices is that of their mean */
+        const int s = b.samples[i].slot;
+        double all[4];
+
+        memcpy(params, model.params + s * model.net.params,
+               (size_t)model.net.params * sizeof *params);
+        for (int v = 3; v < VERTICES * model.net.features; v += model.net.features)
+            params[v] += (float)(0.5 * noise_of(key, i));
+        look(&config, &model, params, &b, i, boxes + 4 * s, all);
+        want[i] = all[3];
+        got[i] = out[i][3];
+    }
+    compare(c->name, got, want, b.n, (bounds){1e-11, 2e-5});
+    free(out);
+    free(got);
+    free(want);
+    free(params);
+    free(boxes);
+    free_batch(&b);
+    cln_model_free(&model);
+}
+
+static void test_noise(void **state)
+{
+    (void)state;
+    check_noise(&cases[0]);
+    check_noise(&cases[5]); /* wide vectors */
+    check_noise(&cases[7]); /* several work-items a slice */
+}
+
+/* ---- pictures ---- */
+
+enum { SIGHTS = 400, ALONG = 5 };
+
+/* Samples as they lie along rays. Each ray goes from a leaf, with none, one or two samples, to the
+ * next ray's, with one or two: at times the leaf changes, at times the ray does, or both. */
+static void make_sights(const cln_octree *tree, batch *b)
+{
+    float *boxes = NULL;
+
+    b->samples = test_alloc(SIGHTS * ALONG, sizeof *b->samples);
+    b->ray_o = test_alloc(SIGHTS, sizeof *b->ray_o);
+    b->ray_d = test_alloc(SIGHTS, sizeof *b->ray_d);
+    assert_ok(cln_octree_boxes(tree, &boxes));
+    for (int r = 0; r < SIGHTS; r++) {
+        const int leaf[2] = {(int)(cln_hash((uint32_t)r) % (uint32_t)tree->leaf_count),
+                             (int)(cln_hash((uint32_t)r + 1) % (uint32_t)tree->leaf_count)};
+        double at[2][3], length = 0;
+
+        for (int a = 0; a < 3; a++) {
+            for (int end = 0; end < 2; end++)
+                at[end][a] =
+                    boxes[4 * leaf[end] + a] +
+                    test_uniform(8, 6 * r + 2 * a + end, 0.2, 0.8) * boxes[4 * leaf[end] + 3];
+            length += (at[1][a] - at[0][a]) * (at[1][a] - at[0][a]);
+        }
+        length = sqrt(length);
+        for (int a = 0; a < 3; a++) {
+            b->ray_o[r][a] = (float)at[0][a];
+            b->ray_d[r][a] = (float)((at[1][a] - at[0][a]) / length);
+        }
+        for (int end = 0; end < 2; end++) /* two are nearer than the box's edge */
+            for (int k = (r + end) % 3 == 2 ? end : 0; k < 1 + (r / 3 + end) % 2; k++)
+                b->samples[b->n++] = (cln_sample){
+                    .t = (float)(end * length - k * 0.1 * boxes[4 * leaf[end] + 3] * (2 * end - 1)),
+                    .delta = 0.01f,
+                    .ray = (uint32_t)r,
+                    .slot = leaf[end]};
+    }
+    free(boxes);
+}
+
+/* This process has the leaves from `first` on but the last `beyond`; samples of others keep what
+ * was there. */
+static void check_sights(const voxel_case *c, const cln_config *config, const cln_model *model,
+                         const batch *b, int first, int beyond)
+{
+    cln_pipeline *p = test_pipeline(&tune_sets[c->set], config, false, false);
+    const int all = model->tree.leaf_count;
+    double *want = test_alloc(b->n, 4 * sizeof *want);
+    float(*got)[4] = NULL, *mine = test_alloc(b->n, 4 * sizeof *mine), *boxes = NULL;
+    size_t n = 0;
+    int same_leaf = 0, same_ray = 0;
+
+    assert_ok(cln_pipeline_upload(p, model, true));
+    p->first = first;
+    p->own = all - first - beyond;
+    assert_ok(CLN_PUT(p, params, model->params + first * model->net.params, (size_t)p->own));
+    assert_ok(cln_pipeline_points(p, b->ray_o[0], b->ray_d[0], NULL, SIGHTS));
+    assert_ok(cln_pipeline_samples(p, b->samples, b->n));
+    test_fill(p->device, &p->out, NULL, b->n * sizeof *got);
+    assert_ok(cln_stage_forward(p, b->n, 0, false, 0));
+    got = test_read(p->device, &p->out, b->n * sizeof *got, "out");
+    assert_ok(cln_octree_boxes(&model->tree, &boxes));
+    for (uint32_t i = 0; i < b->n; i++) {
+        const cln_sample *s = &b->samples[i];
+
+        same_leaf += i > 0 && s->slot == s[-1].slot && s->ray != s[-1].ray;
+        same_ray += i > 0 && s->slot != s[-1].slot && s->ray == s[-1].ray;
+        if (s->slot < first || s->slot >= all - beyond) {
+            for (int k = 0; k < 4; k++)
+                assert_true(isnan(got[i][k]));
+            continue;
+        }
+        look(config, model, model->params + s->slot * model->net.params, b, i, boxes + 4 * s->slot,
+             want + n);
+        memcpy(mine + n, got[i], sizeof got[i]);
+        n += 4;
+    }
+    assert_true(same_leaf > SIGHTS / 4 && same_ray > SIGHTS / 4);
+    assert_true((n < 4 * (size_t)b->n) == (first + beyond > 0) && n > b->n);
+    compare(c->name, mine, want, n, (bounds){1e-11, 2e-5});
+    p->first = 0;
+    p->own = all;
+    free(want);
+    free(got);
+    free(mine);
+    free(boxes);
+}
+
+static void test_sights(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        const cln_config config = config_of(&cases[i]);
+        cln_model model = {0};
+        batch b = {0};
+
+        make_model(&config, &model);
+        make_sights(&model.tree, &b);
+        check_sights(&cases[i], &config, &model, &b, 0, 0);
+        check_sights(&cases[i], &config, &model, &b, 9, 13);
+        free_batch(&b);
+        cln_model_free(&model);
+    }
+}
+
+/* ---- changes of the tree ---- */
 
 /* Culled leaves come back: vertices shared with leaves that stayed have their numbers, the others
  * initial ones. */
@@ -580,17 +805,35 @@ static void test_regrown(void **state)
     cln_model_free(&model);
 }
 
-/* Some leaves split, next to smaller ones that stay: the device has the host's numbers, leaves
- * that stay have theirs, and all copies of a vertex are equal. Others have the split's. */
-static void check_split(const voxel_case *c)
+/* What a leaf would have after a change without its neighbours: its own numbers, those of a split,
+ * or zeros. grade: whether its neighbours' numbers hold before its own, by the change's kind. */
+static void alone(const cln_model *old, const cln_octree_change *change, int slot, float *out,
+                  int *grade)
+{
+    const float *from = old->params + change->from[slot] * old->net.params;
+    const int octant = change->octant[slot];
+
+    *grade = octant == CLN_COPIED ? 0 : octant == CLN_FRESH ? 2 : 1;
+    memset(out, 0, (size_t)old->net.params * sizeof *out);
+    if (octant == CLN_COPIED)
+        memcpy(out, from, (size_t)old->net.params * sizeof *out);
+    else if (octant != CLN_FRESH)
+        cln_network_fold(&old->net, from, octant, out);
+}
+
+/* Some leaves split, next to smaller ones that stay, and, if `fresh`, to some that begin anew: the
+ * device has the host's numbers, and all copies of a vertex are equal: those of a leaf that stays,
+ * else the split's, else zeros. */
+static void check_split(const voxel_case *c, bool fresh)
 {
     const cln_config config = config_of(c);
     cln_pipeline *p = test_pipeline(&tune_sets[c->set], &config, false, false);
     cln_octree_change change = {0}, same = {0};
     cln_model model = {0}, host = {0};
     uint8_t split[2 * MOST] = {0};
-    float *got = NULL, child[VERTICES * 32];
-    int *next = NULL, row = 0, features = 0, copies = 0, joined = 0, exact = 0;
+    float *got = NULL, *before = NULL;
+    int *next = NULL, *grade = NULL, row = 0, features = 0, all = 0, copies = 0;
+    int joined = 0, exact = 0, given = 0;
 
     make_model(&config, &model);
     make_model(&config, &host);
@@ -601,39 +844,44 @@ static void check_split(const voxel_case *c)
     assert_ok(cln_pipeline_upload(p, &model, true));
     assert_ok(cln_octree_split(&model.tree, split, &change));
     assert_ok(cln_octree_split(&host.tree, split, &same));
+    all = model.tree.leaf_count;
+    for (int s = 0; fresh && s < all; s++)
+        if (change.octant[s] >= 0 && cln_hash((uint32_t)s) % 3 == 0)
+            change.octant[s] = same.octant[s] = CLN_FRESH;
     assert_ok(cln_pipeline_carry(p, &model.tree, &change));
     next = circles_of(&model.tree);
-    got = test_alloc((size_t)(model.tree.leaf_count * row), sizeof *got);
-    assert_ok(CLN_GET(p, params, got, (size_t)model.tree.leaf_count));
-    for (int s = 0; s < model.tree.leaf_count; s++) {
-        const float *from = model.params + change.from[s] * row;
+    got = test_alloc((size_t)(all * row), sizeof *got);
+    before = test_alloc((size_t)(all * row), sizeof *before);
+    grade = test_alloc((size_t)all, sizeof *grade);
+    for (int s = 0; s < all; s++)
+        alone(&host, &change, s, before + s * row, &grade[s]);
+    assert_ok(CLN_GET(p, params, got, (size_t)all));
+    for (int here = 0; here < all * VERTICES; here++) {
+        const float *mine = got + here / VERTICES * row + here % VERTICES * features;
+        const int own = grade[here / VERTICES];
+        int copy = here, least = own;
 
-        if (change.octant[s] >= 0)
-            cln_network_fold(&model.net, from, change.octant[s], child);
-        for (int v = 0; v < VERTICES; v++) {
-            const float *mine = got + s * row + v * features;
-            const float *want = (change.octant[s] < 0 ? from : child) + v * features;
-            bool stays = false;
-            int copy = s * VERTICES + v;
-
-            do {
-                assert_memory_equal(mine, got + copy / VERTICES * row + copy % VERTICES * features,
-                                    (size_t)features * sizeof *mine);
-                stays = stays || change.octant[copy / VERTICES] < 0;
-                copies += copy / VERTICES != s;
-            } while ((copy = next[copy]) != s * VERTICES + v);
-            if (change.octant[s] < 0)
-                assert_memory_equal(mine, want, (size_t)features * sizeof *mine);
-            if (!stays)
-                assert_memory_equal(mine, want, (size_t)features * sizeof *mine);
-            joined += stays && change.octant[s] >= 0;
-            exact += !stays;
+        while ((copy = next[copy]) != here) {
+            least = grade[copy / VERTICES] < least ? grade[copy / VERTICES] : least;
+            copies++;
         }
+        do {
+            const int at = copy / VERTICES * row + copy % VERTICES * features;
+
+            assert_memory_equal(mine, got + at, (size_t)features * sizeof *mine);
+            if (grade[copy / VERTICES] == least)
+                assert_memory_equal(mine, before + at, (size_t)features * sizeof *mine);
+        } while ((copy = next[copy]) != here);
+        joined += own > 0 && least == 0;
+        exact += own == 1 && least == 1;
+        given += own == 2 && least == 1;
     }
-    assert_true(copies > 1000 && joined > 10 && exact > 1000);
+    assert_true(copies > 1000 && joined > 10 && exact > 1000 && (given > 100) == fresh);
     assert_ok(cln_model_apply(&host, &same));
-    assert_memory_equal(got, host.params, (size_t)(model.tree.leaf_count * row) * sizeof *got);
+    assert_memory_equal(got, host.params, (size_t)(all * row) * sizeof *got);
     free(next);
+    free(grade);
+    free(before);
     free(got);
     cln_octree_change_free(&change);
     cln_octree_change_free(&same);
@@ -644,9 +892,11 @@ static void check_split(const voxel_case *c)
 static void test_split(void **state)
 {
     (void)state;
-    check_split(&cases[0]);
-    check_split(&cases[4]); /* wide vectors */
-    check_split(&cases[6]); /* several work-items a leaf */
+    for (int fresh = 0; fresh < 2; fresh++) {
+        check_split(&cases[0], fresh);
+        check_split(&cases[5], fresh); /* wide vectors */
+        check_split(&cases[7], fresh); /* several work-items a leaf */
+    }
 }
 
 /* The neighbours are those that a separate search finds, and no others. */
@@ -686,12 +936,13 @@ int test_group_voxel(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_update),        cmocka_unit_test(test_decoder_steps),
-        cmocka_unit_test(test_decoder_waits), cmocka_unit_test(test_regrown),
+        cmocka_unit_test(test_decoder_waits), cmocka_unit_test(test_noise),
+        cmocka_unit_test(test_sights),        cmocka_unit_test(test_regrown),
         cmocka_unit_test(test_split),         cmocka_unit_test(test_around),
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(group) | CLN_PROGRAM_BIT(voxel_train) |
-                  CLN_PROGRAM_BIT(roulette) | CLN_PROGRAM_BIT(adam) | CLN_PROGRAM_BIT(carry) |
-                  CLN_PROGRAM_BIT(decoder);
+                  CLN_PROGRAM_BIT(voxel_eval) | CLN_PROGRAM_BIT(roulette) | CLN_PROGRAM_BIT(adam) |
+                  CLN_PROGRAM_BIT(carry) | CLN_PROGRAM_BIT(decoder);
     return cmocka_run_group_tests_name("voxel", tests, NULL, test_device_close);
 }

@@ -620,6 +620,64 @@ static void figures_say_how_they_were_rendered(void **state)
     }
 }
 
+/* Views chosen by name or number tell nothing of the others: curves leave their evaluations out. */
+static void curves_are_without_chosen_views(void **state)
+{
+    const char *run = scratch_path(*state, "run");
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    put_metrics(run, 20);
+    put_eval(run, 250, "test", 21.5, json_array());
+    put_eval(run, 500, "test-1-471c02c9", 28.25, json_array());
+    put_eval(run, 500, "test-1-471c02c9-fast", 28.75, json_array());
+    put_eval(run, 500, "train", 27.75, json_array());
+    page = page_of(run);
+    assert_int_equal(count_of(page, "r='4.5'"), 2); /* over steps and over time */
+    assert_int_equal(count_of(page, "<title>21.50</title>"), 2);
+    assert_has_not(page, "<title>28.25");
+    assert_has_not(page, "<title>28.75");
+    assert_has_not(page, "<title>27.75");
+    free(page);
+}
+
+/* Evaluations of chosen views are known by the digest in their files' names, of eight digits. */
+static void chosen_views_are_known_by_name(void **state)
+{
+    static const struct {
+        const char *stem;
+        bool chosen;
+    } rows[] = {
+        {"00000100-test", false},
+        {"00000100-test-8", false},
+        {"00000100-test-8-471c02c9", true},
+        {"00000100-test-8-471c02c9-fast", true},
+        {"00000100-val-12-deadbeef-antialias2", true},
+        {"00000100-test-8-face", false},
+        {"00000100-test-8-faded1", false},
+        {"00000100-test-8-471c02c9a", false},
+        {"00000100-test-8-fast", false},
+        {"00000100-test-471c02c9", false},
+    };
+    const int count = (int)(sizeof rows / sizeof rows[0]);
+    const char *run = scratch_path(*state, "run");
+    cln_report_data data;
+
+    put_run(run, "done", "nothing");
+    for (int i = 0; i < count; i++)
+        put_eval(run, 100, rows[i].stem + strlen("00000100-"), 20, json_array());
+    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(data.eval_count, count);
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < count; k++)
+            if (strcmp(data.evals[k].stem, rows[i].stem) == 0 &&
+                (data.evals[k].chosen != rows[i].chosen ||
+                 !strstr(data.evals[k].how, "chosen") == rows[i].chosen))
+                fail_msg("%s: chosen %d, '%s'", rows[i].stem, data.evals[k].chosen,
+                         data.evals[k].how);
+    cln_report_data_free(&data);
+}
+
 static void many_views_are_sampled_by_rank(void **state)
 {
     const char *run = scratch_path(*state, "run");
@@ -839,6 +897,8 @@ int test_group_report(void)
         ON_DISK(the_tree_is_shown_with_its_legend),
         ON_DISK(shown_views_are_the_most_held_out),
         ON_DISK(figures_say_how_they_were_rendered),
+        ON_DISK(curves_are_without_chosen_views),
+        ON_DISK(chosen_views_are_known_by_name),
         ON_DISK(processes_of_a_long_resumed_run),
         ON_DISK(many_views_are_sampled_by_rank),
         ON_DISK(long_runs_stay_small),

@@ -78,10 +78,43 @@ static void test_processes(void **state)
     }
 }
 
+/* What a process did after its last row is in the result alone. */
+static void test_result(void **state)
+{
+    static const row rows[MOST_ROWS] = {{"\"from_step\":0,", 9, 1e3},
+                                        {"\"from_step\":10,", 30, 3e3}};
+    static const struct {
+        const char *wall, *clock;
+    } cases[] = {
+        {"50", "; 00:59 by the clock"},
+        {"null", "; 00:39 by the clock"},
+        {"20", "; 00:39 by the clock"}, /* of a process before */
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *run = scratch_path(*state, "run");
+        char text[160], *page = NULL;
+        size_t bytes = 0;
+
+        put_rows(run, rows);
+        snprintf(text, sizeof text,
+                 "{\"schema\":\"cl-nascent.run/1\",\"state\":\"done\",\"result\":"
+                 "{\"wall_seconds\":%s}}",
+                 cases[i].wall);
+        scratch_put(scratch_path(run, "run.json"), text, strlen(text));
+        assert_int_equal(cln_report_write(run), CLN_OK);
+        page = scratch_get(scratch_path(run, "report.html"), &bytes);
+        if (!strstr(page, cases[i].clock))
+            fail_msg("a result of %s seconds: not '%s'", cases[i].wall, cases[i].clock);
+        free(page);
+    }
+}
+
 int test_group_report_clock(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_processes, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_result, scratch_make, scratch_remove),
     };
 
     return cmocka_run_group_tests_name("report_clock", tests, NULL, NULL);

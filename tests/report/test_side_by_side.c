@@ -326,6 +326,36 @@ static void unfinished_runs_compare_by_the_same_views(void **state)
     json_decref(document);
 }
 
+/* Of a run that was killed, its newest checkpoint counts: rows behind it are lost. */
+static void killed_runs_are_as_their_checkpoints(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d1", NULL);
+    const char *const rows =
+        "{\"step\":10,\"seconds\":1,\"leaves\":8,\"psnr_train\":11,\"psnr_test\":12}\n"
+        "{\"step\":20,\"seconds\":2,\"leaves\":16,\"psnr_train\":21}\n"
+        "{\"step\":30,\"seconds\":3,\"leaves\":24,\"psnr_train\":31,\"psnr_test\":32}\n";
+    json_t *document = NULL;
+
+    change_run(b, NULL, "result", json_null());
+    change_run(b, NULL, "state", json_string("running"));
+    scratch_put(scratch_path(b, "metrics.jsonl"), rows, strlen(rows));
+    document = beside(a, b);
+    assert_row(document, "results", "step", "[500,30]"); /* none yet */
+    assert_row(document, "results", "psnr_test", "[27.5,32]");
+    json_decref(document);
+
+    assert_int_equal(cln_make_dirs(scratch_path(b, "checkpoint")), CLN_OK);
+    scratch_put(scratch_path(b, "checkpoint/00000025.json"), "{}", 2);
+    document = beside(a, b);
+    assert_row(document, "results", "step", "[500,25]");
+    assert_row(document, "results", "seconds", "[20.5,2]");
+    assert_row(document, "results", "leaves", "[64,16]");
+    assert_row(document, "results", "psnr_train", "[30.001,21]");
+    assert_row(document, "results", "psnr_test", "[27.5,12]");
+    assert_row(document, "results", "eval_step", "[null,10]");
+    json_decref(document);
+}
+
 static void odd_runs_are_ordinary(void **state)
 {
     const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "x/a", "d1", NULL);
@@ -494,6 +524,8 @@ int test_group_side_by_side(void)
         cmocka_unit_test_setup_teardown(masks_read_otherwise_do_not_compare, scratch_make,
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(unfinished_runs_compare_by_the_same_views, scratch_make,
+                                        scratch_remove),
+        cmocka_unit_test_setup_teardown(killed_runs_are_as_their_checkpoints, scratch_make,
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(odd_runs_are_ordinary, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(a_name_that_is_no_utf8, scratch_make, scratch_remove),

@@ -332,6 +332,51 @@ static void test_moved(void **state)
     }
 }
 
+/* Photos with other bytes are counted, where both tell theirs, and the first is named: by the
+ * scene's order, whatever the run's is. */
+static void test_changed(void **state)
+{
+    static char names[5][8] = {"d", "c", "new", "b", "a"};
+    static const uint64_t digests[5] = {1, 2, 3, 4, 0};
+    static const struct {
+        uint64_t was[5];
+        int changed, told;
+        const char *first;
+    } rows[] = {
+        {{1, 2, 0, 4, 9}, 0, 3, NULL},
+        {{1, 7, 0, 8, 9}, 2, 3, "c"},
+        {{0, 2, 0, 8, 9}, 1, 2, "b"},
+        {{6, 7, 0, 8, 9}, 3, 3, "d"},
+    };
+
+    (void)state;
+    for (size_t r = 0; r < sizeof rows / sizeof *rows; r++) {
+        cln_view were[5] = {{.name = NULL}}, are[5] = {{.name = NULL}};
+        const cln_scene kept = {.views = were, .view_count = 4},
+                        scene = {.views = are, .view_count = 5};
+        cln_since since;
+        int n = 0;
+
+        for (int i = 0; i < 5; i++)
+            are[i] = (cln_view){.name = names[i],
+                                .digest = digests[i],
+                                .camera.c2w = {1, 0, 0, i, 0, 1, 0, 0, 0, 0, 1}};
+        for (int i = 4; i >= 0; i--)
+            if (i != 2) {
+                were[n] = are[i];
+                were[n++].digest = rows[r].was[i];
+            }
+        assert_int_equal(cln_scene_moved_since(&scene, &kept, &since), CLN_OK);
+        assert_int_equal(since.known, 4);
+        assert_int_equal(since.changed, rows[r].changed);
+        assert_int_equal(since.told, rows[r].told);
+        if (rows[r].first)
+            assert_string_equal(since.first_changed, rows[r].first);
+        else
+            assert_null(since.first_changed);
+    }
+}
+
 static void test_every_format(void **state)
 {
     static const char *const formats[] = {"COLMAP", "LLFF",    "NeuS",
@@ -421,6 +466,7 @@ int test_group_test_views(void)
         cmocka_unit_test_setup_teardown(test_wrong_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_kept, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_counted, scratch_make, scratch_remove),
+        cmocka_unit_test(test_changed),
         cmocka_unit_test(test_moved),
         cmocka_unit_test_setup_teardown(test_every_format, scratch_make, scratch_remove),
     };

@@ -1,11 +1,14 @@
 /* When a whole level of voxels comes. Tested: whether its voxels are too fine for the photos
  * (--cell-pixels) does not depend on how far --refine-poses has moved the cameras, so that a
  * resumed run grows as one without interruption; which leaves are at --max-level, in a shell space,
- * too, whose tree is one level deeper; how many leaves are foreseen. */
+ * too, whose tree is one level deeper; how long a level and a decision wait; how many leaves are
+ * foreseen; what is said if no decision came. */
 #include "unit.h"
 #include "tests.h"
 #include "near.h"
+#include "base/log.h"
 #include "scene/motion.h"
+#include "train/advice.h"
 #include "train/grow.h"
 #include "train/measure.h"
 #include "train/refine.h"
@@ -80,36 +83,138 @@ static void test_refined(void **state)
     }
 }
 
-/* The share of leaves that can be split: of level 2 (in a shell, its core has those of level 3), of
- * which every second one is split, if so wanted. */
-static double share_of(bool shell, int max_level, bool split)
+/* A level waits for two --cull-after and a refresh after the one before. */
+static void test_waits(void **state)
+{
+    cln_config config = settings(0);
+    bool due = false;
+    cln_trainer t;
+
+    NEED_DEVICE();
+    config.cull_after = 8;
+    open_trainer(&config, &t);
+    t.model.growth_step = 4;
+    for (t.model.step = 5; t.model.step < 4 + 2 * 8 + 10; t.model.step++) {
+        assert_ok(cln_grow_due(&t, 0.5, &due));
+        assert_false(due);
+    }
+    assert_ok(cln_grow_due(&t, 0.5, &due));
+    assert_true(due);
+    close_trainer(&t);
+}
+
+/* The first decision waits for one --cull-after and a refresh, and any for a level that is due, but
+ * not for one that cannot come. */
+static void test_awaited(void **state)
+{
+    cln_trainer t;
+
+    (void)state;
+    memset(&t, 0, sizeof t);
+    t.model.config = settings(0);
+    t.model.config.cull_after = 8;
+    t.model.level = 1;
+    t.model.growth_step = 100;
+    t.model.step = 118;
+    assert_true(cln_grow_awaited(&t, 0.5)); /* level 2 */
+    t.next_level.no_room = true;
+    assert_false(cln_grow_awaited(&t, 0.5));
+    t.model.step = 117;
+    assert_true(cln_grow_awaited(&t, 0.5));
+    t.model.decisions = 1;
+    assert_false(cln_grow_awaited(&t, 0.5));
+    t.next_level.no_room = false;
+    assert_true(cln_grow_awaited(&t, 0.5));
+    t.next_level.finest = true;
+    assert_false(cln_grow_awaited(&t, 0.5));
+    t.next_level.finest = false;
+    t.model.level = 2;
+    assert_false(cln_grow_awaited(&t, 0.5));
+}
+
+/* A trainer without a device, of leaves of level 2 (in a shell, its core has those of level 3), of
+ * which `parts` of 64 are split. */
+static void plant(bool shell, int max_level, int parts, cln_trainer *t)
 {
     cln_config config = settings(1e-6);
     const cln_scene_desc scene = {.path = fixture_path("scene"), .config = &config};
     cln_octree_change change;
     uint8_t marks[128];
+
+    memset(t, 0, sizeof *t);
+    config.start_level = 2;
+    config.max_level = max_level;
+    assert_ok(cln_scene_load(&scene, &t->scene));
+    assert_ok(shell ? cln_model_create_shell(&config, &t->model)
+                    : cln_model_create(&config, &t->model));
+    t->model.space = t->scene->space;
+    t->model.space.shell = shell;
+    assert_int_equal(t->model.tree.leaf_count, shell ? 64 + 24 : 64);
+    for (size_t i = 0; i < sizeof marks; i++)
+        marks[i] = (uint8_t)((i % 64 + 1) * (size_t)parts / 64 > i % 64 * (size_t)parts / 64);
+    if (parts > 0) {
+        assert_ok(cln_octree_split(&t->model.tree, marks, &change));
+        cln_octree_change_free(&change);
+    }
+}
+
+static void uproot(cln_trainer *t)
+{
+    cln_model_free(&t->model);
+    cln_scene_free(t->scene);
+}
+
+/* The share of leaves that can be split; every second one is, if so wanted. */
+static double share_of(bool shell, int max_level, bool split)
+{
     double share = 0;
     cln_trainer t;
 
-    memset(&t, 0, sizeof t);
-    config.start_level = 2;
-    config.max_level = max_level;
-    assert_ok(cln_scene_load(&scene, &t.scene));
-    assert_ok(shell ? cln_model_create_shell(&config, &t.model)
-                    : cln_model_create(&config, &t.model));
-    t.model.space = t.scene->space;
-    t.model.space.shell = shell;
-    assert_int_equal(t.model.tree.leaf_count, shell ? 64 + 24 : 64);
-    for (size_t i = 0; i < sizeof marks; i++)
-        marks[i] = i % 2;
-    if (split) {
-        assert_ok(cln_octree_split(&t.model.tree, marks, &change));
-        cln_octree_change_free(&change);
-    }
+    plant(shell, max_level, split ? 32 : 0, &t);
     assert_ok(cln_measure_can_split(&t, t.model.level, &share));
-    cln_model_free(&t.model);
-    cln_scene_free(t.scene);
+    uproot(&t);
     return share;
+}
+
+static void keep_text(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    snprintf(user, 512, "%s", line);
+}
+
+/* Where no decision came, more steps are proposed, unless they would split fewer leaves than one
+ * of 20. */
+static void test_none_came(void **state)
+{
+    static const struct {
+        int parts;
+        bool few;
+    } cases[] = {{0, false}, {32, false}, {48, true}, {64, true}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char text[512] = "";
+        double share = 0;
+        cln_trainer t;
+
+        plant(false, 3, cases[i].parts, &t);
+        t.model.config.adaptive = true;
+        t.model.config.level_at[0] = 0;
+        t.model.config.structure_from = 0.25;
+        t.model.config.structure_until = 0.5;
+        t.steps = 100;
+        t.model.step = t.model.growth_step = 50;
+        t.pipeline.leaves = t.model.tree.leaf_count;
+        assert_ok(cln_measure_can_split(&t, t.model.level, &share));
+        cln_log_to(CLN_LOG_INFO, keep_text, text);
+        cln_advise_none_came(&t, 0.5);
+        cln_log_to(CLN_LOG_INFO, NULL, NULL);
+        print_message("    %.3f of the leaves: %s\n", share, text);
+        assert_int_equal(share < 0.05, cases[i].few);
+        assert_true(!strstr(text, " in more steps: ") == !cases[i].few);
+        assert_true(!strstr(text, "no single leaf was split: of 100 steps") == cases[i].few);
+        uproot(&t);
+    }
 }
 
 static void test_can_split(void **state)
@@ -163,12 +268,23 @@ static void test_too_fine(void **state)
 }
 
 /* Whole levels come every 2 x 32 + 32 steps until four times their leaves are more than a third of
- * the most, single leaves from a quarter of the steps on, all of them at 0.7. */
+ * the most; single leaves from a quarter of the steps on, but no sooner than 32 + 32 steps behind
+ * the last level, all of them at 0.7. */
 static void test_foresee(void **state)
 {
     static const struct {
         double step, leaves;
-    } cases[] = {{10, 64}, {95, 64}, {97, 256}, {191, 256}, {193, 1024}, {249, 1024}, {701, 16384}};
+    } cases[] = {{10, 64},
+                 {95, 64},
+                 {97, 256},
+                 {191, 256},
+                 {193, 1024},
+                 {249, 1024},
+                 {289, 4096},
+                 {351, 4096},
+                 {353, 4096 + 12288 * 0.103 / 0.45},
+                 {383, 4096 + 12288 * 0.133 / 0.45},
+                 {701, 16384}};
     cln_config config;
     double before = 0;
 
@@ -195,11 +311,37 @@ static void test_foresee(void **state)
     assert_near(cln_grow_foresee(&config, 64, 16384, 0.9, 200), 256, 1e-9);
 }
 
+/* By --level-at, of a budget in seconds and, no sooner than levels may follow, in steps. */
+static void test_foresee_levels(void **state)
+{
+    static const struct {
+        double fraction, steps, leaves;
+    } cases[] = {{0.09, 0, 64},     {0.11, 0, 256},  {0.29, 0, 256},
+                 {0.31, 0, 1024},   {0.49, 0, 1024}, {0.29, 1e4, 256},
+                 {0.31, 1e4, 1024}, {0.31, 200, 64}, {0.49, 200, 256}};
+    cln_config config;
+
+    (void)state;
+    assert_ok(cln_config_preset("voxel", &config));
+    config.structure_from = 0.5;
+    config.structure_until = 0.7;
+    config.cull_after = config.refresh_every = 32;
+    config.max_leaves = 1 << 20;
+    config.start_level = 2;
+    snprintf(config.level_at, sizeof config.level_at, "3:0.1,4:0.3,5:0.9");
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        assert_near(cln_grow_foresee(&config, 64, 1 << 20, cases[i].fraction, cases[i].steps),
+                    cases[i].leaves, 1e-9);
+}
+
 int test_group_grow(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_refined), cmocka_unit_test(test_foresee),
-        cmocka_unit_test(test_can_split), cmocka_unit_test(test_too_fine)};
+        cmocka_unit_test(test_refined),        cmocka_unit_test(test_waits),
+        cmocka_unit_test(test_awaited),        cmocka_unit_test(test_foresee),
+        cmocka_unit_test(test_foresee_levels), cmocka_unit_test(test_can_split),
+        cmocka_unit_test(test_none_came),      cmocka_unit_test(test_too_fine),
+    };
 
     return cmocka_run_group_tests_name("grow", tests, fixture_setup, fixture_teardown);
 }
