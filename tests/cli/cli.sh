@@ -403,8 +403,10 @@ section_results() {
         -o "$work/stereo.y4m" --stereo 0.2 --json
     check "a film of pairs" [ "$(head -1 "$work/stereo.y4m" | cut -d' ' -f2,3)" = "W96 H48" ]
     expect "a closed half" 0 "" "$cln" export "$work/whole" --mesh "$work/half.ply" --closed \
-        --crop=-1.5,-1.5,0,1.5,1.5,1.5 --json
-    check "its cut face is not made up" number_above 0.06 "$(json unseen_share)"
+        --crop=0,-1.5,-1.5,1.5,1.5,1.5 --json
+    # 0.16, by the run's own clouds; with the cut face 0.20
+    check "its cut face is not made up" number_above 0.18 "$(json unseen_share)"
+    check "other parts are" number_above "$(json unseen_share)" 0.05
     expect "render --seen" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
         -o "$work/seen" --seen
     check "from below it shows what nobody saw" grep -qE \
