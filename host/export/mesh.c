@@ -311,8 +311,8 @@ done:
 }
 
 /* Tells how much of a closed surface no training view sees, which is made up: below what stands on
- * the ground, say. plane: NULL, or 0 for all faces but those that the crop box cut, which are as they
- * are to be. */
+ * the ground, say. plane: NULL, or 0 for all faces but those that the crop box cut, which are as
+ * they are to be. */
 static void tell_unseen(cln_export_job *job, const cln_surface *surface, const cln_mesh *mesh,
                         const uint8_t *plane)
 {
