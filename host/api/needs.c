@@ -26,6 +26,8 @@ static const double MOST_BYTES = 256e6; /* of weights; a larger tree is measured
 
 /* Real trainings took 0.6 to 2 times as long (docs/cl-nascent.1 has the cases); some more. */
 static const double LEAST = 0.5, MOST = 2.2;
+/* A share of the processors that other programs have, from which it is told. */
+static const double BUSY = 0.25;
 static const char *const how_good =
     "rough: measured on a synthetic object, on this device as busy as it is now; real trainings "
     "took 0.6 to 2 times as long, the least where much of the scene is empty; evaluations come "
@@ -203,8 +205,10 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
     const bool shell = scene->space.shell;
     cln_status st = CLN_OK;
     timing first = {0}, last = {0};
-    double step = 0, least = 0;
+    double step = 0, least = 0, others = 0;
     json_t *time = NULL;
+    const cln_load before = cln_load_now();
+    cln_load after;
 
     st = cln_tell_work(callbacks, "timing", 0, trees);
     if (st == CLN_OK)
@@ -222,6 +226,8 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
         cln_clear_error();
         return;
     }
+    after = cln_load_now();
+    others = strcmp(device->info.type, "cpu") == 0 ? cln_load_of_others(&before, &after) : NAN;
     step = mean_step(c, &first, &last, shell, steps, true);
     least = mean_step(c, &first, &last, shell, steps, false);
     time = json_pack("{s:f, s:f, s:f, s:f, s:f, s:i, s:f, s:f, s:s}", "step_seconds", step,
@@ -232,6 +238,14 @@ static void add_time(json_t *about, cln_device *device, const cln_scene *scene, 
                      last.ray * picture_pixels(scene), "picture_pixels", picture_pixels(scene),
                      "how_good", how_good);
     json_object_set_new(time, "seconds", steps > 0 ? json_real(steps * step) : json_null());
+    json_object_set_new(time, "others", cln_json_real(others));
+    if (others > BUSY) {
+        least *= 1 - others;
+        json_object_set_new(time, "others_note",
+                            json_sprintf("other programs had %.0f %% of the processors meanwhile: "
+                                         "alone it takes less, as the lower end says",
+                                         100 * others));
+    }
     json_object_set_new(time, "seconds_least",
                         steps > 0 ? json_real(LEAST * steps * least) : json_null());
     json_object_set_new(time, "seconds_most",

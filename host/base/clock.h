@@ -9,4 +9,14 @@ double cln_now(void);
  * among them. 0 where the system does not tell. */
 double cln_processor_seconds(void);
 
+/* Seconds so far that the machine's processors worked, and that they could have; and those that they
+ * worked for this process and its ended children. could 0: the system does not tell. */
+typedef struct cln_load {
+    double worked, could, own;
+} cln_load;
+cln_load cln_load_now(void);
+
+/* The share of the processors' time between two moments that other programs had; NaN if unknown. */
+double cln_load_of_others(const cln_load *from, const cln_load *to);
+
 #endif

@@ -176,6 +176,7 @@ static void print_training(const json_t *training)
              in_ms(cln_json_number(time, "picture_seconds"), step[3]),
              1e-6 * cln_json_number(time, "picture_pixels"), text_of(time, "how_good"));
     print_wrapped(printf("time     "), line);
+    print_note(time, "others_note");
 }
 
 cln_status cln_cmd_check(const cln_options *options)

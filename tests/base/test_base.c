@@ -13,6 +13,7 @@
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
+#include "base/clock.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -746,6 +747,30 @@ static void test_digits(void **state)
         assert_int_equal(cln_reals_digits(2, cases[i].values, cases[i].least), cases[i].digits);
 }
 
+/* What other programs work is what the machine does and this process does not. */
+static void test_load(void **state)
+{
+    const cln_load none = {0}, begin = {10, 20, 1}, end = {13, 24, 2};
+    const cln_load before = cln_load_now();
+    cln_load after;
+    volatile double sum = 0;
+
+    (void)state;
+    assert_true(cln_load_of_others(&begin, &end) == 0.5);
+    assert_true(cln_load_of_others(&begin, &(cln_load){13, 24, 9}) == 0);
+    assert_true(isnan(cln_load_of_others(&none, &none)));
+    assert_true(isnan(cln_load_of_others(&begin, &begin)));
+    for (double until = cln_now() + 0.1; cln_now() < until;)
+        sum = sum + 1;
+    after = cln_load_now();
+    assert_true(after.own > before.own);
+    if (before.could > 0) {
+        const double others = cln_load_of_others(&before, &after);
+
+        assert_true(after.could - before.could > 0.05 && others >= 0 && others <= 1);
+    }
+}
+
 /* The first few by name, all by number, and what is long between its characters. */
 static void test_listed(void **state)
 {
@@ -933,6 +958,7 @@ int test_group_base(void)
         cmocka_unit_test_setup_teardown(test_folders, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_group_memory, scratch_make, scratch_remove),
         cmocka_unit_test(test_digits),
+        cmocka_unit_test(test_load),
         cmocka_unit_test(test_listed),
         cmocka_unit_test(test_sort),
         cmocka_unit_test(test_split),
