@@ -436,8 +436,8 @@ static void sum_up_seen(const cln_render_job *j, cln_render_result *result)
     result->unseen = none / count;
     result->hardly_seen = few / count;
     if (count > 1 && most->seen.none > 0.01)
-        cln_info("%s: most that no training view sees is in %s (%.3g %%)", j->desc->out, most->name,
-                 100 * most->seen.none);
+        cln_info("%s: the frame with most that no training view sees is %s (%.3g %%)", j->desc->out,
+                 most->name, 100 * most->seen.none);
 }
 
 static cln_status check_given(const cln_render_desc *d)
