@@ -132,10 +132,13 @@ done:
     return st;
 }
 
-/* May a folder of this name have masks, although none are looked for there? */
+/* May a folder of this name have masks, although none are looked for there? As mask_sam and
+ * people_masks, not as photos_masked. */
 static bool is_nearly_called(const char *name)
 {
-    return (strncasecmp(name, "mask", 4) == 0 && strncasecmp(name, "masked", 6) != 0) ||
+    const char *at = strcasestr(name, "mask");
+
+    return (at && (at == name || strchr("_- .", at[-1])) && strncasecmp(at, "masked", 6) != 0) ||
            strncasecmp(name, "masque", 6) == 0;
 }
 
