@@ -7,6 +7,7 @@
 #include <string.h>
 #include <sys/stat.h>
 #include "base/files.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "base/settings.h"
 #include "base/text.h"
@@ -94,6 +95,8 @@ typedef struct reading {
     const char *folder; /* its own */
     cln_settings *settings;
     char **said;
+    int line;
+    int *set_at; /* by row of the settings: the line that set it, 0 = none */
 } reading;
 
 /* Begins with another preset. No setting may be given yet. */
@@ -113,7 +116,7 @@ static cln_status take_preset(const reading *r, const char *value)
 }
 
 /* presets: takes the preset only, which comes before all settings, else all but that. */
-static cln_status take_line(const reading *r, char *line, bool presets)
+static cln_status take_line(reading *r, char *line, bool presets)
 {
     char *value = NULL;
     const bool is_text = cln_utf8_valid(line);
@@ -150,15 +153,19 @@ static cln_status take_line(const reading *r, char *line, bool presets)
     if ((row ? cln_conf_set(r->settings, row, value, r->folder)
              : cln_settings_set(r->settings, name, value)) != CLN_OK)
         return CLN_INPUT;
+    if (r->set_at[row - cln_config_rows])
+        cln_warn("%s: line %d sets %s again, after line %d; the last one counts", r->path, r->line,
+                 row->option, r->set_at[row - cln_config_rows]);
+    r->set_at[row - cln_config_rows] = r->line;
     return say(r->said, r->path, row->option, value);
 }
 
-static cln_status take_lines(const reading *r, const char *from, bool presets)
+static cln_status take_lines(reading *r, const char *from, bool presets)
 {
     cln_status st = CLN_OK;
     char *text = NULL, message[MESSAGE_BYTES];
-    int number = 0;
 
+    r->line = 0;
     CLN_TRY(cln_asprintf(&text, "%s", from));
     /* skips the byte order mark of Windows editors */
     for (char *line = text + (strncmp(text, "\xEF\xBB\xBF", 3) == 0 ? 3 : 0), *next = NULL; line;
@@ -166,13 +173,13 @@ static cln_status take_lines(const reading *r, const char *from, bool presets)
         next = strchr(line, '\n');
         if (next)
             *next++ = 0;
-        number++;
+        r->line++;
         line = cln_trim(line);
         if (!*line || take_line(r, line, presets) == CLN_OK)
             continue;
         snprintf(message, sizeof message, "%s", cln_error_text());
         cln_clear_error();
-        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d: %s", r->path, number, message));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: line %d: %s", r->path, r->line, message));
     }
 done:
     free(text);
@@ -215,12 +222,14 @@ cln_status cln_conf_read(const char *scene, const bool *overridden, bool keep_pr
             path));
     CLN_TRY(cln_read_file(path, MOST_BYTES, &text, &bytes));
     CLN_TRY(cln_scene_folder(scene, &folder));
+    CLN_TRY(cln_alloc(&r.set_at, (size_t)cln_config_row_count, sizeof *r.set_at, path));
     r.path = path;
     r.folder = folder;
     r.said = said;
     CLN_TRY(take_lines(&r, text, true));
     CLN_TRY(take_lines(&r, text, false));
 done:
+    free(r.set_at);
     free(path);
     free(text);
     free(folder);

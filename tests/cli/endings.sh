@@ -374,6 +374,10 @@ section_reused() {
         --settings-of "$work/scene"
     expect "a conf with a key of run.json" 0 "~conf:.view-width.16,.lr.0.5" \
         "$cln" info "$work/scene"
+    check "in which nothing is set twice" not_said again
+    printf 'lr 0.5\nadaptive\n\nno-adaptive\n' >"$work/scene/cl-nascent.conf"
+    expect "one that takes back what it sets" 0 \
+        "~warning:.*conf:.line.4.sets.adaptive.again,.after.line.2" "$cln" info "$work/scene"
     rm "$work/scene/cl-nascent.conf"
 }
 
