@@ -73,6 +73,7 @@ static cln_status check(const cln_check_desc *desc, const cln_settings *settings
         CLN_TRY(cln_scene_write_standing(scene, desc->mask));
     facts = cln_needs_facts(scene, &settings->config);
     cln_settings_warn_idle(settings, &facts);
+    cln_settings_warn_points(&settings->config);
     CLN_TRY(cln_scene_describe(scene, &about));
     json_object_del(about, "cameras"); /* "views" says more about them */
     CLN_TRY(cln_scene_inspect(scene, &desc->callbacks, &inspected));

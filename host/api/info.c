@@ -52,6 +52,7 @@ static cln_status info_scene(const char *path, const cln_settings *settings, cha
     facts = cln_needs_facts(scene, &settings->config);
     facts.no_sights = false; /* not looked for, without photos */
     cln_settings_warn_idle(settings, &facts);
+    cln_settings_warn_points(&settings->config);
     CLN_TRY(cln_scene_describe(scene, &described));
     CLN_TRY(say_alpha(scene, described));
     json_object_set_new(document, "schema", json_string("cl-nascent.scene/1"));

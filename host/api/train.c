@@ -590,19 +590,6 @@ static void keep_budget(cln_trainer *t, cln_config *config, const cln_config *sa
     t->model.config.time_limit = config->time_limit;
 }
 
-/* Warns of points that no step comes to. A number alone is a step. */
-static void warn_points(const char *option, const cln_points *at, const cln_config *c)
-{
-    for (int i = 0; i < at->count; i++) {
-        if (c->steps > 0 && at->steps[i] > c->steps)
-            cln_warn("--%s %d has no effect: it is a step, beyond --steps %d; seconds end in s",
-                     option, at->steps[i], c->steps);
-        else if (c->time_limit > 0 && at->seconds[i] > c->time_limit)
-            cln_warn("--%s %gs has no effect: it is beyond --time-limit %gs", option,
-                     at->seconds[i], c->time_limit);
-    }
-}
-
 /* Warns of what is likely wrong with the scene, and of settings that do nothing. */
 static void warn(const cln_trainer *t, const cln_config *config, const cln_config *saved)
 {
@@ -617,8 +604,7 @@ static void warn(const cln_trainer *t, const cln_config *config, const cln_confi
     facts.ranks = cln_ranks_count();
     cln_scene_warn_doubts(t->scene);
     cln_settings_warn_idle(t->desc->settings, &facts);
-    warn_points("eval-at", &t->eval_at, config);
-    warn_points("save-at", &t->save_at, config);
+    cln_settings_warn_points(config);
 }
 
 /* Makes what holds batches, the programs, and the memory plans. */

@@ -58,6 +58,8 @@ const char *cln_settings_why_idle(const cln_config *config, const cln_settings_f
 
 /* Warns in the log of each given setting that has no effect with the others and the facts. */
 void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts);
+/* Warns of points of --eval-at and --save-at that the budget does not come to. */
+void cln_settings_warn_points(const cln_config *config);
 
 /* *own: the default preset's settings if none are given, else NULL; the caller frees it. Returns
  * those that count in *use. */

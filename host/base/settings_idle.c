@@ -160,6 +160,25 @@ const char *cln_settings_why_idle(const cln_config *config, const cln_settings_f
     return NULL;
 }
 
+/* A number alone is a step. */
+static void warn_points(const char *option, const char *text, const cln_config *c)
+{
+    cln_points at;
+
+    if (cln_config_points(option, text, &at) != CLN_OK) { /* refused elsewhere */
+        cln_clear_error();
+        return;
+    }
+    for (int i = 0; i < at.count; i++) {
+        if (c->steps > 0 && at.steps[i] > c->steps)
+            cln_warn("--%s %d has no effect: it is a step, beyond --steps %d; seconds end in s",
+                     option, at.steps[i], c->steps);
+        else if (c->time_limit > 0 && at.seconds[i] > c->time_limit)
+            cln_warn("--%s %gs has no effect: it is beyond --time-limit %gs", option, at.seconds[i],
+                     c->time_limit);
+    }
+}
+
 void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_facts *facts)
 {
     for (int i = 0; i < cln_config_row_count; i++) {
@@ -171,4 +190,10 @@ void cln_settings_warn_idle(const cln_settings *settings, const cln_settings_fac
         if (why)
             cln_warn("--%s has no effect: %s", row->option, why);
     }
+}
+
+void cln_settings_warn_points(const cln_config *config)
+{
+    warn_points("eval-at", config->eval_at, config);
+    warn_points("save-at", config->save_at, config);
 }

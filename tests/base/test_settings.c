@@ -8,6 +8,7 @@
 #include "base/log.h"
 #include "base/settings.h"
 #include "comma.h"
+#include "scratch.h"
 #include "tests.h"
 
 static cln_settings *create(const char *preset)
@@ -357,6 +358,37 @@ static const char *warnings_with(const char *preset, const char *given,
     return text;
 }
 
+/* Points of evaluations and checkpoints beyond the budget, in steps or in seconds. */
+static void test_points(void **state)
+{
+    static const struct {
+        int steps;
+        double seconds;
+        const char *eval_at, *save_at;
+        int said;
+    } cases[] = {
+        {100, 0, "100,50s", "", 0}, {100, 0, "101", "", 1},     {100, 0, "5,101,200", "300", 3},
+        {0, 60, "60s,1000", "", 0}, {0, 60, "61s", "2m,1m", 2}, {0, 0, "5,9h", "7", 0},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cln_config config;
+        int said = 0;
+
+        assert_int_equal(cln_config_preset("fast", &config), CLN_OK);
+        config.steps = cases[i].steps;
+        config.time_limit = cases[i].seconds;
+        snprintf(config.eval_at, sizeof config.eval_at, "%s", cases[i].eval_at);
+        snprintf(config.save_at, sizeof config.save_at, "%s", cases[i].save_at);
+        cln_log_set_sink(scratch_count_warnings, &said);
+        cln_settings_warn_points(&config);
+        cln_log_set_sink(NULL, NULL);
+        if (said != cases[i].said)
+            fail_msg("case %zu: %d warnings, not %d", i, said, cases[i].said);
+    }
+}
+
 static bool no_sights; /* a fact, like the arguments */
 static const char *warnings(const char *preset, const char *given, bool resume, bool has_alpha)
 {
@@ -520,6 +552,7 @@ int test_group_settings(void)
         cmocka_unit_test(test_extend_beside_given),
         cmocka_unit_test(test_extend_after_other),
         cmocka_unit_test(test_extend_epochs),
+        cmocka_unit_test(test_points),
         cmocka_unit_test(test_idle),
     };
 
