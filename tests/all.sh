@@ -94,7 +94,7 @@ build() {
 # `readers` read what others wrote. `rest` is all that is in no set but `readers`.
 kernels='sampling|splat|composite|measure|adam|rays|shell_rays|roulette|carry|regularise|voxel|halo'
 networks=mlp checks='selftest|results' devices='extremes|devices|tuner|field_render'
-long='float64|agree|surface|scan_sort'
+long='float64|agree|surface|scan_sort|refine|units'
 readers='colmap|clip|colour|image|film|progress|run_folder|safetensors|checkpoint|config|settings'
 readers+='|broken_formats|cameras_file|cutout|depth_images|masks|metashape|missing|phones|placing'
 readers+='|readers|scene|scene_input|store|view_request|model'
@@ -173,8 +173,8 @@ more "more captures" "${quick[@]}" tests/cli/captures.sh \
     $(others depth sparse forward beyond $captures)
 # Without what builds many kernels, or takes long for the same host code.
 more "sanitized unit: rest" groups build/sanitize/tests rest \
-    "$readers|refine|learning|regrow|units|opaque|extreme_scenes"
-more "sanitized unit: long" groups build/sanitize/tests long "float64|agree"
+    "$readers|learning|regrow|opaque|extreme_scenes"
+more "sanitized unit: long" groups build/sanitize/tests long "float64|agree|refine|units"
 more "sanitized unit: checks" groups build/sanitize/tests checks
 more "sanitized unit: devices" groups build/sanitize/tests devices "tuner|extremes"
 more "sanitized unit: some" build/sanitize/tests mlp/test_points mlp/test_no_samples \
