@@ -9,8 +9,8 @@ double cln_now(void);
  * among them. 0 where the system does not tell. */
 double cln_processor_seconds(void);
 
-/* Seconds so far that the machine's processors worked, and that they could have; and those that they
- * worked for this process and its ended children. could 0: the system does not tell. */
+/* Seconds so far that the machine's processors worked, and that they could have; and those that
+ * they worked for this process and its ended children. could 0: the system does not tell. */
 typedef struct cln_load {
     double worked, could, own;
 } cln_load;
