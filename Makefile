@@ -2,7 +2,7 @@
 #   make                    build/cl-nascent, and the library: libcl-nascent.a and .so
 #   make demo               install missing packages, generate, train two minutes, evaluate, render
 #   make test | check       install missing packages, run what every change is to pass
-#   make test-all           the whole suite, four times as long: before a release
+#   make test-all           the whole suite, three times as long: before a release
 #   make test-devices       the cases of docs/devices.md on every OpenCL device found
 #   make test-browser       the viewer's page in headless Chromium (a large download; not in test)
 #   make grind              the kernels under Oclgrind, for races and bad accesses
