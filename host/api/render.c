@@ -34,6 +34,8 @@
 #include "io/npy.h"
 #include "io/run_folder.h"
 
+static const double MOST_KEPT = 512 << 20; /* bytes of a film's pictures that come again */
+
 /* ---- which frames ---- */
 
 /* Places the eyes: left and right of the frame's camera, looking the same way. */
@@ -318,38 +320,107 @@ static void tell_stages(const cln_device *device, bool voxels)
     cln_debug("seconds of the device: %s", text);
 }
 
+static int by_picture(const void *a, const void *b)
+{
+    const cln_render_frame *const *one = a, *const *other = b;
+    const int order = strcmp((*one)->made_from, (*other)->made_from);
+
+    return order != 0 ? order : (*one > *other) - (*one < *other);
+}
+
+/* Joins the frames to be made that are made from the same; of a film, which keeps their pictures,
+ * as many as may be kept. */
+static cln_status find_doubles(cln_render_job *j)
+{
+    cln_status st = CLN_OK;
+    const double pixel = !cln_film_named(j->desc->out) ? 0 : j->desc->transparent ? 4 : 3;
+    cln_render_frame **sorted = NULL;
+    double kept = 0;
+    int count = 0;
+
+    CLN_TRY(cln_alloc(&sorted, (size_t)j->count, sizeof(cln_render_frame *), "frames"));
+    for (int i = 0; i < j->count; i++) {
+        j->frames[i].first = i;
+        j->frames[i].next = -1;
+        if (!j->frames[i].there)
+            sorted[count++] = &j->frames[i];
+    }
+    qsort(sorted, (size_t)count, sizeof(cln_render_frame *), by_picture);
+    for (int k = 1; k < count; k++) {
+        cln_render_frame *before = sorted[k - 1], *f = sorted[k];
+        const double bytes = pixel * cln_render_width(j, f) * f->camera.height;
+
+        if (strcmp(before->made_from, f->made_from) != 0)
+            continue;
+        if (before->first == before - j->frames) {
+            if (kept + bytes > MOST_KEPT)
+                continue;
+            kept += bytes;
+        }
+        f->first = before->first;
+        before->next = (int)(f - j->frames);
+    }
+done:
+    free(sorted);
+    return st;
+}
+
+/* Notes what of a picture training views see for all frames that have it. Returns their count. */
+static int share_seen(cln_render_job *j, int frame, const cln_picture *picture)
+{
+    int count = 0;
+
+    for (int i = frame; i >= 0; i = j->frames[i].next) {
+        if (picture->seen)
+            j->frames[i].seen = cln_seen_share(picture);
+        count++;
+    }
+    return count;
+}
+
 /* Renders all frames but those that are kept. film: gets the pictures instead of files, or NULL. */
 static cln_status render_frames(cln_render_job *j, cln_film *film, cln_render_result *result)
 {
     cln_status st = CLN_OK, written = CLN_OK;
     const cln_callbacks *callbacks = &j->desc->callbacks;
     const double began = cln_now();
-    cln_frame_writer writer = {.job = j, .film = film};
+    const bool of_film = cln_film_named(j->desc->out);
+    cln_frame_writer writer = {0};
     cln_picture picture = {0};
     float *normals = NULL;
-    int rendered = 0, done = 0;
+    int begun = 0, done = 0;
 
+    CLN_TRY(cln_frame_writer_begin(j, film, &writer));
+    CLN_TRY(find_doubles(j));
     for (int i = 0; i < j->count; i++) {
-        if (j->frames[i].there)
+        const bool again = j->frames[i].first != i;
+        int frames = 0;
+
+        if (j->frames[i].there || (again && !of_film))
             continue;
-        cln_show_work(callbacks, "render", result->skipped + rendered, j->count);
-        CLN_TRY(render_frame(j, i, &picture, &normals));
-        if (picture.seen)
-            j->frames[i].seen = cln_seen_share(&picture);
+        cln_show_work(callbacks, "render", result->skipped + begun, j->count);
+        if (!again)
+            CLN_TRY(render_frame(j, i, &picture, &normals));
         CLN_TRY(cln_frame_writer_wait(&writer, &done));
         result->rendered += done;
-        rendered++;
-        if (film || j->writes) {
+        frames = share_seen(j, i, &picture);
+        if (of_film)
+            frames = 1;
+        begun += frames;
+        if (again && film)
+            CLN_TRY(cln_frame_writer_again(&writer, i));
+        if (!again && (film || j->writes)) {
             cln_frame_writer_give(&writer, i, &picture, &normals);
             continue;
         }
         cln_picture_free(&picture);
         free(normals);
         normals = NULL;
-        result->rendered++;
+        result->rendered += frames;
     }
 done:
     written = cln_frame_writer_wait(&writer, &done);
+    cln_frame_writer_release(&writer);
     result->rendered += done;
     result->seconds += cln_now() - began;
     if ((st == CLN_SIGINT || st == CLN_SIGTERM) && film)

@@ -19,6 +19,9 @@ typedef struct cln_render_frame {
     bool alike; /* by render.json, what the folder may have of it was made from the same */
     bool there; /* that is there, whole, and stays */
     cln_seen_shares seen; /* NAN if it was not asked for, or nothing is shown */
+    /* Frames that are made from the same share a picture: the number of the first of them, which is
+     * rendered for all, and of the next behind this one, -1 for none. */
+    int first, next;
 } cln_render_frame;
 
 typedef struct cln_render_job {

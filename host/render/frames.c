@@ -208,7 +208,7 @@ static cln_status of_orbit(const cln_render_desc *desc, const cln_orbit_frame *s
     if (!orbit.circle && count > 2)
         cln_info(
             "orbit: to and fro in an arc of %.0f degrees, where the training cameras stand, so "
-            "most frames come twice; --circle goes around",
+            "most frames come twice (and are rendered once); --circle goes around",
             2 * orbit.swing * 180 / M_PI);
     CLN_TRY(cln_frames_room(count, out));
     for (int i = 0; i < count; i++) {

@@ -290,7 +290,8 @@ cln_status cln_orbit_make(const cln_orbit_frame *frame, const cln_render_desc *d
 void cln_orbit_camera(const cln_orbit *o, int i, int count, cln_camera *out)
 {
     const cln_orbit_frame *f = &o->frame;
-    const double turn = 2 * PI * i / count;
+    /* on the way back the very cameras of the way there: their pictures need no second rendering */
+    const double turn = 2 * PI * (o->circle ? i : fmin(i, count - i)) / count;
     const double angle = o->circle ? turn : o->middle - o->swing * cos(turn);
     const double c = cos(angle), s = sin(angle);
     double away[3], right[3], down[3], forward[3], at[3];

@@ -140,10 +140,12 @@ static void test_orbit_keeps_to_the_arc(void **state)
     assert_true(fabs(frame.elevation - 10) < 0.5 && fabs(frame.distance - 4) < 1e-9);
     assert_int_equal(warnings_of_orbit(&frame, &desc, &orbit), 0);
     for (int i = 0; i < 8; i++) {
-        cln_camera c;
+        cln_camera c, back;
         double at = 0;
 
         cln_orbit_camera(&orbit, i, 8, &c);
+        cln_orbit_camera(&orbit, (8 - i) % 8, 8, &back);
+        assert_memory_equal(&c, &back, sizeof c);
         at = azimuth_of(&c, 150, &elevation);
         low = fmin(low, at);
         high = fmax(high, at);

@@ -1,5 +1,5 @@
 /* Frames of render: ranges of them, pictures without their background, files that a copy cut
- * short. */
+ * short, poses that come again. */
 #include "unit.h"
 #include <math.h>
 #include "run_fixture.h"
@@ -202,6 +202,89 @@ static void other_frames_stay(void **state)
     free(before);
 }
 
+/* Pictures that were begun. */
+static void count_work(const char *what, int done, int total, void *user)
+{
+    (void)what;
+    *(int *)user += done < total;
+}
+
+static bool same_bytes(const char *one, const char *other)
+{
+    size_t bytes[2] = {0};
+    char *data[2] = {scratch_get(fixture_path(one), &bytes[0]),
+                     scratch_get(fixture_path(other), &bytes[1])};
+    const bool same = bytes[0] == bytes[1] && memcmp(data[0], data[1], bytes[0]) == 0;
+
+    free(data[0]);
+    free(data[1]);
+    return same;
+}
+
+/* A pose that comes again has the same picture, which is rendered once: in a folder, where some of
+ * its files are missing, and in a film. */
+static void doubles_are_rendered_once(void **state)
+{
+    enum { FRAMES = 6, WIDTH = 20, HEIGHT = 12, FRAME = 6 + 3 * WIDTH * HEIGHT };
+    static const int at[FRAMES] = {0, 1, 0, 2, 1, 0};
+    cln_render_desc desc = desc_of("doubles");
+    cln_render_result result;
+    json_t *list = json_array(), *document = NULL;
+    char *text = NULL, *film = NULL;
+    size_t bytes = 0;
+    int begun = 0;
+
+    NEED_DEVICE();
+    for (int i = 0; i < FRAMES; i++) {
+        char name[16];
+        double m[3][4];
+
+        snprintf(name, sizeof name, "p%d.png", i);
+        fixture_pose(0.3 + at[i], 0.2, m);
+        json_array_append_new(list,
+                              json_pack("{s:s, s:[[f,f,f,f],[f,f,f,f],[f,f,f,f],[i,i,i,i]]}",
+                                        "file_path", name, "transform_matrix", m[0][0], m[0][1],
+                                        m[0][2], m[0][3], m[1][0], m[1][1], m[1][2], m[1][3],
+                                        m[2][0], m[2][1], m[2][2], m[2][3], 0, 0, 0, 1));
+    }
+    document = json_pack("{s:f, s:i, s:i, s:o}", "camera_angle_x", 0.8, "w", WIDTH, "h", HEIGHT,
+                         "frames", list);
+    text = json_dumps(document, 0);
+    assert_ok(cln_write_file(fixture_path("doubles.json"), text, strlen(text)));
+    desc.poses = fixture_path("doubles.json");
+    desc.orbit_frames = 0;
+    desc.pfm = desc.normals = true;
+    desc.callbacks = (cln_callbacks){.work = count_work, .user = &begun};
+    fixture_rendered(&desc, FRAMES, 0);
+    assert_int_equal(begun, 3);
+    assert_true(same_bytes("doubles/p0.png", "doubles/p5.png"));
+    assert_true(same_bytes("doubles/p1.depth.pfm", "doubles/p4.depth.pfm"));
+    assert_true(same_bytes("doubles/p0.normal.npy", "doubles/p2.normal.npy"));
+    assert_false(same_bytes("doubles/p0.png", "doubles/p1.png"));
+    assert_false(same_bytes("doubles/p1.png", "doubles/p3.png"));
+    assert_int_equal(remove(fixture_path("doubles/p0.png")), 0);
+    assert_int_equal(remove(fixture_path("doubles/p5.png")), 0);
+    begun = 0;
+    fixture_rendered(&desc, 2, FRAMES - 2);
+    assert_int_equal(begun, 1);
+    assert_true(same_bytes("doubles/p0.png", "doubles/p2.png"));
+    assert_true(same_bytes("doubles/p0.png", "doubles/p5.png"));
+    desc.normals = desc.pfm = false;
+    desc.out = fixture_path("doubles.y4m");
+    assert_ok(cln_render(&desc, &result));
+    assert_int_equal(result.rendered, FRAMES);
+    film = scratch_get(desc.out, &bytes);
+    assert_true(bytes > FRAMES * FRAME);
+    film += bytes - FRAMES * FRAME; /* behind the film's first line */
+    for (int i = 0; i < FRAMES; i++)
+        for (int k = 0; k < i; k++)
+            assert_true((memcmp(film + i * FRAME, film + k * FRAME, FRAME) == 0) ==
+                        (at[i] == at[k]));
+    free(film - (bytes - FRAMES * FRAME));
+    json_decref(document);
+    free(text);
+}
+
 int test_group_render_frames(void)
 {
     const struct CMUnitTest tests[] = {
@@ -210,6 +293,7 @@ int test_group_render_frames(void)
         cmocka_unit_test(backgrounds_can_be_given),
         cmocka_unit_test(files_cut_short_are_made_again),
         cmocka_unit_test(other_frames_stay),
+        cmocka_unit_test(doubles_are_rendered_once),
     };
 
     return cmocka_run_group_tests_name("render_frames", tests, fixture_setup, fixture_teardown);
