@@ -352,7 +352,7 @@ typedef struct cln_render_desc {
     const char *scene; /* NULL = the run's own, or else the cameras that RUN keeps */
     /* The poses, of which one must be given: a file's (nerfstudio's camera_path.json, or transforms
      * JSON), else the poses of a split, else a spiral of so many frames within the training
-     * cameras' poses, else an orbit. */
+     * cameras' poses, else an orbit; or `map`. */
     const char *poses, *split;
     int spiral_frames, orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis; NaN: the
@@ -400,6 +400,12 @@ typedef struct cln_render_desc {
     const float *background; /* [3] r, g, b in 0..1, sRGB; NULL = the run's own, or that of the
                                 crop box in the file of poses */
     int bits;                /* of colours and opacity in PNG files: 8 or 16; 0 = 8 */
+    bool map;                /* instead of poses: one picture, `map`, from straight above by
+                                parallel rays, of the crop box or the cube, with map.pgw (a world
+                                file) and map.height.asc (an ESRI ASCII grid). up: all 0: the
+                                scene's z, or where that is not up, as the training cameras tell */
+    double spacing;          /* map: of pixels, scene units; 0 = so that 800 to 2000 are a side */
+    double offset[3];        /* map: added to its coordinates and heights */
 } cln_render_desc;
 
 typedef struct cln_render_result {

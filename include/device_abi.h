@@ -43,7 +43,7 @@ typedef enum cln_lens {
     CLN_LENS_DIVISION,
     CLN_LENS_EUCM,
     CLN_LENS_EQUIRECTANGULAR,
-    CLN_LENSES
+    CLN_LENSES /* in a set of lenses, 1 << this: parallel rays (cln_camera) */
 } cln_lens;
 
 #define CLN_LENS_PARAMS 12 /* the most that a model has */
@@ -58,7 +58,8 @@ typedef enum cln_lens {
  * the point (start_x, start_y, 1) * start of the frame. */
 typedef struct cln_device_camera {
     cln_f32 c2w[12]; /* 3x4 row-major, origin normalised */
-    cln_f32 start, start_x, start_y, pad;
+    cln_f32 start, start_x, start_y;
+    cln_i32 parallel; /* rays are: from the place in the plane z = 0 of the camera, forward */
     cln_f32 fx, fy, cx, cy;
     cln_i32 width, height;
     cln_i32 lens;               /* cln_lens; what follows is the lens model's */

@@ -20,8 +20,15 @@ HELPER float3 camera_origin(cln_device_camera c)
  * cross the plane where rays begin. */
 HELPER bool camera_ray(cln_device_camera c, float u, float v, float4 *origin, float4 *direction)
 {
+    const float2 place = (float2)((u - c.cx) / c.fx, (v - c.cy) / c.fy);
     float3 p;
-    const bool found = lens_undistort(c, (float2)((u - c.cx) / c.fx, (v - c.cy) / c.fy), &p);
+
+    if (IS_PARALLEL(c)) {
+        *origin = (float4)(camera_origin(c) + camera_turn(c, place.x, place.y, 0.0f), 0.0f);
+        *direction = (float4)(camera_turn(c, 0.0f, 0.0f, 1.0f), 0.0f);
+        return true;
+    }
+    const bool found = lens_undistort(c, place, &p);
     const float scale = rsqrt(p.x * p.x + p.y * p.y + p.z * p.z);
 
     *origin = (float4)(camera_origin(c), 0.0f);
@@ -44,7 +51,7 @@ HELPER bool camera_project(cln_device_camera c, float3 point, float2 *pixel)
     float2 p = (float2)(c.c2w[0] * q.x + c.c2w[4] * q.y + c.c2w[8] * q.z + c.start * c.start_x,
                         c.c2w[1] * q.x + c.c2w[5] * q.y + c.c2w[9] * q.z + c.start * c.start_y);
 
-    if (!lens_distort(c, (float3)(p, z), &p))
+    if (IS_PARALLEL(c) ? !(z > 0.0f) : !lens_distort(c, (float3)(p, z), &p))
         return false;
     *pixel = (float2)(MAD(c.fx, p.x, c.cx), MAD(c.fy, p.y, c.cy));
     return pixel->x >= 0.0f && pixel->y >= 0.0f && pixel->x < (float)c.width &&

@@ -2,13 +2,14 @@
  * host/scene/lens.c and lens_plane.c; docs/method.md 3.1 has the formulas.
  *
  * LENSES  bits 1 << cln_lens: the models that the scene's cameras have. A camera of any other one
- *         is a pinhole. 0: no lens code.
+ *         is a pinhole. 0: no lens code. 1 << CLN_LENSES: cameras whose rays are parallel.
  */
 #ifndef LENSES
 #define LENSES 0x7FFFFFFF /* all */
 #endif
 #define HAS_LENS(model)   ((LENSES) >> (model)&1)
 #define IS_LENS(c, model) (HAS_LENS(model) && (c).lens == (model))
+#define IS_PARALLEL(c)    (HAS_LENS(CLN_LENSES) && (c).parallel)
 
 /* Models that bend a plane (lens_bend), and those whose plane is a fisheye's. */
 #define IS_FISHEYE(c)                                                                  \

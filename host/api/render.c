@@ -24,6 +24,7 @@
 #include "base/given.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "render/map.h"
 #include "render/named.h"
 #include "render/normals.h"
 #include "render/view.h"
@@ -33,6 +34,7 @@
 #include "io/image.h"
 #include "io/npy.h"
 #include "io/run_folder.h"
+#include "scene/vectors.h"
 
 static const double MOST_KEPT = 512 << 20; /* bytes of a film's pictures that come again */
 
@@ -147,6 +149,11 @@ static void find_identity(const cln_render_job *j, cln_render_frame *f)
         d = cln_digest(d, "transparent", 11);
     if (j->desc->bits == 16)
         d = cln_digest(d, "bits16", 6);
+    if (c->parallel) {
+        d = cln_digest(d, "map", 3);
+        d = cln_digest(d, j->desc->offset, sizeof j->desc->offset);
+        d = cln_digest(d, &j->desc->seen, sizeof j->desc->seen); /* which heights are known */
+    }
     if (j->desc->stereo > 0) {
         d = cln_digest(d, "stereo", 6);
         d = cln_digest(d, &j->desc->stereo, sizeof j->desc->stereo);
@@ -534,6 +541,7 @@ static cln_status check_given(const cln_render_desc *d)
         {"fps", d->fps, 0, 1000},
         {"depth_unit", d->depth_unit, 0, 1e12},
         {"bits", d->bits, 0, 16},
+        {"spacing", d->spacing, 0, 1e12},
     };
 
     CLN_TRY(cln_given("cln_render", "run", d->run));
@@ -555,10 +563,24 @@ static cln_status check_given(const cln_render_desc *d)
     if (d->fps > 0 && d->fps < CLN_FILM_LEAST_FPS)
         CLN_TRY(
             cln_fail(CLN_USAGE, "fps is %g; give %g or more, or 0", d->fps, CLN_FILM_LEAST_FPS));
-    if (!d->poses && !d->split && d->spiral_frames == 0 && d->orbit_frames == 0)
-        CLN_TRY(cln_fail(CLN_USAGE,
-                         "cln_render: it is not said which poses; give poses, split, spiral_frames "
-                         "or orbit_frames"));
+    if (!d->poses && !d->split && d->spiral_frames == 0 && d->orbit_frames == 0 && !d->map)
+        CLN_TRY(cln_fail(CLN_USAGE, "cln_render: it is not said which poses; give poses, split, "
+                                    "spiral_frames, orbit_frames or map"));
+    if (d->map && (d->poses || d->split || d->spiral_frames || d->orbit_frames || d->interpolate))
+        CLN_TRY(cln_fail(CLN_USAGE, "--map is a picture from above; give no other poses"));
+    if (d->map && (d->width || d->height))
+        CLN_TRY(cln_fail(CLN_USAGE, "--map: give the size of its pixels by --spacing, in place of "
+                                    "--width or --height"));
+    if (d->map && d->stereo > 0)
+        CLN_TRY(cln_fail(CLN_USAGE, "--map: its rays are parallel, so both eyes of --stereo would "
+                                    "see the same; leave --stereo out"));
+    if (d->map && cln_film_named(d->out))
+        CLN_TRY(cln_fail(CLN_USAGE, "--map: %s is a film, and a map is one picture; give a folder",
+                         d->out));
+    for (int a = 0; a < 3; a++)
+        CLN_TRY(cln_given_number("cln_render", "offset", d->offset[a], -1e12, 1e12));
+    if (!d->map && (d->spacing > 0 || d->offset[0] || d->offset[1] || d->offset[2]))
+        CLN_TRY(cln_fail(CLN_USAGE, "--%s requires --map", d->spacing > 0 ? "spacing" : "offset"));
 done:
     return st;
 }
@@ -582,6 +604,53 @@ static void choose_crop(cln_render_job *j)
     if (j->crop.on)
         cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &model->space, &model->tree,
                       &j->crop);
+}
+
+static const double LEVEL = 0.94; /* cosine of 20 degrees */
+
+/* A map's up: the one given, else the scene's z where that is what the training cameras tell, to
+ * what they can; else theirs. */
+static void map_up(const cln_render_job *j, double up[3])
+{
+    cln_orbit_frame seen;
+    bool known = cln_orbit_frame_read(json_object_get(j->run, "orbit"), &seen) == CLN_OK;
+
+    memcpy(up, j->desc->up, 3 * sizeof *up);
+    if (cln_normalise(up))
+        return;
+    if (!known) /* of an older run */
+        cln_clear_error();
+    known = known && !seen.guessed && seen.up[2] < LEVEL;
+    memcpy(up, known ? seen.up : (const double[3]){0, 0, 1}, 3 * sizeof *up);
+    if (known)
+        cln_warn(
+            "--map: the scene's z is not up, so the map has a frame of its own, with the "
+            "training cameras' up (%.3f, %.3f, %.3f) in the scene's (\"axes\" in render.json); "
+            "--up z looks along z all the same",
+            up[0], up[1], up[2]);
+}
+
+/* The map's camera. */
+static cln_status make_map(cln_render_job *j)
+{
+    cln_status st = CLN_OK;
+    cln_camera *c = NULL;
+    double up[3], axes[9], corner[3];
+
+    CLN_TRY(cln_frames_room(1, &j->cameras));
+    j->cameras.poses = "map";
+    c = &j->cameras.frame[0].camera;
+    map_up(j, up);
+    cln_map_axes(up, axes);
+    CLN_TRY(cln_map_camera(&j->opened.model.space, &j->crop, axes, j->desc->spacing, c));
+    CLN_TRY(cln_strdup(&j->cameras.frame[0].name, "map"));
+    cln_map_corner(c, j->desc->offset, corner);
+    cln_info("map: %d x %d pixels of %.9g; x from %.9g to %.9g, y from %.9g to %.9g, from height "
+             "%.9g down",
+             c->width, c->height, 1 / c->fx, corner[0], corner[0] + c->width / c->fx,
+             corner[1] - c->height / c->fx, corner[1], corner[2]);
+done:
+    return st;
 }
 
 /* Renders what is not in the folder yet. */
@@ -650,11 +719,11 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &j.crop));
     CLN_TRY(cln_run_read(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
-    if (desc->seen || cln_frames_need_scene(desc, j.run))
+    if (desc->seen || (!desc->map && cln_frames_need_scene(desc, j.run)))
         CLN_TRY(open_cameras(&j));
     else
         CLN_TRY(cln_open_run_model(desc->run, &j.opened));
-    CLN_TRY(cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
+    CLN_TRY(desc->map ? make_map(&j) : cln_frames_make(desc, j.opened.scene, j.run, &j.cameras));
     choose_crop(&j);
     CLN_TRY(list_frames(&j));
     CLN_TRY(place_eyes(&j));

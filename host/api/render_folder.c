@@ -23,16 +23,19 @@
 #include "io/png16.h"
 #include "io/run_folder.h"
 #include "ranks/ranks.h"
+#include "render/map.h"
 #include "scene/transforms_write.h"
 
 #define SCHEMA "cl-nascent.frames/1"
 
-static const char *const suffixes[] = {".depth.npy",  ".depth.pfm",  ".metric.png",  ".normal.npy",
-                                       ".normal.png", ".seen.png",   ".opacity.png", ".png",
-                                       ".depth.png",  ".depth16.png"};
+static const char *const suffixes[] = {
+    ".depth.npy",  ".depth.pfm", ".height.asc",  ".pgw", ".metric.png", ".normal.npy",
+    ".normal.png", ".seen.png",  ".opacity.png", ".png", ".depth.png",  ".depth16.png"};
 enum {
     DEPTH_NPY,
     DEPTH_PFM,
+    HEIGHT_ASC,
+    WORLD,
     DEPTH_PNG16,
     NORMAL_NPY,
     NORMAL_PNG,
@@ -83,7 +86,8 @@ static cln_status has_whole_file(const cln_render_job *j, const cln_render_frame
 {
     cln_status st = CLN_OK;
     const double values = (double)cln_render_width(j, f) * f->camera.height;
-    const bool picture = file != DEPTH_NPY && file != DEPTH_PFM && file != NORMAL_NPY;
+    const bool text = file == HEIGHT_ASC || file == WORLD; /* of no length that is known */
+    const bool picture = !text && file != DEPTH_NPY && file != DEPTH_PFM && file != NORMAL_NPY;
     char *path = NULL;
     struct stat about;
 
@@ -91,6 +95,8 @@ static cln_status has_whole_file(const cln_render_job *j, const cln_render_frame
     *there = stat(path, &about) == 0 && S_ISREG(about.st_mode);
     if (*there && picture)
         *there = cln_image_check_ends(path) == CLN_OK;
+    else if (*there && text)
+        *there = about.st_size > 0;
     else if (*there)
         *there = (double)about.st_size >= (file == DEPTH_PFM ? 0 : CLN_NPY_HEAD) +
                                               values * sizeof(float) * (file == NORMAL_NPY ? 3 : 1);
@@ -105,6 +111,9 @@ static bool is_wanted(const cln_render_job *j, int file)
     switch (file) {
     case DEPTH_PFM:
         return j->desc->pfm;
+    case HEIGHT_ASC:
+    case WORLD:
+        return j->desc->map;
     case DEPTH_PNG16:
         return j->desc->depth_unit > 0;
     case NORMAL_NPY:
@@ -184,6 +193,18 @@ static int put_seen(const cln_render_job *j, json_t *about)
     return lost;
 }
 
+static json_t *map_json(const cln_camera *c, const double offset[3])
+{
+    const double *m = c->c2w;
+    double corner[3];
+
+    cln_map_corner(c, offset, corner);
+    return json_pack("{s:f, s:[f,f,f], s:i, s:i, s:[[f,f,f],[f,f,f],[f,f,f]]}", "spacing",
+                     1 / c->fx, "corner", corner[0], corner[1], corner[2], "width", c->width,
+                     "height", c->height, "axes", m[0], m[4], m[8], -m[1], -m[5], -m[9], -m[2],
+                     -m[6], -m[10]);
+}
+
 /* Makes render.json: what this rendering is of, and the digest of every frame in the folder.
  * Nothing in it differs between two renderings of the same. */
 static json_t *describe(const cln_render_job *j)
@@ -244,6 +265,8 @@ static json_t *describe(const cln_render_job *j)
         (void)json_object_set_new(about, "file", json_string(d->poses)); /* UTF-8 alone */
     if (about && (d->split || d->poses) && (d->width > 0 || d->height > 0))
         lost |= json_object_set_new(about, "size", json_pack("[i,i]", d->width, d->height));
+    if (about && d->map)
+        lost |= json_object_set_new(about, "map", map_json(&j->frames[0].camera, d->offset));
     if (about && strcmp(j->cameras.poses, "orbit") == 0)
         lost |= json_object_set_new(
             about, "orbit",
@@ -566,7 +589,7 @@ done:
 }
 
 /* The cameras of the folder's frames as a scene of these pictures; none of stereo pairs, which have
- * two each. */
+ * two each, and of a map, which has no place that rays begin at. */
 static cln_status write_cameras(const cln_render_job *j)
 {
     cln_status st = CLN_OK;
@@ -576,7 +599,7 @@ static cln_status write_cameras(const cln_render_job *j)
     int lost = json_object_set_new(document, "frames", frames);
 
     CLN_TRY(cln_path_join(&path, j->desc->out, "transforms.json"));
-    if (cln_render_eyes(j) > 1) {
+    if (cln_render_eyes(j) > 1 || j->desc->map) {
         (void)unlink(path); /* of single pictures that these may have replaced */
         goto done;
     }
@@ -751,6 +774,10 @@ cln_status cln_render_write_frame(const cln_render_job *j, const cln_render_fram
     CLN_TRY(cln_npy_write_f32(path[DEPTH_NPY], 2, shape, p->depth));
     if (is_wanted(j, DEPTH_PFM))
         CLN_TRY(cln_depth_write_pfm(path[DEPTH_PFM], p->width, p->height, p->depth));
+    if (is_wanted(j, HEIGHT_ASC)) {
+        CLN_TRY(cln_map_write_heights(path[HEIGHT_ASC], &f->camera, j->desc->offset, p));
+        CLN_TRY(cln_map_write_world(path[WORLD], &f->camera, j->desc->offset));
+    }
     if (is_wanted(j, DEPTH_PNG16))
         CLN_TRY(cln_depth_write_png16(path[DEPTH_PNG16], p->width, p->height, p->depth,
                                       j->desc->depth_unit, &beyond, &behind));
@@ -876,7 +903,7 @@ cln_status cln_render_check_disk(const cln_render_job *j)
         if (!j->frames[i].there)
             bytes += (sizeof(float) + (4.0 + j->desc->transparent) * (j->desc->bits == 16 ? 2 : 1) +
                       1 + 4.0 * j->desc->pfm + (j->desc->depth_unit > 0 ? 2 : 0) +
-                      15.0 * j->desc->normals + j->desc->seen) *
+                      15.0 * j->desc->normals + j->desc->seen + 12.0 * j->desc->map) *
                      cln_render_width(j, &j->frames[i]) * j->frames[i].camera.height;
     return bytes > 0 ? cln_disk_check(j->desc->out, bytes, "the frames") : CLN_OK;
 }

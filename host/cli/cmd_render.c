@@ -17,7 +17,7 @@
 #include "render/crop.h"
 #include "render/up.h"
 
-/* RUN/render/ with the split, "orbit", "spiral", or "poses-" and the name of the file of poses,
+/* RUN/render/ with the split, "orbit", "spiral", "map", or "poses-" and the name of the file of poses,
  * which may be that of a split; "-path" is added for a path through poses. */
 static cln_status standard_folder(const cln_options *options, char **out)
 {
@@ -25,9 +25,11 @@ static cln_status standard_folder(const cln_options *options, char **out)
     const char *dot = name ? strrchr(name, '.') : NULL;
     const int length = dot && dot > name ? (int)(dot - name) : name ? (int)strlen(name) : 0;
 
-    if (options->orbit_frames > 0 || options->spiral_frames > 0)
+    if (options->orbit_frames > 0 || options->spiral_frames > 0 || options->map)
         return cln_asprintf(out, "%s/render/%s", options->operand,
-                            options->orbit_frames > 0 ? "orbit" : "spiral");
+                            options->map                ? "map"
+                            : options->orbit_frames > 0 ? "orbit"
+                                                        : "spiral");
     return cln_asprintf(out, "%s/render/%s%.*s%s", options->operand, name ? "poses-" : "",
                         name ? length : (int)strlen(options->split), name ? name : options->split,
                         options->interpolate ? "-path" : "");
@@ -102,7 +104,7 @@ cln_status cln_cmd_render(const cln_options *options)
     cln_render_result result = {0};
     char *standard_out = NULL, *plain = NULL;
     float background[3] = {0};
-    const bool path = options->orbit_frames > 0 || options->spiral_frames > 0;
+    const bool path = options->orbit_frames > 0 || options->spiral_frames > 0 || options->map;
     cln_render_desc desc = {.run = options->operand,
                             .out = options->output,
                             .scene = options->scene,
@@ -115,6 +117,8 @@ cln_status cln_cmd_render(const cln_options *options)
                             .orbit_elevation = options->elevation,
                             .orbit_circle = options->circle,
                             .orbit_radius = options->radius,
+                            .map = options->map,
+                            .spacing = options->spacing,
                             .width = options->image_width,
                             .height = options->image_height,
                             .fov = options->fov,
@@ -135,6 +139,8 @@ cln_status cln_cmd_render(const cln_options *options)
                             .device = options->device};
 
     CLN_TRY(cln_crop_of_option(options->crop, &desc.cropped, desc.crop, desc.crop_turn));
+    if (options->offset && !cln_reals_read(options->offset, 3, desc.offset))
+        CLN_TRY(cln_fail(CLN_USAGE, "--offset: '%s' is not three numbers X,Y,Z", options->offset));
     CLN_TRY(read_range(options->frame_range, &desc));
     CLN_TRY(read_rate(options->fps, &desc.fps));
     if (options->background)

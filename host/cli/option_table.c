@@ -222,7 +222,7 @@ const cln_arg cln_args[] = {
          .shown = "their mean"),
     TEXT(CLN_RENDER | CLN_VIEW, "up", up, "X,Y,Z|z|auto",
          "which way is up, in the scene's frame: an axis (x, y, z, -x, -y, -z) or a vector; of "
-         "render: for an orbit, spiral or path", .shown = "auto, as the training cameras tell"),
+         "render: for an orbit, spiral, path or map", .shown = "auto, as the training cameras tell"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit, spiral: distance, 1 = the training cameras' mean; of a spiral in front of the "
          "scene: its width, 1 = that of the cameras", .standard = "1"),
@@ -235,6 +235,9 @@ const cln_arg cln_args[] = {
     FLAG(CLN_RENDER, "loop", loop,
          "interpolate: on from the last pose to the first, for a film that is shown again and "
          "again"),
+    FLAG(CLN_RENDER, "map", map,
+         "a map of the crop box or the cube: from straight above by parallel rays, with a world "
+         "file and heights (map.pgw, map.height.asc)"),
     INT(CLN_RENDER, "width", image_width, "PX", 0, 32768,
          "image width; 0 = as the photos, or by --height", .standard = "0"),
     INT(CLN_RENDER, "height", image_height, "PX", 0, 32768,
@@ -280,6 +283,8 @@ const cln_arg cln_args[] = {
     TEXT(CLN_EXPORT, #what, export_file, form, help, .exports = true),
     CLN_EXPORT_LIST(X)
 #undef X
+    REAL(CLN_RENDER, "spacing", spacing, "D", 1e-12, 1e12,
+         "map: of pixels, in scene units", .shown = "so that the longer side has 800 to 2000"),
     REAL(CLN_EXPORT, "spacing", spacing, "D", 1e-12, 1e12,
          "in scene units: of points, in place of --count; of the grid for a mesh or volume",
          .shown = "mesh: by leaf size and views; volume: a 256th of the cube"),
@@ -299,6 +304,8 @@ const cln_arg cln_args[] = {
          "millimetres; of a length that is L in truth and D between two points in the viewer: "
          "L / D",
          .standard = "1"),
+    TEXT(CLN_RENDER, "offset", offset, "X,Y,Z",
+         "map: added to its coordinates and heights, as of export"),
     TEXT(CLN_EXPORT, "offset", offset, "X,Y,Z",
          "points, mesh: added to the coordinates in .ply and .obj, after --up and --scale: where a "
          "survey's origin is, in UTM say"),

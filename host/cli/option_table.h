@@ -67,7 +67,7 @@ typedef struct cln_arg {
     const char *help;
 } cln_arg;
 
-enum { CLN_ARGS_MAX = 96 };
+enum { CLN_ARGS_MAX = 128 };
 
 extern const cln_arg cln_args[];
 extern const int cln_arg_count;

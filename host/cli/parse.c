@@ -686,7 +686,9 @@ static cln_status check_render_output(const parser *p)
 
 static cln_status check_render(const parser *p)
 {
-    static const char *const sources[] = {"orbit", "spiral", "poses", "split"};
+    static const char *const sources[] = {"orbit", "spiral", "poses", "split", "map"};
+    static const char *const of_map[] = {"spacing", "offset"};
+    static const char *const not_of_map[] = {"views", "max-images", "interpolate", "frames"};
     static const char *const of_path[] = {"fov", "up"};
     static const char *const of_orbit[] = {"elevation", "circle"};
     const cln_options *out = p->out;
@@ -701,15 +703,23 @@ static cln_status check_render(const parser *p)
                             sources[i]);
         source = sources[i];
     }
+    for (size_t i = 0; i < sizeof not_of_map / sizeof not_of_map[0]; i++)
+        if (out->map && is_given(p, not_of_map[i]))
+            return cln_fail(CLN_USAGE, "--%s cannot be combined with --map, which is one picture",
+                            not_of_map[i]);
+    for (size_t i = 0; i < sizeof of_map / sizeof of_map[0]; i++)
+        if (!out->map && is_given(p, of_map[i]))
+            return cln_fail(CLN_USAGE, "--%s requires --map", of_map[i]);
     if (out->loop && !out->interpolate)
         return cln_fail(CLN_USAGE, "--loop requires --interpolate%s",
                         path ? "; an orbit or spiral is closed as it is" : "");
     if (!path && is_given(p, "radius"))
         return cln_fail(CLN_USAGE, "--radius requires --orbit or --spiral");
     for (size_t i = 0; i < sizeof of_path / sizeof of_path[0]; i++)
-        if (!path && !out->interpolate && is_given(p, of_path[i]))
-            return cln_fail(CLN_USAGE, "--%s requires --orbit, --spiral or --interpolate",
-                            of_path[i]);
+        if (!path && !out->interpolate && !(out->map && strcmp(of_path[i], "up") == 0) &&
+            is_given(p, of_path[i]))
+            return cln_fail(CLN_USAGE, "--%s requires --orbit, --spiral%s or --interpolate",
+                            of_path[i], strcmp(of_path[i], "up") == 0 ? ", --map" : "");
     for (size_t i = 0; i < sizeof of_orbit / sizeof of_orbit[0]; i++)
         if (!out->orbit_frames && is_given(p, of_orbit[i]))
             return cln_fail(CLN_USAGE, "--%s requires --orbit", of_orbit[i]);

@@ -31,9 +31,9 @@ static void enlarge(double wide, double high, cl_uint *kx, cl_uint *ky)
 /* Grid of a view and a level, all but `first`. A leaf's cells of spacing s = side / n1, seen from
  * distance z with focal lengths fx and fy, give n1 z^2 / (fx fy s^2) samples per pixel; kx ky times
  * that must reach splat_per_ray (method.md 4, "Coverage"). At t, a coarse pixel meets a sample
- * every s^3 fx fy / (kx ky t^2) of a ray on average. In a forward space, a pixel has the same size
- * at any t: about scale / f, that of the mean camera. *reached: samples of a coarse pixel that sees
- * a whole leaf. */
+ * every s^3 fx fy / (kx ky t^2) of a ray on average. In a forward space, and of parallel rays, a
+ * pixel has the same size at any t: about scale / f, that of the mean camera, and 1 / f. *reached:
+ * samples of a coarse pixel that sees a whole leaf. */
 static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int level,
                           double *reached)
 {
@@ -41,8 +41,9 @@ static cln_grid make_grid(const cln_pipeline *p, const cln_device_camera *c, int
     double o[3];
     cln_device_camera_origin(c, o);
     const double distance = fmax(sqrt(o[0] * o[0] + o[1] * o[1] + o[2] * o[2]), 0.5);
-    const bool forward = p->space.forward;
-    const double area = forward ? p->space.scale[0] * p->space.scale[1] / (c->fx * c->fy) : 0;
+    const bool forward = p->space.forward || c->parallel; /* as there */
+    const double scale = p->space.forward ? p->space.scale[0] * p->space.scale[1] : 1;
+    const double area = forward ? scale / (c->fx * c->fy) : 0;
     const double footprint = distance * distance / (c->fx * c->fy * spacing * spacing);
     const double per_pixel = n1 * (forward ? area / (spacing * spacing) : footprint);
     const double volume = spacing * spacing * spacing;

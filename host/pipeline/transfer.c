@@ -215,6 +215,13 @@ static cln_device_camera in_cube(const cln_camera *c, const cln_space *space)
     for (int i = 0; i < CLN_LENS_PARAMS; i++)
         out.k[i] = (float)c->distortion[i];
     cln_space_pose_to_cube(space, c->c2w, out.c2w);
+    if (c->parallel) { /* places are lengths */
+        CLN_ASSERT(!space->forward);
+        out.parallel = 1;
+        out.fx *= (float)space->half;
+        out.fy *= (float)space->half;
+        return out;
+    }
     /* a forward space's rays begin at the near plane; those of a shell space at the camera, as it
      * holds what is in between, too */
     if (!space->forward && !space->shell)

@@ -18,13 +18,15 @@ bool cln_camera_is_distorted(const cln_camera *camera)
 bool cln_camera_is_like(const cln_camera *a, const cln_camera *b)
 {
     return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
-           a->cx == b->cx && a->cy == b->cy && a->lens == b->lens &&
+           a->cx == b->cx && a->cy == b->cy && a->lens == b->lens && a->parallel == b->parallel &&
            memcmp(a->distortion, b->distortion, sizeof a->distortion) == 0;
 }
 
 unsigned cln_camera_lenses(const cln_camera *camera)
 {
-    return cln_camera_is_distorted(camera) ? 1u << camera->lens : 0;
+    return camera->parallel                  ? 1u << CLN_LENSES
+           : cln_camera_is_distorted(camera) ? 1u << camera->lens
+                                             : 0;
 }
 
 void cln_camera_span_sphere(cln_camera *camera)
@@ -82,6 +84,12 @@ bool cln_camera_ray(const cln_camera *camera, double u, double v, double origin[
     double p[3], length = 0;
     bool found = true;
 
+    for (int i = 0; i < 3 && camera->parallel; i++) {
+        origin[i] = m[4 * i + 3] + m[4 * i] * place[0] + m[4 * i + 1] * place[1];
+        direction[i] = m[4 * i + 2];
+    }
+    if (camera->parallel)
+        return true;
     memcpy(p, pinhole, sizeof p);
     if (cln_camera_is_distorted(camera) &&
         !cln_lens_undistort(camera->lens, camera->distortion, place, p)) {
@@ -107,8 +115,8 @@ bool cln_camera_project(const cln_camera *camera, const double point[3], double 
             local[axis] += m[4 * i + axis] * (point[i] - m[4 * i + 3]);
     *u = *v = 0;
     *z = local[2];
-    place[0] = local[0] / local[2];
-    place[1] = local[1] / local[2];
+    place[0] = camera->parallel ? local[0] : local[0] / local[2];
+    place[1] = camera->parallel ? local[1] : local[1] / local[2];
     if (cln_camera_is_distorted(camera)) {
         if (!cln_lens_distort(camera->lens, camera->distortion, local, place))
             return false;

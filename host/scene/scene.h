@@ -25,7 +25,8 @@ typedef enum { CLN_SPLIT_TRAIN, CLN_SPLIT_VAL, CLN_SPLIT_TEST, CLN_SPLITS } cln_
 extern const char *const cln_split_names[CLN_SPLITS]; /* "train", "val", "test" */
 
 /* A point at (x, y, z) in the camera's frame has a place (a', b') by the lens model (lens.h), which
- * is pixel position u = fx a' + cx, v = fy b' + cy. */
+ * is pixel position u = fx a' + cx, v = fy b' + cy. Of parallel rays, which pictures may have and
+ * photos have not, the place is (x, y), and fx, fy are pixels per scene unit. */
 typedef struct cln_camera {
     double c2w[12]; /* 3x4 row-major [R|o], R a rotation, o in scene units */
     double fx, fy, cx, cy;
@@ -37,6 +38,7 @@ typedef struct cln_camera {
         };
     };
     int width, height;
+    bool parallel; /* rays are, along z (an orthographic camera); then without a lens model */
 } cln_camera;
 
 bool cln_camera_is_distorted(const cln_camera *camera);
@@ -44,7 +46,8 @@ bool cln_camera_is_distorted(const cln_camera *camera);
 /* The same size, intrinsics and lens: pixels have the same rays, except for the pose. */
 bool cln_camera_is_like(const cln_camera *a, const cln_camera *b);
 
-/* What kernels must know to trace it: 1 << lens; 0 for a pinhole. Sets of cameras join with |. */
+/* What kernels must know to trace it: 1 << lens, of parallel rays 1 << CLN_LENSES; 0 for a pinhole.
+ * Sets of cameras join with |. */
 unsigned cln_camera_lenses(const cln_camera *camera);
 
 /* Adds the third and fourth term of a radial series, k3 and k4, to OPENCV's two, as the FULL_OPENCV

@@ -1,9 +1,11 @@
 /* Frames of render: ranges of them, pictures without their background, files that a copy cut
- * short, poses that come again. */
+ * short, poses that come again, maps. */
 #include "unit.h"
 #include <math.h>
 #include "run_fixture.h"
+#include "base/number.h"
 #include "io/image.h"
+#include "io/npy.h"
 #include "tests.h"
 
 static cln_render_desc desc_of(const char *out)
@@ -285,6 +287,133 @@ static void doubles_are_rendered_once(void **state)
     free(text);
 }
 
+/* PSNR over the values of two pictures. */
+static double psnr_of(const char *one, const char *other)
+{
+    int width = 0, height = 0, w = 0, h = 0, channels = 0;
+    uint8_t *a = NULL, *b = NULL;
+    double sum = 0;
+
+    assert_ok(cln_image_load(fixture_path(one), &width, &height, &channels, &a));
+    assert_ok(cln_image_load(fixture_path(other), &w, &h, &channels, &b));
+    assert_true(w == width && h == height);
+    for (int i = 0; i < width * height * channels; i++)
+        sum += pow(a[i] - b[i], 2) / (width * height * channels);
+    free(a);
+    free(b);
+    return 20 * log10(255 / sqrt(fmax(sum, 1e-9)));
+}
+
+/* Heights of a map's grid of 40 x 40, and its number for none. */
+static double read_heights(const char *name, double heights[1600])
+{
+    size_t bytes = 0;
+    char *text = scratch_get(fixture_path(name), &bytes), *at = strstr(text, "NODATA_value ");
+    const double none = strtod(at + strlen("NODATA_value "), &at);
+
+    assert_memory_equal(text, "ncols 40\nnrows 40\n", 18);
+    for (int i = 0; i < 1600; i++)
+        heights[i] = strtod(at, &at);
+    assert_string_equal(at, "\n");
+    free(text);
+    return none;
+}
+
+/* A map shows what a camera far above shows, by networks (which splat) and by voxels. */
+static void maps_are_from_far_above(void **state)
+{
+    enum { SIDE_PIXELS = 40 };
+    static const char *const runs[2] = {"whole", "voxels"};
+    const double spacing = 0.05, away = 400;
+    const cln_config voxels = fixture_voxels();
+    char text[512], name[64];
+    double heights[SIDE_PIXELS * SIDE_PIXELS];
+    cln_train_result trained;
+
+    NEED_DEVICE();
+    assert_ok(fixture_train("voxels", false, &voxels, NULL, &trained));
+    cln_format(text, sizeof text,
+               "{\"w\":%d,\"h\":%d,\"fl_x\":%.17g,\"fl_y\":%.17g,\"cx\":20,\"cy\":20,"
+               "\"frames\":[{\"file_path\":\"map.png\",\"transform_matrix\":[[1,0,0,0],[0,1,0,0],"
+               "[0,0,1,%g],[0,0,0,1]]}]}",
+               SIDE_PIXELS, SIDE_PIXELS, away / spacing, away / spacing, away);
+    assert_ok(cln_write_file(fixture_path("far.json"), text, strlen(text)));
+    for (int i = 0; i < 2; i++) {
+        cln_render_desc desc = {.run = fixture_path(runs[i]),
+                                .orbit_elevation = NAN,
+                                .orbit_radius = 1,
+                                .map = true,
+                                .spacing = spacing,
+                                .cropped = true,
+                                .crop = {-1, -1, -1.2, 1, 1, 1.2},
+                                .device = fixture_device()};
+        float *depth = NULL;
+        double none = 0;
+        int dims = 0, shape[4], here = 0, there = 0;
+
+        snprintf(name, sizeof name, "map of %s", runs[i]);
+        desc.out = fixture_path(name);
+        fixture_rendered(&desc, 1, 0);
+        fixture_rendered(&desc, 0, 1);
+        snprintf(name, sizeof name, "map of %s/map.height.asc", runs[i]);
+        assert_int_equal(remove(fixture_path(name)), 0); /* it is made again */
+        fixture_rendered(&desc, 1, 0);
+        none = read_heights(name, heights);
+        desc.map = false;
+        desc.spacing = 0;
+        desc.poses = fixture_path("far.json");
+        snprintf(name, sizeof name, "far of %s", runs[i]);
+        desc.out = fixture_path(name);
+        fixture_rendered(&desc, 1, 0);
+        snprintf(name, sizeof name, "far of %s/map.depth.npy", runs[i]);
+        assert_ok(cln_npy_read_f32(fixture_path(name), &dims, shape, &depth));
+        for (int k = 0; k < SIDE_PIXELS * SIDE_PIXELS; k++) {
+            here += heights[k] != none;
+            there += heights[k] != none && fabs(away - (double)depth[k] - heights[k]) < 0.05;
+        }
+        free(depth);
+        if (here < 300 || there < 0.98 * here)
+            fail_msg("%s: of %d heights %d are those from far above", runs[i], here, there);
+        snprintf(name, sizeof name, "map of %s/map.png", runs[i]);
+        snprintf(text, sizeof text, "far of %s/map.png", runs[i]);
+        if (!(psnr_of(name, text) > 40))
+            fail_msg("%s: the map and the view from far above are %.2f dB alike", runs[i],
+                     psnr_of(name, text));
+    }
+}
+
+static void maps_that_cannot_be(void **state)
+{
+    cln_render_desc desc = {.run = fixture_path("whole"),
+                            .out = fixture_path("no map"),
+                            .orbit_elevation = NAN,
+                            .orbit_radius = 1,
+                            .map = true};
+    cln_render_result result;
+
+    NEED_DEVICE();
+    desc.stereo = 0.1;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "leave --stereo out");
+    desc.stereo = 0;
+    desc.width = 100;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--spacing, in place of --width");
+    desc.width = 0;
+    desc.split = "test";
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "give no other poses");
+    desc.split = NULL;
+    desc.out = fixture_path("map.y4m");
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "a map is one picture");
+    desc.out = fixture_path("no map");
+    desc.map = false;
+    desc.orbit_frames = 2;
+    desc.spacing = 1;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--spacing requires --map");
+    desc.spacing = 0;
+    desc.offset[1] = -2;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--offset requires --map");
+    assert_false(is_there("no map"));
+}
+
 int test_group_render_frames(void)
 {
     const struct CMUnitTest tests[] = {
@@ -294,6 +423,8 @@ int test_group_render_frames(void)
         cmocka_unit_test(files_cut_short_are_made_again),
         cmocka_unit_test(other_frames_stay),
         cmocka_unit_test(doubles_are_rendered_once),
+        cmocka_unit_test(maps_are_from_far_above),
+        cmocka_unit_test(maps_that_cannot_be),
     };
 
     return cmocka_run_group_tests_name("render_frames", tests, fixture_setup, fixture_teardown);

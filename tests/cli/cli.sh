@@ -416,6 +416,23 @@ section_results() {
     expect "frames that are there" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
         -o "$work/seen" --seen
     check "are told of, too" grep -q "of what they show is seen by no training" "$work/out"
+    expect "render --map" 0 "~map:.11.x.12.pixels.of.0.25 ~from.height.12.25" "$cln" \
+        render "$work/whole" --map --spacing 0.25 --crop=-1.25,-1.5,-1,1.5,1.5,1.25 --seen \
+        --offset=10.25,20,11 --json
+    check "one picture" [ "$(json rendered)$(json out)" = "1$work/whole/render/map" ]
+    check "its world file" [ "$(tr '\n' ' ' <"$work/whole/render/map/map.pgw")" = \
+        "0.25 0 0 -0.25 9.125 21.375 " ]
+    check "its grid" [ "$(awk 'NR < 6 { h = h $2 " " } NR > 6 && NF == 11 { n++ }
+        END { print h n }' "$work/whole/render/map/map.height.asc")" = "11 12 9 18.5 0.25 12" ]
+    check "render.json tells" [ "$("$query" map.corner.2 <"$work/whole/render/map/render.json")" = \
+        12.25 ]
+    expect "the same again" 0 "" "$cln" render "$work/whole" --map --spacing 0.25 \
+        --crop=-1.25,-1.5,-1,1.5,1.5,1.25 --seen --offset=10.25,20,11 --json
+    check "it stays" [ "$(json skipped)" = 1 ]
+    expect "a map elsewhere replaces none" 7 "map --overwrite" "$cln" render "$work/whole" --map \
+        --spacing 0.25 --crop=-1.25,-1.5,-1,1.5,1.5,1.25 --seen
+    expect "a map of too many pixels" 2 "--spacing --crop" "$cln" render "$work/whole" --map \
+        --spacing 1e-5 -o "$work/none"
     expect "render --normals" 0 "" "$cln" render "$work/whole" --max-images 1 \
         -o "$work/edges" --normals --overwrite
     check "render --normals leaves its files" [ -s "$work/edges/test_r_000.normal.png" -a \

@@ -1,14 +1,14 @@
 /* rays.cl against the double camera of host/scene/camera.c: origin, unit direction and axis
- * scale of rays through pixels of pinholes and of every lens model, alone and in one scene, in
- * scenes of 1e-4 and 1e6 units. tests/check/test_extremes.c has far cameras, pixels beyond a lens'
- * fold, and forward spaces; test_sampling.c tests which leaves a ray meets. */
+ * scale of rays through pixels of pinholes, parallel ones and of every lens model, alone and in one
+ * scene, in scenes of 1e-4 and 1e6 units. tests/check/test_extremes.c has far cameras, pixels
+ * beyond a lens' fold, and forward spaces; test_sampling.c tests which leaves a ray meets. */
 #include "unit.h"
 #include "check/forward_scene.h"
 #include "device_test.h"
 #include "scene/scene.h"
 #include "tests.h"
 
-enum { VIEWS = 21, RAYS = 613, PINHOLE = -1 };
+enum { VIEWS = 22, RAYS = 613, PINHOLE = -1, PARALLEL = CLN_LENSES };
 
 /* Lenses whose models hold over the whole image, with its size in focal lengths. */
 static const struct {
@@ -40,6 +40,7 @@ static const struct {
     {CLN_LENS_EQUIRECTANGULAR, {0}, 6.283185},
     {PINHOLE, {0}, 23},                      /* 170 degrees */
     {CLN_LENS_OPENCV, {1, -0.5, 0, 0}, 2.2}, /* Newton's method alone ends beyond the fold */
+    {PARALLEL, {0}, 1.7},                    /* halves of the cube, beside all those lenses */
 };
 _Static_assert(sizeof lenses / sizeof *lenses == VIEWS, "a view of every row");
 
@@ -80,7 +81,13 @@ static void make_camera(int i, int row, const cln_space *space, cln_camera *c)
     c->fy = 0.97 * c->fx;
     c->cx = 0.5 * c->width + (lenses[row].lens == CLN_LENS_EQUIRECTANGULAR ? 0 : 0.1 * i);
     c->cy = 0.5 * c->height - 0.1 * i;
-    c->lens = lenses[row].lens == PINHOLE ? CLN_LENS_OPENCV : (cln_lens)lenses[row].lens;
+    c->parallel = lenses[row].lens == PARALLEL;
+    if (c->parallel) {
+        c->fx /= space->half;
+        c->fy /= space->half;
+    }
+    c->lens =
+        lenses[row].lens == PINHOLE || c->parallel ? CLN_LENS_OPENCV : (cln_lens)lenses[row].lens;
     memcpy(c->distortion, lenses[row].params, sizeof c->distortion);
 }
 
@@ -160,7 +167,9 @@ static void test_cameras(void **state)
         check_rays(set, 0, units[set % 3]);
         check_rays(set, 1u << CLN_LENS_OPENCV, units[(set + 1) % 3]);
     }
-    check_rays(0, (1u << CLN_LENSES) - 1, 1);
+    check_rays(0, (1u << PARALLEL) - 1, 1);
+    check_rays(0, (2u << PARALLEL) - 1, 1);
+    check_rays(1, 1u << PARALLEL, 1e6);              /* and pinholes */
     check_rays(4, 1u << CLN_LENS_OPENCV_FISHEYE, 1); /* and pinholes */
     test_report("rays");
 }

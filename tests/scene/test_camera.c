@@ -122,6 +122,34 @@ static void test_ray_by_hand(void **state)
     assert_near(o[2], 3, 0);
 }
 
+/* Parallel rays begin where the pixel is in the camera's plane. */
+static void test_parallel(void **state)
+{
+    cln_camera camera = plain_camera();
+    double o[3], d[3], u, v, z;
+
+    (void)state;
+    camera.parallel = true;
+    assert_int_equal(cln_camera_lenses(&camera), 1u << CLN_LENSES);
+    assert_true(cln_camera_project(&camera, (double[3]){0.25, -0.1, 1e6}, &u, &v, &z));
+    assert_near(u, 32 + 100 * 0.25, 1e-12);
+    assert_near(v, 24 - 200 * 0.1, 1e-12);
+    assert_false(cln_camera_project(&camera, (double[3]){0.25, -0.1, 0}, &u, &v, &z));
+    assert_false(cln_camera_project(&camera, (double[3]){0.25, -0.1, -4}, &u, &v, &z));
+    turn(&camera, 0.7, 0.3);
+    assert_true(cln_camera_ray(&camera, 5.5, 40.25, o, d));
+    for (int a = 0; a < 3; a++)
+        assert_near(d[a], camera.c2w[4 * a + 2], 0);
+    for (double t = 0.001; t < 1e4; t *= 10) {
+        const double point[3] = {o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]};
+
+        assert_true(cln_camera_project(&camera, point, &u, &v, &z));
+        assert_near(u, 5.5, 1e-8);
+        assert_near(v, 40.25, 1e-8);
+        assert_near(z, t, 1e-9);
+    }
+}
+
 /* Lenses far stronger than photographs have, and the share of positions, over the image and beyond
  * it, that must have a ray: all, unless the model folds. The second row's fold is far outside. */
 static const struct {
@@ -291,10 +319,15 @@ static void test_check(void **state)
 int test_group_camera(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_project_by_hand), cmocka_unit_test(test_project_as_a_lens),
-        cmocka_unit_test(test_shows),           cmocka_unit_test(test_ray_by_hand),
-        cmocka_unit_test(test_round_trip),      cmocka_unit_test(test_fold),
-        cmocka_unit_test(test_resize),          cmocka_unit_test(test_check),
+        cmocka_unit_test(test_project_by_hand),
+        cmocka_unit_test(test_project_as_a_lens),
+        cmocka_unit_test(test_shows),
+        cmocka_unit_test(test_ray_by_hand),
+        cmocka_unit_test(test_parallel),
+        cmocka_unit_test(test_round_trip),
+        cmocka_unit_test(test_fold),
+        cmocka_unit_test(test_resize),
+        cmocka_unit_test(test_check),
     };
 
     return cmocka_run_group_tests_name("camera", tests, NULL, NULL);

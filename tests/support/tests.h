@@ -58,6 +58,7 @@ int test_group_integer_program(void);
 int test_group_learning(void);
 int test_group_lens(void);
 int test_group_marks(void);
+int test_group_map(void);
 int test_group_masks(void);
 int test_group_measure(void);
 int test_group_mesh(void);
