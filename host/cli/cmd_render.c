@@ -17,8 +17,8 @@
 #include "render/crop.h"
 #include "render/up.h"
 
-/* RUN/render/ with the split, "orbit", "spiral", "map", or "poses-" and the name of the file of poses,
- * which may be that of a split; "-path" is added for a path through poses. */
+/* RUN/render/ with the split, "orbit", "spiral", "map", or "poses-" and the name of the file of
+ * poses, which may be that of a split; "-path" is added for a path through poses. */
 static cln_status standard_folder(const cln_options *options, char **out)
 {
     const char *name = options->poses ? cln_last_name(options->poses) : NULL;

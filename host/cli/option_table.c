@@ -222,7 +222,8 @@ const cln_arg cln_args[] = {
          .shown = "their mean"),
     TEXT(CLN_RENDER | CLN_VIEW, "up", up, "X,Y,Z|z|auto",
          "which way is up, in the scene's frame: an axis (x, y, z, -x, -y, -z) or a vector; of "
-         "render: for an orbit, spiral, path or map", .shown = "auto, as the training cameras tell"),
+         "render: for an orbit, spiral, path or map",
+         .shown = "auto, as the training cameras tell"),
     REAL(CLN_RENDER, "radius", radius, "R", 1e-3, 1e3,
          "orbit, spiral: distance, 1 = the training cameras' mean; of a spiral in front of the "
          "scene: its width, 1 = that of the cameras", .standard = "1"),

@@ -15,9 +15,9 @@ void cln_map_axes(const double up[3], double axes[9]);
 
 /* The camera of the map of the crop's box, or without one of the scene's cube: pixels of `spacing`
  * scene units; 0: 1, 2 or 5 times a power of ten, so that the longer side has 800 to 2000. Its
- * upper left corner is at a whole number of pixels. It stands above the box's highest corner; what is not in the cube of a plain space is not in the
- * map. CLN_USAGE: a forward space, a turned box, none in common with a plain space's cube, or too
- * many pixels. */
+ * upper left corner is at a whole number of pixels. It stands above the box's highest corner; what
+ * is not in the cube of a plain space is not in the map. CLN_USAGE: a forward space, a turned box,
+ * none in common with a plain space's cube, or too many pixels. */
 cln_status cln_map_camera(const cln_space *space, const cln_crop *crop, const double axes[9],
                           double spacing, cln_camera *out);
 
