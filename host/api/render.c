@@ -202,8 +202,6 @@ static cln_status start(cln_render_job *j)
     const int each = cln_render_eyes(j);
     unsigned lenses = 0;
 
-    if (j->desc->seen)
-        CLN_TRY(cln_seen_choose(v->scene, &j->seen));
     for (int i = 0; i < j->seen.count; i++) {
         const cln_camera *c = &j->seen.cameras[i];
 
@@ -571,6 +569,9 @@ static cln_status check_given(const cln_render_desc *d)
     if (d->map && (d->width || d->height))
         CLN_TRY(cln_fail(CLN_USAGE, "--map: give the size of its pixels by --spacing, in place of "
                                     "--width or --height"));
+    if (d->seen && d->mean_depth)
+        CLN_TRY(cln_fail(CLN_USAGE, "--seen asks which views see a surface, and --depth mean is "
+                                    "between surfaces at edges; leave one of the two out"));
     if (d->map && d->stereo > 0)
         CLN_TRY(cln_fail(CLN_USAGE, "--map: its rays are parallel, so both eyes of --stereo would "
                                     "see the same; leave --stereo out"));
@@ -731,6 +732,10 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     j.antialias = cln_open_run_antialias(&j.opened, desc->antialias);
     for (int i = 0; i < j.count; i++)
         find_identity(&j, &j.frames[i]);
+    if (desc->seen) {
+        CLN_TRY(cln_seen_choose(j.opened.scene, &j.seen));
+        cln_digest_text(cln_seen_digest(&j.seen), j.seen_by);
+    }
     if (desc->poses)
         warn_unseen(&j);
     CLN_TRY(check_ranks(&j));

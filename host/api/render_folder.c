@@ -147,8 +147,10 @@ static cln_status find_earlier(cln_render_job *j)
         CLN_TRY(has_file(j, &frame, COLOUR_PNG, &there));
         if (there)
             j->earlier++;
-        else
+        else {
             json_object_del(known, name);
+            json_object_del(json_object_get(j->before, "seen"), name);
+        }
     }
     if (j->earlier > 0)
         cln_info("%s: %d other frame%s of an earlier render stay%s in it beside the %d of this "
@@ -176,6 +178,7 @@ static json_t *background_json(const cln_render_job *j)
 static int put_seen(const cln_render_job *j, json_t *about)
 {
     json_t *seen = json_object(), *before = json_object_get(j->before, "seen");
+    const char *by = j->seen_by[0] ? j->seen_by : cln_json_text(j->before, "seen_by");
     int lost = before ? json_object_update(seen, before) : 0;
 
     for (int i = 0; i < j->count; i++) {
@@ -189,6 +192,8 @@ static int put_seen(const cln_render_job *j, json_t *about)
     }
     if (json_object_size(seen) > 0)
         lost |= json_object_set(about, "seen", seen);
+    if (*by)
+        lost |= json_object_set_new(about, "seen_by", json_string(by));
     json_decref(seen);
     return lost;
 }
@@ -285,8 +290,8 @@ static json_t *describe(const cln_render_job *j)
  * range of them. */
 static bool is_of_path(const cln_render_job *j, bool range)
 {
-    static const char *const others[] = {"tool",           "commit",        "frames",
-                                         "earlier_frames", "depth_picture", "range"};
+    static const char *const others[] = {"tool", "commit",  "frames",        "earlier_frames",
+                                         "seen", "seen_by", "depth_picture", "range"};
     const size_t count = sizeof others / sizeof *others - !range;
     json_t *now = describe(j), *before = json_copy(j->before);
     bool same = false;
@@ -324,33 +329,62 @@ static bool take_scale(const cln_render_job *j, cln_depth_scale *scale)
     return true;
 }
 
-/* Of a frame that is kept. */
-static void read_seen(const json_t *row, cln_seen_shares *seen)
+/* Of a frame that is kept: as render.json tells, or where that was not written any more, as its
+ * picture does. */
+static cln_status read_seen(const cln_render_job *j, const cln_render_frame *f,
+                            cln_seen_shares *seen)
 {
+    cln_status st = CLN_OK;
+    const json_t *row = json_object_get(json_object_get(j->before, "seen"), f->name);
     const json_t *none = json_array_get(row, 0), *few = json_array_get(row, 1);
+    cln_picture picture = {0};
+    char *path = NULL;
+    uint8_t *grey = NULL;
+    int channels = 0;
 
-    if (json_is_number(none) && json_is_number(few))
+    if (json_is_number(none) && json_is_number(few)) {
         *seen = (cln_seen_shares){json_number_value(none), json_number_value(few)};
+        return CLN_OK;
+    }
+    CLN_TRY(path_of(j, f, SEEN_PNG, &path));
+    CLN_TRY(cln_image_load(path, &picture.width, &picture.height, &channels, &grey));
+    CLN_TRY(cln_alloc(&picture.seen, (size_t)picture.width, (size_t)picture.height, "picture"));
+    for (size_t i = 0; i < (size_t)picture.width * (size_t)picture.height; i++) {
+        const uint8_t value = grey[i * (size_t)channels];
+
+        picture.seen[i] = (int8_t)(value == 255 ? -1 : value / CLN_SEEN_STEP);
+    }
+    *seen = cln_seen_share(&picture);
+done:
+    cln_picture_free(&picture);
+    free(grey);
+    free(path);
+    return st;
 }
 
 cln_status cln_render_find_there(cln_render_job *j)
 {
     cln_status st = CLN_OK;
     const json_t *known = json_object_get(j->before, "frames");
+    /* counted by other training views, all are counted again */
+    const bool stale =
+        j->desc->seen && strcmp(j->seen_by, cln_json_text(j->before, "seen_by")) != 0;
 
+    if (stale)
+        json_object_del(j->before, "seen");
     for (int i = 0; i < j->count; i++) {
         cln_render_frame *f = &j->frames[i];
         const char *made_from = json_string_value(json_object_get(known, f->name));
         bool pictured = false;
 
         f->alike = made_from && strcmp(made_from, f->made_from) == 0;
-        f->there = !j->desc->overwrite && f->alike;
+        f->there = !j->desc->overwrite && f->alike && !stale;
         for (int file = 0; file < FILES && f->there; file++)
             if (is_wanted(j, file))
                 CLN_TRY(has_whole_file(j, f, file, &f->there));
         CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
         if (f->there && j->desc->seen)
-            read_seen(json_object_get(json_object_get(j->before, "seen"), f->name), &f->seen);
+            CLN_TRY(read_seen(j, f, &f->seen));
         j->there += f->there;
         j->pictured += pictured;
     }

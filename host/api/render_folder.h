@@ -31,7 +31,8 @@ typedef struct cln_render_job {
     int antialias;         /* n x n rays for pixels at edges */
     uint64_t model_digest; /* once: it takes half a second for many voxels */
     cln_frames cameras;
-    cln_seen seen; /* by training views; none if it is not asked for */
+    cln_seen seen;                 /* by training views; none if it is not asked for */
+    char seen_by[CLN_DIGEST_TEXT]; /* digest of these views */
     cln_crop crop;
     cln_render_frame *frames;
     cln_camera *eyes;           /* [count][1 or 2] what is rendered */

@@ -171,3 +171,20 @@ cln_seen_shares cln_seen_share(const cln_picture *picture)
     return shown ? (cln_seen_shares){(double)none / (double)shown, (double)few / (double)shown}
                  : (cln_seen_shares){NAN, NAN};
 }
+
+uint64_t cln_seen_digest(const cln_seen *seen)
+{
+    uint64_t d = CLN_DIGEST_START;
+
+    for (int i = 0; i < seen->count; i++) {
+        const cln_camera *c = &seen->cameras[i];
+        const double lengths[4] = {c->fx, c->fy, c->cx, c->cy};
+        const int32_t numbers[3] = {c->width, c->height, (int32_t)c->lens};
+
+        d = cln_digest(d, c->c2w, sizeof c->c2w);
+        d = cln_digest(d, lengths, sizeof lengths);
+        d = cln_digest(d, numbers, sizeof numbers);
+        d = cln_digest(d, c->distortion, sizeof c->distortion);
+    }
+    return d;
+}

@@ -45,4 +45,7 @@ typedef struct cln_seen_shares {
 } cln_seen_shares;
 cln_seen_shares cln_seen_share(const cln_picture *picture);
 
+/* A digest of the views that count: frames of the same cameras and others have other numbers. */
+uint64_t cln_seen_digest(const cln_seen *seen);
+
 #endif

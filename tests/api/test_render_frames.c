@@ -2,6 +2,7 @@
  * short, poses that come again, maps. */
 #include "unit.h"
 #include <math.h>
+#include <unistd.h>
 #include "run_fixture.h"
 #include "base/number.h"
 #include "io/image.h"
@@ -382,6 +383,49 @@ static void maps_are_from_far_above(void **state)
     }
 }
 
+/* Shares that are counted against other training views are counted again, and no frame is lost or
+ * refused for them. */
+static void shares_are_of_their_views(void **state)
+{
+    cln_render_desc desc = desc_of("shares");
+    json_t *document = NULL, *about = NULL;
+    char by[2][32], *text = NULL;
+    cln_render_result result;
+
+    NEED_DEVICE();
+    desc.orbit_frames = 0;
+    desc.split = "test";
+    desc.seen = true;
+    fixture_rendered(&desc, TEST_VIEWS, 0);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
+    about = fixture_json("shares/render.json");
+    snprintf(by[0], sizeof by[0], "%s", json_string_value(fixture_at(about, "seen_by")));
+    json_decref(about);
+    document = fixture_json("scene/transforms_train.json");
+    while (json_array_size(fixture_at(document, "frames")) > 2)
+        json_array_remove(fixture_at(document, "frames"), 2);
+    text = json_dumps(document, 0);
+    assert_ok(cln_make_dirs(fixture_path("fewer")));
+    assert_ok(cln_write_file(fixture_path("fewer/transforms_train.json"), text, strlen(text)));
+    assert_int_equal(symlink("../scene/train", fixture_path("fewer/train")), 0);
+    assert_int_equal(symlink("../scene/test", fixture_path("fewer/test")), 0);
+    assert_int_equal(
+        symlink("../scene/transforms_test.json", fixture_path("fewer/transforms_test.json")), 0);
+    desc.scene = fixture_path("fewer");
+    assert_ok(cln_render(&desc, &result));
+    assert_int_equal(result.rendered, TEST_VIEWS);
+    assert_true(result.hardly_seen == 1); /* two views are fewer than three */
+    about = fixture_json("shares/render.json");
+    snprintf(by[1], sizeof by[1], "%s", json_string_value(fixture_at(about, "seen_by")));
+    assert_int_equal(json_object_size(fixture_at(about, "seen")), TEST_VIEWS);
+    json_decref(about);
+    assert_string_not_equal(by[0], by[1]);
+    desc.mean_depth = true;
+    assert_fails(cln_render(&desc, &result), CLN_USAGE, "--depth mean");
+    json_decref(document);
+    free(text);
+}
+
 static void maps_that_cannot_be(void **state)
 {
     cln_render_desc desc = {.run = fixture_path("whole"),
@@ -425,6 +469,7 @@ int test_group_render_frames(void)
         cmocka_unit_test(doubles_are_rendered_once),
         cmocka_unit_test(maps_are_from_far_above),
         cmocka_unit_test(maps_that_cannot_be),
+        cmocka_unit_test(shares_are_of_their_views),
     };
 
     return cmocka_run_group_tests_name("render_frames", tests, fixture_setup, fixture_teardown);

@@ -413,9 +413,19 @@ section_results() {
         "^[1-9][0-9.]* % of what they show is seen by no training view" "$work/out"
     check "frame by frame" [ "$("$query" seen.orbit_0003.0 <"$work/seen/render.json" |
         cut -c -2)$(find "$work/seen" -name '*.seen.png' | wc -l)" = 0.4 ]
+    cp "$work/out" "$work/seen.told"
     expect "frames that are there" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
         -o "$work/seen" --seen
-    check "are told of, too" grep -q "of what they show is seen by no training" "$work/out"
+    check "are told of, too" cmp -s <(grep "of what they" "$work/out") \
+        <(grep "of what they" "$work/seen.told")
+    # as where it was stopped before it was written
+    sed -i '/^  "seen": {/,/^  },/d' "$work/seen/render.json"
+    expect "without their shares" 0 "" "$cln" render "$work/whole" --orbit 4 --elevation -80 \
+        -o "$work/seen" --seen
+    check "their pictures tell them" cmp -s <(grep "of what they" "$work/out") \
+        <(grep "of what they" "$work/seen.told")
+    expect "a surface is no mean" 2 "--seen --depth" "$cln" render "$work/whole" --orbit 4 \
+        -o "$work/none" --seen --depth mean
     expect "render --map" 0 "~map:.11.x.12.pixels.of.0.25 ~from.height.12.25" "$cln" \
         render "$work/whole" --map --spacing 0.25 --crop=-1.25,-1.5,-1,1.5,1.5,1.25 --seen \
         --offset=10.25,20,11 --json
