@@ -152,13 +152,11 @@ static double mean_of_voxels(const cln_config *c, const timing *first, const tim
     enum { MOMENTS = 200 };
     const double begins = cln_config_first_leaves(c, shell),
                  most = cln_config_most_leaves(c, shell);
-    cln_config whole = *c;
     double sum = 0;
 
-    if (!grows)
-        whole.adaptive = false;
     for (int i = 0; i < MOMENTS; i++) {
-        const double leaves = cln_grow_foresee(&whole, begins, most, (i + 0.5) / MOMENTS, steps);
+        const double leaves =
+            cln_grow_foresee(c, begins, most, grows, (i + 0.5) / MOMENTS, steps);
         const double share = most > begins ? fmax(0, (leaves - begins) / (most - begins)) : 1;
         const double step = first->median + share * (last->median - first->median);
 

@@ -124,8 +124,8 @@ done:
     return st;
 }
 
-double cln_grow_foresee(const cln_config *c, double first, double most, double fraction,
-                        double steps)
+double cln_grow_foresee(const cln_config *c, double first, double most, bool singles,
+                        double fraction, double steps)
 {
     const double wait = 2.0 * c->cull_after + c->refresh_every, now = fraction * steps;
     double at[CLN_MAX_LEVEL + 1], leaves = first, grown = 0, ramp = 0;
@@ -134,14 +134,17 @@ double cln_grow_foresee(const cln_config *c, double first, double most, double f
         cln_clear_error();
         return most;
     }
-    for (int level = c->start_level + 1; level <= CLN_MAX_LEVEL && is_whole(c, leaves); level++) {
+    for (int level = CLN_MAX_LEVEL; level > 0; level--) /* one that is left out comes with the next */
+        at[level - 1] = fmin(at[level - 1], at[level]);
+    for (int level = c->start_level + 1;
+         level <= CLN_MAX_LEVEL && (!c->adaptive || is_whole(c, leaves)); level++) {
         grown = fmax(grown + wait, at[level] * steps);
         if (fraction < at[level] || (steps > 0 && now < grown))
             return fmin(leaves, most);
         leaves *= SURFACE_CHILDREN;
     }
     ramp = (fraction - c->structure_from) / (c->structure_until - c->structure_from);
-    if (!c->adaptive || !(ramp > 0) || (steps > 0 && now < grown + wait - c->cull_after))
+    if (!c->adaptive || !singles || !(ramp > 0) || (steps > 0 && now < grown + wait - c->cull_after))
         return fmin(leaves, most);
     return fmin(leaves + (most - leaves) * fmin(ramp, 1), most);
 }

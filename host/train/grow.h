@@ -24,9 +24,9 @@ cln_status cln_grow_finest(const cln_trainer *t, int *level);
 
 /* About how many leaves a tree of voxels has at this moment of a training, of so many steps (0: its
  * budget is seconds): `first` at the start; whole levels as soon as they may come, with as many
- * children as surfaces have; then single leaves, up to `most`. */
-double cln_grow_foresee(const cln_config *c, double first, double most, double fraction,
-                        double steps);
+ * children as surfaces have; then, with `singles`, single leaves, up to `most`. */
+double cln_grow_foresee(const cln_config *c, double first, double most, bool singles,
+                        double fraction, double steps);
 
 /* Splits every leaf once by the exact split (model/fold.c), after cln_grow_due() found that it may:
  * the next step needs a refresh. CLN_BUILD, CLN_MEMORY, CLN_CL, CLN_DIVERGED. */

@@ -296,19 +296,23 @@ static void test_foresee(void **state)
     config.max_leaves = 16384;
     config.start_level = 2;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
-        assert_near(cln_grow_foresee(&config, 64, 16384, cases[i].step / 1000, 1000),
+        assert_near(cln_grow_foresee(&config, 64, 16384, true, cases[i].step / 1000, 1000),
                     cases[i].leaves, 1e-9);
     for (int step = 0; step < 1000; step++) {
-        const double leaves = cln_grow_foresee(&config, 64, 16384, step / 1000.0, 1000);
+        const double leaves = cln_grow_foresee(&config, 64, 16384, true, step / 1000.0, 1000);
 
         assert_true(leaves >= before && leaves <= 16384);
         before = leaves;
     }
-    assert_near(cln_grow_foresee(&config, 64, 100, 0.9, 1000), 100, 1e-9);
-    config.adaptive = false;
-    assert_near(cln_grow_foresee(&config, 64, 16384, 0.9, 1000), 4096, 1e-9);
+    assert_near(cln_grow_foresee(&config, 64, 100, true, 0.9, 1000), 100, 1e-9);
+    assert_near(cln_grow_foresee(&config, 64, 16384, false, 0.9, 1000), 4096, 1e-9);
+    config.adaptive = false; /* whole levels alone, whatever --max-leaves says */
+    assert_near(cln_grow_foresee(&config, 64, 16384, true, 0.9, 1000), 4096, 1e-9);
+    config.max_leaves = 100;
+    assert_near(cln_grow_foresee(&config, 64, 16384, true, 0.9, 1000), 4096, 1e-9);
+    config.max_leaves = 16384;
     config.adaptive = true; /* too few steps for single leaves, of any number of them */
-    assert_near(cln_grow_foresee(&config, 64, 16384, 0.9, 200), 256, 1e-9);
+    assert_near(cln_grow_foresee(&config, 64, 16384, true, 0.9, 200), 256, 1e-9);
 }
 
 /* By --level-at, of a budget in seconds and, no sooner than levels may follow, in steps. */
@@ -330,8 +334,14 @@ static void test_foresee_levels(void **state)
     config.start_level = 2;
     snprintf(config.level_at, sizeof config.level_at, "3:0.1,4:0.3,5:0.9");
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
-        assert_near(cln_grow_foresee(&config, 64, 1 << 20, cases[i].fraction, cases[i].steps),
+        assert_near(cln_grow_foresee(&config, 64, 1 << 20, true, cases[i].fraction, cases[i].steps),
                     cases[i].leaves, 1e-9);
+    /* levels that it leaves out come one by one before the next that it names */
+    snprintf(config.level_at, sizeof config.level_at, "5:0.3");
+    assert_near(cln_grow_foresee(&config, 64, 1 << 20, true, 0.29, 0), 64, 1e-9);
+    assert_near(cln_grow_foresee(&config, 64, 1 << 20, true, 0.31, 0), 4096, 1e-9);
+    assert_near(cln_grow_foresee(&config, 64, 1 << 20, true, 0.31, 1000), 256, 1e-9);
+    assert_near(cln_grow_foresee(&config, 64, 1 << 20, true, 0.49, 1000), 1024, 1e-9);
 }
 
 int test_group_grow(void)
