@@ -275,15 +275,15 @@ bool cln_run_is_of_others(const char *run)
     return others;
 }
 
-/* Returns whether a line is a row up to `step`, of an interval that is over. An event belongs to
+/* Returns whether a line is a row up to `step`; over: of an interval that is. An event belongs to
  * the beginning of the next step: a run resumed at the event's step repeats it. */
-static bool keep_row(const char *line, size_t length, int64_t step)
+static bool keep_row(const char *line, size_t length, int64_t step, bool over)
 {
     json_t *row = json_loadb(line, length, 0, NULL);
     const json_t *at = json_object_get(row, "step");
     json_int_t last = json_object_get(row, "event") ? step - 1 : step;
     bool keep = json_is_integer(at) && json_integer_value(at) <= last &&
-                !json_is_true(json_object_get(row, "unfinished"));
+                !(over && json_is_true(json_object_get(row, "unfinished")));
 
     json_decref(row);
     return keep;
@@ -300,7 +300,7 @@ static cln_status cut_rows(const char *path, int64_t step)
     for (size_t at = 0; at < bytes;) {
         char *end = memchr(text + at, '\n', bytes - at);
         size_t length = end ? (size_t)(end - (text + at)) + 1 : bytes - at;
-        if (end && keep_row(text + at, length, step)) {
+        if (end && keep_row(text + at, length, step, true)) {
             memmove(text + kept, text + at, length);
             kept += length;
         }
@@ -381,7 +381,7 @@ static cln_status find_last(const char *path, int64_t step, const char *key, jso
         for (*at = end - 1; *at > 0 && text[*at - 1] != '\n'; --*at)
             ;
         *behind = bytes - end;
-        if (text[end - 1] == '\n' && keep_row(text + *at, end - *at, step))
+        if (text[end - 1] == '\n' && keep_row(text + *at, end - *at, step, false))
             *row = json_loadb(text + *at, end - *at, 0, NULL);
         if (json_object_get(*row, "event") ||
             (key && !json_is_number(json_object_get(*row, key)))) {

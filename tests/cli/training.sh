@@ -261,6 +261,9 @@ section_resume() {
         "$(step_rows "$work/no-more" | "$query" -l psnr_train)" ]
     check "and so is its PSNR" [ "$("$query" result.psnr_train <"$r/run.json")" = \
         "$("$query" result.psnr_train <"$work/no-more/run.json")" ]
+    check "its evaluation is in the last row" [ \
+        "$(step_rows "$work/no-more" | tail -1 | "$query" psnr_test)" = \
+        "$("$query" result.psnr_test <"$work/no-more/run.json")" ]
     expect "resume" 0 "" "$cln" train --resume "$r" --skip-selftest --progress none
     check "terminated and resumed = not interrupted" is_whole "$r"
     for key in loss psnr_train samples_per_ray; do

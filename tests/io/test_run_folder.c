@@ -205,6 +205,32 @@ static void test_metrics_last(void **state)
     assert_ok(cln_metrics_last(run, 74, "psnr_end", &row)); /* rows, but none that has it */
     assert_null(row);
     json_decref(event);
+    /* of where a stop left an interval unfinished, the last row is that one, too */
+    event = json_pack("{s:i s:b}", "step", 80, "unfinished", true);
+    assert_ok(cln_metrics_open(run, 75, &metrics));
+    assert_ok(cln_metrics_add(metrics, event));
+    assert_ok(cln_metrics_amend(metrics, 80, "psnr_end", 32.5));
+    cln_metrics_close(metrics);
+    json_decref(event);
+    assert_ok(cln_metrics_last(run, 90, "psnr_end", &row));
+    assert_int_equal(json_integer_value(json_object_get(row, "step")), 80);
+    json_decref(row);
+    assert_ok(cln_metrics_open(run, 80, &metrics)); /* one that goes on repeats the interval */
+    cln_metrics_close(metrics);
+    assert_ok(cln_metrics_last(run, 90, NULL, &row));
+    assert_int_equal(json_integer_value(json_object_get(row, "step")), 75);
+    json_decref(row);
+    /* rows behind it stay */
+    event = json_pack("{s:s s:i}", "event", "structure", "step", 76);
+    assert_ok(cln_metrics_open(run, 76, &metrics));
+    assert_ok(cln_metrics_add(metrics, event));
+    assert_ok(cln_metrics_amend(metrics, 75, "psnr_end", 7.5));
+    cln_metrics_close(metrics);
+    json_decref(event);
+    text = scratch_get(scratch_path(run, "metrics.jsonl"), &bytes);
+    assert_null(strstr(text, "7.5"));
+    assert_non_null(strstr(text, "\"step\":76}"));
+    free(text);
 }
 
 static void test_metrics_resume(void **state)
