@@ -155,8 +155,7 @@ static double mean_of_voxels(const cln_config *c, const timing *first, const tim
     double sum = 0;
 
     for (int i = 0; i < MOMENTS; i++) {
-        const double leaves =
-            cln_grow_foresee(c, begins, most, grows, (i + 0.5) / MOMENTS, steps);
+        const double leaves = cln_grow_foresee(c, begins, most, grows, (i + 0.5) / MOMENTS, steps);
         const double share = most > begins ? fmax(0, (leaves - begins) / (most - begins)) : 1;
         const double step = first->median + share * (last->median - first->median);
 

@@ -272,8 +272,15 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
             snprintf(text, sizeof text, "%d of %d photos, or their masks, have changed (%.100s%s)",
                      since.changed, since.known, since.first_changed,
                      since.changed > 1 ? ", ..." : "");
-        cln_info("scene: since it began %s",
-                 *text ? text : "photos, masks or lenses of the same names have changed");
+        if (since.moved > 0)
+            cln_warn("%s: since %s began, %s%s%s", scene->folder, run, text,
+                     resumes ? "; where the old ones were wrong, what it learnt by them stays: "
+                               "train a new run, -o NEW --settings-of "
+                             : "",
+                     resumes ? cln_shell_quote(run, quoted, sizeof quoted) : "");
+        else
+            cln_info("scene: since it began %s",
+                     *text ? text : "photos, masks or lenses of the same names have changed");
         return CLN_OK;
     }
     if (since.known > 0)

@@ -244,13 +244,13 @@ uint64_t cln_scene_training_names(const cln_scene *scene);
 
 /* What became of a run's views, by name: how many the scene still has (known), has besides, and
  * lacks. Of the known ones how many moved by more than a hundredth of the cameras' median distance
- * from their middle, or turned by more than a degree, about ten pixels; and the medians of both,
- * that distance being 1. elsewhere: these are beyond it, or no view is known, by its name or, of
- * most, by its place. Of those whose files' digests are known on both sides (told), how many have
- * another one, and the first of them. */
+ * from their middle, or turned by more than a degree, about ten pixels, and the first of these; the
+ * medians of both, that distance being 1. elsewhere: these are beyond it, or no view is known, by
+ * its name or, of most, by its place. Of those whose files' digests are known on both sides (told),
+ * how many have another one, and the first of them. */
 typedef struct cln_since {
     int known, fresh, gone, moved, told, changed;
-    const char *first_changed; /* the scene's; NULL: none */
+    const char *first_changed, *first_moved; /* the scene's; NULL: none */
     double shift, degrees;
     bool elsewhere;
 } cln_since;

@@ -170,7 +170,8 @@ cln_status cln_scene_moved_since(const cln_scene *scene, const cln_scene *kept, 
             continue;
         shift[k] = spread > 0 ? distance(was[i]->camera.c2w, to) / spread : 0;
         turn[k] = degrees_between(was[i]->camera.c2w, to);
-        out->moved += shift[k] > FAR || turn[k] > TURNED;
+        if ((shift[k] > FAR || turn[k] > TURNED) && out->moved++ == 0)
+            out->first_moved = scene->views[i].name;
         out->told += scene->views[i].digest && was[i]->digest;
         if (scene->views[i].digest && was[i]->digest && scene->views[i].digest != was[i]->digest &&
             out->changed++ == 0)
@@ -211,6 +212,12 @@ void cln_since_text(const cln_since *since, char out[CLN_SINCE_BYTES])
                  "%sthe %d that it knows have other poses, in the median %.3g degrees and %.2g "
                  "times the cameras' distance from their middle off",
                  *out ? ", and " : "", since->known, since->degrees, since->shift);
+    else if (since->moved > 0)
+        snprintf(out + strlen(out), CLN_SINCE_BYTES - strlen(out),
+                 "%s%d of the %d photos that it knows %s ('%.100s'%s)", *out ? ", and " : "",
+                 since->moved, since->known,
+                 cln_plural(since->moved, "has another pose", "have other poses"),
+                 since->first_moved, since->moved > 1 ? ", ..." : "");
 }
 
 /* ---- the split ---- */

@@ -134,7 +134,8 @@ double cln_grow_foresee(const cln_config *c, double first, double most, bool sin
         cln_clear_error();
         return most;
     }
-    for (int level = CLN_MAX_LEVEL; level > 0; level--) /* one that is left out comes with the next */
+    for (int level = CLN_MAX_LEVEL; level > 0;
+         level--) /* one that is left out comes with the next */
         at[level - 1] = fmin(at[level - 1], at[level]);
     for (int level = c->start_level + 1;
          level <= CLN_MAX_LEVEL && (!c->adaptive || is_whole(c, leaves)); level++) {
@@ -144,7 +145,8 @@ double cln_grow_foresee(const cln_config *c, double first, double most, bool sin
         leaves *= SURFACE_CHILDREN;
     }
     ramp = (fraction - c->structure_from) / (c->structure_until - c->structure_from);
-    if (!c->adaptive || !singles || !(ramp > 0) || (steps > 0 && now < grown + wait - c->cull_after))
+    if (!c->adaptive || !singles || !(ramp > 0) ||
+        (steps > 0 && now < grown + wait - c->cull_after))
         return fmin(leaves, most);
     return fmin(leaves + (most - leaves) * fmin(ramp, 1), most);
 }

@@ -276,6 +276,14 @@ section_reused() {
     cp "$work/vault/current/images/frame_00004.png" "$s/images"
     expect "unless none may be missing" 3 "frame_00003" "$cln" train --resume "$work/first alone" \
         --skip-selftest --progress none --steps +1 --missing fail
+    cp "$s/sparse/0/images.txt" "$work/images.txt"
+    awk '$NF == "frame_00007.png" { $6 += 1 } { print }' "$work/images.txt" \
+        >"$s/sparse/0/images.txt"
+    expect "one pose that moved is told" 0 \
+        "~warning:.*1.of.the.23.photos.that.it.knows.has.another.pose.*frame_00007.png --settings-of" \
+        "$cln" train --resume "$work/first alone" --skip-selftest --progress none --steps +1
+    check "not the photos" not_said "masks or lenses"
+    cp "$work/images.txt" "$s/sparse/0/images.txt"
     run "$cln" train "$s" -o "$work/corrected" "${small[@]}" --refine-poses --exposure --steps 3
     mv "$s/images/frame_00005.png" "$s/images/frame_00005b.png"
     sed -i 's/frame_00005.png/frame_00005b.png/' "$s/sparse/0/images.txt"

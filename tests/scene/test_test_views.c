@@ -332,6 +332,32 @@ static void test_moved(void **state)
     }
 }
 
+/* A few poses that were corrected are no other scene, but are told. */
+static void test_few_moved(void **state)
+{
+    static char names[5][8] = {"a", "b", "c", "d", "e"};
+    cln_view were[5] = {{.name = NULL}}, are[5] = {{.name = NULL}};
+    const cln_scene kept = {.views = were, .view_count = 5},
+                    scene = {.views = are, .view_count = 5};
+    char text[CLN_SINCE_BYTES];
+    cln_since since;
+
+    (void)state;
+    for (int i = 0; i < 5; i++)
+        were[i] = are[i] =
+            (cln_view){.name = names[i], .camera.c2w = {1, 0, 0, i - 2, 0, 1, 0, 0, 0, 0, 1}};
+    are[3].camera.c2w[7] = 0.5;
+    assert_int_equal(cln_scene_moved_since(&scene, &kept, &since), CLN_OK);
+    assert_false(since.elsewhere);
+    cln_since_text(&since, text);
+    assert_string_equal(text, "1 of the 5 photos that it knows has another pose ('d')");
+    are[1].camera.c2w[11] = -0.5;
+    assert_int_equal(cln_scene_moved_since(&scene, &kept, &since), CLN_OK);
+    assert_false(since.elsewhere);
+    cln_since_text(&since, text);
+    assert_string_equal(text, "2 of the 5 photos that it knows have other poses ('b', ...)");
+}
+
 /* Photos with other bytes are counted, where both tell theirs, and the first is named: by the
  * scene's order, whatever the run's is. */
 static void test_changed(void **state)
@@ -466,6 +492,7 @@ int test_group_test_views(void)
         cmocka_unit_test_setup_teardown(test_wrong_lists, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_kept, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_counted, scratch_make, scratch_remove),
+        cmocka_unit_test(test_few_moved),
         cmocka_unit_test(test_changed),
         cmocka_unit_test(test_moved),
         cmocka_unit_test_setup_teardown(test_every_format, scratch_make, scratch_remove),
