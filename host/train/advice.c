@@ -14,12 +14,12 @@
  * sample meets. */
 static const double FEW = 0.05;
 
-/* Would a training of so many steps with these settings make a decision, and at which level? Its
- * levels come when a training like this one's would (grow.c), which has reached a level with so
- * many leaves; a level that it has not reached counts twice the leaves of the one before, as few as
- * are usual. */
-static bool would_decide(const cln_trainer *t, const cln_config *c, double steps, int *at_level)
+/* Would a training of so many steps make a decision, and at which level? Its levels come when a
+ * training like this one's would (grow.c), which has reached a level with so many leaves; a level
+ * that it has not reached counts twice the leaves of the one before, as few as are usual. */
+static bool would_decide(const cln_trainer *t, double steps, int *at_level)
 {
+    const cln_config *c = &t->model.config;
     const double wait = c->cull_after + c->refresh_every, end = c->structure_until * steps;
     double at[CLN_MAX_LEVEL + 1], grown = 0;
 
@@ -51,27 +51,10 @@ static double steps_to_decide(const cln_trainer *t, double steps, int *at_level)
 
     for (double s = unit * ceil(steps / unit); s < most; s += unit) {
         unit = s >= 1000 ? 100 : 10;
-        if (s > steps && would_decide(t, &t->model.config, s, at_level))
+        if (s > steps && would_decide(t, s, at_level))
             return s;
     }
     return 0;
-}
-
-/* Finds a shorter --cull-after and --refresh-every with which it would in so many steps. */
-static bool waits_to_decide(const cln_trainer *t, double steps, cln_config *out)
-{
-    /* of 8 steps with few samples each, too little is known to cull by */
-    const int half = t->model.config.cull_after / 2, least = half < 16 ? half : 16;
-    int level = 0;
-
-    *out = t->model.config;
-    while (out->cull_after > least || out->refresh_every > 1) {
-        out->cull_after = out->cull_after / 2 > least ? out->cull_after / 2 : least;
-        out->refresh_every = out->refresh_every > 2 ? out->refresh_every / 2 : 1;
-        if (would_decide(t, out, steps, &level))
-            return true;
-    }
-    return false;
 }
 
 /* The share of the leaves of *level that a decision could split; of the others voxels are as fine
@@ -131,8 +114,7 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
     const double steps = timed ? floor((double)t->model.step / fraction) : (double)t->steps;
     double enough = 0, share = 0;
     int level = 0;
-    char longer[96] = "", sooner[96] = "", text[400];
-    cln_config other;
+    char longer[128] = "", text[400];
 
     if (t->said.none_came || !c->adaptive || c->tree_from[0] || t->model.decisions > 0 ||
         t->pipeline.leaves > c->max_leaves || c->structure_from >= c->structure_until ||
@@ -150,19 +132,16 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
         return;
     }
     if (enough > 0 && timed) /* steps take longer in a larger tree */
-        snprintf(longer, sizeof longer, "a --time-limit of about %.0fs, for %.0f steps",
+        snprintf(longer, sizeof longer,
+                 "; a new run may split some with a --time-limit of about %.0fs, for %.0f steps",
                  ceil(1.5 * c->time_limit * enough / steps), enough);
     else if (enough > 0)
-        snprintf(longer, sizeof longer, "--steps %.0f or more", enough);
-    if (waits_to_decide(t, steps, &other))
-        snprintf(sooner, sizeof sooner, "--cull-after %d --refresh-every %d", other.cull_after,
-                 other.refresh_every);
+        snprintf(longer, sizeof longer, "; a new run may split some with --steps %.0f or more",
+                 enough);
     snprintf(text, sizeof text,
              "no single leaf was split: of %s%.0f steps, those before --structure-until %g went by "
-             "while whole levels came and were measured%s%s%s%s",
-             timed ? "about " : "", steps, c->structure_until,
-             *longer || *sooner ? "; single leaves may be split by " : "", longer,
-             *longer && *sooner ? ", or by " : "", sooner);
+             "while whole levels came and were measured%s",
+             timed ? "about " : "", steps, c->structure_until, longer);
     if (steps < 2 * (2 * c->cull_after + c->refresh_every))
         cln_info("%s", text);
     else

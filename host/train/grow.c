@@ -154,7 +154,7 @@ double cln_grow_foresee(const cln_config *c, double first, double most, bool sin
 /* Whether the tree may grow a level: always for networks. For voxels, empty leaves of this level
  * must have been culled, as growth splits every leaf, the finer voxels must not be finer than the
  * photos can tell (--cell-pixels), and in a tree that adapts they must be few. */
-static cln_status ready_to_grow(cln_trainer *t, bool *grows)
+static cln_status ready_to_grow(cln_trainer *t, double fraction, bool *grows)
 {
     cln_status st = CLN_OK;
     const cln_config *c = &t->model.config;
@@ -169,10 +169,10 @@ static cln_status ready_to_grow(cln_trainer *t, bool *grows)
     *grows = t->model.step >= t->model.growth_step + 2 * c->cull_after + c->refresh_every;
     if (*grows && !has_whole_levels(t)) {
         if (!t->said.whole)
-            cln_info("whole levels end at level %d, with %d %s; single leaves split from "
-                     "--structure-from on",
-                     t->model.level, t->pipeline.leaves,
-                     cln_plural(t->pipeline.leaves, "leaf", "leaves"));
+            cln_info("whole levels end at level %d, with %d %s%s", t->model.level,
+                     t->pipeline.leaves, cln_plural(t->pipeline.leaves, "leaf", "leaves"),
+                     fraction < c->structure_until ? "; single leaves split from --structure-from on"
+                                                   : "");
         t->said.whole = true;
         *grows = false;
     }
@@ -206,7 +206,7 @@ cln_status cln_grow_due(cln_trainer *t, double fraction, bool *due)
 
     *due = false;
     if (!c->tree_from[0] && t->model.level < cln_structure_level(c, fraction))
-        CLN_TRY(ready_to_grow(t, due));
+        CLN_TRY(ready_to_grow(t, fraction, due));
     if (*due)
         CLN_TRY(room_to_grow(t, due));
 done:
