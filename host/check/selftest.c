@@ -328,7 +328,9 @@ cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan
     progress p = {.callbacks = plan->callbacks};
     cln_checks c = {.verdicts = {plan->sink, plan->outputs, plan->user},
                     .tiny = plan->shapes == CLN_SHAPES_TINY};
+    const size_t most = device->max_alloc;
 
+    device->max_alloc = device->own_alloc; /* as below */
     if (!plan->sink && plan->callbacks)
         c.verdicts = (cln_verdicts){.sink = on_check, .user = &p};
     for (size_t i = 0; i < sizeof shapes / sizeof shapes[0]; i++)
@@ -343,6 +345,7 @@ cln_status cln_selftest_device(cln_device *device, const cln_selftest_plan *plan
         }
     CLN_TRY(verdict(device, &c));
 done:
+    device->max_alloc = most;
     return st;
 }
 
@@ -389,8 +392,10 @@ cln_status cln_selftest_training(cln_device *device, const cln_config *config,
     progress p = {.callbacks = callbacks};
     cln_checks c = {.verdicts = {.sink = on_check, .user = &p}};
     cln_config usual;
+    const size_t most = device->max_alloc;
     bool others = false;
 
+    device->max_alloc = device->own_alloc; /* checks take each array as one buffer */
     CLN_TRY(cln_config_preset(CLN_DEFAULT_PRESET, &usual));
     others = cln_config_differs(&usual, config, CLN_ROW_SHAPE) != NULL;
     p.total = others;
@@ -410,6 +415,7 @@ cln_status cln_selftest_training(cln_device *device, const cln_config *config,
     CLN_TRY(verdict(device, &c));
     CLN_TRY(advance(&p, &c));
 done:
+    device->max_alloc = most;
     return st;
 }
 

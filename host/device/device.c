@@ -317,6 +317,7 @@ cln_status cln_device_open(const cln_device_desc *desc, cln_device **out)
     device->max_group = (size_t)(device->info.max_group > 0 ? device->info.max_group : 1);
     device->unified = device->info.shared_mem;
     device->local_mem = (size_t)device->info.local_mem;
+    device->own_alloc = (size_t)device->info.max_alloc;
     if (desc->max_alloc)
         CLN_TRY(limit_alloc(device, desc->max_alloc));
     device->max_alloc = (size_t)device->info.max_alloc;

@@ -103,7 +103,7 @@ section_short() {
 # Photos that are learnt by heart, as there are few.
 section_overfit() {
     "$make_scene" "$work/six" --size 24 --train 6 --test 4 --plain >/dev/null || bad "make-scene"
-    expect "six photos" 0 "~test.views.are.*dB.below.training.views.(overfit):.more.photos" \
+    expect "six photos" 0 "~test.views.are.*dB.below.training.views..overfit.:.more.photos" \
         "$cln" train "$work/six" -o "$work/heart" --steps 500 --rays 256 --skip-selftest \
         --progress none
     check "it is no warning" not_said "warning: test views"
