@@ -501,7 +501,7 @@ section_memory() {
     train buffers --no-adaptive --leaf-samples 0 --json
     psnr=$(json psnr_test)
     expect "the self-test is of the device, not of --max-alloc" 0 "" "$cln" train "$work/blender" \
-        -o "$work/checked" --preset fast --steps 1 --max-alloc 512K --progress none
+        -o "$work/checked" --steps 1 --max-alloc 1M --progress none
     train small-buffers --no-adaptive --leaf-samples 0 --json --max-alloc 1M
     check "--max-alloc cuts the batches" grep -q "batches are cut to" "$work/err"
     check "cut batches train as well" number_above "$(json psnr_test)" \
