@@ -873,6 +873,10 @@ done:
         const cln_status written = cln_record_end(&t, state);
 
         st = st == CLN_OK ? written : st;
+        if (st == CLN_OUTPUT && t.writes && t.saved_step == t.model.step)
+            cln_note("the checkpoint of step %lld is whole: its model can be measured (eval), "
+                     "rendered and trained on",
+                     (long long)t.model.step);
     }
     json_decref(t.run);
     free(t.eval_folder);

@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 #include "base/memory.h"
 
@@ -191,6 +192,19 @@ static void sync_folder_of(const char *path)
     free(folder);
 }
 
+static const double LITTLE_ROOM = 65536; /* bytes: what a stream gathers before it writes */
+
+/* Why a write failed before, of which the stream does not keep the reason. */
+static const char *why_failed(FILE *stream)
+{
+    struct statvfs disk;
+
+    if (fstatvfs(fileno(stream), &disk) == 0 &&
+        (double)disk.f_bavail * (double)disk.f_frsize < LITTLE_ROOM)
+        return strerror(ENOSPC);
+    return "a write failed before";
+}
+
 /* What is written is on the disk then, under the temp file's name. */
 static cln_status finish(cln_atomic_file *file)
 {
@@ -198,7 +212,7 @@ static cln_status finish(cln_atomic_file *file)
     int failed = 0;
 
     if (ferror(file->stream))
-        CLN_TRY(cannot_write(file, "a write failed before"));
+        CLN_TRY(cannot_write(file, why_failed(file->stream)));
     if (fflush(file->stream) != 0 || fsync(fileno(file->stream)) != 0)
         CLN_TRY(cannot_write(file, strerror(errno)));
     failed = fclose(file->stream);

@@ -76,7 +76,7 @@ typedef struct cln_device {
     bool cache_ready;    /* the driver's folder of kernels was checked (cache.h) */
     double compile_seconds; /* processors' seconds that builds took which found nothing there */
     size_t local_mem, max_alloc, max_group; /* bytes, bytes, work-items of a group */
-    size_t own_alloc; /* max_alloc without --max-alloc */
+    size_t own_alloc;                       /* max_alloc without --max-alloc */
     bool unified; /* its memory is the host's: processors, and GPUs beside them on one chip */
     size_t allocated, peak;    /* bytes of live buffers, and the most so far */
     struct cln_blocks *blocks; /* memory of a CPU's buffers */

@@ -171,8 +171,9 @@ static cln_status ready_to_grow(cln_trainer *t, double fraction, bool *grows)
         if (!t->said.whole)
             cln_info("whole levels end at level %d, with %d %s%s", t->model.level,
                      t->pipeline.leaves, cln_plural(t->pipeline.leaves, "leaf", "leaves"),
-                     fraction < c->structure_until ? "; single leaves split from --structure-from on"
-                                                   : "");
+                     fraction < c->structure_until
+                         ? "; single leaves split from --structure-from on"
+                         : "");
         t->said.whole = true;
         *grows = false;
     }

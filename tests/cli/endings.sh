@@ -599,6 +599,19 @@ section_kept() {
         --save-at soon
 }
 
+# Nothing is lost where only the last file cannot be written.
+section_barred() {
+    scene
+    expect "a run" 0 "" "$cln" train "$work/scene" -o "$work/barred" "${tiny[@]}" --steps 5
+    rm "$work/barred/report.html"
+    mkdir -p "$work/barred/report.html/folder"
+    expect "a report that cannot be written" 7 \
+        "~report.html:.cannot.write ~while.the.checkpoint.of.step.10.is.whole" \
+        "$cln" train --resume "$work/barred" --skip-selftest --progress none --steps 10
+    expect "the model is there" 0 "" "$cln" eval "$work/barred" --no-save-images --json
+    check "of the last step" [ "$(json step)" = 10 ]
+}
+
 # A disk that the largest tree would not fit: a warning that names what fits. In a file system of 48
 # MiB; only root can mount one, in a name space of its own.
 section_disk() {
@@ -827,5 +840,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short overfit slow doubtful exposure again requeued lost reused anew moments rig \
+run_sections "killed short overfit barred slow doubtful exposure again requeued lost reused anew moments rig \
     links target points kept disk cache shared memory demo" "$@"
