@@ -608,7 +608,7 @@ section_barred() {
     expect "a report that cannot be written" 7 \
         "~report.html:.cannot.write ~while.the.checkpoint.of.step.10.is.whole" \
         "$cln" train --resume "$work/barred" --skip-selftest --progress none --steps 10
-    expect "the model is there" 0 "" "$cln" eval "$work/barred" --no-save-images --json
+    expect "the model is there" 0 "" "$cln" eval "$work/barred" -o "$work/barred eval" --json
     check "of the last step" [ "$(json step)" = 10 ]
 }
 
@@ -840,5 +840,5 @@ section_demo() {
     check "the variable is named" printed "DEMO_TIME_LIMIT=20m make demo"
 }
 
-run_sections "killed short overfit barred slow doubtful exposure again requeued lost reused anew moments rig \
-    links target points kept disk cache shared memory demo" "$@"
+run_sections "killed short overfit barred slow doubtful exposure again requeued lost reused \
+    anew moments rig links target points kept disk cache shared memory demo" "$@"

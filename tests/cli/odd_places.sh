@@ -280,7 +280,7 @@ section_reused() {
     awk '$NF == "frame_00007.png" { $6 += 1 } { print }' "$work/images.txt" \
         >"$s/sparse/0/images.txt"
     expect "one pose that moved is told" 0 \
-        "~warning:.*1.of.the.23.photos.that.it.knows.has.another.pose.*frame_00007.png --settings-of" \
+        "~warning:.*1.of.the.23.photos.*has.another.pose.*frame_00007.png --settings-of" \
         "$cln" train --resume "$work/first alone" --skip-selftest --progress none --steps +1
     check "not the photos" not_said "masks or lenses"
     cp "$work/images.txt" "$s/sparse/0/images.txt"
