@@ -503,9 +503,9 @@ CLN_API cln_status cln_field_render(cln_field *field, const cln_frame_desc *fram
 
 /* ---- exports and facts ---- */
 
-/* What to write, and where. Of colour, spacing, count, closed, triangles, cropped and largest,
- * those that the export does not read must be 0; scene and device are not looked at where they are
- * not needed. */
+/* What to write, and where. Members that the export does not read must be 0 (`scale` 0 or 1), also
+ * scene and overwrite of a copy, whose folder is a new one; else scene, and device, are not looked
+ * at where they are not needed. */
 typedef struct cln_export_desc {
     const char *run;
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ, GLB
