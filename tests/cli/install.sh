@@ -39,6 +39,21 @@ check "it is named" grep -q "liblcms2-dev libmeshoptimizer-dev" "$work/out"
 expect "make deps without root: what is needed may not" 1 "~apt-get.install.*libjansson-dev" \
     env PATH="$work/packages" MISSING=jansson sh tests/deps.sh build
 
+# Scripts that get make's name are not run by a dry run, as a recipe with $(MAKE) would be.
+mkdir -p "$work/dry/tests"
+ln -s "$PWD"/{bench,data,docs,examples,host,include,kernels} "$work/dry"
+cp -r Makefile packaging "$work/dry"
+printf '#!/bin/sh\n[ "$0" = tests/deps.sh ] || touch ran\n' |
+    tee "$work/dry/tests/all.sh" "$work/dry/tests/deps.sh" >"$work/dry/packaging/deb.sh"
+chmod +x "$work/dry"/*/*.sh
+for target in test test-all check deb; do
+    run "${MAKE:-make}" -C "$work/dry" -n $target
+    check "make -n $target runs nothing" [ $rc = 0 -a ! -e "$work/dry/ran" ]
+    rm -f "$work/dry/ran"
+done
+expect "make test runs the suite" 0 "" "${MAKE:-make}" -C "$work/dry" test
+check "that it does" [ -e "$work/dry/ran" ]
+
 run "${MAKE:-make}" --no-print-directory -j2 build/make-scene build/json-query
 check "make-scene and json-query are built" [ $rc = 0 ]
 run "${MAKE:-make}" --no-print-directory install DESTDIR="$root" PREFIX=/usr
