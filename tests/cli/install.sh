@@ -54,6 +54,38 @@ done
 expect "make test runs the suite" 0 "" "${MAKE:-make}" -C "$work/dry" test
 check "that it does" [ -e "$work/dry/ran" ]
 
+# tests/documents.sh, a part of make lint, finds what documents name and is not there.
+mkdir "$work/tree"
+ln -s "$PWD"/* "$work/tree"
+rm "$work/tree/docs" "$work/tree/README.md"
+cp -r docs README.md "$work/tree"
+run tests/documents.sh "$work/tree"
+check "what documents name is there" [ $rc = 0 -a ! -s "$work/out" ]
+sed -i 's/ frames ([^)]*),//' "$work/tree/docs/formats.md"
+cat >>"$work/tree/README.md" <<'END'
+[a](docs/nowhere.md) [b](docs/formats.md#no-such-heading) [good](docs/formats.md#digests)
+host/nowhere.c host/api/*.c results.md, *No such
+heading*, and `build/cl-nascent eval RUN --no-seams --no-mesh -o x`.
+    cl-nascent train --steps 3 \
+        --split test
+`--speed`
+END
+run tests/documents.sh "$work/tree"
+check "what is not there is an error" [ $rc = 1 ]
+check "each is named, and nothing else" [ "$(wc -l <"$work/out")" = 9 ]
+while read -r words; do
+    check "$words" grep -qF -e "$words" "$work/out"
+done <<'END'
+docs/nowhere.md: there is no docs/nowhere.md
+docs/formats.md has no such heading
+there is no host/nowhere.c
+results.md has no heading "No such heading"
+--no-mesh is no option of eval
+--split is no option of train
+--speed is an option of no command
+the finding 'frames' is not there
+END
+
 run "${MAKE:-make}" --no-print-directory -j2 build/make-scene build/json-query
 check "make-scene and json-query are built" [ $rc = 0 ]
 run "${MAKE:-make}" --no-print-directory install DESTDIR="$root" PREFIX=/usr
