@@ -370,9 +370,12 @@ demo:
 
 check: test
 
+# make's name for scripts: a recipe with $(MAKE) would run them in a dry run, too
+SELF := $(MAKE)
+
 test test-all:
 	@tests/deps.sh build test lint
-	@MAKE="$(MAKE)" tests/all.sh $(if $(filter test-all,$@),all)
+	@MAKE="$(SELF)" tests/all.sh $(if $(filter test-all,$@),all)
 
 test-devices grind:
 	@tests/deps.sh build test
@@ -491,7 +494,7 @@ dist:
 	xz -f build/$(DIST).tar
 
 deb: all
-	@MAKE="$(MAKE)" packaging/deb.sh
+	@MAKE="$(SELF)" packaging/deb.sh
 
 clean: # B=FOLDER: that one alone
 	rm -rf "$(if $(filter command,$(firstword $(origin B))),$B,build)"

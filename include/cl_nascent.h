@@ -352,7 +352,9 @@ typedef struct cln_render_desc {
     const char *scene; /* NULL = the run's own, or else the cameras that RUN keeps */
     /* The poses, of which one must be given: a file's (nerfstudio's camera_path.json, or transforms
      * JSON), else the poses of a split, else a spiral of so many frames within the training
-     * cameras' poses, else an orbit; or `map`. */
+     * cameras' poses, else an orbit; or `map`. What these poses do not use of interpolate, loop,
+     * up, orbit_circle, fov, max_images, first_frame and frame_count must be 0 (CLN_USAGE);
+     * orbit_elevation and orbit_radius are not looked at then. */
     const char *poses, *split;
     int spiral_frames, orbit_frames;
     double orbit_elevation; /* degrees above the horizon of the training cameras' up axis; NaN: the
@@ -382,7 +384,7 @@ typedef struct cln_render_desc {
     bool seen;              /* also NAME.seen.png: how many training views see what a pixel shows;
                                needs the cameras of the scene or the run */
     double fps;             /* film: frames a second, 0.001 or more; 0 = the file of poses', or
-                               24 */
+                               24; a folder's is 0 */
     bool overwrite;         /* else existing frames are skipped if they were made from the same
                                model, camera and settings; if not, CLN_OUTPUT */
     bool z_depth;           /* depth along the optical axis; else along the ray */
@@ -503,9 +505,9 @@ CLN_API cln_status cln_field_render(cln_field *field, const cln_frame_desc *fram
 
 /* ---- exports and facts ---- */
 
-/* What to write, and where. Of colour, spacing, count, closed, triangles, cropped and largest,
- * those that the export does not read must be 0; scene and device are not looked at where they are
- * not needed. */
+/* What to write, and where. Members that the export does not read must be 0 (`scale` 0 or 1), also
+ * scene and overwrite of a copy, whose folder is a new one; else scene, and device, are not looked
+ * at where they are not needed. */
 typedef struct cln_export_desc {
     const char *run;
     /* "points": points of the surface (PLY); "mesh": the surface as triangles (PLY, OBJ, GLB

@@ -11,6 +11,8 @@
 #   options     every option of host/base/config_rows.h is in the man page, and the words to choose
 #               from, there and in host/cli/option_table.c, where it describes the option
 #   method      every section of docs/method.md that a comment or document cites is a heading there
+#   documents   links, paths, headings, options and findings that documents name are there
+#               (tests/documents.sh)
 #   format      clang-format has nothing to change
 #   length      no file over 1000 lines, no line over 100 columns except lines with an address
 #   scripts     shellcheck, if it is installed
@@ -220,6 +222,10 @@ method() {
         done
 }
 
+documents() {
+    tests/documents.sh
+}
+
 format() {
     local file
     for file in $all_files; do
@@ -260,6 +266,7 @@ check circles circles
 check CL/cl.h opencl_header
 if [ -e docs/cl-nascent.1 ]; then check options options; else skip options "no man page yet"; fi
 check method method
+check documents documents
 if [ -n "$clang_format" ]; then check format format; else skip format "no clang-format"; fi
 check length lengths
 if command -v shellcheck >/dev/null; then

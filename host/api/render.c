@@ -516,6 +516,37 @@ static void sum_up_seen(const cln_render_job *j, cln_render_result *result)
                  most->name, 100 * most->seen.none);
 }
 
+/* Refuses what would change nothing; not orbit_elevation and orbit_radius, which callers have set
+ * where they are not used. */
+static cln_status check_unused(const cln_render_desc *d)
+{
+    const bool keys = d->poses || d->split, path = !keys && !d->map;
+    const char *source = d->spiral_frames > 0 ? "spiral" : "orbit";
+
+    if (d->map && (d->max_images || d->first_frame || d->frame_count))
+        return cln_fail(CLN_USAGE, "--%s cannot be combined with --map, which is one picture",
+                        d->max_images ? "max-images" : "frames");
+    if (path && d->max_images)
+        return cln_fail(CLN_USAGE, "--max-images cannot be combined with --%s; give --%s N", source,
+                        source);
+    if (path && d->interpolate)
+        return cln_fail(CLN_USAGE,
+                        "--interpolate cannot be combined with --%s; give --split or --poses",
+                        source);
+    if (d->loop && !d->interpolate)
+        return cln_fail(CLN_USAGE, "--loop requires --interpolate%s",
+                        path ? "; an orbit or spiral is closed as it is" : "");
+    if (d->fov > 0 && !path && !d->interpolate)
+        return cln_fail(CLN_USAGE, "--fov requires --orbit, --spiral or --interpolate");
+    if (cln_up_given(d->up) && keys && !d->interpolate)
+        return cln_fail(CLN_USAGE, "--up requires --orbit, --spiral, --map or --interpolate");
+    if (d->orbit_circle && (!path || d->spiral_frames > 0))
+        return cln_fail(CLN_USAGE, "--circle requires --orbit");
+    if (d->fps > 0 && !cln_film_named(d->out))
+        return cln_fail(CLN_USAGE, "--fps requires a film: -o FILE.mp4");
+    return CLN_OK;
+}
+
 static cln_status check_given(const cln_render_desc *d)
 {
     cln_status st = CLN_OK;
@@ -582,6 +613,7 @@ static cln_status check_given(const cln_render_desc *d)
         CLN_TRY(cln_given_number("cln_render", "offset", d->offset[a], -1e12, 1e12));
     if (!d->map && (d->spacing > 0 || d->offset[0] || d->offset[1] || d->offset[2]))
         CLN_TRY(cln_fail(CLN_USAGE, "--%s requires --map", d->spacing > 0 ? "spacing" : "offset"));
+    CLN_TRY(check_unused(d));
 done:
     return st;
 }

@@ -180,12 +180,56 @@ static void test_nothing_given(void **state)
                  CLN_USAGE, "frames is -5");
 }
 
+/* The program refuses the same by the same sentences (tests/cli/cli.sh). */
+static void test_members_without_use(void **state)
+{
+    const struct {
+        cln_render_desc desc;
+        const char *says; /* NULL: it gets as far as the run, which is not there */
+    } rows[] = {
+        {{.orbit_frames = 2, .interpolate = 3}, "--interpolate cannot be combined with --orbit"},
+        {{.spiral_frames = 2, .interpolate = 3}, "--interpolate cannot be combined with --spiral"},
+        {{.split = "test", .interpolate = 3, .orbit_frames = 2}, NULL},
+        {{.orbit_frames = 2, .max_images = 3}, "--max-images cannot be combined with --orbit"},
+        {{.poses = "p", .max_images = 3}, NULL},
+        {{.map = true, .max_images = 3}, "--max-images cannot be combined with --map"},
+        {{.map = true, .first_frame = 3}, "--frames cannot be combined with --map"},
+        {{.split = "test", .loop = true}, "--loop requires --interpolate"},
+        {{.orbit_frames = 2, .loop = true}, "an orbit or spiral is closed as it is"},
+        {{.split = "test", .loop = true, .interpolate = 3}, NULL},
+        {{.split = "test", .fov = 50}, "--fov requires --orbit, --spiral or --interpolate"},
+        {{.map = true, .fov = 50}, "--fov requires --orbit, --spiral or --interpolate"},
+        {{.spiral_frames = 2, .fov = 50}, NULL},
+        {{.poses = "p", .up = {0, 0, 1}}, "--up requires --orbit, --spiral, --map"},
+        {{.map = true, .up = {0, 0, 1}}, NULL},
+        {{.poses = "p", .up = {0, 0, 1}, .interpolate = 3}, NULL},
+        {{.spiral_frames = 2, .orbit_circle = true}, "--circle requires --orbit"},
+        {{.split = "test", .orbit_circle = true}, "--circle requires --orbit"},
+        {{.orbit_frames = 2, .orbit_circle = true}, NULL},
+        {{.orbit_frames = 2, .fps = 25}, "--fps requires a film"},
+        {{.orbit_frames = 2, .fps = 25, .out = "o.y4m"}, NULL},
+        {{.split = "test", .orbit_elevation = NAN, .orbit_radius = 1}, NULL},
+    };
+    cln_render_result result;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        cln_render_desc desc = rows[i].desc;
+
+        desc.run = "/no run";
+        desc.out = desc.out ? desc.out : "o";
+        assert_fails(cln_render(&desc, &result), rows[i].says ? CLN_USAGE : CLN_INPUT,
+                     rows[i].says ? rows[i].says : "/no run");
+    }
+}
+
 int test_group_arguments(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_missing_descs_and_results), cmocka_unit_test(test_error_of_before),
         cmocka_unit_test(test_missing_objects),           cmocka_unit_test(test_freeing_nothing),
         cmocka_unit_test(test_numbers_out_of_range),      cmocka_unit_test(test_nothing_given),
+        cmocka_unit_test(test_members_without_use),
     };
 
     return cmocka_run_group_tests_name("arguments", tests, NULL, NULL);

@@ -39,6 +39,53 @@ check "it is named" grep -q "liblcms2-dev libmeshoptimizer-dev" "$work/out"
 expect "make deps without root: what is needed may not" 1 "~apt-get.install.*libjansson-dev" \
     env PATH="$work/packages" MISSING=jansson sh tests/deps.sh build
 
+# Scripts that get make's name are not run by a dry run, as a recipe with $(MAKE) would be.
+mkdir -p "$work/dry/tests"
+ln -s "$PWD"/{bench,data,docs,examples,host,include,kernels} "$work/dry"
+cp -r Makefile packaging "$work/dry"
+printf '#!/bin/sh\n[ "$0" = tests/deps.sh ] || touch ran\n' |
+    tee "$work/dry/tests/all.sh" "$work/dry/tests/deps.sh" >"$work/dry/packaging/deb.sh"
+chmod +x "$work/dry"/*/*.sh
+for target in test test-all check deb; do
+    run "${MAKE:-make}" -C "$work/dry" -n $target
+    check "make -n $target runs nothing" [ $rc = 0 -a ! -e "$work/dry/ran" ]
+    rm -f "$work/dry/ran"
+done
+expect "make test runs the suite" 0 "" "${MAKE:-make}" -C "$work/dry" test
+check "that it does" [ -e "$work/dry/ran" ]
+
+# tests/documents.sh, a part of make lint, finds what documents name and is not there.
+mkdir "$work/tree"
+ln -s "$PWD"/* "$work/tree"
+rm "$work/tree/docs" "$work/tree/README.md"
+cp -r docs README.md "$work/tree"
+run tests/documents.sh "$work/tree"
+check "what documents name is there" [ $rc = 0 -a ! -s "$work/out" ]
+sed -i 's/ frames ([^)]*),//' "$work/tree/docs/formats.md"
+cat >>"$work/tree/README.md" <<'END'
+[a](docs/nowhere.md) [b](docs/formats.md#no-such-heading) [good](docs/formats.md#digests)
+host/nowhere.c host/api/*.c results.md, *No such
+heading*, and `build/cl-nascent eval RUN --no-seams --no-mesh -o x`.
+    cl-nascent train --steps 3 \
+        --split test
+`--speed`
+END
+run tests/documents.sh "$work/tree"
+check "what is not there is an error" [ $rc = 1 ]
+check "each is named, and nothing else" [ "$(wc -l <"$work/out")" = 9 ]
+while read -r words; do
+    check "$words" grep -qF -e "$words" "$work/out"
+done <<'END'
+docs/nowhere.md: there is no docs/nowhere.md
+docs/formats.md has no such heading
+there is no host/nowhere.c
+results.md has no heading "No such heading"
+--no-mesh is no option of eval
+--split is no option of train
+--speed is an option of no command
+the finding 'frames' is not there
+END
+
 run "${MAKE:-make}" --no-print-directory -j2 build/make-scene build/json-query
 check "make-scene and json-query are built" [ $rc = 0 ]
 run "${MAKE:-make}" --no-print-directory install DESTDIR="$root" PREFIX=/usr
