@@ -13,7 +13,8 @@
 #include "io/image.h"
 #include "scene/vectors.h"
 
-static const double MOST_PIXELS = 2000; /* of the longer side, where no spacing is given */
+static const double MOST_PIXELS = 1999; /* of the longer side, where no spacing is given; and one
+                                           more, as corners are at whole ones */
 static const float SEEN = 0.5f;         /* from this opacity on, a pixel shows a surface */
 enum { CELL_BYTES = 400 };              /* of a height, with what stands behind it */
 

@@ -161,8 +161,8 @@ static void test_refused(void **state)
 /* Three by two pixels: heights to a thousandth of a pixel, none where nothing is, or nobody saw. */
 static void test_files(void **state)
 {
-    const cln_space space = {.centre = {10, 20, -12000}, .half = 1.5};
-    const cln_crop crop = {.on = true, .box = {8.5, 19.5, -12002, 11.5, 21.5, -11999}};
+    const cln_space space = {.centre = {10, 20, -12000}, .half = 4};
+    const cln_crop crop = {.on = true, .box = {8, 19, -12002, 11, 21, -11999}};
     const cln_camera c = camera_of(&space, &crop, UP, 1);
     float depth[6] = {0.5f, 1.25f, 2, 0.125f, 1, 1}, opacity[6] = {1, 0.5f, 0.49f, 1, 0, 1};
     const double shift[3] = {-1, 4e6, 10000};
@@ -175,18 +175,18 @@ static void test_files(void **state)
     snprintf(path, sizeof path, "%s/a", (char *)*state);
     assert_ok(cln_map_write_world(path, &c, NONE));
     text = scratch_get(path, &bytes);
-    assert_string_equal(text, "1\n0\n0\n-1\n9\n21\n");
+    assert_string_equal(text, "1\n0\n0\n-1\n8.5\n20.5\n");
     free(text);
     assert_ok(cln_map_write_heights(path, &c, NONE, &picture));
     text = scratch_get(path, &bytes);
-    assert_string_equal(text, "ncols 3\nnrows 2\nxllcorner 8.5\nyllcorner 19.5\ncellsize 1\n"
+    assert_string_equal(text, "ncols 3\nnrows 2\nxllcorner 8\nyllcorner 19\ncellsize 1\n"
                               "NODATA_value -99999\n-11999.500 -12000.250 -99999\n"
                               "-11999.125 -99999 -12000.000\n");
     free(text);
     picture.seen = seen;
     assert_ok(cln_map_write_heights(path, &c, shift, &picture));
     text = scratch_get(path, &bytes);
-    assert_non_null(strstr(text, "yllcorner 4000019.5\n"));
+    assert_non_null(strstr(text, "yllcorner 4000019\n"));
     assert_non_null(strstr(text, "NODATA_value -9999\n-1999.500 -2000.250 -9999\n"
                                  "-1999.125 -9999 -9999\n"));
     free(text);
