@@ -568,7 +568,7 @@ static void depths_do_not_mix_surfaces(void **state)
 {
     enum { ACROSS = 8 };
     static const cln_space space = {.half = 1};
-    /* in which column, how far off, and what the fusion says there; surfaces are 0.01 and 0.5 apart */
+    /* the column, how far off, what the fusion says there; surfaces are 0.01 and 0.5 apart */
     static const struct {
         double u, distance, value;
     } cases[] = {{1.5, 3.02, 0.4}, {2.5, 3.03, 0.4},  {1.9, 3.024, 0.4},
