@@ -74,7 +74,7 @@ static cln_painting paint(viewer *v, const cln_ask *ask)
     return g;
 }
 
-/* The point at a position has the depth of the picture's pixel there, along the ray of its centre. */
+/* The point at a position has the depth of the picture's pixel there, by the ray of its middle. */
 static void points_are_of_their_pixel(void **state)
 {
     static const double places[][2] = {{17.2, 9.9}, {20, 13}, {24.99, 19}, {15, 6.5}};
