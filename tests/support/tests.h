@@ -88,7 +88,7 @@ int test_group_gradient(void);
 int test_group_named(void);
 int test_group_normals(void);
 int test_group_painter(void);
-int test_group_painting(void);
+int test_group_painter_pictures(void);
 int test_group_pictures(void);
 int test_group_plan(void);
 int test_group_plan_ranks(void);

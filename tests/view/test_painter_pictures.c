@@ -265,7 +265,7 @@ static void films_do_not_flicker(void **state)
     close_viewer(&v);
 }
 
-int test_group_painting(void)
+int test_group_painter_pictures(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(points_are_of_their_pixel),
@@ -275,5 +275,5 @@ int test_group_painting(void)
         cmocka_unit_test_setup_teardown(films_do_not_flicker, hide_ffmpeg, show_ffmpeg),
     };
 
-    return cmocka_run_group_tests_name("painting", tests, fixture_setup, fixture_teardown);
+    return cmocka_run_group_tests_name("painter_pictures", tests, fixture_setup, fixture_teardown);
 }
