@@ -1,5 +1,6 @@
 /* How many views see a surface, as exports tell it: the share that few see, of surfaces that are
- * made up and of a mesh's file; numbers of points and of fewer triangles beside the mesh's. */
+ * made up and of a mesh's file; numbers of points and of fewer triangles beside the mesh's; shares
+ * that no view sees, and that is seen through. */
 #include "unit.h"
 #include "export/mesh.h"
 #include "export/reduce.h"
@@ -86,19 +87,16 @@ typedef struct ply {
     int count, faces;
 } ply;
 
-static ply export_ply(const char *what, const char *name, int64_t triangles, int64_t count,
-                      cln_export_result *result)
+/* File and device are set here, and the run, if it has none. */
+static ply export_desc(cln_export_desc desc, const char *name, cln_export_result *result)
 {
-    const cln_export_desc desc = {.run = fixture_path("whole"),
-                                  .what = what,
-                                  .file = strdup(fixture_path(name)),
-                                  .triangles = triangles,
-                                  .count = count,
-                                  .device = fixture_device()};
     const char *faces = NULL;
     size_t bytes = 0;
     ply p = {0};
 
+    desc.run = desc.run ? desc.run : fixture_path("whole");
+    desc.file = strdup(fixture_path(name));
+    desc.device = fixture_device();
     assert_ok(cln_export(&desc, result));
     p.text = scratch_get(desc.file, &bytes);
     assert_int_equal(sscanf(strstr(p.text, "element vertex "), "element vertex %d", &p.count), 1);
@@ -107,6 +105,13 @@ static ply export_ply(const char *what, const char *name, int64_t triangles, int
     p.vertices = (const vertex *)(strstr(p.text, "end_header\n") + strlen("end_header\n"));
     free((void *)desc.file);
     return p;
+}
+
+static ply export_ply(const char *what, const char *name, int64_t triangles, int64_t count,
+                      cln_export_result *result)
+{
+    return export_desc((cln_export_desc){.what = what, .triangles = triangles, .count = count},
+                       name, result);
 }
 
 static const vertex *corner(const ply *p, int face, int k)
@@ -241,12 +246,138 @@ static void fewer_triangles_keep_them(void **state)
     free(fewer.text);
 }
 
+/* A run that has learnt the ball, and which parts of it are nothing: trained by the first test. */
+static const char *solid_run(void)
+{
+    cln_config config = fixture_voxels();
+    cln_train_result trained;
+
+    config.steps = 200;
+    if (!cln_is_dir(fixture_path("solid")))
+        assert_ok(fixture_train("solid", false, &config, NULL, &trained));
+    return fixture_path("solid");
+}
+
+/* So many points that each has a square of --spacing's side, in lengths of the scene. */
+static void a_spacing_is_a_number_of_points(void **state)
+{
+    const double spacing = 0.05;
+    cln_export_result result;
+    double area = 0;
+    ply mesh, points;
+
+    NEED_DEVICE();
+    mesh = export_ply("mesh", "area.ply", 0, 0, &result);
+    for (int f = 0; f < mesh.faces; f++) {
+        double n[3];
+
+        normal_of(corner(&mesh, f, 0), corner(&mesh, f, 1), corner(&mesh, f, 2), n);
+        area += 0.5 * size_of(n);
+    }
+    points =
+        export_desc((cln_export_desc){.what = "points", .spacing = spacing}, "spaced.ply", &result);
+    print_message("    an area of %.2f has %d points\n", area, points.count);
+    assert_near(points.count * spacing * spacing / area, 1, 1e-3);
+    free(mesh.text);
+    free(points.text);
+}
+
+/* What is told of a closed surface that no view sees is not what a box cut: that is as it is to
+ * be. */
+static void cuts_are_not_unseen(void **state)
+{
+    static const double box[6] = {0.1, -3, -3, 3, 3, 3};
+    cln_export_desc desc = {.what = "mesh", .closed = true, .cropped = true};
+    cln_export_result result;
+    double all = 0, unseen = 0, cut = 0;
+    ply mesh;
+
+    NEED_DEVICE();
+    memcpy(desc.crop, box, sizeof box);
+    desc.run = solid_run();
+    mesh = export_desc(desc, "cut.ply", &result);
+    for (int f = 0; f < mesh.faces; f++) {
+        double n[3];
+        int most = 0, flat = 0;
+
+        for (int k = 0; k < 3; k++) {
+            const vertex *v = corner(&mesh, f, k);
+            float at[3];
+
+            memcpy(at, v->at, sizeof at);
+            flat += fabs((double)at[0] - box[0]) < 1e-5;
+            most = v->views > most ? v->views : most;
+        }
+        normal_of(corner(&mesh, f, 0), corner(&mesh, f, 1), corner(&mesh, f, 2), n);
+        all += size_of(n);
+        cut += flat == 3 ? size_of(n) : 0;
+        unseen += flat < 3 && most == 0 ? size_of(n) : 0;
+    }
+    print_message("    %.4f is cut, %.4f unseen\n", cut / all, unseen / all);
+    assert_true(cut > 0.05 * all && unseen > 0);
+    assert_near(result.unseen, unseen / all, 1e-4);
+    free(mesh.text);
+}
+
+/* The share of what the training views show that is seen through leaves outlines out, which are
+ * half covered: pixels that have something at two pixels' distance on all sides count. */
+static void outlines_are_not_faint(void **state)
+{
+    static const int outlines[2] = {2, 0};
+    cln_render_desc desc = {.out = fixture_path("training views"),
+                            .split = "train",
+                            .antialias = 1,
+                            .device = fixture_device()};
+    cln_export_result result;
+    double share[2];
+    int shown[2] = {0}, faint[2] = {0};
+    ply mesh;
+
+    NEED_DEVICE();
+    desc.run = solid_run();
+    fixture_rendered(&desc, TRAIN_VIEWS, 0);
+    for (int i = 0; i < TRAIN_VIEWS; i++) {
+        uint8_t *p = NULL;
+        int width = 0, height = 0, channels = 0;
+        char name[64];
+
+        snprintf(name, sizeof name, "training views/train_r_%d.opacity.png", i);
+        assert_ok(cln_image_load(fixture_path(name), &width, &height, &channels, &p));
+        assert_true(width == SIDE && height == SIDE);
+        for (int k = 0; k < 2; k++)
+            for (int y = outlines[k]; y < SIDE - outlines[k]; y++)
+                for (int x = outlines[k]; x < SIDE - outlines[k]; x++) {
+                    const int by = outlines[k], at = y * SIDE + x;
+                    const int around[5] = {at, at - by, at + by, at - by * SIDE, at + by * SIDE};
+                    bool all = true;
+
+                    for (int j = 0; j < 5; j++)
+                        all = all && p[channels * around[j]] > 25.5;
+                    shown[k] += all;
+                    faint[k] += all && p[channels * at] < 229.5;
+                }
+        free(p);
+    }
+    for (int k = 0; k < 2; k++)
+        share[k] = (double)faint[k] / shown[k];
+    mesh = export_desc((cln_export_desc){.run = desc.run, .what = "mesh"}, "faint.ply", &result);
+    print_message("    %.4f, with outlines %.4f\n", share[0], share[1]);
+    assert_true(fabs(share[1] - share[0]) > 0.03);
+    assert_near(result.faint, share[0], 0.005);
+    free(mesh.text);
+}
+
 int test_group_export_views(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_share_is_seen_by_few),    cmocka_unit_test(one_part_is_no_choice),
-        cmocka_unit_test(a_file_tells_the_share),    cmocka_unit_test(points_have_the_least),
+        cmocka_unit_test(a_share_is_seen_by_few),
+        cmocka_unit_test(one_part_is_no_choice),
+        cmocka_unit_test(a_file_tells_the_share),
+        cmocka_unit_test(points_have_the_least),
         cmocka_unit_test(fewer_triangles_keep_them),
+        cmocka_unit_test(a_spacing_is_a_number_of_points),
+        cmocka_unit_test(cuts_are_not_unseen),
+        cmocka_unit_test(outlines_are_not_faint),
     };
 
     return cmocka_run_group_tests_name("export_views", tests, fixture_setup, fixture_teardown);

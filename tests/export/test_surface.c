@@ -562,6 +562,50 @@ static void a_crop_is_a_part_of_the_surface(void **state)
     shapes_free(&scene);
 }
 
+/* Between two pixels of one surface the depth is between theirs; of two surfaces, it is that of the
+ * pixel where the point is. */
+static void depths_do_not_mix_surfaces(void **state)
+{
+    enum { ACROSS = 8 };
+    static const cln_space space = {.half = 1};
+    /* the column, how far off, what the fusion says there; surfaces are 0.01 and 0.5 apart */
+    static const struct {
+        double u, distance, value;
+    } cases[] = {{1.5, 3.02, 0.4}, {2.5, 3.03, 0.4},  {1.9, 3.024, 0.4},
+                 {3.9, 3.03, 0.4}, {4.1, 3.49, -0.4}, {3.9, 3.49, 1}};
+    const cln_camera camera = {.width = ACROSS,
+                               .height = ACROSS,
+                               .fx = 20,
+                               .fy = 20,
+                               .cx = 4,
+                               .cy = 4,
+                               .c2w = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -3}};
+    float *depth = malloc(sizeof(float) * ACROSS * ACROSS);
+    cln_fusion fusion = {0};
+    cln_octree tree;
+    double pixel = 0;
+
+    (void)state;
+    assert_non_null(depth);
+    for (int k = 0; k < ACROSS * ACROSS; k++)
+        depth[k] = k % ACROSS < 2 ? 3 : k % ACROSS < 4 ? 3.01f : 3.51f;
+    assert_int_equal(cln_octree_create(0, &tree), CLN_OK);
+    assert_int_equal(cln_fusion_start(&space, &tree, 1, &fusion), CLN_OK);
+    fusion.band = 0.05;
+    assert_int_equal(cln_fusion_set(&fusion, 0, &camera, depth, &pixel), CLN_OK);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        double o[3], d[3];
+        float at[3];
+
+        assert_true(cln_camera_ray(&camera, cases[i].u, 4.25, o, d));
+        for (int a = 0; a < 3; a++)
+            at[a] = (float)(o[a] + cases[i].distance * d[a]);
+        assert_near(cln_fusion_at(&fusion, at), cases[i].value, 1e-3);
+    }
+    cln_fusion_free(&fusion);
+    cln_octree_free(&tree);
+}
+
 /* ---- finer where leaves are finer ---- */
 
 /* A ball on a large block. */
@@ -869,6 +913,7 @@ int test_group_surface(void)
         cmocka_unit_test(what_is_not_kept_goes),
         cmocka_unit_test(depths_give_the_surface_back),
         cmocka_unit_test(a_crop_is_a_part_of_the_surface),
+        cmocka_unit_test(depths_do_not_mix_surfaces),
         cmocka_unit_test(cells_follow_the_tree),
         cmocka_unit_test(forward_depths_give_the_surface_back),
     };

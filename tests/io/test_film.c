@@ -141,6 +141,9 @@ static void test_odd_sides(void **state)
 {
     static const uint8_t column[2 * 3] = {1, 2, 3, 4, 5, 6};
     static const uint8_t even[2 * 2 * 3] = {1, 2, 3, 1, 2, 3, 4, 5, 6, 4, 5, 6};
+    static const uint8_t high[2 * 3 * 3] = {1,  2,  3,  4,  5,  6,  7,  8,  9,
+                                            10, 11, 12, 13, 14, 15, 16, 17, 18};
+    uint8_t higher[2 * 4 * 3];
     static const char *const names[] = {"a.mp4", "a.gif"};
     char *own = strdup(getenv("PATH"));
 
@@ -158,6 +161,18 @@ static void test_odd_sides(void **state)
             assert_bytes(path, even, sizeof even);
         else
             assert_bytes(path, column, sizeof column);
+    }
+    { /* the last row again */
+        const char *path = scratch_path(*state, "b.mp4");
+        const cln_film_form form = {.width = 2, .height = 3, .fps = 25};
+        cln_film *film = NULL;
+
+        memcpy(higher, high, sizeof high);
+        memcpy(higher + sizeof high, high + 12, 6);
+        assert_int_equal(cln_film_begin(path, &form, &film), CLN_OK);
+        assert_int_equal(cln_film_add(film, high), CLN_OK);
+        assert_int_equal(cln_film_end(film), CLN_OK);
+        assert_bytes(path, higher, sizeof higher);
     }
     setenv("PATH", own, 1);
     free(own);

@@ -474,6 +474,36 @@ static void test_disk_check(void **state)
     cln_clear_error();
 }
 
+/* A name of 255 bytes is possible for a folder, but not for a file, which is called a little longer
+ * while it is written. */
+static void test_names_too_long(void **state)
+{
+    static const struct {
+        int bytes;
+        bool folder, file, within;
+    } cases[] = {{231, true, true, true},
+                 {232, true, false, true},
+                 {255, true, false, true},
+                 {256, false, false, false}};
+    const char *folder = *state;
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char name[300], path[1024];
+
+        memset(name, 'n', sizeof name);
+        name[cases[i].bytes] = 0;
+        snprintf(path, sizeof path, "%s/%s", folder, name);
+        assert_int_equal(cln_disk_check(path, 0, ""), cases[i].folder ? CLN_OK : CLN_OUTPUT);
+        assert_int_equal(cln_disk_check_file(path, 0, ""), cases[i].file ? CLN_OK : CLN_OUTPUT);
+        if (!cases[i].file)
+            assert_non_null(strstr(cln_error_text(), "this name is too long: it has "));
+        cln_clear_error();
+        snprintf(path, sizeof path, "%s/%s/a.ply", folder, name);
+        assert_int_equal(cln_disk_check_file(path, 0, ""), cases[i].within ? CLN_OK : CLN_OUTPUT);
+        cln_clear_error();
+    }
+}
+
 /* A new file needs an existing folder, and must not replace anything. */
 static void test_disk_check_new(void **state)
 {
@@ -624,6 +654,7 @@ int test_group_run_folder(void)
         cmocka_unit_test(test_files_on_sticks),
         cmocka_unit_test(test_long_file_names),
         cmocka_unit_test_setup_teardown(test_disk_check, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_names_too_long, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_disk_check_new, scratch_make, scratch_remove),
     };
 

@@ -1,7 +1,8 @@
 /* Rays in a shell space, on the device, against float64: their lines are the host's (space.h), also
  * from a near distance on; leaves, counts, places and rows of samples are the reference's; networks
  * get the place and direction that the scene's ray has there; depths are distances in the scene;
- * cropped rays are what is inside a box of the scene; cells are in view where cameras see them. */
+ * cropped rays are what is inside a box of the scene; cells are in view where cameras see them; rays
+ * are pulled to known points where they pass nearest to these. */
 #include "unit.h"
 #include "device_test.h"
 #include "sampling_test.h"
@@ -497,11 +498,101 @@ static void test_points(void **state)
     cln_model_free(&model);
 }
 
+/* How far the ray is from a point at t: where one line ends and the next begins elsewhere, by the
+ * nearer of the two. *end: of the whole ray. */
+static double gap_at(const rays *b, int r, const float point[4], double t, double *end)
+{
+    const float(*o)[4] = (const float(*)[4])b->o + r * CLN_LINE_ROWS;
+    const float(*d)[4] = (const float(*)[4])b->d + r * CLN_LINE_ROWS;
+    double least = INFINITY;
+
+    for (int row = 1; row < CLN_LINE_ROWS && o[row][3] < 1e30f; row++) {
+        double square = 0;
+
+        *end = (double)d[row][3];
+        for (int a = 0; a < 3; a++)
+            square += pow((double)o[row][a] + t * (double)d[row][a] - (double)point[a], 2);
+        if (t > (double)o[row][3] - 1e-5 && t < (double)d[row][3] + 1e-5)
+            least = fmin(least, sqrt(square));
+    }
+    return least;
+}
+
+/* A ray that shows a known point is pulled to where it passes nearest to that, on one of its lines:
+ * not where a line would pass that has ended before. Told by the loss of an opaque sample at 0. */
+static void test_known_points(void **state)
+{
+    enum { TRIALS = 4, PLACES = 2000 };
+    const float black[4] = {0};
+    cln_config config = config_of();
+    cln_sample samples[RAYS];
+    uint32_t starts[RAYS + 1];
+    float out[RAYS][4], targets[RAYS][4], shown[RAYS][4];
+    const size_t bytes = sizeof(float[4]) * RAYS * CLN_LINE_ROWS;
+    cln_pipeline *p = NULL;
+    int beyond = 0;
+    rays b;
+
+    (void)state;
+    make_rays(0, 0, &b);
+    config.depth_loss = 0.5;
+    config.opacity_entropy = config.cauchy = config.distortion_loss = config.alpha_loss = 0;
+    p = test_pipeline_in(&tune_sets[0], &config, 0, false, &space);
+    for (int trial = 0; trial < TRIALS; trial++) {
+        cln_ray_result *results = NULL;
+
+        for (int r = 0; r < RAYS; r++) {
+            const float(*o)[4] = (const float(*)[4])b.o + r * CLN_LINE_ROWS;
+            const float(*d)[4] = (const float(*)[4])b.d + r * CLN_LINE_ROWS;
+            const bool ends = trial % 2 && o[2][3] < 1e30f; /* behind the first line's end */
+
+            starts[r] = (uint32_t)r;
+            samples[r] = (cln_sample){.delta = 1, .ray = (uint32_t)r};
+            for (int a = 0; a < 3; a++) {
+                out[r][a] = targets[r][a] = 0.5f;
+                shown[r][a] = ends ? o[1][a] + (d[1][3] + 0.2f) * d[1][a]
+                                   : (float)test_uniform(44 + trial, 3 * r + a, -1, 1);
+            }
+            out[r][3] = 1e6f;
+            targets[r][3] = 1;
+            shown[r][3] = 1;
+            beyond += ends;
+        }
+        starts[RAYS] = RAYS;
+        test_fill(p->device, &p->sample_starts, starts, sizeof starts);
+        test_fill(p->device, &p->samples, samples, sizeof samples);
+        test_fill(p->device, &p->out, out, sizeof out);
+        test_fill(p->device, &p->targets, targets, sizeof targets);
+        test_fill(p->device, &p->backgrounds, black, sizeof black);
+        test_fill(p->device, &p->ray_o, b.o, bytes);
+        test_fill(p->device, &p->ray_d, b.d, bytes);
+        test_fill(p->device, &p->shown, shown, sizeof shown);
+        test_fill(p->device, &p->results, NULL, RAYS * sizeof *results);
+        test_fill(p->device, &p->dout, NULL, sizeof out);
+        assert_ok(cln_stage_composite_train(p, RAYS, RAYS));
+        results = test_read(p->device, &p->results, RAYS * sizeof *results, "results");
+        for (int r = 0; r < RAYS; r++) {
+            const double reach = (double)results[r].loss / config.depth_loss;
+            double end = 0, least = INFINITY, gap = gap_at(&b, r, shown[r], reach, &end);
+
+            for (int k = 0; k <= PLACES; k++)
+                least = fmin(least, gap_at(&b, r, shown[r], end * k / PLACES, &end));
+            if (!(gap < least + 1e-4))
+                fail_msg("ray %d: %g off at %g of %g, %g at least", r, gap, reach, end, least);
+        }
+        free(results);
+    }
+    assert_true(beyond > RAYS);
+    free_rays(&b);
+}
+
 int test_group_shell_rays(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_lines), cmocka_unit_test(test_samples), cmocka_unit_test(test_whole),
-        cmocka_unit_test(test_crop),  cmocka_unit_test(test_field),   cmocka_unit_test(test_points),
+        cmocka_unit_test(test_lines),        cmocka_unit_test(test_samples),
+        cmocka_unit_test(test_whole),        cmocka_unit_test(test_crop),
+        cmocka_unit_test(test_field),        cmocka_unit_test(test_points),
+        cmocka_unit_test(test_known_points),
     };
 
     test_wanted = CLN_PROGRAM_BIT(scan) | CLN_PROGRAM_BIT(rays) | CLN_PROGRAM_BIT(sampling) |

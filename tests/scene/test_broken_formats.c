@@ -505,18 +505,20 @@ static void count_told(cln_log_level level, const char *line, void *user)
     t->warnings += level == CLN_LOG_WARN && strstr(line, "at the origin") != NULL;
 }
 
-/* A sensor's points: those without a place are left out and counted, many at the origin told. */
+/* A sensor's points: those without a place are left out and counted, many at the origin told: more
+ * than 20, and a hundredth. */
 static void test_sensor_points(void **state)
 {
-    enum { COUNT = 1000 };
+    enum { MOST = 2200 };
     static const struct {
-        int none, zeros;
+        int count, none, zeros;
         bool binary, warned;
-    } cases[] = {{0, 0, true, false},         {300, 0, true, false}, {300, 0, false, false},
-                 {0, 21, true, true},         {0, 20, true, false},  {300, 30, false, true},
-                 {COUNT - 20, 0, true, false}};
+    } cases[] = {
+        {1000, 0, 0, true, false},   {1000, 300, 0, true, false}, {1000, 300, 0, false, false},
+        {1000, 0, 21, true, true},   {1000, 0, 20, true, false},  {1000, 300, 30, false, true},
+        {1000, 980, 0, true, false}, {MOST, 0, 21, true, false},  {MOST, 0, 22, true, true}};
     const char *folder = *state;
-    cln_point points[COUNT];
+    cln_point points[MOST];
 
     format_images(scratch_path(folder, "images"), 1);
     put_text(folder, "transforms.json",
@@ -528,9 +530,9 @@ static void test_sensor_points(void **state)
         cln_scene *scene = NULL;
 
         snprintf(counted, sizeof counted, "%d of its %d points have no place", cases[k].none,
-                 COUNT);
+                 cases[k].count);
         memset(points, 0, sizeof points);
-        for (int i = 0; i < COUNT; i++)
+        for (int i = 0; i < cases[k].count; i++)
             for (int a = 0; a < 3; a++) {
                 const int turn = i * (a + 1) * 7 % 20; /* the same places again and again */
 
@@ -538,7 +540,7 @@ static void test_sensor_points(void **state)
                                    : i < cases[k].none + cases[k].zeros ? 0
                                                                         : 0.1 * turn - 1;
             }
-        format_ply(folder, "a.ply", cases[k].binary, points, COUNT);
+        format_ply(folder, "a.ply", cases[k].binary, points, cases[k].count);
         cln_log_set_sink(count_told, &t);
         scene = load(folder, plain());
         cln_log_set_sink(NULL, NULL);

@@ -107,6 +107,7 @@ static void test_there_and_back(void **state)
     scene->views[1].edge = 15;
     scene->views[2].disc = 0.4375;
     scene->views[3].multiplied = true;
+    scene->views[0].mask_black = true; /* as by --masks inverted */
     assert_int_not_equal(scene->views[4].split, CLN_SPLIT_TRAIN);
     scene->views[4].trained = true; /* as if by an earlier split */
     assert_ok(cln_cameras_write(run, scene, NULL));

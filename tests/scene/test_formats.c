@@ -623,6 +623,30 @@ static void test_opensfm(void **state)
     }
 }
 
+/* Of a portrait photo, too, c_x and c_y are in units of the longer side. */
+static void test_portrait_opensfm(void **state)
+{
+    const char *folder = *state;
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_scene *scene = NULL;
+
+    format_cameras(cameras);
+    bend(cameras);
+    put_folder(folder, "images");
+    for (int v = 0; v < FORMAT_VIEWS; v++) {
+        char name[32];
+
+        cameras[v].width = FORMAT_HEIGHT;
+        cameras[v].height = FORMAT_WIDTH;
+        snprintf(name, sizeof name, "images/view_%02d.png", v);
+        put_image(folder, name, FORMAT_HEIGHT, FORMAT_WIDTH, 3, v);
+    }
+    format_opensfm(folder, cameras, "brown", NULL, 0);
+    scene = load(folder, plain());
+    assert_same_rays(scene, cameras, 1, 1e-7);
+    cln_scene_free(scene);
+}
+
 /* Files of thousands of photos are larger than other JSON may be: this one is refused for its
  * contents, which are a hole of zeros. */
 static void test_large_opensfm(void **state)
@@ -717,6 +741,7 @@ int test_group_formats(void)
         cmocka_unit_test_setup_teardown(test_neus, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_nsvf, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_opensfm, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_portrait_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_large_opensfm, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_points_of_transforms, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_keys_elsewhere, scratch_make, scratch_remove),

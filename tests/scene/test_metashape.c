@@ -248,6 +248,12 @@ static void test_refused(void **state)
     scene = load(folder, plain()); /* a fourth term is not, as a quotient is near it */
     assert_int_equal(scene->views[0].camera.lens, CLN_LENS_FULL_OPENCV);
     cln_scene_free(scene);
+    /* the adjusted calibration counts, also where the initial one follows it */
+    put_cameras(folder, cameras, "", "", "frame",
+                "<f>20</f><k1>-0.1</k1></calibration><calibration class=\"initial\"><f>3</f>");
+    scene = load(folder, plain());
+    assert_true(scene->views[0].camera.fx == 20 && scene->views[0].camera.k1 == -0.1);
+    cln_scene_free(scene);
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         put_cameras(folder, cameras, "", "", rows[i].type, rows[i].calibration);
         assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);

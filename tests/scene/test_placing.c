@@ -71,6 +71,7 @@ static void test_mask_names(void **state)
         {"MASK", {"view_00_mask.png"}, "MASK/view_00_mask.png", "", all},
         {"Masken", {"view_00.png"}, "", "", "Masken: is not read; if it has masks, call it masks"},
         {"people_masks", {"view_00.png"}, "", "", "people_masks: is not read; if it has masks"},
+        {"damask", {"view_00.png"}, "", "", ""},
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {

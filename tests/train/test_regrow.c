@@ -1,7 +1,7 @@
 /* The search for places that lack a leaf. Tested: on the fixture's ball, in a tree of a single
  * place far from it, that the ball's inside is found and what photos show to be empty is not; that
  * what it hands back follows what is found, not the finest leaf; when culling waits for what came
- * back. Oracle: the ball. tests/cli/training.sh trains. */
+ * back, and for enough leaves to cull. Oracle: the ball. tests/cli/training.sh trains. */
 #include "unit.h"
 #include <malloc.h>
 #include "tests.h"
@@ -314,11 +314,44 @@ static void test_culling_goes_on(void **state)
     }
 }
 
+/* Empty leaves go once they are a hundredth of all, and before that only with another change. */
+static void test_culling_waits(void **state)
+{
+    static const struct {
+        int marked;
+        bool now, goes;
+    } cases[] = {{5, false, false}, {5, true, true}, {6, false, true}}; /* of 512 */
+    cln_config config = settings();
+
+    (void)state;
+    config.start_level = 3;
+    config.cull = CLN_CULL_GUARDED;
+    config.cull_mean = config.cull_max = 1e6;
+    config.cull_strikes = 9;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cln_octree *tree = NULL;
+        cln_trainer t;
+
+        open_trainer(&config, &t);
+        assert_ok(cln_stage_refresh(&t.pipeline, 0, t.pipeline.leaves, true, 1, 0));
+        tree = &t.model.tree;
+        assert_int_equal(tree->leaf_count, 512);
+        for (int k = 0; k < cases[i].marked; k++)
+            tree->strikes[tree->leaf[17 * k]] = 8; /* and this time */
+        assert_ok(cln_cull(&t, cases[i].now));
+        assert_int_equal(t.model.tree.leaf_count, 512 - (cases[i].goes ? cases[i].marked : 0));
+        close_trainer(&t);
+    }
+}
+
 int test_group_regrow(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ball), cmocka_unit_test(test_errors),
-                                       cmocka_unit_test(test_seen_by), cmocka_unit_test(test_faces),
-                                       cmocka_unit_test(test_culling_goes_on)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_ball),
+                                       cmocka_unit_test(test_errors),
+                                       cmocka_unit_test(test_seen_by),
+                                       cmocka_unit_test(test_faces),
+                                       cmocka_unit_test(test_culling_goes_on),
+                                       cmocka_unit_test(test_culling_waits)};
 
     return cmocka_run_group_tests_name("regrow", tests, fixture_setup, fixture_teardown);
 }

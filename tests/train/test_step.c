@@ -1,5 +1,6 @@
 /* Steps one at a time: what is told of a step's loss, worked out by hand, and how often cached
- * densities are refreshed (train/step.h, train/refresh.h). */
+ * densities are refreshed, and how many steps it takes until pixels are means (train/step.h,
+ * train/refresh.h). */
 #include "unit.h"
 #include "tests.h"
 #include "train/refresh.h"
@@ -124,9 +125,27 @@ static void test_refreshes(void **state)
     }
 }
 
+/* A training has so many steps that pixels become means with a fifth of the time to decide about
+ * the tree left: before half of it, or, where N was asked for, before decisions end. */
+static void test_steps_to_average(void **state)
+{
+    uint64_t first[2] = {0, 5000};
+    cln_trainer t = {.batch = {.first = first, .train_views = 1}};
+
+    (void)state;
+    t.model.config.antialias_after = 3; /* 15,000 rays, which 100 a step draw in 150 steps */
+    t.model.config.structure_until = 0.75;
+    t.model.step = 7;
+    t.model.drawn = 700;
+    assert_is(cln_steps_to_average(&t), 380); /* 150 / 0.4 = 375, in tens */
+    t.model.config.antialias = 2;
+    assert_is(cln_steps_to_average(&t), 250); /* 150 / 0.6 */
+}
+
 int test_group_step(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_steps_to_average),
         cmocka_unit_test(test_told),
         cmocka_unit_test(test_refreshes),
     };

@@ -4,6 +4,7 @@
 #include "unit.h"
 #include "run_fixture.h"
 #include "tests.h"
+#include "train/advice.h"
 
 /* Settings of a run on the tree of `run`; enables everything that changes a tree. */
 static cln_config config_on(const char *run)
@@ -59,6 +60,42 @@ static void test_keeps_the_tree(void **state)
     run = fixture_json("on-whole/run.json");
     assert_string_equal(json_string_value(fixture_at(run, "config.tree_from")), config.tree_from);
     json_decref(run);
+}
+
+static void count_too_many(cln_log_level level, const char *line, void *user)
+{
+    *(int *)user += level == CLN_LOG_WARN && strstr(line, "more than --max-leaves") != NULL;
+}
+
+/* That a first tree is too large to be split is told, but not of another run's, which stays as it
+ * is anyhow. */
+static void test_too_many_leaves(void **state)
+{
+    static const struct {
+        bool adaptive, from;
+        int leaves;
+        bool told;
+    } cases[] = {{true, false, 512, true},
+                 {true, true, 512, false},
+                 {false, false, 512, false},
+                 {true, false, 511, false}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cln_trainer t = {.pipeline = {.leaves = cases[i].leaves}};
+        int told = 0;
+
+        t.model.config = fixture_config();
+        t.model.config.adaptive = cases[i].adaptive;
+        t.model.config.max_leaves = 511;
+        snprintf(t.model.config.tree_from, sizeof t.model.config.tree_from, "%s",
+                 cases[i].from ? "other" : "");
+        cln_log_set_sink(count_too_many, &told);
+        cln_advise_first_tree(&t);
+        cln_log_set_sink(fixture_no_log, NULL);
+        assert_int_equal(told, cases[i].told);
+        assert_int_equal(t.said.too_many, cases[i].told);
+    }
 }
 
 /* A tree culled down to a single leaf of level 1 is not a full tree at any level. */
@@ -151,6 +188,7 @@ int test_group_tree_from(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_keeps_the_tree),
+        cmocka_unit_test(test_too_many_leaves),
         cmocka_unit_test(test_keeps_a_culled_tree),
         cmocka_unit_test(test_keeps_a_deeper_tree),
         cmocka_unit_test(test_same_as_its_own),

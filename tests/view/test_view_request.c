@@ -75,7 +75,7 @@ static void read_what_is_asked(void **state)
     assert_true(a.camera.width == 40 && a.camera.height == 30 && a.camera.fx == 50 &&
                 a.camera.fy == 55 && a.view == 1);
     assert_true(a.camera.c2w[3] == 0); /* the painter takes the pose */
-    assert_true(a.png && a.budget == 0 && a.background[1] == 0.5f);
+    assert_true(a.png && a.budget == 0 && a.background[1] == 0.5f && !a.edges);
     assert_int_equal(ask(CLN_ASK_POINT, &scene, point, &a), CLN_OK);
     assert_true(a.x == 79.5 && a.y == 0);
     assert_int_equal(ask(CLN_ASK_PHOTO, &scene, photo, &a), CLN_OK);
@@ -87,6 +87,7 @@ static void read_what_is_asked(void **state)
     assert_int_equal(ask(CLN_ASK_FILM_FRAME, &scene, frame, &a), CLN_OK);
     assert_string_equal(a.film, NAME);
     assert_true(a.view == 0 && a.camera.width == 80 && a.show == CLN_SHOW_ERROR && a.budget == 0);
+    assert_true(a.edges); /* a film takes its time */
     assert_true(a.crop.on && a.crop.box[0] == -1 && a.crop.box[4] == 2.5 && a.crop.box[5] == 3);
     for (int kind = CLN_ASK_FILM_END; kind < CLN_ASK_KINDS; kind++) {
         assert_int_equal(ask((cln_ask_kind)kind, NULL, end, &a), CLN_OK);
