@@ -231,16 +231,36 @@ done:
     return st;
 }
 
-static cln_status check_folder(work *w)
+/* The scene's folder has no poses, which would be read in place of the new ones. */
+static cln_status check_unposed(const char *out)
 {
-    const char *out = w->desc->out;
     cln_status st = CLN_OK;
+    const cln_reader *reader = NULL;
+    char *others = NULL;
 
     if (cln_has_dir(out, "sparse"))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: it has poses already (sparse); give another folder with -o, or "
                          "remove that one",
                          out));
+    if (cln_is_dir(out) && cln_reader_pick(out, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: it has poses already, which would be read in place of new ones: %s "
+                         "takes it, which wants %s; give another folder with -o, or move the old "
+                         "poses away",
+                         out, reader->name, reader->wants));
+    cln_clear_error();
+done:
+    free(others);
+    return st;
+}
+
+static cln_status check_folder(work *w)
+{
+    const char *out = w->desc->out;
+    cln_status st = CLN_OK;
+
+    CLN_TRY(check_unposed(out));
     if (access(w->desc->photos, F_OK) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not there; give a folder of photos, or a video",
                          w->desc->photos));

@@ -70,6 +70,16 @@ section_photos() {
     check "they write nothing" [ ! -e "$work/posed" ]
     expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
+    expect "poses into a scene that has them, which would be read on" 7 \
+        "~photos:.it.has.poses.already ~transforms.reader.takes.it ~give.another.folder" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/photos" --progress none
+    check "nothing is written there" [ ! -e "$work/photos/images" ]
+    mkdir "$work/llff"
+    cp -r "$work/photos/train" "$work/llff/images"
+    touch "$work/llff/poses_bounds.npy"
+    expect "LLFF's, too" 7 "~llff:.it.has.poses.already ~poses_bounds.npy" env PATH="$path" \
+        "$cln" poses "$work/llff/images" -o "$work/llff" --progress none
+    check "COLMAP did not begin" [ ! -e "$work/llff/colmap.log" ]
     expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/photos/train/a/b"
     expect "that folder itself" 2 "~beside" \
