@@ -431,6 +431,13 @@ static cln_status count_registered(work *w)
         &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
         &scene));
     w->result->registered = scene->view_count;
+    if (2 * scene->view_count <= w->result->photos)
+        cln_warn("%s: COLMAP found poses of %d of %d photos alone, and of so few they are often "
+                 "wrong: the others show too little in common with these. " CLN_POSES_ADVICE
+                 "%s (%s)",
+                 w->desc->photos, scene->view_count, w->result->photos,
+                 w->colmap.lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
+                 w->colmap.log_path);
     cln_colmap_say_focal_length(scene);
 done:
     cln_scene_free(scene);

@@ -183,9 +183,9 @@ static int by_path(const void *a, const void *b)
 }
 
 /* Warns of images in the folder that are no views, nor a view's depths, mask or alpha, with the
- * first of their names. */
+ * first of their names. *unposed: how many. */
 static cln_status warn_unposed(const char *folder, const cln_reader_result *result,
-                               const cln_names *there)
+                               const cln_names *there, int *unposed)
 {
     cln_status st = CLN_OK;
     char **known = NULL, *path = NULL, names[1024] = "";
@@ -217,6 +217,7 @@ static cln_status warn_unposed(const char *folder, const cln_reader_result *resu
     if (more > 0)
         cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, more, there->count,
                  cln_plural(more, "has", "have"), cln_plural(more, "is", "are"), names);
+    *unposed = more;
 done:
     free(known);
     free(path);
@@ -334,7 +335,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
     CLN_TRY(cln_dataset_images(*folder, &there));
     drop_names(&there, cln_dataset_is_mask); /* nobody expects these to have poses */
     if (there.count > result->view_count)
-        CLN_TRY(warn_unposed(*folder, result, &there));
+        CLN_TRY(warn_unposed(*folder, result, &there, &result->unposed));
 done:
     cln_dataset_free_names(&there);
     cln_moved_free(&around);
@@ -362,6 +363,7 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
     const size_t length = slash ? (size_t)(slash - first) : 0;
     cln_names there = {0};
     char *folder = NULL;
+    int unposed = 0;
 
     for (int i = 0; i < result->view_count && slash; i++) {
         const char *path = result->views[i].path, *end = path ? strrchr(path, '/') : NULL;
@@ -384,7 +386,7 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
     drop_names(&there, is_beside);
     if (there.count > 0)
         qsort(there.name, (size_t)there.count, sizeof *there.name, by_text);
-    CLN_TRY(warn_unposed(folder, result, &there));
+    CLN_TRY(warn_unposed(folder, result, &there, &unposed));
 done:
     cln_dataset_free_names(&there);
     free(folder);

@@ -230,6 +230,19 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
         PATH="$path" STAND_IN=eight "$cln" poses "$work/photos/train" -o "$work/eight" \
         --progress none --json
     check "they are registered" [ "$(json registered)" = 8 ]
+    check "but few: what to do, and where it says why" said \
+        "~poses.of.8.of.24.photos.alone.*Take.more.*fisheye.*eight/colmap.log"
+    run "$cln" check "$work/eight" --probe 0
+    check "check takes it for a fault" eval 'tr "\n" " " <"$work/out" | tr -s " " |
+        grep -q "FAULT no pose: 16 of 24 photos have no pose"'
+    mkdir "$work/sixteen"
+    cp "$work/photos/train"/r_00?.png "$work/photos/train"/r_01[0-5].png "$work/sixteen"
+    expect "half of them" 0 "~8.of.16.photos.alone" env PATH="$path" STAND_IN=eight "$cln" poses \
+        "$work/sixteen" -o "$work/half" --progress none
+    run "$cln" check "$work/half" --probe 0
+    check "is as bad" grep -q "no pose: 8 of 16 photos" "$work/out"
+    run "$cln" check "$work/posed" --probe 0
+    check "but not of one of them" eval '! grep -q "no pose:" "$work/out"'
     expect "of many photos 8 are a bad beginning, and it is said that there were so many" 1 \
         "~at.most.8.of.122.hung.together" env PATH="$path" STAND_IN=eight "$cln" poses \
         "$work/many" -o "$work/eight of many" --match next --progress none
