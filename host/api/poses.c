@@ -83,15 +83,18 @@ static bool in_sequence(const cln_names *photos)
 
 /* ---- the scene ---- */
 
-/* Refuses so few photos; `folder`: where those in other formats may be, or NULL. */
+/* Refuses so few photos; `folder`: where those in other formats, or a video, may be, or NULL. */
 static cln_status fail_few(const char *photos, int count, const char *folder)
 {
     cln_status st = CLN_OK;
-    char *unread = NULL;
+    char *unread = NULL, *video = NULL, quoted[CLN_QUOTED_BYTES];
+    cln_names videos = {0};
     int others = 0;
 
     if (folder)
         CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
+    if (folder)
+        CLN_TRY(cln_dataset_videos(folder, &videos));
     if (unread)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: has %d PNG or JPEG photo%s, and %d in formats that are not read (the "
@@ -99,9 +102,20 @@ static cln_status fail_few(const char *photos, int count, const char *folder)
                          "three",
                          photos, count, cln_plural(count, "", "s"), others, unread,
                          cln_dataset_converter(unread)));
+    if (videos.count) {
+        CLN_TRY(cln_path_join(&video, folder, videos.name[0]));
+        cln_shell_quote(video, quoted, sizeof quoted);
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: has %d PNG or JPEG photo%s, and %d video%s; of a video give the file "
+                         "itself: cl-nascent poses %s -o SCENE",
+                         photos, count, cln_plural(count, "", "s"), videos.count,
+                         cln_plural(videos.count, "", "s"), quoted));
+    }
     CLN_TRY(cln_fail(CLN_INPUT, "%s: has %d PNG or JPEG photos; finding poses needs at least three",
                      photos, count));
 done:
+    cln_dataset_free_names(&videos);
+    free(video);
     free(unread);
     return st;
 }

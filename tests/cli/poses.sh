@@ -56,6 +56,12 @@ section_photos() {
     expect "photos in formats that are not read" 3 \
         "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
+    mkdir "$work/a phone"
+    touch "$work/a phone/"{IMG_2.MOV,IMG_10.mov}
+    expect "a folder with videos: the command that takes one" 3 \
+        "~0.PNG.or.JPEG.photos,.and.2.videos" env PATH="$work/none" "$cln" poses \
+        "$work/a phone" -o "$work/posed"
+    check "it can be typed" said "cl-nascent poses '$work/a phone/IMG_10.mov' -o SCENE"
     cp -r "$work/photos/train" "$work/mixed"
     touch "$work/mixed/"{a.HEIC,b.webp}
     expect "a few in such formats among others are told, too" 1 \
