@@ -11,7 +11,7 @@
 #include "scene/dataset.h"
 #include "scene/moved.h"
 
-enum { NAMED = 12 }; /* images without a pose that a warning names */
+enum { NAMED = 12, ALIKE = 5 }; /* images without a pose, folders that a warning names */
 
 /* The file of a view in the folder: of OpenSfM's undistorted photos with one more ending than its
  * name has. NULL if there is none. */
@@ -72,12 +72,12 @@ static cln_status fullest_folder(const char *base, const char *model,
 {
     cln_status st = CLN_OK;
     cln_names names = {0};
-    char *path = NULL, alike[512] = "";
-    int best = 0, others = 0;
+    char *path = NULL;
+    cln_listed alike = {0};
+    int best = 0;
 
     CLN_TRY(cln_dataset_folders(base, &names));
     for (int i = 0; i < names.count; i++) {
-        const size_t used = strlen(alike);
         int worth = 0;
 
         free(path);
@@ -93,17 +93,16 @@ static cln_status fullest_folder(const char *base, const char *model,
             *out = path;
             path = NULL;
             best = worth;
-            others = 0;
-            alike[0] = 0;
+            alike = (cln_listed){0};
         } else if (worth > 0 && worth == best) {
-            others++;
-            snprintf(alike + used, sizeof alike - used, "%s'%s'", used ? ", " : "", names.name[i]);
+            cln_listed_add(&alike, ALIKE, "'%s'", names.name[i]);
         }
     }
-    if (others > 0)
+    if (alike.count > 0)
         cln_warn("%s: the images are taken from '%s', but %s %s as many of their names; if another "
                  "folder has the photos, rename it to images",
-                 base, cln_dataset_within(base, *out), alike, cln_plural(others, "has", "have"));
+                 base, cln_dataset_within(base, *out), alike.text,
+                 cln_plural(alike.count, "has", "have"));
     else if (best > 0 && best <= result->view_count)
         cln_warn("%s: the images are taken from '%s', which is the name of a folder of masks or "
                  "the like; if it has no photos, put them into a folder images",
@@ -188,9 +187,9 @@ static cln_status warn_unposed(const char *folder, const cln_reader_result *resu
                                const cln_names *there, int *unposed)
 {
     cln_status st = CLN_OK;
-    char **known = NULL, *path = NULL, names[1024] = "";
-    size_t count = 0, used = 0;
-    int more = 0;
+    char **known = NULL, *path = NULL;
+    cln_listed names = {0};
+    size_t count = 0;
 
     CLN_TRY(cln_alloc(&known, (size_t)result->view_count * 5, sizeof *known, "files"));
     for (int i = 0; i < result->view_count; i++) {
@@ -209,15 +208,13 @@ static cln_status warn_unposed(const char *folder, const cln_reader_result *resu
         CLN_TRY(cln_path_join(&path, folder, there->name[i]));
         if (bsearch(&path, known, count, sizeof *known, by_path))
             continue;
-        if (more <= NAMED && used < sizeof names)
-            used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", more ? ", " : "",
-                                     more < NAMED ? there->name[i] : "...");
-        more++;
+        cln_listed_add(&names, NAMED, "%s", there->name[i]);
     }
-    if (more > 0)
-        cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, more, there->count,
-                 cln_plural(more, "has", "have"), cln_plural(more, "is", "are"), names);
-    *unposed = more;
+    if (names.count > 0)
+        cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, names.count,
+                 there->count, cln_plural(names.count, "has", "have"),
+                 cln_plural(names.count, "is", "are"), names.text);
+    *unposed = names.count;
 done:
     free(known);
     free(path);
