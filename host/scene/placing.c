@@ -136,6 +136,25 @@ done:
     return st;
 }
 
+/* The folder in `around` with images of half of the views or more: fewer may be called alike by
+ * chance, as cameras count from 1. NULL if there is none. */
+static cln_status find_beside(const char *around, const char *model,
+                              const cln_reader_result *result, char **out)
+{
+    cln_status st = CLN_OK;
+    int count = 0;
+
+    CLN_TRY(fullest_folder(around, model, result, true, out));
+    if (*out)
+        CLN_TRY(count_views(*out, result, true, result->view_count, &count));
+    if (*out && 2 * count < result->view_count) {
+        free(*out);
+        *out = NULL;
+    }
+done:
+    return st;
+}
+
 /* Fills the paths of the views, below the folder or, by their ends, elsewhere in the scene. */
 static cln_status place_views(const char *folder, const char *scene, const char *model,
                               cln_reader_result *result)
@@ -255,12 +274,13 @@ static int folders_with(const cln_names *there, const char *name, char folders[2
 }
 
 cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
-                                   int base_count, cln_reader_result *result, char **folder)
+                                   int base_count, const char *around, cln_reader_result *result,
+                                   char **folder)
 {
     cln_status st = CLN_OK;
     const char *top = bases[base_count - 1];
     const char *model = strlen(top) > strlen(bases[0]) ? top : bases[0]; /* the innermost */
-    cln_moved around = {.folder = scene, .model = model}, at_top = {.folder = top, .model = model};
+    cln_moved within = {.folder = scene, .model = model}, at_top = {.folder = top, .model = model};
     cln_names there = {0};
     char *unread = NULL, *apart = NULL;
     size_t other_scene = 0;
@@ -280,8 +300,10 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         if (result->moved_count)
             CLN_TRY(cln_strdup(folder, scene));
     }
+    if (!*folder && around)
+        CLN_TRY(find_beside(around, model, result, folder));
     if (!*folder)
-        CLN_TRY(cln_moved_apart(&around, result->views[0].name, &apart));
+        CLN_TRY(cln_moved_apart(&within, result->views[0].name, &apart));
     if (apart)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there, for example '%s'; photos of the same "
@@ -335,7 +357,7 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         CLN_TRY(warn_unposed(*folder, result, &there, &result->unposed));
 done:
     cln_dataset_free_names(&there);
-    cln_moved_free(&around);
+    cln_moved_free(&within);
     free(unread);
     free(apart);
     return st;

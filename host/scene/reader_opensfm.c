@@ -341,7 +341,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->tailed = true;
     CLN_TRY(cln_dataset_find_images(file, path,
                                     (const char *const[2]){path, inner ? folder : project},
-                                    1 + (inner || project), result, &images));
+                                    1 + (inner || project), NULL, result, &images));
     result->dialect = "OpenSfM";
     result->beyond = true;
     result->stored_poses = true;
