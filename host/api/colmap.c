@@ -412,9 +412,8 @@ static cln_status choose_model(cln_colmap *c)
                  c->photos.count);
     if (best < 0)
         CLN_TRY(cln_fail(CLN_FAILED,
-                         "%s: COLMAP found no poses: the photos show too little in common%s. Take "
-                         "more, at most 20 degrees apart, sharp, of something with texture that "
-                         "does not move%s (%s)",
+                         "%s: COLMAP found no poses: the photos show too little in "
+                         "common%s. " CLN_POSES_ADVICE "%s (%s)",
                          c->desc->photos, most_text,
                          c->lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
                          c->log_path));

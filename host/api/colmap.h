@@ -12,6 +12,9 @@
 
 enum { CLN_POSES_LEAST = 3 }; /* photos that poses can be found of */
 
+#define CLN_POSES_ADVICE \
+    "Take more, at most 20 degrees apart, sharp, of something with texture that does not move"
+
 /* How features are looked for. */
 typedef struct cln_colmap_room {
     int threads; /* photos at once; 0: as COLMAP does, one a processor */

@@ -1,7 +1,6 @@
 /* SCENE/images of cln_find_poses. See photo_folder.h. */
 #include "api/photo_folder.h"
 
-#include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
 #include <limits.h>
@@ -24,15 +23,7 @@ static const char frame_name[] = "frame_%05d.jpg"; /* ffmpeg's */
 
 bool cln_photos_are_video(const char *path)
 {
-    const char *dot = strrchr(path, '.');
-    char word[16];
-
-    if (!dot || strlen(dot) > 6 || cln_is_dir(path)) /* folders of frames are called so, too */
-        return false;
-    snprintf(word, sizeof word, " %s ", dot + 1);
-    for (char *c = word; *c; c++)
-        *c = (char)tolower((unsigned char)*c);
-    return strstr(CLN_VIDEO_ENDINGS, word) != NULL;
+    return cln_dataset_is_video(path) && !cln_is_dir(path); /* folders of frames are called so */
 }
 
 /* ---- frames ---- */

@@ -83,15 +83,18 @@ static bool in_sequence(const cln_names *photos)
 
 /* ---- the scene ---- */
 
-/* Refuses so few photos; `folder`: where those in other formats may be, or NULL. */
+/* Refuses so few photos; `folder`: where those in other formats, or a video, may be, or NULL. */
 static cln_status fail_few(const char *photos, int count, const char *folder)
 {
     cln_status st = CLN_OK;
-    char *unread = NULL;
+    char *unread = NULL, *video = NULL, quoted[CLN_QUOTED_BYTES];
+    cln_names videos = {0};
     int others = 0;
 
     if (folder)
         CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
+    if (folder)
+        CLN_TRY(cln_dataset_videos(folder, &videos));
     if (unread)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: has %d PNG or JPEG photo%s, and %d in formats that are not read (the "
@@ -99,9 +102,20 @@ static cln_status fail_few(const char *photos, int count, const char *folder)
                          "three",
                          photos, count, cln_plural(count, "", "s"), others, unread,
                          cln_dataset_converter(unread)));
+    if (videos.count) {
+        CLN_TRY(cln_path_join(&video, folder, videos.name[0]));
+        cln_shell_quote(video, quoted, sizeof quoted);
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: has %d PNG or JPEG photo%s, and %d video%s; of a video give the file "
+                         "itself: cl-nascent poses %s -o SCENE",
+                         photos, count, cln_plural(count, "", "s"), videos.count,
+                         cln_plural(videos.count, "", "s"), quoted));
+    }
     CLN_TRY(cln_fail(CLN_INPUT, "%s: has %d PNG or JPEG photos; finding poses needs at least three",
                      photos, count));
 done:
+    cln_dataset_free_names(&videos);
+    free(video);
     free(unread);
     return st;
 }
@@ -231,16 +245,36 @@ done:
     return st;
 }
 
-static cln_status check_folder(work *w)
+/* The scene's folder has no poses, which would be read in place of the new ones. */
+static cln_status check_unposed(const char *out)
 {
-    const char *out = w->desc->out;
     cln_status st = CLN_OK;
+    const cln_reader *reader = NULL;
+    char *others = NULL;
 
     if (cln_has_dir(out, "sparse"))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: it has poses already (sparse); give another folder with -o, or "
                          "remove that one",
                          out));
+    if (cln_is_dir(out) && cln_reader_pick(out, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK)
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: it has poses already, which would be read in place of new ones: %s "
+                         "takes it, which wants %s; give another folder with -o, or move the old "
+                         "poses away",
+                         out, reader->name, reader->wants));
+    cln_clear_error();
+done:
+    free(others);
+    return st;
+}
+
+static cln_status check_folder(work *w)
+{
+    const char *out = w->desc->out;
+    cln_status st = CLN_OK;
+
+    CLN_TRY(check_unposed(out));
     if (access(w->desc->photos, F_OK) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not there; give a folder of photos, or a video",
                          w->desc->photos));
@@ -411,6 +445,13 @@ static cln_status count_registered(work *w)
         &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
         &scene));
     w->result->registered = scene->view_count;
+    if (2 * scene->view_count <= w->result->photos)
+        cln_warn("%s: COLMAP found poses of %d of %d photos alone, and of so few they are often "
+                 "wrong: the others show too little in common with these. " CLN_POSES_ADVICE
+                 "%s (%s)",
+                 w->desc->photos, scene->view_count, w->result->photos,
+                 w->colmap.lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
+                 w->colmap.log_path);
     cln_colmap_say_focal_length(scene);
 done:
     cln_scene_free(scene);

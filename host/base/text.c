@@ -91,6 +91,7 @@ void cln_listed_add(cln_listed *listed, int most, const char *fmt, ...)
     one[cln_utf8_whole(one, ONE - 1)] = 0;
     (void)snprintf(listed->text + used, CLN_LISTED_BYTES - used, "%s%s", used ? ", " : "",
                    listed->count > most ? "..." : one);
+    listed->text[cln_utf8_whole(listed->text, CLN_LISTED_BYTES - 1)] = 0;
 }
 
 void cln_utf8_repair(char *text)

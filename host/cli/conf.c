@@ -97,10 +97,20 @@ typedef struct reading {
     char **said;
     int line;
     int *set_at; /* by row of the settings: the line that set it, 0 = none */
+    int preset_at;
 } reading;
 
+/* *at: the line that set it before, 0 = none; from now on this one. */
+static void warn_again(const reading *r, const char *name, int *at)
+{
+    if (*at)
+        cln_warn("%s: line %d sets %s again, after line %d; the last one counts", r->path, r->line,
+                 name, *at);
+    *at = r->line;
+}
+
 /* Begins with another preset. No setting may be given yet. */
-static cln_status take_preset(const reading *r, const char *value)
+static cln_status take_preset(reading *r, const char *value)
 {
     cln_status st = CLN_OK;
     cln_settings *fresh = NULL;
@@ -110,6 +120,7 @@ static cln_status take_preset(const reading *r, const char *value)
     if (cln_settings_create(value, &fresh) != CLN_OK)
         return CLN_INPUT;
     *r->settings = *fresh;
+    warn_again(r, "preset", &r->preset_at);
     st = say(r->said, r->path, "preset", value);
     cln_settings_free(fresh);
     return st;
@@ -153,10 +164,7 @@ static cln_status take_line(reading *r, char *line, bool presets)
     if ((row ? cln_conf_set(r->settings, row, value, r->folder)
              : cln_settings_set(r->settings, name, value)) != CLN_OK)
         return CLN_INPUT;
-    if (r->set_at[row - cln_config_rows])
-        cln_warn("%s: line %d sets %s again, after line %d; the last one counts", r->path, r->line,
-                 row->option, r->set_at[row - cln_config_rows]);
-    r->set_at[row - cln_config_rows] = r->line;
+    warn_again(r, row->option, &r->set_at[row - cln_config_rows]);
     return say(r->said, r->path, row->option, value);
 }
 

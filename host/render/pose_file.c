@@ -104,7 +104,7 @@ static cln_status read_crop(const char *path, const json_t *root, cln_frames *ou
         CLN_TRY(cln_fail(CLN_INPUT, "%s: crop_scale must be the sides of a box, above 0", where));
     }
     colour = json_object_get(crop, "crop_bg_color");
-    if (colour && !json_is_object(colour))
+    if (colour && !json_is_null(colour) && !json_is_object(colour))
         CLN_TRY(cln_fail(CLN_INPUT, "%s: crop_bg_color must be r, g and b, 0 to 255 each", where));
     for (int i = 0; i < 3; i++) {
         static const char *const names[] = {"r", "g", "b"};

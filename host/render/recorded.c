@@ -269,9 +269,9 @@ static cln_status compare_poses(const char *run, const cln_scene *scene, const c
     if (!since.elsewhere) {
         cln_since_text(&since, text);
         if (!*text && since.changed > 0)
-            snprintf(text, sizeof text, "%d of %d photos, or their masks, have changed (%.100s%s)",
-                     since.changed, since.known, since.first_changed,
-                     since.changed > 1 ? ", ..." : "");
+            snprintf(text, sizeof text, "%d of %d photos, or their masks, have changed (%.*s%s)",
+                     since.changed, since.known, (int)cln_utf8_whole(since.first_changed, 100),
+                     since.first_changed, since.changed > 1 ? ", ..." : "");
         if (since.moved > 0)
             cln_warn("%s: since %s began, %s%s%s", scene->folder, run, text,
                      resumes ? "; where the old ones were wrong, what it learnt by them stays: "

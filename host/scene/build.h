@@ -72,6 +72,11 @@ void cln_mask_to_alpha(uint8_t *mask, size_t count, int channels, bool jpeg);
 enum { CLN_ALPHA_NONE, CLN_ALPHA_OBJECT, CLN_ALPHA_REVERSED, CLN_ALPHA_OTHER };
 cln_status cln_alpha_shapes(const cln_scene *scene, uint8_t *shapes);
 
+/* Of images that have nearly, but not quite the size that their cameras are given for. */
+#define CLN_NEARLY_ADVICE                                                                         \
+    "so small a difference is that between photos and their undistorted or cropped copies: give " \
+    "those that the poses are of (of COLMAP's dense/sparse, dense/images)"
+
 /* turned.c: has the camera the shape of such an image? False if it has no size. */
 bool cln_camera_has_shape(const cln_camera *camera, int width, int height);
 

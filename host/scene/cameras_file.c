@@ -110,6 +110,7 @@ static cln_status put_view(FILE *to, const char *before, const cln_scene *scene,
         bool set;
     } flags[] = {{"leads_out", view->leads_out},
                  {"alpha_mask", view->alpha_mask},
+                 {"alpha_black", view->alpha_mask && view->alpha_black},
                  {"turned", view->turned},
                  {"multiplied", view->multiplied},
                  {"mask_black", view->mask_path && view->mask_black},
@@ -305,6 +306,7 @@ static cln_status read_view(const char *path, const json_t *row, int i, const cl
     view->multiplied = json_is_true(json_object_get(row, "multiplied"));
     view->mask_black = json_is_true(json_object_get(row, "mask_black"));
     view->alpha_mask = json_is_true(json_object_get(row, "alpha_mask"));
+    view->alpha_black = json_is_true(json_object_get(row, "alpha_black"));
     view->trained = json_is_true(json_object_get(row, "trained"));
     view->digest = strtoull(cln_json_text(row, "digest"), NULL, 16); /* 0: of an older run */
     if (!*name)

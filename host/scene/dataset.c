@@ -1,8 +1,10 @@
 /* What readers share. See dataset.h. */
 #include "scene/dataset.h"
 
+#include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -75,7 +77,7 @@ bool cln_dataset_is_image(const char *name)
            (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"));
 }
 
-typedef enum { IMAGES, UNREAD, FOLDERS } listed;
+typedef enum { IMAGES, UNREAD, VIDEOS, FOLDERS } listed;
 
 bool cln_dataset_is_unread(const char *name)
 {
@@ -88,6 +90,19 @@ bool cln_dataset_is_unread(const char *name)
         if (!strcasecmp(dot + 1, endings[i]))
             return true;
     return false;
+}
+
+bool cln_dataset_is_video(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+    char word[16];
+
+    if (!dot || strlen(dot) > 6)
+        return false;
+    snprintf(word, sizeof word, " %s ", dot + 1);
+    for (char *c = word; *c; c++)
+        *c = (char)tolower((unsigned char)*c);
+    return strstr(CLN_VIDEO_ENDINGS, word) != NULL;
 }
 
 const char *cln_dataset_converter(const char *name)
@@ -138,7 +153,8 @@ static cln_status list(const char *folder, const char *within, int depth, listed
             else if (depth < MAX_DEPTH)
                 CLN_TRY(list(path, name, depth + 1, wanted, out));
         } else if (((wanted == IMAGES && cln_dataset_is_image(name)) ||
-                    (wanted == UNREAD && cln_dataset_is_unread(name))) &&
+                    (wanted == UNREAD && cln_dataset_is_unread(name)) ||
+                    (wanted == VIDEOS && cln_dataset_is_video(name))) &&
                    cln_is_file(path)) { /* no dead link */
             CLN_TRY(keep_name(out, within, entry->d_name));
         }
@@ -167,6 +183,11 @@ static cln_status list_sorted(const char *folder, listed wanted, cln_names *out)
 cln_status cln_dataset_images(const char *folder, cln_names *out)
 {
     return list_sorted(folder, IMAGES, out);
+}
+
+cln_status cln_dataset_videos(const char *folder, cln_names *out)
+{
+    return list_sorted(folder, VIDEOS, out);
 }
 
 cln_status cln_dataset_folders(const char *folder, cln_names *out)

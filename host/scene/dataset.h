@@ -29,10 +29,12 @@ typedef struct cln_names {
     char **name; /* [count] */
 } cln_names;
 cln_status cln_dataset_images(const char *folder, cln_names *out);
+cln_status cln_dataset_videos(const char *folder, cln_names *out);  /* likewise */
 cln_status cln_dataset_folders(const char *folder, cln_names *out); /* of the folders in it */
 /* The images in no order; shallow: not of the folders in it. */
 cln_status cln_dataset_images_of(const char *folder, bool shallow, cln_names *out);
 bool cln_dataset_is_image(const char *name); /* by the ending of PNG and JPEG files */
+bool cln_dataset_is_video(const char *name); /* by the ending */
 void cln_dataset_free_names(cln_names *names);
 
 /* Photos in formats that are not read, by their endings, in a folder and the folders in it: how

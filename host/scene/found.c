@@ -78,7 +78,8 @@ static const struct {
          " png jpg jpeg jpe tif tiff webp heic heif avif bmp gif exr dng cr2 nef arw ",
          "photos alone do not say where the cameras stood: find their poses first, " WITH_POSES},
     [VIDEO] = {"a video", "videos", CLN_VIDEO_ENDINGS,
-               "take pictures from the video and find their poses first, " WITH_POSES},
+               "give the video to `cl-nascent poses`, which takes pictures from it and finds their "
+               "poses"},
     [ARCHIVE] = {"an archive", "archives", " zip tar tgz 7z rar r3d ",
                  "unpack the archive (an .r3d is a zip) and give the folder in it"},
     [MODEL] = {"a mesh or point cloud", "meshes or point clouds",

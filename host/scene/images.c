@@ -21,8 +21,9 @@
 #include "scene/dealt.h"
 
 /* MASK_CHANNELS: as decoded, at least */
-enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600, MASK_CHANNELS = 3 };
+enum { THREADS = 2, AUTO_LONGEST_SIDE = 1600, MASK_CHANNELS = 3, NAME = 100 };
 static const size_t FILE_MAX_BYTES = (size_t)1 << 30;
+static const double NEARLY = 0.05; /* nobody makes copies that are so little smaller */
 
 /* Is it in images_N, where datasets keep copies of 1/N of the size? */
 static bool in_folder_of_copies(const char *path, double factor)
@@ -39,8 +40,8 @@ static void warn_resized(const cln_scene *scene, const cln_listed *r)
 {
     if (r->count == scene->view_count)
         cln_warn("%s: images have other sizes than their cameras are given for (%s): cameras are "
-                 "scaled to the images",
-                 scene->folder, r->text);
+                 "scaled to the images%s",
+                 scene->folder, r->text, scene->nearly_sized ? "; " CLN_NEARLY_ADVICE : "");
     else if (r->count > 0)
         cln_warn("%s: %d of %d images %s another size than %s camera%s given for (%s): cameras are "
                  "scaled to the images, which is wrong of one that was cropped: replace it by the "
@@ -52,10 +53,10 @@ static void warn_resized(const cln_scene *scene, const cln_listed *r)
 
 /* Brings a camera that is given for another image size to the size of the file: smaller copies of a
  * dataset keep the cameras of the originals. Another shape is an error. */
-static cln_status fit_camera(const char *dialect, cln_view *view, cln_listed *others)
+static cln_status fit_camera(cln_scene *scene, cln_view *view, cln_listed *others)
 {
     const int width = view->file_width, height = view->file_height;
-    const bool colmap = strcmp(dialect, "COLMAP") == 0;
+    const bool colmap = strcmp(scene->dialect, "COLMAP") == 0;
     cln_camera *camera = &view->camera;
 
     if (camera->width == 0 && camera->height == 0) {
@@ -79,8 +80,9 @@ static cln_status fit_camera(const char *dialect, cln_view *view, cln_listed *ot
                        "crop also cx and cy (of .bin files, COLMAP's model_converter writes .txt)"
                      : "correct w and h, after a crop also cx and cy, or replace the image");
     if (!in_folder_of_copies(view->path, (double)camera->width / width))
-        cln_listed_add(others, 3, "%.100s %d x %d for %d x %d", view->name, width, height,
-                       camera->width, camera->height);
+        cln_listed_add(others, 3, "%.*s %d x %d for %d x %d", (int)cln_utf8_whole(view->name, NAME),
+                       view->name, width, height, camera->width, camera->height);
+    scene->nearly_sized += fabs(log((double)camera->width / width)) < NEARLY;
     cln_camera_resize(camera, width, height, (double)camera->width / width,
                       (double)camera->height / height);
     return CLN_OK;
@@ -342,7 +344,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
             desc->config->multiplied_alpha && view->channels == 4 && !view->alpha_path;
         if (view->alpha_path)
             view->channels = 4;
-        CLN_TRY(fit_camera(scene->dialect, view, &others));
+        CLN_TRY(fit_camera(scene, view, &others));
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
         CLN_TRY(cln_camera_check(&view->camera, frame));

@@ -768,6 +768,21 @@ static void check_files(cln_inspection *in)
                         cln_plural(scene->missing, "its frame is", "their frames are"),
                         10 * scene->missing >= all ? ", by train with --missing skip alone" : "");
     json_decref(gone);
+    if (scene->unposed >= all)
+        cln_found_fault(in->findings, "no pose", true, NULL,
+                        "%d of %d photos have no pose: what they alone show is not learnt, and "
+                        "where so few hang together their poses are often wrong, too. Unless that "
+                        "was the choice, find them again, with more photos, at most 20 degrees "
+                        "apart, sharp, of something with texture that does not move",
+                        scene->unposed, scene->unposed + all);
+    if (scene->nearly_sized)
+        cln_found_fault(
+            in->findings, "size", false, NULL,
+            "%d of %d images %s nearly, but not quite the size that %s for, which %s "
+            "scaled: " CLN_NEARLY_ADVICE,
+            scene->nearly_sized, scene->view_count, cln_plural(scene->nearly_sized, "has", "have"),
+            cln_plural(scene->nearly_sized, "its camera is given", "their cameras are given"),
+            cln_plural(scene->nearly_sized, "is", "are"));
     if (!cln_scene_split_count(scene, CLN_SPLIT_TEST))
         cln_found_fault(in->findings, "split", false, NULL,
                         "no photo is held out: how good views between the photos are will not be "

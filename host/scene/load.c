@@ -369,6 +369,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     scene->dialect = result->dialect;
     memcpy(scene->up, result->up, sizeof scene->up);
     scene->stored_poses = result->stored_poses;
+    scene->unposed = result->unposed;
     scene->has_sights = result->observation_count > 0;
     scene->ignored = json_incref(result->ignored);
     CLN_TRY(cln_asprintf(&scene->because, "%s%s%s", result->because,

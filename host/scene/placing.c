@@ -11,7 +11,7 @@
 #include "scene/dataset.h"
 #include "scene/moved.h"
 
-enum { NAMED = 12 }; /* images without a pose that a warning names */
+enum { NAMED = 12, ALIKE = 5 }; /* images without a pose, folders that a warning names */
 
 /* The file of a view in the folder: of OpenSfM's undistorted photos with one more ending than its
  * name has. NULL if there is none. */
@@ -72,12 +72,12 @@ static cln_status fullest_folder(const char *base, const char *model,
 {
     cln_status st = CLN_OK;
     cln_names names = {0};
-    char *path = NULL, alike[512] = "";
-    int best = 0, others = 0;
+    char *path = NULL;
+    cln_listed alike = {0};
+    int best = 0;
 
     CLN_TRY(cln_dataset_folders(base, &names));
     for (int i = 0; i < names.count; i++) {
-        const size_t used = strlen(alike);
         int worth = 0;
 
         free(path);
@@ -93,17 +93,16 @@ static cln_status fullest_folder(const char *base, const char *model,
             *out = path;
             path = NULL;
             best = worth;
-            others = 0;
-            alike[0] = 0;
+            alike = (cln_listed){0};
         } else if (worth > 0 && worth == best) {
-            others++;
-            snprintf(alike + used, sizeof alike - used, "%s'%s'", used ? ", " : "", names.name[i]);
+            cln_listed_add(&alike, ALIKE, "'%s'", names.name[i]);
         }
     }
-    if (others > 0)
+    if (alike.count > 0)
         cln_warn("%s: the images are taken from '%s', but %s %s as many of their names; if another "
                  "folder has the photos, rename it to images",
-                 base, cln_dataset_within(base, *out), alike, cln_plural(others, "has", "have"));
+                 base, cln_dataset_within(base, *out), alike.text,
+                 cln_plural(alike.count, "has", "have"));
     else if (best > 0 && best <= result->view_count)
         cln_warn("%s: the images are taken from '%s', which is the name of a folder of masks or "
                  "the like; if it has no photos, put them into a folder images",
@@ -133,6 +132,25 @@ static cln_status folder_of_views(const char *base, const char *model,
     free(*out);
     *out = NULL;
     CLN_TRY(fullest_folder(base, model, result, any_case, out));
+done:
+    return st;
+}
+
+/* The folder in `around` with images of half of the views or more: fewer may be called alike by
+ * chance, as cameras count from 1. NULL if there is none. */
+static cln_status find_beside(const char *around, const char *model,
+                              const cln_reader_result *result, char **out)
+{
+    cln_status st = CLN_OK;
+    int count = 0;
+
+    CLN_TRY(fullest_folder(around, model, result, true, out));
+    if (*out)
+        CLN_TRY(count_views(*out, result, true, result->view_count, &count));
+    if (*out && 2 * count < result->view_count) {
+        free(*out);
+        *out = NULL;
+    }
 done:
     return st;
 }
@@ -183,14 +201,14 @@ static int by_path(const void *a, const void *b)
 }
 
 /* Warns of images in the folder that are no views, nor a view's depths, mask or alpha, with the
- * first of their names. */
+ * first of their names. *unposed: how many. */
 static cln_status warn_unposed(const char *folder, const cln_reader_result *result,
-                               const cln_names *there)
+                               const cln_names *there, int *unposed)
 {
     cln_status st = CLN_OK;
-    char **known = NULL, *path = NULL, names[1024] = "";
-    size_t count = 0, used = 0;
-    int more = 0;
+    char **known = NULL, *path = NULL;
+    cln_listed names = {0};
+    size_t count = 0;
 
     CLN_TRY(cln_alloc(&known, (size_t)result->view_count * 5, sizeof *known, "files"));
     for (int i = 0; i < result->view_count; i++) {
@@ -209,14 +227,13 @@ static cln_status warn_unposed(const char *folder, const cln_reader_result *resu
         CLN_TRY(cln_path_join(&path, folder, there->name[i]));
         if (bsearch(&path, known, count, sizeof *known, by_path))
             continue;
-        if (more <= NAMED && used < sizeof names)
-            used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", more ? ", " : "",
-                                     more < NAMED ? there->name[i] : "...");
-        more++;
+        cln_listed_add(&names, NAMED, "%s", there->name[i]);
     }
-    if (more > 0)
-        cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, more, there->count,
-                 cln_plural(more, "has", "have"), cln_plural(more, "is", "are"), names);
+    if (names.count > 0)
+        cln_warn("%s: %d of %d images %s no pose and %s left out: %s", folder, names.count,
+                 there->count, cln_plural(names.count, "has", "have"),
+                 cln_plural(names.count, "is", "are"), names.text);
+    *unposed = names.count;
 done:
     free(known);
     free(path);
@@ -257,12 +274,13 @@ static int folders_with(const cln_names *there, const char *name, char folders[2
 }
 
 cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
-                                   int base_count, cln_reader_result *result, char **folder)
+                                   int base_count, const char *around, cln_reader_result *result,
+                                   char **folder)
 {
     cln_status st = CLN_OK;
     const char *top = bases[base_count - 1];
     const char *model = strlen(top) > strlen(bases[0]) ? top : bases[0]; /* the innermost */
-    cln_moved around = {.folder = scene, .model = model}, at_top = {.folder = top, .model = model};
+    cln_moved within = {.folder = scene, .model = model}, at_top = {.folder = top, .model = model};
     cln_names there = {0};
     char *unread = NULL, *apart = NULL;
     size_t other_scene = 0;
@@ -282,8 +300,10 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
         if (result->moved_count)
             CLN_TRY(cln_strdup(folder, scene));
     }
+    if (!*folder && around)
+        CLN_TRY(find_beside(around, model, result, folder));
     if (!*folder)
-        CLN_TRY(cln_moved_apart(&around, result->views[0].name, &apart));
+        CLN_TRY(cln_moved_apart(&within, result->views[0].name, &apart));
     if (apart)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: none of its %d images is there, for example '%s'; photos of the same "
@@ -334,10 +354,10 @@ cln_status cln_dataset_find_images(const char *where, const char *scene, const c
     CLN_TRY(cln_dataset_images(*folder, &there));
     drop_names(&there, cln_dataset_is_mask); /* nobody expects these to have poses */
     if (there.count > result->view_count)
-        CLN_TRY(warn_unposed(*folder, result, &there));
+        CLN_TRY(warn_unposed(*folder, result, &there, &result->unposed));
 done:
     cln_dataset_free_names(&there);
-    cln_moved_free(&around);
+    cln_moved_free(&within);
     free(unread);
     free(apart);
     return st;
@@ -362,6 +382,7 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
     const size_t length = slash ? (size_t)(slash - first) : 0;
     cln_names there = {0};
     char *folder = NULL;
+    int unposed = 0;
 
     for (int i = 0; i < result->view_count && slash; i++) {
         const char *path = result->views[i].path, *end = path ? strrchr(path, '/') : NULL;
@@ -384,7 +405,7 @@ cln_status cln_dataset_tell_unposed(const char *scene, const cln_reader_result *
     drop_names(&there, is_beside);
     if (there.count > 0)
         qsort(there.name, (size_t)there.count, sizeof *there.name, by_text);
-    CLN_TRY(warn_unposed(folder, result, &there));
+    CLN_TRY(warn_unposed(folder, result, &there, &unposed));
 done:
     cln_dataset_free_names(&there);
     free(folder);

@@ -8,10 +8,12 @@
 /* Fills the paths of the views, whose names are known, from the first folder that has any of them.
  * It tries for each of `bases`, nearest first: images, images_2, images_4, images_8, the base
  * itself, any other folder in it; then the same for names in another case, then the ends of names
- * in the scene (moved.h); CLN_INPUT if no folder has one. Finds their masks, and warns if other
- * images of the folder are no views. *folder: that folder; the caller frees it. */
+ * in the scene (moved.h), then folders in `around` (NULL: none) that have half of them or more;
+ * CLN_INPUT if no folder has one. Finds their masks, and warns if other images of the folder are no
+ * views. *folder: that folder; the caller frees it. */
 cln_status cln_dataset_find_images(const char *where, const char *scene, const char *const *bases,
-                                   int base_count, cln_reader_result *result, char **folder);
+                                   int base_count, const char *around, cln_reader_result *result,
+                                   char **folder);
 
 /* Warns of images beside those of the views, if these are all in one folder that is not the
  * scene's: photos that were added, but have no pose yet. */

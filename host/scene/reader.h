@@ -55,6 +55,7 @@ typedef struct cln_reader_result {
     int moved_count;     /* images that are not where it names them and were found (moved.h) */
     char *moved_from, *moved_to; /* one of them; NULL without any */
     int mask_count;              /* masks that lie beside the photos, of the views' */
+    int unposed;                 /* images beside the views' without a pose, of a reconstruction */
     bool tailed;                 /* an image may have one more ending than its name: NAME.jpg.jpg */
     json_t *ignored; /* array of strings: keys of its files that are not read; may be NULL */
 } cln_reader_result;

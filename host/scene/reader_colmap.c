@@ -238,8 +238,8 @@ static cln_status find_images(const char *scene, const char *model, int depth, c
     CLN_TRY(cln_strdup(&bases[0], model));
     for (int i = 1; i < count; i++)
         CLN_TRY(parent(bases[i - 1], &bases[i]));
-    CLN_TRY(
-        cln_dataset_find_images(where, scene, (const char *const *)bases, count, result, images));
+    CLN_TRY(cln_dataset_find_images(where, scene, (const char *const *)bases, count, NULL, result,
+                                    images));
 done:
     for (int i = 0; i < BASES; i++)
         free(bases[i]);

@@ -1,6 +1,6 @@
 /* Reader of Agisoft Metashape's cameras (File > Export > Export Cameras, Agisoft XML): the file, or
- * a folder with it, and the photos beside it or in a folder there. By Metashape's manual (Appendix:
- * Camera models), with x = X / Z, y = Y / Z, r^2 = x^2 + y^2:
+ * a folder with it, and the photos beside it, in a folder there or in one beside that. By
+ * Metashape's manual (Appendix: Camera models), with x = X / Z, y = Y / Z, r^2 = x^2 + y^2:
  *   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 x^2) + 2 p2 x y
  *   y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p2 (r^2 + 2 y^2) + 2 p1 x y
  *   u = w / 2 + cx + x' (f + b1) + y' b2, v = h / 2 + cy + y' f
@@ -364,7 +364,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
 {
     cln_status st = CLN_OK;
     cln_metashape m = {0};
-    char *file = NULL, *folder = NULL, *images = NULL, masks[64];
+    char *file = NULL, *folder = NULL, *around = NULL, *images = NULL, masks[64];
     const char *what = NULL;
     int component = -1;
     frame f;
@@ -383,8 +383,9 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     if (result->view_count == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: all its aligned cameras are disabled; enable some", file));
     CLN_TRY(set_box(&m, component, &f, result));
-    CLN_TRY(
-        cln_dataset_find_images(file, folder, (const char *const[1]){folder}, 1, result, &images));
+    CLN_TRY(cln_path_join(&around, folder, ".."));
+    CLN_TRY(cln_dataset_find_images(file, folder, (const char *const[1]){folder}, 1, around, result,
+                                    &images));
     result->dialect = "Metashape";
     result->beyond = true;
     result->stored_poses = true;
@@ -395,6 +396,7 @@ done:
     cln_metashape_free(&m);
     free(file);
     free(folder);
+    free(around);
     free(images);
     return st;
 }

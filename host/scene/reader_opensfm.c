@@ -99,13 +99,7 @@ static cln_status set_camera(const char *where, const json_t *from, cln_camera *
     to->height = (int)side[1];
     to->lens = types[type].lens;
     if (to->lens == CLN_LENS_EQUIRECTANGULAR) {
-        double pixels[4];
-
-        cln_colmap_split(&cln_colmap_models[CLN_COLMAP_MODELS - 1], side, pixels, to->distortion);
-        to->fx = pixels[0];
-        to->fy = pixels[1];
-        to->cx = pixels[2];
-        to->cy = pixels[3];
+        cln_camera_span_sphere(to);
         goto done;
     }
     longest = fmax(side[0], side[1]);
@@ -347,7 +341,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->tailed = true;
     CLN_TRY(cln_dataset_find_images(file, path,
                                     (const char *const[2]){path, inner ? folder : project},
-                                    1 + (inner || project), result, &images));
+                                    1 + (inner || project), NULL, result, &images));
     result->dialect = "OpenSfM";
     result->beyond = true;
     result->stored_poses = true;

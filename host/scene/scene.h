@@ -167,6 +167,8 @@ typedef struct cln_scene {
     int view_count;
     cln_view *views;       /* train, then val, then test; by name within a split */
     int missing;           /* frames left out, as they lack an image: they stand behind the views */
+    int unposed;           /* photos beside the views' that a reconstruction found no pose of */
+    int nearly_sized;      /* views whose image has nearly, but not quite their camera's size */
     int unreadable;        /* the last of these: their image is there, but cannot be read */
     uint8_t *pixels;       /* of all loaded views: one piece, so that it lies in huge pages */
     cln_store *store;      /* or they are here, if memory has no room for them */

@@ -214,10 +214,11 @@ void cln_since_text(const cln_since *since, char out[CLN_SINCE_BYTES])
                  *out ? ", and " : "", since->known, since->degrees, since->shift);
     else if (since->moved > 0)
         snprintf(out + strlen(out), CLN_SINCE_BYTES - strlen(out),
-                 "%s%d of the %d photos that it knows %s ('%.100s'%s)", *out ? ", and " : "",
+                 "%s%d of the %d photos that it knows %s ('%.*s'%s)", *out ? ", and " : "",
                  since->moved, since->known,
                  cln_plural(since->moved, "has another pose", "have other poses"),
-                 since->first_moved, since->moved > 1 ? ", ..." : "");
+                 (int)cln_utf8_whole(since->first_moved, 100), since->first_moved,
+                 since->moved > 1 ? ", ..." : "");
 }
 
 /* ---- the split ---- */

@@ -11,7 +11,7 @@
 
 /* TRIED: ties on which readings are tried; PART_TRIED: focal lengths of a part. FOLDERS: most that
  * are tried as parts. */
-enum { TRIED = 12000, PART_TRIED = 2000, FOLDERS = 8 };
+enum { TRIED = 12000, PART_TRIED = 2000, FOLDERS = 8, NAME = 100 };
 /* Of positions: axes in each order and with each sign; these, and one axis in feet or metres. */
 enum { SIGNED_AXES = 48, PLACES = SIGNED_AXES + 6 };
 enum { FEWEST = 100, FEWEST_VIEWS = 3 }; /* ties, views that say anything about a part */
@@ -223,8 +223,8 @@ static bool mark_part(const cln_scene *scene, const cln_view **order, int which,
             snprintf(out->name, sizeof out->name, "photos in %.*s", (int)(length ? length : 1),
                      length ? order[i]->name : ".");
         if (which >= FOLDERS && i == which - FOLDERS)
-            snprintf(out->name, sizeof out->name, "every second photo from %.100s on",
-                     order[i]->name);
+            snprintf(out->name, sizeof out->name, "every second photo from %.*s on",
+                     (int)cln_utf8_whole(order[i]->name, NAME), order[i]->name);
         marked += out->has[order[i] - scene->views];
     }
     if (which < FOLDERS && (folders < 2 || folders > FOLDERS))

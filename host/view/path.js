@@ -228,10 +228,11 @@ function threeOf(crop, key, otherwise) {
 function readCrop(crop) {
   if (typeof crop !== 'object' || !crop) return null;
   const middle = threeOf(crop, 'crop_center'), lengths = threeOf(crop, 'crop_scale');
-  const around = ['r', 'g', 'b'].map((c) => crop.crop_bg_color?.[c] ?? 0);
+  const colour = crop.crop_bg_color ?? {}, around = ['r', 'g', 'b'].map((c) => colour[c] ?? 0);
   if (!lengths.every((v) => v > 0))
     throw new Error('its crop_scale is not the sides of a box, above 0');
-  if (!around.every(Number.isFinite)) throw new Error('its crop_bg_color is not r, g and b');
+  if (typeof colour !== 'object' || Array.isArray(colour) || !around.every(Number.isFinite))
+    throw new Error('its crop_bg_color is not r, g and b');
   return {background: around.map((v) => v / 255),
     sides: [-0.5, 0.5].flatMap((half) => middle.map((v, a) => v + half * lengths[a])),
     degrees: threeOf(crop, 'crop_rot', [0, 0, 0]).map((v) => v * 180 / Math.PI)};

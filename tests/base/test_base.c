@@ -816,6 +816,13 @@ static void test_listed(void **state)
     assert_true(cln_utf8_valid(full.text));
     assert_int_equal(strlen(full.text), 5 * 159 + 5 * 2 + 3);
     assert_string_equal(full.text + strlen(full.text) - 7, "\xC3\xA4, ...");
+    name[131] = 0;
+    for (int i = 0; i < 2; i++) { /* more than the text holds */
+        memset(&full, 0, sizeof full);
+        for (int k = 0; k < 9; k++)
+            cln_listed_add(&full, 9, "%.*s%s", i && !k, "x", name);
+        assert_true(cln_utf8_valid(full.text) && strlen(full.text) >= CLN_LISTED_BYTES - 2);
+    }
 }
 
 static void test_sort(void **state)

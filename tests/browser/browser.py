@@ -643,7 +643,9 @@ def open_paths(page):
           all.push(shown());
           const kept = keyframes, broken = [{crop_center: [0, 'x', 0], crop_scale: [1, 1, 1]},
             {crop_center: [0, 0, 0], crop_scale: [1, 0, 1]}, {crop_center: [0, 0, 0]},
-            {crop_center: [0, 0, 0], crop_scale: [1, 1, 1], crop_bg_color: {r: 'red'}}];
+            {crop_center: [0, 0, 0], crop_scale: [1, 1, 1], crop_bg_color: {r: 'red'}},
+            {crop_center: [0, 0, 0], crop_scale: [1, 1, 1], crop_bg_color: [255, 0, 0]},
+            {crop_center: [0, 0, 0], crop_scale: [1, 1, 1], crop_bg_color: 'white'}];
           const refused = [];
           for (const crop of broken) {
             say('');
@@ -669,7 +671,7 @@ def open_paths(page):
         })().catch((error) => done([[], [], [], 0, 0, 0, 0, String(error), '']));""")
     page.check("a file's box comes with its background", got[0] == ['#1020ff', True], got[0])
     page.check('without a box in the file there is none', got[1:2] == [['#1020ff', False]], got[1])
-    page.check('a file with a broken box changes nothing', got[2] == 4 * [True], got[2])
+    page.check('a file with a broken box changes nothing', got[2] == 6 * [True], got[2])
     page.check('of 120 poses 50 are taken, from the first to the last', got[3:6] == [50, 0, 119],
                got[3:6])
     page.check('and the path has as many frames as the file, which is told',

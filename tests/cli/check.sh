@@ -33,6 +33,16 @@ section_doubts() {
     "$make_scene" "$work/axes" --format nerfstudio --size 16 --train 20 >/dev/null
     expect "info of cameras around an object" 0 "" "$cln" info "$work/axes"
     check "cameras around an object: nothing is doubted" [ ! -s "$work/err" ]
+    "$make_scene" "$work/nearly" --format nerfstudio --size 24 --train 20 --test 3 >/dev/null
+    perl -i -pe 's/("[wh]": )24,/${1}23,/' "$work/nearly/transforms.json"
+    expect "photos of nearly their cameras' size" 0 \
+        "~cameras.are.scaled.*so.small.a.difference.*undistorted" "$cln" info "$work/nearly"
+    run "$cln" check "$work/nearly" --probe 0
+    check "check makes a remark of it" grep -q "remark size: 23 of 23 images have nearly" \
+        "$work/out"
+    perl -i -pe 's/("[wh]": )23,/${1}48,/' "$work/nearly/transforms.json"
+    expect "half of it is a smaller copy" 0 "~cameras.are.scaled" "$cln" info "$work/nearly"
+    check "and no small difference" eval '! said "so small a difference"'
     turn "$work/axes" "1 -1 -1 1"
     expect "with OpenCV's axes: the likely cause" 0 "~look.apart likely ~negate.the.second" \
         "$cln" info "$work/axes"

@@ -381,6 +381,9 @@ section_reused() {
     printf 'lr 0.5\nadaptive\n\nno-adaptive\n' >"$work/scene/cl-nascent.conf"
     expect "one that takes back what it sets" 0 \
         "~warning:.*conf:.line.4.sets.adaptive.again,.after.line.2" "$cln" info "$work/scene"
+    printf 'preset nerf\nlr 0.5\npreset voxel\n' >"$work/scene/cl-nascent.conf"
+    expect "one of two presets" 0 "~warning:.*conf:.line.3.sets.preset.again,.after.line.1" \
+        "$cln" info "$work/scene"
     rm "$work/scene/cl-nascent.conf"
 }
 

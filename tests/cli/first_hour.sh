@@ -337,7 +337,7 @@ section_scenes() {
     expect "photos alone" 3 "~3.images poses COLMAP" "$cln" info "$work/odd/photos"
     expect "a folder with an archive" 3 "scene.zip unpack" "$cln" info "$work/odd/zip"
     expect "an archive" 3 "unpack" "$cln" info "$work/odd/zip/scene.zip"
-    expect "a video" 3 "clip.MOV ~take.pictures" "$cln" info "$work/odd/video"
+    expect "a video" 3 "clip.MOV ~takes.pictures" "$cln" info "$work/odd/video"
     expect "a mesh" 3 "scan.ply photos" "$cln" info "$work/odd/mesh"
     expect "a file of another kind" 3 "~another.kind folder" "$cln" info "$work/odd/notes.txt"
     expect "a Polycam capture" 3 "Polycam ~Developer.mode" "$cln" info "$work/odd/polycam"

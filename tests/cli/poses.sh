@@ -56,6 +56,12 @@ section_photos() {
     expect "photos in formats that are not read" 3 \
         "~0.PNG.or.JPEG ~3.in.formats.that.are.not.read a.HEIC ~convert.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
+    mkdir "$work/a phone"
+    touch "$work/a phone/"{IMG_2.MOV,IMG_10.mov}
+    expect "a folder with videos: the command that takes one" 3 \
+        "~0.PNG.or.JPEG.photos,.and.2.videos" env PATH="$work/none" "$cln" poses \
+        "$work/a phone" -o "$work/posed"
+    check "it can be typed" said "cl-nascent poses '$work/a phone/IMG_10.mov' -o SCENE"
     cp -r "$work/photos/train" "$work/mixed"
     touch "$work/mixed/"{a.HEIC,b.webp}
     expect "a few in such formats among others are told, too" 1 \
@@ -70,6 +76,16 @@ section_photos() {
     check "they write nothing" [ ! -e "$work/posed" ]
     expect "photos that have poses" 1 "~is.a.scene.with.poses.already colmap" \
         env PATH="$work/none" "$cln" poses "$work/photos" -o "$work/posed"
+    expect "poses into a scene that has them, which would be read on" 7 \
+        "~photos:.it.has.poses.already ~transforms.reader.takes.it ~give.another.folder" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/photos" --progress none
+    check "nothing is written there" [ ! -e "$work/photos/images" ]
+    mkdir "$work/llff"
+    cp -r "$work/photos/train" "$work/llff/images"
+    touch "$work/llff/poses_bounds.npy"
+    expect "LLFF's, too" 7 "~llff:.it.has.poses.already ~poses_bounds.npy" env PATH="$path" \
+        "$cln" poses "$work/llff/images" -o "$work/llff" --progress none
+    check "COLMAP did not begin" [ ! -e "$work/llff/colmap.log" ]
     expect "a scene within the folder of photos" 2 "~beside.*photos/train$" \
         env PATH="$work/none" "$cln" poses "$work/photos/train" -o "$work/photos/train/a/b"
     expect "that folder itself" 2 "~beside" \
@@ -220,6 +236,19 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
         PATH="$path" STAND_IN=eight "$cln" poses "$work/photos/train" -o "$work/eight" \
         --progress none --json
     check "they are registered" [ "$(json registered)" = 8 ]
+    check "but few: what to do, and where it says why" said \
+        "~poses.of.8.of.24.photos.alone.*Take.more.*fisheye.*eight/colmap.log"
+    run "$cln" check "$work/eight" --probe 0
+    check "check takes it for a fault" eval 'tr "\n" " " <"$work/out" | tr -s " " |
+        grep -q "FAULT no pose: 16 of 24 photos have no pose"'
+    mkdir "$work/sixteen"
+    cp "$work/photos/train"/r_00?.png "$work/photos/train"/r_01[0-5].png "$work/sixteen"
+    expect "half of them" 0 "~8.of.16.photos.alone" env PATH="$path" STAND_IN=eight "$cln" poses \
+        "$work/sixteen" -o "$work/half" --progress none
+    run "$cln" check "$work/half" --probe 0
+    check "is as bad" grep -q "no pose: 8 of 16 photos" "$work/out"
+    run "$cln" check "$work/posed" --probe 0
+    check "but not of one of them" eval '! grep -q "no pose:" "$work/out"'
     expect "of many photos 8 are a bad beginning, and it is said that there were so many" 1 \
         "~at.most.8.of.122.hung.together" env PATH="$path" STAND_IN=eight "$cln" poses \
         "$work/many" -o "$work/eight of many" --match next --progress none

@@ -765,7 +765,7 @@ static const target targets[] = {
 
 /* ---- what libFuzzer calls ---- */
 
-static char *folder;
+static char *folder, *inner;
 
 static void leave(void)
 {
@@ -775,6 +775,7 @@ static void leave(void)
         fprintf(stderr, "fuzz: %s remains\n", folder);
     free(command);
     free(folder);
+    free(inner);
     for (int i = 0; i < MOST_FILES; i++)
         free(good[i].data);
 }
@@ -833,7 +834,8 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
     }
     cln_log_set_sink(no_log, NULL);
     require(asprintf(&folder, "%s/cln-fuzz-XXXXXX", base ? base : "/tmp") > 0 && mkdtemp(folder) &&
-                home >= 0 && chdir(folder) == 0,
+                asprintf(&inner, "%s/scene", folder) > 0 && mkdir(inner, 0777) == 0 && home >= 0 &&
+                chdir(inner) == 0, /* readers may look beside it */
             "a folder for the files");
     atexit(leave);
     setenv("HOME", folder, 1);
@@ -871,7 +873,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes)
     int which = 0;
 
     if (work < 0) {
-        work = open(folder, O_RDONLY | O_DIRECTORY);
+        work = open(inner, O_RDONLY | O_DIRECTORY);
         home = open(".", O_RDONLY | O_DIRECTORY);
     }
     if (count > 1) {

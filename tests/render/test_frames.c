@@ -128,7 +128,7 @@ static void test_path_with_crop(void **state)
     assert_int_equal(
         cln_frames_read(
             put(state, CROPPED("{\"crop_center\": [1, 2, 3], \"crop_scale\": [2, 8, 1], "
-                               "\"crop_rot\": [0.3, -0.7, 1.9]}")),
+                               "\"crop_bg_color\": null, \"crop_rot\": [0.3, -0.7, 1.9]}")),
             &NO_SIZES, &f),
         CLN_OK);
     cln_crop_place(&space, &f.crop);

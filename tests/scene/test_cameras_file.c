@@ -91,6 +91,7 @@ static void assert_same_view(const cln_scene *scene, const cln_scene *other, int
     assert_true(v->disc == w->disc && v->multiplied == w->multiplied);
     assert_int_equal(cln_view_turn(v), cln_view_turn(w));
     assert_int_equal(v->mask_path && v->mask_black, w->mask_black);
+    assert_true(v->alpha_mask == w->alpha_mask && v->alpha_black == w->alpha_black);
     assert_false(cln_view_is_loaded(w));
 }
 
@@ -104,6 +105,10 @@ static void test_there_and_back(void **state)
     scene->views[1].turned = true; /* as if EXIF data had said so */
     scene->views[1].orientation = 8;
     scene->views[2].orientation = 6;
+    assert_non_null(scene->views[1].alpha_path);
+    scene->views[1].alpha_mask = scene->views[1].alpha_black = true; /* as --masks inverted does */
+    assert_non_null(scene->views[0].mask_path);
+    scene->views[0].mask_black = true;
     scene->views[1].edge = 15;
     scene->views[2].disc = 0.4375;
     scene->views[3].multiplied = true;

@@ -225,6 +225,30 @@ static void test_on_earth(void **state)
     cln_scene_free(scene);
 }
 
+/* Photos in a folder beside that of the file: as it has them all; one that is called like one of
+ * them may be another's. */
+static void test_photos_beside(void **state)
+{
+    const char *folder = scratch_path(*state, "export");
+    cln_camera cameras[FORMAT_VIEWS];
+    cln_scene *scene = NULL;
+    char path[128];
+
+    format_cameras(cameras);
+    put_cameras(folder, cameras, "", "", "frame", lens);
+    put_folder(*state, "old");
+    put_image(*state, "old/view_01.png", FORMAT_WIDTH, FORMAT_HEIGHT, 3, 1);
+    assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "none of its 6 images"));
+    cln_clear_error();
+    format_images(scratch_path(*state, "DCIM"), 1);
+    scene = load(folder, plain());
+    assert_int_equal(scene->view_count, FORMAT_VIEWS);
+    snprintf(path, sizeof path, "%s/../DCIM/view_01.png", folder);
+    assert_string_equal(scene->views[1].path, path);
+    cln_scene_free(scene);
+}
+
 static void test_refused(void **state)
 {
     static const struct {
@@ -290,6 +314,7 @@ int test_group_metashape(void)
 #ifdef CLN_WITH_EXPAT
         cmocka_unit_test_setup_teardown(test_local, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_on_earth, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_photos_beside, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_refused, scratch_make, scratch_remove),
 #else
         cmocka_unit_test_setup_teardown(test_without_expat, scratch_make, scratch_remove),
