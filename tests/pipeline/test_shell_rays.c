@@ -1,8 +1,8 @@
 /* Rays in a shell space, on the device, against float64: their lines are the host's (space.h), also
  * from a near distance on; leaves, counts, places and rows of samples are the reference's; networks
  * get the place and direction that the scene's ray has there; depths are distances in the scene;
- * cropped rays are what is inside a box of the scene; cells are in view where cameras see them; rays
- * are pulled to known points where they pass nearest to these. */
+ * cropped rays are what is inside a box of the scene; cells are in view where cameras see them;
+ * rays are pulled to known points where they pass nearest to these. */
 #include "unit.h"
 #include "device_test.h"
 #include "sampling_test.h"
