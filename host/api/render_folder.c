@@ -633,6 +633,8 @@ static cln_status write_cameras(const cln_render_job *j)
     int lost = json_object_set_new(document, "frames", frames);
 
     CLN_TRY(cln_path_join(&path, j->desc->out, "transforms.json"));
+    if (j->desc->map && j->earlier > 0) /* theirs stay */
+        goto done;
     if (cln_render_eyes(j) > 1 || j->desc->map) {
         (void)unlink(path); /* of single pictures that these may have replaced */
         goto done;

@@ -356,6 +356,8 @@ static void maps_are_from_far_above(void **state)
         desc.out = fixture_path(name);
         fixture_rendered(&desc, 1, 0);
         fixture_rendered(&desc, 0, 1);
+        snprintf(name, sizeof name, "map of %s/transforms.json", runs[i]);
+        assert_false(is_there(name));
         snprintf(name, sizeof name, "map of %s/map.height.asc", runs[i]);
         assert_int_equal(remove(fixture_path(name)), 0); /* it is made again */
         fixture_rendered(&desc, 1, 0);
@@ -426,6 +428,23 @@ static void shares_are_of_their_views(void **state)
     free(text);
 }
 
+/* Cameras of frames that a map comes beside stay where they are written. */
+static void maps_beside_frames(void **state)
+{
+    cln_render_desc desc = desc_of("beside");
+    json_t *document = NULL;
+
+    NEED_DEVICE();
+    fixture_rendered(&desc, 4, 0);
+    desc.orbit_frames = desc.width = 0;
+    desc.map = true;
+    desc.spacing = 0.25;
+    fixture_rendered(&desc, 1, 0);
+    document = fixture_json("beside/transforms.json");
+    assert_int_equal(json_array_size(fixture_at(document, "frames")), 4);
+    json_decref(document);
+}
+
 static void maps_that_cannot_be(void **state)
 {
     cln_render_desc desc = {.run = fixture_path("whole"),
@@ -468,6 +487,7 @@ int test_group_render_frames(void)
         cmocka_unit_test(other_frames_stay),
         cmocka_unit_test(doubles_are_rendered_once),
         cmocka_unit_test(maps_are_from_far_above),
+        cmocka_unit_test(maps_beside_frames),
         cmocka_unit_test(maps_that_cannot_be),
         cmocka_unit_test(shares_are_of_their_views),
     };
