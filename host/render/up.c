@@ -48,7 +48,9 @@ static void solve(const double matrix[3][3], double value[3], double vector[3][3
     memcpy(m, matrix, sizeof m);
     for (int turn = 0; turn < 3 * SWEEPS; turn++) {
         const int p = turn % 3, q = (p + 1) % 3;
-        const double angle = 0.5 * atan2(2 * m[p][q], m[p][p] - m[q][q]);
+        const double gap = m[p][p] - m[q][q], twice = 2 * m[p][q];
+        /* 45 degrees at most: larger turns also swap values, again and again, without an end */
+        const double angle = 0.5 * atan2(gap < 0 ? -twice : twice, fabs(gap));
         const double c = cos(angle), s = sin(angle);
 
         for (int k = 0; k < 3; k++) {

@@ -102,6 +102,42 @@ static void test_flights(void **state)
     }
 }
 
+/* The flight's own up, whatever frame its poses are in, as structure from motion has any. */
+static void test_any_frame(void **state)
+{
+    enum { FRAMES = 40 };
+
+    (void)state;
+    for (int seed = 0; seed < FRAMES; seed++) {
+        shots s;
+        double level[3], up[3], turn[9];
+        bool sure = false;
+
+        begin(&s, (uint64_t)seed);
+        fly(&s, seed % 2 ? 6 : 3, seed % 4 < 2 ? 0 : 3, seed % 3 * 10);
+        sure = cln_up_of_cameras(&s.scene, level);
+        for (int a = 0; a < 6; a++)
+            turn[a] = scatter(&s, 1);
+        cln_cross(turn, turn + 3, turn + 6);
+        cln_cross(turn + 6, turn, turn + 3);
+        for (int a = 0; a < 9; a += 3)
+            assert_true(cln_normalise(turn + a));
+        for (int i = 0; i < s.scene.view_count; i++) {
+            double *m = s.views[i].camera.c2w;
+
+            for (int c = 0; c < 4; c++) {
+                const double column[3] = {m[c], m[4 + c], m[8 + c]};
+
+                for (int a = 0; a < 3; a++)
+                    m[4 * a + c] = cln_dot(turn + 3 * a, column);
+            }
+        }
+        assert_int_equal(cln_up_of_cameras(&s.scene, up), sure);
+        for (int a = 0; a < 3; a++)
+            assert_float_equal(up[a], cln_dot(turn + 3 * a, level), 0.002); /* 0.1 degrees */
+    }
+}
+
 /* Around an object or in a room, in circles and arcs, also from below; a dome of all heights. */
 static void test_orbits(void **state)
 {
@@ -495,7 +531,7 @@ int test_group_up(void)
         cmocka_unit_test(test_at_axis),     cmocka_unit_test(test_given),
         cmocka_unit_test(test_turned_over), cmocka_unit_test(test_texts),
         cmocka_unit_test(test_phone),       cmocka_unit_test(test_shapes),
-        cmocka_unit_test(test_leaves_path)};
+        cmocka_unit_test(test_any_frame),   cmocka_unit_test(test_leaves_path)};
 
     return cmocka_run_group_tests_name("up", tests, NULL, NULL);
 }
