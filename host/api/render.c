@@ -639,28 +639,17 @@ static void choose_crop(cln_render_job *j)
                       &j->crop);
 }
 
-static const double LEVEL = 0.94; /* cosine of 20 degrees */
-
-/* A map's up: the one given, else the scene's z where that is what the training cameras tell, to
- * what they can; else theirs. */
+/* A map's up: the one given, else what map.h makes of the training cameras'. */
 static void map_up(const cln_render_job *j, double up[3])
 {
     cln_orbit_frame seen;
-    bool known = cln_orbit_frame_read(json_object_get(j->run, "orbit"), &seen) == CLN_OK;
+    const bool known = cln_orbit_frame_read(json_object_get(j->run, "orbit"), &seen) == CLN_OK;
 
+    if (!known)
+        cln_clear_error(); /* of an older run */
     memcpy(up, j->desc->up, 3 * sizeof *up);
-    if (cln_normalise(up))
-        return;
-    if (!known) /* of an older run */
-        cln_clear_error();
-    known = known && !seen.guessed && seen.up[2] < LEVEL;
-    memcpy(up, known ? seen.up : (const double[3]){0, 0, 1}, 3 * sizeof *up);
-    if (known)
-        cln_warn(
-            "--map: the scene's z is not up, so the map has a frame of its own, with the "
-            "training cameras' up (%.3f, %.3f, %.3f) in the scene's (\"axes\" in render.json); "
-            "--up z looks along z all the same",
-            up[0], up[1], up[2]);
+    if (!cln_up_given(up))
+        cln_map_up(known ? &seen : NULL, up);
 }
 
 /* The map's camera. */

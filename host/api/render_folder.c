@@ -79,6 +79,25 @@ done:
     return st;
 }
 
+/* Has a text file so many lines, the last one to its end? */
+static bool has_lines(const char *path, long lines)
+{
+    FILE *file = fopen(path, "r");
+    char block[1 << 16];
+    size_t bytes = 0;
+    long ends = 0;
+    bool ended = false;
+
+    while (file && (bytes = fread(block, 1, sizeof block, file)) > 0) {
+        for (size_t i = 0; i < bytes; i++)
+            ends += block[i] == '\n';
+        ended = block[bytes - 1] == '\n';
+    }
+    if (file)
+        fclose(file);
+    return ended && ends == lines;
+}
+
 /* Whether a frame's file is there and looks whole: it has been written at once, but a copy of the
  * folder may have been cut short. */
 static cln_status has_whole_file(const cln_render_job *j, const cln_render_frame *f, int file,
@@ -86,7 +105,7 @@ static cln_status has_whole_file(const cln_render_job *j, const cln_render_frame
 {
     cln_status st = CLN_OK;
     const double values = (double)cln_render_width(j, f) * f->camera.height;
-    const bool text = file == HEIGHT_ASC || file == WORLD; /* of no length that is known */
+    const bool text = file == HEIGHT_ASC || file == WORLD;
     const bool picture = !text && file != DEPTH_NPY && file != DEPTH_PFM && file != NORMAL_NPY;
     char *path = NULL;
     struct stat about;
@@ -96,7 +115,7 @@ static cln_status has_whole_file(const cln_render_job *j, const cln_render_frame
     if (*there && picture)
         *there = cln_image_check_ends(path) == CLN_OK;
     else if (*there && text)
-        *there = about.st_size > 0;
+        *there = has_lines(path, 6 + (file == HEIGHT_ASC ? f->camera.height : 0));
     else if (*there)
         *there = (double)about.st_size >= (file == DEPTH_PFM ? 0 : CLN_NPY_HEAD) +
                                               values * sizeof(float) * (file == NORMAL_NPY ? 3 : 1);
@@ -174,19 +193,34 @@ static json_t *background_json(const cln_render_job *j)
     return rgb;
 }
 
-/* "seen" of the folder's frames: those of this render, and of others that have it. */
+/* By which training views the shares of a frame in the folder were counted. */
+static const char *seen_by(const cln_render_job *j, const char *name)
+{
+    const json_t *row = json_object_get(json_object_get(j->before, "seen"), name);
+    const char *by = json_string_value(json_array_get(row, 2));
+
+    return by ? by : cln_json_text(j->before, "seen_by"); /* older programs tell the newest's */
+}
+
+/* "seen" of the folder's frames: those of this render, which are null until they are counted, and
+ * of others that have it. */
 static int put_seen(const cln_render_job *j, json_t *about)
 {
-    json_t *seen = json_object(), *before = json_object_get(j->before, "seen");
+    json_t *seen = json_object(), *row = NULL;
     const char *by = j->seen_by[0] ? j->seen_by : cln_json_text(j->before, "seen_by");
-    int lost = before ? json_object_update(seen, before) : 0;
+    const char *name = NULL;
+    int lost = 0;
 
+    json_object_foreach(json_object_get(j->before, "seen"), name, row) lost |= json_object_set_new(
+        seen, name,
+        json_pack("[O?, O?, s]", json_array_get(row, 0), json_array_get(row, 1), seen_by(j, name)));
     for (int i = 0; i < j->count; i++) {
         const cln_render_frame *f = &j->frames[i];
 
-        if (!isnan(f->seen.none) && cln_utf8_valid(f->name))
-            lost |=
-                json_object_set_new(seen, f->name, json_pack("[f, f]", f->seen.none, f->seen.few));
+        if (j->desc->seen && cln_utf8_valid(f->name))
+            lost |= json_object_set_new(seen, f->name,
+                                        json_pack("[o, o, s]", cln_json_real(f->seen.none),
+                                                  cln_json_real(f->seen.few), by));
         else if (!f->there)
             json_object_del(seen, f->name);
     }
@@ -366,22 +400,19 @@ cln_status cln_render_find_there(cln_render_job *j)
 {
     cln_status st = CLN_OK;
     const json_t *known = json_object_get(j->before, "frames");
-    /* counted by other training views, all are counted again */
-    const bool stale =
-        j->desc->seen && strcmp(j->seen_by, cln_json_text(j->before, "seen_by")) != 0;
 
-    if (stale)
-        json_object_del(j->before, "seen");
     for (int i = 0; i < j->count; i++) {
         cln_render_frame *f = &j->frames[i];
         const char *made_from = json_string_value(json_object_get(known, f->name));
         bool pictured = false;
 
         f->alike = made_from && strcmp(made_from, f->made_from) == 0;
-        f->there = !j->desc->overwrite && f->alike && !stale;
+        f->there = !j->desc->overwrite && f->alike;
         for (int file = 0; file < FILES && f->there; file++)
             if (is_wanted(j, file))
                 CLN_TRY(has_whole_file(j, f, file, &f->there));
+        f->recounted = f->there && j->desc->seen && strcmp(j->seen_by, seen_by(j, f->name)) != 0;
+        f->there = f->there && !f->recounted;
         CLN_TRY(has_file(j, f, DEPTH_PNG, &pictured));
         if (f->there && j->desc->seen)
             CLN_TRY(read_seen(j, f, &f->seen));
@@ -522,9 +553,10 @@ cln_status cln_render_drop_stale(const cln_render_job *j)
 {
     cln_status st = CLN_OK;
     char *path = NULL;
-    int dropped = 0;
+    int dropped = 0, recounted = 0;
 
     for (int i = 0; i < j->count; i++) {
+        recounted += j->frames[i].recounted;
         if (j->frames[i].there)
             continue;
         for (int file = OLD_PNG16; file >= 0; file--) { /* first those that say it is there */
@@ -532,11 +564,14 @@ cln_status cln_render_drop_stale(const cln_render_job *j)
             path = NULL;
             CLN_TRY(path_of(j, &j->frames[i], file, &path));
             if (remove(path) == 0)
-                dropped += file == COLOUR_PNG;
+                dropped += file == COLOUR_PNG && !j->frames[i].recounted;
             else if (errno != ENOENT)
                 CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", path, strerror(errno)));
         }
     }
+    if (recounted > 0)
+        cln_info("%s: of %d of %d frames other training views were counted: %s rendered again",
+                 j->desc->out, recounted, j->count, cln_plural(recounted, "it is", "they are"));
     if (dropped > 0)
         cln_info("%s: %d of %d frames %s: %s rendered again", j->desc->out, dropped, j->count,
                  j->desc->overwrite

@@ -16,8 +16,9 @@ typedef struct cln_render_frame {
     const char *name;
     cln_camera camera;
     char made_from[CLN_DIGEST_TEXT]; /* digest of all that its pictures depend on */
-    bool alike; /* by render.json, what the folder may have of it was made from the same */
-    bool there; /* that is there, whole, and stays */
+    bool alike;     /* by render.json, what the folder may have of it was made from the same */
+    bool there;     /* that is there, whole, and stays */
+    bool recounted; /* it would, but for its shares, which are of other training views */
     cln_seen_shares seen; /* NAN if it was not asked for, or nothing is shown */
     /* Frames that are made from the same share a picture: the number of the first of them, which is
      * rendered for all, and of the next behind this one, -1 for none. */

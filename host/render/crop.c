@@ -211,15 +211,18 @@ void cln_crop_warn(const char *name, const cln_space *space, const cln_octree *t
 {
     char text[CLN_BOX_BYTES];
 
-    if (!cln_crop_is_empty(space, tree, crop))
+    if (!is_empty(space, tree, true, crop))
         return;
     cln_crop_cube(space, text);
-    if (space->forward || space->shell)
+    if (space->forward)
         cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it", name);
     else
-        cln_warn("%s: nothing is in this box, as no leaf of the run reaches into it; the scene's "
-                 "cube is %s",
-                 name, text);
+        cln_warn("%s: %s as no leaf of the run%s reaches into it; the scene's cube is %s, in its "
+                 "own coordinates, to which no offset is added",
+                 name,
+                 cln_crop_is_empty(space, tree, crop) ? "nothing is in this box,"
+                                                      : "little is in this box,",
+                 space->shell ? " within the cube" : "", text);
 }
 
 /* Of a plain or shell space, whose crop is placed. */

@@ -40,8 +40,8 @@ bool cln_crop_is_turned(const cln_crop *crop);
 /* The scene's cube as an option's box, for messages. */
 void cln_crop_cube(const cln_space *space, char text[CLN_BOX_BYTES]);
 
-/* Empty: is every ACTIVE leaf outside one side of the box? Sets its planes. Warn: warns if so.
- * Check: CLN_USAGE if so, also of a shell space if only leaves beyond the cube reach into it, for
+/* Empty: is every ACTIVE leaf outside one side of the box? Sets its planes. Warn: warns if so, also
+ * of a shell space if only leaves beyond the cube reach into it. Check: then it is CLN_USAGE, for
  * what is made of the cube alone; a crop that is off passes. It warns of a box that holds the whole
  * cube, as of another unit. */
 bool cln_crop_is_empty(const cln_space *space, const cln_octree *tree, cln_crop *crop);

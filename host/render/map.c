@@ -11,12 +11,54 @@
 #include "base/memory.h"
 #include "base/number.h"
 #include "io/image.h"
-#include "scene/vectors.h"
+#include "io/mesh.h"
 
 static const double MOST_PIXELS = 1999; /* of the longer side, where no spacing is given; and one
                                            more, as corners are at whole ones */
 static const float SEEN = 0.5f;         /* from this opacity on, a pixel shows a surface */
 enum { CELL_BYTES = 400 };              /* of a height, with what stands behind it */
+
+/* Cosines of 20 degrees, to which z is taken for up, as scenes on the earth have it, and of 2, to
+ * which training cameras tell it. */
+static const double NEARLY = 0.94, EXACT = 0.9994;
+
+/* The axis that a direction is, to what training cameras can tell; else the direction. */
+static void to_axis(const double direction[3], double out[3])
+{
+    memcpy(out, direction, 3 * sizeof *out);
+    for (int a = 0; a < 3; a++)
+        if (fabs(direction[a]) >= EXACT) {
+            memset(out, 0, 3 * sizeof *out);
+            out[a] = direction[a] < 0 ? -1 : 1;
+        }
+}
+
+void cln_map_up(const cln_orbit_frame *seen, double up[3])
+{
+    double theirs[3];
+
+    memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
+    if (!seen)
+        return;
+    to_axis(seen->up, theirs);
+    if (theirs[2] > EXACT)
+        return;
+    if (seen->guessed)
+        cln_warn("--map looks along the scene's z, as the training cameras do not tell for sure "
+                 "which way is up; perhaps it is --up=%.4g,%.4g,%.4g, or the opposite",
+                 theirs[0], theirs[1], theirs[2]);
+    else if (seen->up[2] >= NEARLY)
+        cln_warn("--map looks along the scene's z; by the training cameras up is %.1f degrees from "
+                 "it: --up=%.4g,%.4g,%.4g, unless z is the plumb line",
+                 acos(seen->up[2]) * 180 / M_PI, theirs[0], theirs[1], theirs[2]);
+    else {
+        memcpy(up, theirs, sizeof theirs);
+        cln_warn("--map: the scene's z is not up, so the map has a frame of its own, with the "
+                 "training cameras' up (%.4g, %.4g, %.4g) in the scene's (\"axes\" in "
+                 "render.json); --up z looks along z all the same",
+                 up[0], up[1], up[2]);
+    }
+}
 
 /* The least of 1, 2 and 5 times a power of ten that is no smaller. */
 static double round_up(double x)
@@ -28,16 +70,17 @@ static double round_up(double x)
 
 void cln_map_axes(const double up[3], double axes[9])
 {
-    double *x = axes, *y = axes + 3, *z = axes + 6, along = 0;
+    double turn[4];
 
-    memset(axes, 0, 9 * sizeof *axes);
-    memcpy(z, up, 3 * sizeof *z);
-    x[fabs(up[0]) <= fmax(fabs(up[1]), fabs(up[2])) ? 0 : 1] = 1;
-    along = cln_dot(x, up);
-    for (int a = 0; a < 3; a++)
-        x[a] -= along * up[a];
-    cln_normalise(x);
-    cln_cross(z, x, y);
+    cln_mesh_upright(up, 2, turn);
+    for (int k = 0; k < 3; k++) {
+        double axis[3] = {0};
+
+        axis[k] = 1;
+        cln_mesh_turned(turn, axis, axis);
+        for (int a = 0; a < 3; a++)
+            axes[3 * a + k] = axis[a];
+    }
 }
 
 /* The box that a corner-aligned box of the scene spans in the map's frame. */

@@ -6,11 +6,17 @@
 #define CLN_MAP_H
 
 #include "render/crop.h"
+#include "render/orbit.h"
 #include "render/picture.h"
 #include "scene/scene.h"
 
-/* Rows of a map's frame for this up (unit): the scene's own if up is its z, else x is one of the
- * scene's axes that is nearly level, made level. */
+/* A map's up, where none is given, by what the training cameras tell; NULL: an older run, which does
+ * not have it. The scene's z, as of a survey, if theirs is within 20 degrees of it or a guess: then
+ * with a warning, unless it is within 2, which is what they can tell. Else theirs, or the axis that
+ * is within 2 degrees of it, with a warning. */
+void cln_map_up(const cln_orbit_frame *seen, double up[3]);
+
+/* Rows of a map's frame for this up: the scene's, turned as exports are (cln_mesh_upright). */
 void cln_map_axes(const double up[3], double axes[9]);
 
 /* The camera of the map of the crop's box, or without one of the scene's cube: pixels of `spacing`

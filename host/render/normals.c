@@ -59,7 +59,8 @@ void cln_normals_of_depth(const cln_camera *camera, const float *depth, const fl
     for (int y = 0; y < camera->height; y++)
         for (int x = 0; x < camera->width; x++) {
             float *out = normals + 3 * ((size_t)y * (size_t)camera->width + (size_t)x);
-            double here[3], across[3], down[3], n[3], range = 0, length = 0, away = 0;
+            double here[3], across[3], down[3], n[3], from[3], ray[3], range = 0, length = 0;
+            bool away = false;
 
             memset(out, 0, 3 * sizeof *out);
             if (!find_point(&s, x, y, here, &range) ||
@@ -68,9 +69,8 @@ void cln_normals_of_depth(const cln_camera *camera, const float *depth, const fl
                 continue;
             cln_cross(across, down, n);
             length = sqrt(cln_dot(n, n));
-            for (int a = 0; a < 3; a++)
-                away += n[a] * (here[a] - camera->c2w[4 * a + 3]);
+            away = cln_camera_ray(camera, x + 0.5, y + 0.5, from, ray) && cln_dot(n, ray) > 0;
             for (int a = 0; a < 3 && length > 0; a++)
-                out[a] = (float)((away > 0 ? -n[a] : n[a]) / length);
+                out[a] = (float)((away ? -n[a] : n[a]) / length);
         }
 }

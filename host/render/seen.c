@@ -142,7 +142,9 @@ static int8_t count_at(const cln_seen *seen, const cln_camera *camera, const cln
 cln_status cln_seen_picture(const cln_seen *seen, const cln_camera *camera, cln_picture *picture)
 {
     cln_status st = CLN_OK;
-    const int width = picture->width, height = picture->height, step = (width + GRID - 1) / GRID;
+    const int width = picture->width, height = picture->height;
+    /* a map's heights that no view sees are left out, one by one */
+    const int step = camera->parallel ? 1 : (width + GRID - 1) / GRID;
 
     CLN_TRY(cln_alloc(&picture->seen, (size_t)width, (size_t)height, "picture"));
     for (int y = 0; y < height; y += step)

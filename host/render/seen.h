@@ -35,7 +35,8 @@ void cln_seen_free(cln_seen *seen); /* accepts a zeroed one */
 int cln_seen_at(const cln_seen *seen, const double point[3]);
 
 /* picture->seen = the number for each pixel, or -1 where less than half is opaque; of a coarse grid
- * of rays, 320 across. Depths are along the ray, in scene units. CLN_MEMORY. */
+ * of rays, 320 across, but of each ray of a map. Depths are along the ray, in scene units.
+ * CLN_MEMORY. */
 cln_status cln_seen_picture(const cln_seen *seen, const cln_camera *camera, cln_picture *picture);
 
 /* Of what pictures show, the shares that no view and that fewer than CLN_SEEN_FEW see. NaN if they

@@ -2,6 +2,7 @@
  * short, poses that come again, maps. */
 #include "unit.h"
 #include <math.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include "run_fixture.h"
 #include "base/number.h"
@@ -351,6 +352,7 @@ static void maps_are_from_far_above(void **state)
         float *depth = NULL;
         double none = 0;
         int dims = 0, shape[4], here = 0, there = 0;
+        struct stat about;
 
         snprintf(name, sizeof name, "map of %s", runs[i]);
         desc.out = fixture_path(name);
@@ -360,6 +362,9 @@ static void maps_are_from_far_above(void **state)
         assert_false(is_there(name));
         snprintf(name, sizeof name, "map of %s/map.height.asc", runs[i]);
         assert_int_equal(remove(fixture_path(name)), 0); /* it is made again */
+        fixture_rendered(&desc, 1, 0);
+        assert_int_equal(stat(fixture_path(name), &about), 0);
+        assert_int_equal(truncate(fixture_path(name), about.st_size - 100), 0); /* a copy was */
         fixture_rendered(&desc, 1, 0);
         none = read_heights(name, heights);
         desc.map = false;
@@ -422,6 +427,12 @@ static void shares_are_of_their_views(void **state)
     assert_int_equal(json_object_size(fixture_at(about, "seen")), TEST_VIEWS);
     json_decref(about);
     assert_string_not_equal(by[0], by[1]);
+    desc.scene = NULL; /* of one frame the first views again, and not of the others */
+    desc.frame_count = 1;
+    fixture_rendered(&desc, 1, 0);
+    desc.frame_count = 0;
+    fixture_rendered(&desc, TEST_VIEWS - 1, 1);
+    fixture_rendered(&desc, 0, TEST_VIEWS);
     desc.mean_depth = true;
     assert_fails(cln_render(&desc, &result), CLN_USAGE, "--depth mean");
     json_decref(document);

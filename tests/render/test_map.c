@@ -2,9 +2,12 @@
  * their two files. tests/api/test_render_frames.c renders one. */
 #include "unit.h"
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 #include "near.h"
 #include "outcome.h"
+#include "base/log.h"
+#include "io/mesh.h"
 #include "render/map.h"
 #include "scratch.h"
 #include "tests.h"
@@ -140,6 +143,70 @@ static void test_axes(void **state)
     }
 }
 
+static void hear(cln_log_level level, const char *line, void *user)
+{
+    if (level == CLN_LOG_WARN)
+        snprintf(user, 300, "%s", line);
+}
+
+/* What the training cameras tell counts where it is sure and z is not about that; what is doubtful
+ * is said. */
+static void test_up(void **state)
+{
+    static const struct {
+        double seen[3];
+        bool guessed;
+        double up[3];
+        const char *says;
+    } rows[] = {{{0.03, 0, 0.99955}, false, {0, 0, 1}, ""},
+                {{0.03, 0, 0.99955}, true, {0, 0, 1}, ""},
+                {{0.28, 0, 0.96}, false, {0, 0, 1}, "16.3 degrees from it: --up=0.28,0,0.96"},
+                {{0.28, 0, 0.96}, true, {0, 0, 1}, "perhaps it is --up=0.28,0,0.96"},
+                {{0.6, 0, 0.8}, false, {0.6, 0, 0.8}, "up (0.6, 0, 0.8)"},
+                {{0.6, 0, 0.8}, true, {0, 0, 1}, "perhaps it is --up=0.6,0,0.8"},
+                {{0, -0.9998, 0.02}, false, {0, -1, 0}, "up (0, -1, 0)"},
+                {{0, 0.998, 0.0632}, false, {0, 0.998, 0.0632}, "up (0, 0.998, 0.0632)"},
+                {{0, 0.02, -0.9998}, false, {0, 0, -1}, "up (0, 0, -1)"},
+                {{0, 0.02, -0.9998}, true, {0, 0, 1}, "perhaps it is --up=0,0,-1"}};
+    double up[3];
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        cln_orbit_frame frame = {.guessed = rows[i].guessed};
+        char heard[300] = "";
+
+        memcpy(frame.up, rows[i].seen, sizeof frame.up);
+        cln_log_to(CLN_LOG_WARN, hear, heard);
+        cln_map_up(&frame, up);
+        cln_log_to(CLN_LOG_INFO, NULL, NULL);
+        if (memcmp(up, rows[i].up, sizeof up) != 0 || !strstr(heard, rows[i].says) ||
+            (!*rows[i].says && *heard))
+            fail_msg("row %d: up (%g, %g, %g), \"%s\"", (int)i, up[0], up[1], up[2], heard);
+    }
+    cln_map_up(NULL, up);
+    assert_true(up[0] == 0 && up[1] == 0 && up[2] == 1);
+}
+
+/* A map lies on what export --up makes of the same points. */
+static void test_lies_on_exports(void **state)
+{
+    static const double ups[][3] = {{1, 0, 0}, {0, -2, 0}, {0, 0, -1}, {0.57, -0.76, 0.32}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof ups / sizeof *ups; i++) {
+        const double point[3] = {3, -1, 0.4};
+        double axes[9], turn[4], turned[3];
+
+        cln_map_axes(ups[i], axes);
+        cln_mesh_upright(ups[i], 2, turn);
+        cln_mesh_turned(turn, point, turned);
+        for (int a = 0; a < 3; a++)
+            assert_near(axes[3 * a] * point[0] + axes[3 * a + 1] * point[1] +
+                            axes[3 * a + 2] * point[2],
+                        turned[a], 1e-12);
+    }
+}
+
 static void test_refused(void **state)
 {
     cln_space space = space_of(false);
@@ -199,6 +266,8 @@ int test_group_map(void)
         cmocka_unit_test(test_spacing),
         cmocka_unit_test(test_crop),
         cmocka_unit_test(test_axes),
+        cmocka_unit_test(test_up),
+        cmocka_unit_test(test_lies_on_exports),
         cmocka_unit_test(test_refused),
         cmocka_unit_test_setup_teardown(test_files, scratch_make, scratch_remove),
     };

@@ -62,7 +62,8 @@ static cln_camera make_camera(void)
     return c;
 }
 
-static void check(double k1)
+/* parallel: all rays along the axis, from a plane that begins left and above. */
+static void check(double k1, bool parallel)
 {
     static float depth[WIDTH * HEIGHT], opacity[WIDTH * HEIGHT], got[3 * WIDTH * HEIGHT];
     static double want[3 * WIDTH * HEIGHT];
@@ -70,6 +71,13 @@ static void check(double k1)
     int known = 0, close = 0, empty = 0;
 
     camera.k1 = k1;
+    if (parallel) {
+        camera.fx = camera.fy = 40;
+        camera.cx = camera.cy = 0;
+        camera.parallel = true;
+        for (int a = 0; a < 3; a++)
+            camera.c2w[4 * a + 3] -= 1.5 * camera.c2w[4 * a] + 1.1 * camera.c2w[4 * a + 1];
+    }
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
         double o[3], d[3], t = 0;
 
@@ -105,8 +113,9 @@ static void check(double k1)
 static void test_known_surfaces(void **state)
 {
     (void)state;
-    check(0);
-    check(0.08);
+    check(0, false);
+    check(0.08, false);
+    check(0, true);
 }
 
 /* Across a step of depth is no surface: a column alone before a wall has no normal. */

@@ -161,6 +161,44 @@ static void test_picture(void **state)
     cln_seen_free(&seen);
 }
 
+/* Of a map each pixel is asked, as its heights are left out one by one. */
+static void test_map(void **state)
+{
+    const int width = 700, height = 4;
+    cln_camera camera = {.width = 700,
+                         .height = 4,
+                         .fx = 17.5,
+                         .fy = 17.5,
+                         .parallel = true,
+                         .c2w = {1, 0, 0, -20, 0, 1, 0, 0, 0, 0, 1, 0}};
+    cln_picture picture = {.width = width, .height = height};
+    const size_t n = (size_t)width * (size_t)height;
+    cln_seen seen;
+
+    (void)state;
+    make_row(&seen);
+    picture.depth = calloc(n, sizeof *picture.depth);
+    picture.opacity = calloc(n, sizeof *picture.opacity);
+    assert_true(picture.depth && picture.opacity);
+    for (size_t i = 0; i < n; i++) {
+        picture.depth[i] = i % 5 == 1 ? 4 : 3; /* on the wall, and before it */
+        picture.opacity[i] = i % 3 == 0 ? 0.4f : 1;
+    }
+    assert_ok(cln_seen_picture(&seen, &camera, &picture));
+    for (size_t i = 0; i < n; i++) {
+        const double at = ((double)(i % 700) + .5) / 17.5 - 20;
+
+        if (i % 3 == 0)
+            assert_int_equal(picture.seen[i], -1);
+        else if (i % 5 != 1 || at < -2.1 || at > 3)
+            assert_int_equal(picture.seen[i], 0);
+        else if (at > -1.9 && at < 2.8)
+            assert_true(picture.seen[i] > 0);
+    }
+    cln_picture_free(&picture);
+    cln_seen_free(&seen);
+}
+
 /* Of a trained ball of radius 1, 4 from the eyes: depths are lengths of the scene, and there are
  * none beside it. */
 static void test_depths(void **state)
@@ -203,9 +241,8 @@ static void test_depths(void **state)
 int test_group_seen(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_points),
-        cmocka_unit_test(test_tolerance),
-        cmocka_unit_test(test_picture),
+        cmocka_unit_test(test_points),  cmocka_unit_test(test_tolerance),
+        cmocka_unit_test(test_picture), cmocka_unit_test(test_map),
         cmocka_unit_test(test_depths),
     };
 
