@@ -789,9 +789,6 @@ static void say_no_averages(const cln_trainer *t)
             c->antialias, drawn / pixels, c->antialias_after);
 }
 
-/* So far apart, photos were learnt by heart. */
-static const double OVERFIT_DB = 8;
-
 /* Says of a training whose test views stayed far behind what can be done. */
 static void say_doubt(const cln_trainer *t)
 {
@@ -810,7 +807,7 @@ static void say_doubt(const cln_trainer *t)
     if (t->writes && cln_report_doubt(&of, doubt))
         cln_warn("%s; `cl-nascent check %s` looks for what is wrong", doubt,
                  cln_shell_quote(scene->path, quoted, sizeof quoted));
-    else if (t->writes && t->psnr_train - t->psnr_test > OVERFIT_DB)
+    else if (t->writes && t->psnr_train - t->psnr_test > cln_overfit_db)
         cln_info("test views are %.1f dB below training views (overfit): more photos of what few "
                  "of them show help, more leaves or steps do not",
                  t->psnr_train - t->psnr_test);

@@ -57,16 +57,19 @@ static void put_title(FILE *to, const char *run)
  * less. */
 static const double FEW_DB = 20, GAP_DB = 1.5;
 
+const double cln_overfit_db = 8;
+
 /* So few photos are the likeliest cause. */
 enum { FEW_PHOTOS = 8 };
 
 bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
 {
     const double psnr_train = of->psnr_train, psnr_test = of->psnr_test;
-    const bool doubtful = psnr_test < FEW_DB && psnr_train - psnr_test > GAP_DB;
+    const double gap = psnr_train - psnr_test;
     /* blurred renders gain a decibel */
     const double gain = isfinite(of->fitted_gain) ? of->fitted_gain : of->psnr_fitted - psnr_test;
-    const bool light = gain > 2 && gain > (psnr_train - psnr_test) / 2;
+    const bool light = gain > 2 && gain > gap / 2;
+    const bool doubtful = (psnr_test < FEW_DB && gap > GAP_DB) || (light && gap > cln_overfit_db);
 
     char few[64] = "";
 
@@ -79,14 +82,14 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
             out, CLN_DOUBT_BYTES,
             "test views are %.1f dB below training views, at %.1f dB, but at %.1f dB after a "
             "fit of colours: exposure or white balance differs between photos%s",
-            psnr_train - psnr_test, psnr_test, of->psnr_fitted,
+            gap, psnr_test, of->psnr_fitted,
             of->exposed ? "" : " (--exposure fits gains to them)");
     else if (doubtful)
         cln_format(out, CLN_DOUBT_BYTES,
                    "test views are %.1f dB below training views, at %.1f dB: %s%s%sposes or lenses "
                    "are wrong, or the photos %slook elsewhere, or things moved or the light "
                    "changed between them%s",
-                   psnr_train - psnr_test, psnr_test,
+                   gap, psnr_test,
                    of->cube_guessed ? "the cube, which is a guess, may be far too large or small "
                                       "(--bbox), or "
                                     : "",

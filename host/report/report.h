@@ -7,8 +7,12 @@
 #include <stdbool.h>
 #include "base/status.h"
 
+/* Held-out views so far below training views, in dB, are of photos that were learnt by heart, or in
+ * other light. */
+extern const double cln_overfit_db;
+
 /* Do held-out views look wrong (few dB) where training views look better? Poses or lenses are
- * wrong, or photos are few or look elsewhere, or differ in exposure, as a fit of colours shows:
+ * wrong, or photos are few or look elsewhere, or differ in exposure, as a fit of colours shows (of many dB, too):
  * more training does not mend it. `out` says so, in the middle of a sentence, what is known of this
  * scene first; "" if not, or if a PSNR of the first two is not finite. */
 enum { CLN_DOUBT_BYTES = 512 };

@@ -19,6 +19,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "scene/dataset.h"
 #include "scene/metashape.h"
@@ -28,6 +29,8 @@
 static const double SKEW_TOLD = 0.3; /* pixels at the picture's edge */
 /* The earth's ellipsoid, WGS 84: half axes in metres. */
 static const double EQUATOR = 6378137, POLE = 6356752.314245;
+
+enum { WHAT_BYTES = 256 };
 
 /* ---- coordinates ---- */
 
@@ -92,20 +95,38 @@ static void stand_on_earth(const double place[3], frame *f)
     memcpy(f->shift, shift, sizeof shift);
 }
 
-/* The scene's frame; what: as words. Returns whether z is up in it. */
-static bool choose_frame(const cln_metashape *m, int component, const char **what, frame *out)
+/* Latitude and longitude in degrees and height over the ellipsoid, of earth-centred coordinates
+ * (Bowring, "Transformation from spatial to geographical coordinates", Survey Review 1976: to a
+ * millimetre near the ground). */
+static void geographic(const double place[3], double out[3])
 {
-    double middle[3] = {0};
+    const double e2 = 1 - POLE * POLE / (EQUATOR * EQUATOR);
+    const double axis = hypot(place[0], place[1]);
+    const double reduced = atan2(place[2] * EQUATOR, axis * POLE);
+    const double s = sin(reduced), c = cos(reduced);
+    const double latitude = atan2(place[2] + e2 / (1 - e2) * POLE * s * s * s,
+                                  axis - e2 * EQUATOR * c * c * c);
+    const double normal = EQUATOR / sqrt(1 - e2 * sin(latitude) * sin(latitude));
+
+    out[0] = latitude * 180 / M_PI;
+    out[1] = atan2(place[1], place[0]) * 180 / M_PI;
+    out[2] = fabs(latitude) < 0.8 ? axis / cos(latitude) - normal
+                                  : place[2] / sin(latitude) - (1 - e2) * normal;
+}
+
+/* The scene's frame; what: as words. Returns whether z is up in it. */
+static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_BYTES], frame *out)
+{
+    double middle[3] = {0}, there[3];
     int count = 0;
 
     *out = (frame){.scale = 1, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    *what = "coordinates and units are the chunk's own";
+    cln_format(what, WHAT_BYTES, "coordinates and units are the chunk's own");
     if (!find_transform(m, component, out))
         return false;
-    *what = "coordinates are the chunk's local ones";
+    cln_format(what, WHAT_BYTES, "coordinates are the chunk's local ones");
     if (!m->reference[0] || strncmp(m->reference, "LOCAL_CS", 8) == 0)
         return false;
-    *what = "coordinates are metres east, north and up from the middle of the cameras";
     for (int i = 0; i < m->camera_count; i++) {
         const cln_metashape_camera *c = &m->cameras[i];
         double at[3] = {c->pose[3], c->pose[7], c->pose[11]};
@@ -119,6 +140,11 @@ static bool choose_frame(const cln_metashape *m, int component, const char **wha
     }
     for (int a = 0; a < 3 && count; a++)
         middle[a] /= count;
+    geographic(middle, there);
+    cln_format(what, WHAT_BYTES,
+               "coordinates are metres east, north and up from the middle of the cameras, latitude "
+               "%.8f, longitude %.8f, height %.3f",
+               there[0], there[1], there[2]);
     stand_on_earth(middle, out);
     return true;
 }
@@ -365,7 +391,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     cln_status st = CLN_OK;
     cln_metashape m = {0};
     char *file = NULL, *folder = NULL, *around = NULL, *images = NULL, masks[64];
-    const char *what = NULL;
+    char what[WHAT_BYTES];
     int component = -1;
     frame f;
 
@@ -378,7 +404,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
                          "export the cameras again",
                          file));
     component = largest_component(&m);
-    result->up[2] = choose_frame(&m, component, &what, &f);
+    result->up[2] = choose_frame(&m, component, what, &f);
     CLN_TRY(add_views(file, &m, component, &f, result));
     if (result->view_count == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: all its aligned cameras are disabled; enable some", file));

@@ -818,7 +818,9 @@ static void doubt_knows_exposure(void **state)
         {DOUBT(17, 15, 16.9, false), "poses or lenses are wrong"},
         {DOUBT(24, 12, 18.5, true), "white balance differs between photos"},
         {DOUBT(24, 12, 17.5, true), "poses or lenses are wrong"},
-        {DOUBT(28.1, 20.1, 27, false), NULL},
+        {DOUBT(28, 20.1, 27, false), NULL},
+        {DOUBT(35.2, 21.7, 35.1, false), "at 35.1 dB after a fit of colours"},
+        {DOUBT(35.2, 21.7, 24, false), NULL},
         {DOUBT(20, 19.2, 19.3, false), NULL},
         {DOUBT(NAN, 12, 27, false), NULL},
         {DOUBT(28, NAN, NAN, false), NULL}};

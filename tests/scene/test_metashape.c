@@ -174,12 +174,12 @@ static void test_local(void **state)
     assert_non_null(strstr(warnings, "1 camera is of other components"));
 }
 
-/* A chunk whose own z is up, on the earth at 48 degrees north, 11 east: the scene is the chunk,
- * scaled, about the middle of the cameras. */
-static void test_on_earth(void **state)
+/* A chunk whose own z is up, on the earth at this latitude and longitude (degrees): the scene is
+ * the chunk, scaled, about the middle of the cameras, whose place is told. */
+static void check_on_earth(const char *folder, double latitude, double longitude)
 {
-    const char *folder = *state;
-    const double a = 6378137, b = 6356752.314245, lat = 48 * M_PI / 180, lon = 11 * M_PI / 180;
+    const double a = 6378137, b = 6356752.314245, lat = latitude * M_PI / 180,
+                 lon = longitude * M_PI / 180;
     const double n = a * a / sqrt(pow(a * cos(lat), 2) + pow(b * sin(lat), 2));
     const double origin[3] = {n * cos(lat) * cos(lon), n * cos(lat) * sin(lon),
                               b * b / (a * a) * n * sin(lat)};
@@ -193,8 +193,9 @@ static void test_on_earth(void **state)
                                      cos(lat),
                                      sin(lat)};
     cln_camera cameras[FORMAT_VIEWS];
-    double middle[3] = {0};
+    double middle[3] = {0}, told[3], across = 0, place[3];
     char reference[3000] = "";
+    const char *words = NULL;
     cln_scene *scene = NULL;
 
     format_cameras(cameras);
@@ -203,7 +204,12 @@ static void test_on_earth(void **state)
     memcpy(reference, "PROJCS[", 7);
     put_cameras(folder, cameras, transform_of(east_north_up, origin), reference, "frame", lens);
     scene = load(folder, plain());
-    assert_non_null(strstr(scene->because, "metres east, north and up"));
+    words = strstr(scene->because, "metres east, north and up");
+    assert_non_null(words);
+    assert_int_equal(sscanf(strstr(words, "latitude"),
+                            "latitude %lf, longitude %lf, height %lf", &told[0], &told[1],
+                            &told[2]),
+                     3);
     for (int v = 0; v < FORMAT_VIEWS; v++) {
         double pose[12];
 
@@ -222,7 +228,24 @@ static void test_on_earth(void **state)
                         1e-3);
         }
     }
+    told[0] *= M_PI / 180;
+    told[1] *= M_PI / 180;
+    across = a * a / sqrt(pow(a * cos(told[0]), 2) + pow(b * sin(told[0]), 2));
+    place[0] = (across + told[2]) * cos(told[0]) * cos(told[1]);
+    place[1] = (across + told[2]) * cos(told[0]) * sin(told[1]);
+    place[2] = (b * b / (a * a) * across + told[2]) * sin(told[0]);
+    for (int i = 0; i < 3; i++)
+        assert_near(place[i],
+                    origin[i] + east_north_up[3 * i] * middle[0] +
+                        east_north_up[3 * i + 1] * middle[1] + east_north_up[3 * i + 2] * middle[2],
+                    2e-3);
     cln_scene_free(scene);
+}
+
+static void test_on_earth(void **state)
+{
+    check_on_earth(*state, 48, 11);
+    check_on_earth(*state, -12, -170);
 }
 
 /* Photos in a folder beside that of the file: as it has them all; one that is called like one of
