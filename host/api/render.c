@@ -250,9 +250,9 @@ static cln_status render_eye(cln_render_job *j, int eye, float *normals, cln_pic
     cln_status st = CLN_OK;
     const cln_camera *camera = &j->eyes[eye];
 
-    CLN_TRY(cln_render_view(&j->opened.pipeline, eye, j->opened.model.background,
-                            j->desc->mean_depth ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN,
-                            &j->desc->callbacks, out));
+    CLN_TRY((j->desc->map ? cln_render_large : cln_render_view)(
+        &j->opened.pipeline, eye, j->opened.model.background,
+        j->desc->mean_depth ? CLN_DEPTH_MEAN : CLN_DEPTH_MEDIAN, &j->desc->callbacks, out));
     cln_picture_to_scene(&j->opened.model.space, out);
     if (j->desc->seen)
         CLN_TRY(cln_seen_picture(&j->seen, camera, out));

@@ -201,12 +201,15 @@ static cln_status poll_signal(const cln_pipeline *p, const cln_callbacks *callba
     return cln_stopped_by((int)most, NULL);
 }
 
-/* Renders all of a picture that was begun. */
-static cln_status render_all(cln_pipeline *p, const cln_callbacks *callbacks, cln_rendering *r)
+/* Renders all of a picture that was begun; shown: as work. */
+static cln_status render_all(cln_pipeline *p, const cln_callbacks *callbacks, bool shown,
+                             cln_rendering *r)
 {
     cln_status st = CLN_OK;
 
     while (!cln_rendering_whole(r)) {
+        if (shown)
+            cln_show_work(callbacks, "pixels", r->done, r->picture.width * r->picture.height);
         CLN_TRY(poll_signal(p, callbacks));
         CLN_TRY(cln_rendering_step(p, r));
     }
@@ -214,20 +217,32 @@ done:
     return st;
 }
 
-cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
-                           const cln_callbacks *callbacks, cln_picture *out)
+static cln_status render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                              const cln_callbacks *callbacks, bool shown, cln_picture *out)
 {
     cln_status st = CLN_OK;
     cln_rendering r = {0};
 
     memset(out, 0, sizeof *out);
     CLN_TRY(cln_rendering_begin(p, view, background, depth, &r));
-    CLN_TRY(render_all(p, callbacks, &r));
+    CLN_TRY(render_all(p, callbacks, shown, &r));
     *out = r.picture;
     memset(&r.picture, 0, sizeof r.picture);
 done:
     cln_rendering_end(&r);
     return st;
+}
+
+cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                           const cln_callbacks *callbacks, cln_picture *out)
+{
+    return render_view(p, view, background, depth, callbacks, false, out);
+}
+
+cln_status cln_render_large(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                            const cln_callbacks *callbacks, cln_picture *out)
+{
+    return render_view(p, view, background, depth, callbacks, true, out);
 }
 
 cln_status cln_render_into(cln_pipeline *p, const float background[3], unsigned depth,
@@ -238,7 +253,7 @@ cln_status cln_render_into(cln_pipeline *p, const float background[3], unsigned 
     CLN_TRY(cln_rendering_follow(p, 0, background, r));
     r->batch.depth = depth;
     r->done = 0;
-    CLN_TRY(render_all(p, callbacks, r));
+    CLN_TRY(render_all(p, callbacks, false, r));
 done:
     return st;
 }

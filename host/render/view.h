@@ -23,6 +23,10 @@ void cln_render_release(cln_pipeline *p);
 cln_status cln_render_view(cln_pipeline *p, int view, const float background[3], unsigned depth,
                            const cln_callbacks *callbacks, cln_picture *out);
 
+/* The same, shown as work pixel by pixel: of one picture that takes long, as a map does. */
+cln_status cln_render_large(cln_pipeline *p, int view, const float background[3], unsigned depth,
+                            const cln_callbacks *callbacks, cln_picture *out);
+
 /* The same batch by batch, for callers that do other work in between: begin, step until it is
  * whole, end. In between, the pipeline may have other cameras and another `antialias` if these are
  * put back before the next step. */
