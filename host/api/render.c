@@ -656,15 +656,20 @@ static void map_up(const cln_render_job *j, double up[3])
 static cln_status make_map(cln_render_job *j)
 {
     cln_status st = CLN_OK;
+    const cln_space *space = &j->opened.model.space;
     cln_camera *c = NULL;
-    double up[3], axes[9], corner[3];
+    double up[3], axes[9], corner[3], box[6];
 
     CLN_TRY(cln_frames_room(1, &j->cameras));
     j->cameras.poses = "map";
     c = &j->cameras.frame[0].camera;
     map_up(j, up);
     cln_map_axes(up, axes);
-    CLN_TRY(cln_map_camera(&j->opened.model.space, &j->crop, axes, j->desc->spacing, c));
+    for (int i = 0; i < 6; i++)
+        box[i] = space->centre[i % 3] + (i < 3 ? -space->half : space->half);
+    if (space->shell && !j->crop.on) /* what lies beyond the cube is no part of the map */
+        CLN_TRY(cln_crop_set("--map", box, (const double[3]){0}, &j->crop));
+    CLN_TRY(cln_map_camera(space, &j->crop, axes, j->desc->spacing, c));
     CLN_TRY(cln_strdup(&j->cameras.frame[0].name, "map"));
     cln_map_corner(c, j->desc->offset, corner);
     cln_info("map: %d x %d pixels of %.9g; x from %.9g to %.9g, y from %.9g to %.9g, from height "

@@ -802,15 +802,17 @@ static void say_doubt(const cln_trainer *t)
                           .cube_guessed = scene->cube_guessed,
                           .masks_doubtful = scene->masks_doubtful,
                           .training_photos = cln_scene_split_count(scene, CLN_SPLIT_TRAIN)};
+    /* with gains, photos differ from the model by their exposure, too */
+    const double test = t->model.exposed ? t->psnr_fitted : t->psnr_test;
     char doubt[CLN_DOUBT_BYTES], quoted[CLN_QUOTED_BYTES];
 
     if (t->writes && cln_report_doubt(&of, doubt))
         cln_warn("%s; `cl-nascent check %s` looks for what is wrong", doubt,
                  cln_shell_quote(scene->path, quoted, sizeof quoted));
-    else if (t->writes && t->psnr_train - t->psnr_test > cln_overfit_db)
+    else if (t->writes && t->psnr_train - test > cln_overfit_db)
         cln_info("test views are %.1f dB below training views (overfit): more photos of what few "
                  "of them show help, more leaves or steps do not",
-                 t->psnr_train - t->psnr_test);
+                 t->psnr_train - test);
 }
 
 static cln_status train(const cln_train_desc *desc, cln_train_result *result)

@@ -82,8 +82,7 @@ bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES])
             out, CLN_DOUBT_BYTES,
             "test views are %.1f dB below training views, at %.1f dB, but at %.1f dB after a "
             "fit of colours: exposure or white balance differs between photos%s",
-            gap, psnr_test, of->psnr_fitted,
-            of->exposed ? "" : " (--exposure fits gains to them)");
+            gap, psnr_test, of->psnr_fitted, of->exposed ? "" : " (--exposure fits gains to them)");
     else if (doubtful)
         cln_format(out, CLN_DOUBT_BYTES,
                    "test views are %.1f dB below training views, at %.1f dB: %s%s%sposes or lenses "

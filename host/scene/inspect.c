@@ -569,7 +569,10 @@ static void check_exposure(cln_inspection *in)
                         falloff > 0 ? "what the distance of the lamp does is taken off, as well as "
                                       "it is known: look at them before you leave them out"
                                     : "take photos with fixed exposure, or leave these out",
-                        in->scene->has_alpha || falloff > 0 ? "" : ", or train with --exposure");
+                        in->scene->has_alpha || falloff > 0
+                            ? ""
+                            : "; train gives photos gains by itself where it finds that they "
+                              "differ (--exposure: in any case)");
     if (falloff > 0)
         cln_found_fault(in->findings, "exposure", false, NULL,
                         "what is twice as far from the camera has 1/%.2g of the light, as under a "
@@ -581,7 +584,10 @@ static void check_exposure(cln_inspection *in)
         cln_found_fault(in->findings, "exposure", false, NULL,
                         "exposure changes over the set, by %.2g stops in all: the model will "
                         "average it; fixed exposure and white balance are better%s%s",
-                        high - low, in->scene->has_alpha ? "" : ", or train with --exposure",
+                        high - low,
+                        in->scene->has_alpha ? ""
+                                             : "; train gives photos gains by itself where it "
+                                               "finds that they differ (--exposure: in any case)",
                         in->scene->outwards ? ""
                                             : ". If the thing turned before a lamp that stands "
                                               "still, that is why, and all is well");
@@ -607,8 +613,9 @@ static cln_status check_blur(cln_inspection *in)
             cln_inspect_add(views, in, i);
     if (json_array_size(views))
         cln_found_fault(in->findings, "blur", false, json_incref(views),
-                        "less sharp than most: %s; blurred photos make what they show soft: leave "
-                        "them out if others show it, too",
+                        "less sharp than most: %s; blurred photos make what they show soft: take "
+                        "sharper ones from there, or leave them out if many sharp ones from nearly "
+                        "the same places remain, as a gap costs more than blur",
                         cln_findings_names(views, names, sizeof names));
 done:
     json_decref(views);

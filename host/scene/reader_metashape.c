@@ -104,8 +104,8 @@ static void geographic(const double place[3], double out[3])
     const double axis = hypot(place[0], place[1]);
     const double reduced = atan2(place[2] * EQUATOR, axis * POLE);
     const double s = sin(reduced), c = cos(reduced);
-    const double latitude = atan2(place[2] + e2 / (1 - e2) * POLE * s * s * s,
-                                  axis - e2 * EQUATOR * c * c * c);
+    const double latitude =
+        atan2(place[2] + e2 / (1 - e2) * POLE * s * s * s, axis - e2 * EQUATOR * c * c * c);
     const double normal = EQUATOR / sqrt(1 - e2 * sin(latitude) * sin(latitude));
 
     out[0] = latitude * 180 / M_PI;

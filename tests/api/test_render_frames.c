@@ -439,6 +439,34 @@ static void shares_are_of_their_views(void **state)
     free(text);
 }
 
+/* Of a scene with a shell a map is of its cube, too, and has nothing of what lies below it. */
+static void maps_end_with_the_cube(void **state)
+{
+    cln_render_desc desc = {.run = fixture_path("in shell"),
+                            .out = fixture_path("map in shell"),
+                            .orbit_elevation = NAN,
+                            .orbit_radius = 1,
+                            .map = true,
+                            .spacing = 0.0125,
+                            .device = fixture_device()};
+    cln_config config = fixture_config();
+    double heights[1600], none = 0;
+    cln_train_result trained;
+    int shown = 0;
+
+    NEED_DEVICE();
+    config.steps = 1;
+    config.initial_depth = 1; /* fog: a ray's half is not within the cube */
+    config.space = CLN_SPACE_SHELL;
+    snprintf(config.bbox, sizeof config.bbox, "-0.25,-0.25,-0.25,0.25,0.25,0.25");
+    assert_ok(fixture_train("in shell", false, &config, NULL, &trained));
+    fixture_rendered(&desc, 1, 0);
+    none = read_heights("map in shell/map.height.asc", heights);
+    for (int i = 0; i < 1600; i++)
+        shown += heights[i] != none;
+    assert_int_equal(shown, 0);
+}
+
 /* Cameras of frames that a map comes beside stay where they are written. */
 static void maps_beside_frames(void **state)
 {
@@ -499,6 +527,7 @@ int test_group_render_frames(void)
         cmocka_unit_test(doubles_are_rendered_once),
         cmocka_unit_test(maps_are_from_far_above),
         cmocka_unit_test(maps_beside_frames),
+        cmocka_unit_test(maps_end_with_the_cube),
         cmocka_unit_test(maps_that_cannot_be),
         cmocka_unit_test(shares_are_of_their_views),
     };

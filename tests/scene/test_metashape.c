@@ -206,9 +206,8 @@ static void check_on_earth(const char *folder, double latitude, double longitude
     scene = load(folder, plain());
     words = strstr(scene->because, "metres east, north and up");
     assert_non_null(words);
-    assert_int_equal(sscanf(strstr(words, "latitude"),
-                            "latitude %lf, longitude %lf, height %lf", &told[0], &told[1],
-                            &told[2]),
+    assert_int_equal(sscanf(strstr(words, "latitude"), "latitude %lf, longitude %lf, height %lf",
+                            &told[0], &told[1], &told[2]),
                      3);
     for (int v = 0; v < FORMAT_VIEWS; v++) {
         double pose[12];
