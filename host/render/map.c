@@ -164,7 +164,7 @@ cln_status cln_map_write_world(const char *path, const cln_camera *camera, const
     int bytes = 0;
 
     cln_map_corner(camera, offset, corner);
-    bytes = cln_format(text, sizeof text, "%.15g\n0\n0\n%.15g\n%.17g\n%.17g\n", spacing, -spacing,
+    bytes = cln_format(text, sizeof text, "%.15g\n0\n0\n%.15g\n%.15g\n%.15g\n", spacing, -spacing,
                        corner[0] + 0.5 * spacing, corner[1] - 0.5 * spacing);
     return cln_write_file(path, text, (size_t)bytes);
 }
@@ -203,7 +203,7 @@ cln_status cln_map_write_heights(const char *path, const cln_camera *camera, con
     none = no_data(corner[2], p);
     bytes = (size_t)cln_format(
         head, sizeof head,
-        "ncols %d\nnrows %d\nxllcorner %.17g\nyllcorner %.17g\ncellsize %.15g\n"
+        "ncols %d\nnrows %d\nxllcorner %.15g\nyllcorner %.15g\ncellsize %.15g\n"
         "NODATA_value %.0f\n",
         p->width, p->height, corner[0], corner[1] - p->height * spacing, spacing, none);
     cln_format(empty, sizeof empty, "%.0f", none);

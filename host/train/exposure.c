@@ -18,7 +18,10 @@ static const float DOUBT = 5; /* weight of a gain of 1, in rays of a white wall 
  * as the scene has learned the rest (docs/results.md, Photos that differ in exposure). */
 static const double DIFFER = 0.1, FOLLOW = 0.5;
 static const double CONFIRM = 0.3; /* of what gains differ by, what marks differ by at least */
-static const double GAMMA = 2.2;   /* light goes with this power of a photo's values */
+/* Where marks differ by more than so many times that, the scene has learned the rest as haze, which
+ * would stay: gains go on from what marks say. */
+static const double LEARNT = 1.7;
+static const double GAMMA = 2.2; /* light goes with this power of a photo's values */
 
 static bool is_wanted(const cln_model *model)
 {
@@ -101,6 +104,20 @@ bool cln_exposure_due(const cln_exposure *e, int64_t step)
     return e->views > 0 && step > 0 && step % EXPOSURE_STEPS == 0;
 }
 
+/* Divides gains by their geometric mean over the views. */
+static void centre(cln_model *model)
+{
+    for (int c = 0; c < 3; c++) {
+        double sum = 0;
+
+        for (int i = 0; i < model->exposure_views; i++)
+            sum += log((double)model->exposure[i][c]);
+        for (int i = 0; i < model->exposure_views; i++)
+            model->exposure[i][c] =
+                (float)(model->exposure[i][c] / exp(sum / model->exposure_views));
+    }
+}
+
 static double stops_of(const float gains[3])
 {
     return GAMMA * log2((double)gains[0] * (double)gains[1] * (double)gains[2]) / 3;
@@ -119,11 +136,15 @@ static double spread_of(const cln_model *model)
     return sqrt(sum / model->exposure_views);
 }
 
-/* What marks that two training photos show tell: the falloff of cln_agreement, and how much of what
- * gains differ by they differ by; or 0 and 1. Asks some of this rank's photos that follow each
- * other, so that it does not take long. */
-static cln_status ask_marks(const cln_scene *scene, const cln_model *model, double *falloff,
-                            double *share)
+/* What marks that two training photos show tell. */
+typedef struct marks {
+    double falloff; /* of cln_agreement; 0 */
+    double share;   /* how much of what gains differ by they differ by; 1 */
+    double *stops; /* [exposure_views] how bright photos are beside others; NAN: it was not asked */
+} marks;
+
+/* Asks some of this rank's photos that follow each other, so that it does not take long. */
+static cln_status ask_marks(const cln_scene *scene, const cln_model *model, marks *out)
 {
     cln_status st = CLN_OK;
     enum { RUNS = 4, RUN = 12 };
@@ -133,8 +154,6 @@ static cln_status ask_marks(const cln_scene *scene, const cln_model *model, doub
     int numbers[RUNS * RUN];
     double cross = 0, square = 0;
 
-    *falloff = 0;
-    *share = 1;
     some.views = NULL;
     CLN_TRY(cln_alloc(&here, (size_t)model->exposure_views, sizeof *here, "exposure"));
     for (int i = 0; i < model->exposure_views; i++)
@@ -150,20 +169,22 @@ static cln_status ask_marks(const cln_scene *scene, const cln_model *model, doub
         some.views[i] = *cln_scene_training_view(scene, numbers[i]);
     }
     CLN_TRY(cln_agree(&some, NULL, &found));
-    *falloff = found.falloff;
+    out->falloff = found.falloff;
+    for (int i = 0; i < asked; i++)
+        out->stops[numbers[i]] = found.views[i].exposure;
     for (int i = 0; i < found.tie_count; i++) {
         const cln_tie *t = &found.ties[i];
         const double gains =
             stops_of(model->exposure[numbers[t->a]]) - stops_of(model->exposure[numbers[t->b]]);
-        const double marks = found.views[t->a].exposure - found.views[t->b].exposure;
+        const double apart = found.views[t->a].exposure - found.views[t->b].exposure;
 
-        if (!isnan(marks)) {
-            cross += gains * marks;
+        if (!isnan(apart)) {
+            cross += gains * apart;
             square += gains * gains;
         }
     }
     if (square > 0)
-        *share = cross / square;
+        out->share = cross / square;
 done:
     cln_agreement_free(&found);
     free(some.views);
@@ -171,32 +192,43 @@ done:
     return st;
 }
 
-static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *model)
+/* Begins anew with gains as marks say; of photos that were not asked with as many times the stops
+ * that they have. */
+static void take_marks(const marks *m, cln_model *model)
 {
-    cln_status st = CLN_OK;
-    const double spread = spread_of(model);
-    double follow = 0, falloff = 0, share = 1;
+    double between = 0; /* of both scales, over the photos that were asked */
+    int count = 0;
 
-    CLN_TRY(cln_exposure_follow(model, scene, &follow));
-    if (spread >= DIFFER && follow >= FOLLOW) { /* of several ranks, rank 0's photos tell */
-        if (cln_ranks_me() == 0)
-            CLN_TRY(ask_marks(scene, model, &falloff, &share));
-        cln_ranks_tell(&falloff, sizeof falloff);
-        cln_ranks_tell(&share, sizeof share);
+    for (int i = 0; i < model->exposure_views; i++)
+        if (!isnan(m->stops[i])) {
+            between += m->stops[i] - m->share * stops_of(model->exposure[i]);
+            count++;
+        }
+    for (int i = 0; i < model->exposure_views && count; i++) {
+        float *row = model->exposure[i];
+        const double now = stops_of(row);
+        const double wanted = isnan(m->stops[i]) ? m->share * now : m->stops[i] - between / count;
+
+        for (int c = 0; c < 3; c++) {
+            row[c] *= (float)exp2((wanted - now) / GAMMA);
+            row[3 + c] = row[6 + c] = 0;
+        }
     }
-    cln_debug("exposure: gains differ by %.3f stops so far, by %.2f as neighbours do, by %.2f as "
-              "marks do; these fade with the power %.2f of distance",
-              spread, follow, share, falloff);
-    model->exposed = spread >= DIFFER && follow >= FOLLOW && falloff == 0 && share >= CONFIRM;
+    centre(model);
+}
+
+/* Says why photos get gains or not. */
+static void say_decision(const cln_model *model, double spread, const marks *m)
+{
     if (model->exposed)
         cln_info("exposure: photos are brighter or darker as those before and after them are; each "
                  "gets gains (--no-exposure: none)");
-    else if (falloff > 0)
+    else if (m->falloff > 0)
         cln_info("exposure: photos differ in brightness by %.2g stops, but so do near things and "
                  "far ones, as the light goes along with the camera: they are taken as they are "
                  "(--exposure gives each gains)",
                  spread);
-    else if (share < CONFIRM)
+    else if (m->share < CONFIRM)
         cln_info("exposure: photos differ in brightness by %.2g stops, but marks that two of "
                  "them show do not: they are taken as they are (--exposure gives each gains, as of "
                  "visits in other light)",
@@ -205,17 +237,48 @@ static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *mod
         cln_info("exposure: photos differ in brightness by %.2g stops, but not as those before and "
                  "after them: they are taken as they are (--exposure gives each gains)",
                  spread);
+}
+
+/* After the first update: are there to be gains, and do marks know better? */
+static cln_status decide(cln_exposure *e, const cln_scene *scene, cln_model *model)
+{
+    cln_status st = CLN_OK;
+    const bool given = model->exposed;
+    const double spread = spread_of(model);
+    const size_t bytes = (size_t)model->exposure_views * sizeof(double);
+    marks m = {.share = 1};
+    double follow = 0;
+
+    CLN_TRY(cln_exposure_follow(model, scene, &follow));
+    CLN_TRY(cln_alloc(&m.stops, (size_t)model->exposure_views, sizeof *m.stops, "exposure"));
+    for (int i = 0; i < model->exposure_views; i++)
+        m.stops[i] = NAN;
+    if (spread >= DIFFER && (given || follow >= FOLLOW)) { /* of several ranks, rank 0's photos */
+        if (cln_ranks_me() == 0)
+            CLN_TRY(ask_marks(scene, model, &m));
+        cln_ranks_tell(&m.falloff, sizeof m.falloff);
+        cln_ranks_tell(&m.share, sizeof m.share);
+        cln_ranks_tell(m.stops, bytes);
+    }
+    cln_debug("exposure: gains differ by %.3f stops so far, by %.2f as neighbours do, by %.2f as "
+              "marks do; these fade with the power %.2f of distance",
+              spread, follow, m.share, m.falloff);
+    model->exposed =
+        given || (spread >= DIFFER && follow >= FOLLOW && m.falloff == 0 && m.share >= CONFIRM);
+    if (!given)
+        say_decision(model, spread, &m);
     if (!model->exposed)
         drop(model, e);
+    else if (m.share > LEARNT)
+        take_marks(&m, model);
 done:
+    free(m.stops);
     return st;
 }
 
 static void update(const cln_exposure *e, cln_model *model)
 {
-    for (int c = 0; c < 3; c++) {
-        double sum = 0, mean = 1;
-
+    for (int c = 0; c < 3; c++)
         for (int i = 0; i < e->views; i++) {
             float *row = model->exposure[i];
             float *cross = &row[3 + c], *square = &row[6 + c];
@@ -224,19 +287,15 @@ static void update(const cln_exposure *e, cln_model *model)
             row[c] = fminf(fmaxf(row[c], 1 / MOST), MOST);
             *cross /= 2;
             *square /= 2;
-            sum += log(row[c]);
         }
-        mean = exp(sum / e->views);
-        for (int i = 0; i < e->views; i++)
-            model->exposure[i][c] = (float)(model->exposure[i][c] / mean);
-    }
+    centre(model);
 }
 
 cln_status cln_exposure_update(cln_exposure *e, const cln_scene *scene, int64_t step,
                                cln_model *model)
 {
     update(e, model);
-    return step == EXPOSURE_STEPS && !model->exposed ? decide(e, scene, model) : CLN_OK;
+    return step == EXPOSURE_STEPS ? decide(e, scene, model) : CLN_OK;
 }
 
 void cln_exposure_divide(const cln_exposure *e, const cln_model *model, int view, float rgb[3])

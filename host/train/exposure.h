@@ -6,7 +6,9 @@
  * With --exposure=auto, the default, they are only measured until the first update. From then on
  * photos are divided by them if they differ enough, as those of the photos before and after do, and
  * as marks that two photos show do, unless these fade with their distance from the camera, as under
- * a lamp that goes along; if not, there are none. (Of several processes none asks marks.)
+ * a lamp that goes along; if not, there are none. Where marks differ by much more than gains do, as
+ * the scene has learnt the rest, gains then are those of the marks, also with --exposure. (Of
+ * several processes the first asks marks, of its own photos.)
  *
  * Every EXPOSURE_STEPS steps a gain becomes the least-squares factor from rendered colours to the
  * photo's, over the rays so far, of which each update halves the weight. Then all gains are divided

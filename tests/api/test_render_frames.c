@@ -209,8 +209,7 @@ static void other_frames_stay(void **state)
 /* Pictures that were begun. */
 static void count_work(const char *what, int done, int total, void *user)
 {
-    (void)what;
-    *(int *)user += done < total;
+    *(int *)user += strcmp(what, "render") == 0 && done < total;
 }
 
 static bool same_bytes(const char *one, const char *other)
@@ -233,7 +232,7 @@ static void doubles_are_rendered_once(void **state)
     static const int at[FRAMES] = {0, 1, 0, 2, 1, 0};
     cln_render_desc desc = desc_of("doubles");
     cln_render_result result;
-    json_t *list = json_array(), *document = NULL;
+    json_t *list = json_array(), *document = NULL, *about = NULL;
     char *text = NULL, *film = NULL;
     size_t bytes = 0;
     int begun = 0;
@@ -257,7 +256,7 @@ static void doubles_are_rendered_once(void **state)
     assert_ok(cln_write_file(fixture_path("doubles.json"), text, strlen(text)));
     desc.poses = fixture_path("doubles.json");
     desc.orbit_frames = 0;
-    desc.pfm = desc.normals = true;
+    desc.pfm = desc.normals = desc.seen = true;
     desc.callbacks = (cln_callbacks){.work = count_work, .user = &begun};
     fixture_rendered(&desc, FRAMES, 0);
     assert_int_equal(begun, 3);
@@ -266,6 +265,14 @@ static void doubles_are_rendered_once(void **state)
     assert_true(same_bytes("doubles/p0.normal.npy", "doubles/p2.normal.npy"));
     assert_false(same_bytes("doubles/p0.png", "doubles/p1.png"));
     assert_false(same_bytes("doubles/p1.png", "doubles/p3.png"));
+    about = fixture_json("doubles/render.json");
+    for (int i = 0; i < FRAMES; i++) {
+        char place[32];
+
+        snprintf(place, sizeof place, "seen.p%d", i);
+        assert_true(json_is_number(json_array_get(fixture_at(about, place), 0)));
+    }
+    json_decref(about);
     assert_int_equal(remove(fixture_path("doubles/p0.png")), 0);
     assert_int_equal(remove(fixture_path("doubles/p5.png")), 0);
     begun = 0;
@@ -273,7 +280,7 @@ static void doubles_are_rendered_once(void **state)
     assert_int_equal(begun, 1);
     assert_true(same_bytes("doubles/p0.png", "doubles/p2.png"));
     assert_true(same_bytes("doubles/p0.png", "doubles/p5.png"));
-    desc.normals = desc.pfm = false;
+    desc.normals = desc.pfm = desc.seen = false;
     desc.out = fixture_path("doubles.y4m");
     assert_ok(cln_render(&desc, &result));
     assert_int_equal(result.rendered, FRAMES);
@@ -353,6 +360,7 @@ static void maps_are_from_far_above(void **state)
         double none = 0;
         int dims = 0, shape[4], here = 0, there = 0;
         struct stat about;
+        json_t *document = NULL;
 
         snprintf(name, sizeof name, "map of %s", runs[i]);
         desc.out = fixture_path(name);
@@ -367,6 +375,17 @@ static void maps_are_from_far_above(void **state)
         assert_int_equal(truncate(fixture_path(name), about.st_size - 100), 0); /* a copy was */
         fixture_rendered(&desc, 1, 0);
         none = read_heights(name, heights);
+        desc.seen = true; /* other heights would be left out */
+        assert_fails(cln_render(&desc, &(cln_render_result){0}), CLN_OUTPUT, "of other settings");
+        desc.seen = false;
+        snprintf(name, sizeof name, "map of %s/render.json", runs[i]);
+        document = fixture_json(name);
+        for (int k = 0; k < 9; k++) {
+            const json_t *row = json_array_get(fixture_at(document, "map.axes"), (size_t)k / 3);
+
+            assert_true(json_number_value(json_array_get(row, (size_t)k % 3)) == (k % 4 == 0));
+        }
+        json_decref(document);
         desc.map = false;
         desc.spacing = 0;
         desc.poses = fixture_path("far.json");

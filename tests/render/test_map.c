@@ -81,7 +81,7 @@ static void test_spacing(void **state)
 /* A box is cut to a plain space's cube, not to a shell's core; parts of pixels are whole ones. */
 static void test_crop(void **state)
 {
-    const cln_space plain = space_of(false), shell = space_of(true);
+    const cln_space plain = space_of(false), shell = space_of(true), space_at_0 = {.half = 1};
     const cln_crop crop = {.on = true, .box = {499900, 4199990, 100, 500000.4, 4200010, 130}};
     cln_camera c = camera_of(&plain, &crop, UP, 0.25);
     double corner[3];
@@ -92,6 +92,8 @@ static void test_crop(void **state)
     assert_near(corner[1], 4200010, 1e-9);
     assert_near(corner[2], 130, 1e-9);
     assert_int_equal(c.width, 160); /* 159.6 */
+    c = camera_of(&space_at_0, &(cln_crop){.on = true, .box = {0.3, 0.1, 0, 0.7, 0.6, 1}}, UP, 0.1);
+    assert_int_equal(c.width * 10 + c.height, 45); /* 0.3 is less than 3 times 0.1 */
     c = camera_of(&plain, &crop, UP, 0.75);
     cln_map_corner(&c, NONE, corner);
     assert_near(corner[0], 499960.5, 1e-9);

@@ -6,6 +6,7 @@
 #include "base/rng.h"
 #include "lit_fixture.h"
 #include "model/model.h"
+#include "near.h"
 #include "tests.h"
 #include "train/exposure.h"
 
@@ -117,19 +118,22 @@ static void test_gains(void **state)
     cln_scene_free(scene);
 }
 
-/* Trains without a word about exposure until after the step that decides. Returns whether photos
- * have gains then. */
-static bool decides(const cln_scene *scene, const photo_gains gain, int64_t begin)
+/* Trains until after the step that decides, by a scene that has learnt a power of the gains.
+ * Returns the last photo's gain over the first one's then, in their red; 0: there are none. */
+static double decides(const cln_scene *scene, const photo_gains gain, int64_t begin, int mode,
+                      double learnt)
 {
     enum { DECIDES = 64 };
     cln_config config = default_config();
-    cln_model model = {.config = config, .step = begin};
+    cln_model model = {.step = begin};
     cln_exposure e = {0};
     cln_batch batch = {0};
     cln_ray_result results[2][RAYS];
-    bool exposed = false;
+    double ratio = 0;
 
     assert_int_equal(config.exposure, CLN_EXPOSURE_AUTO);
+    config.exposure = mode;
+    model.config = config;
     assert_int_equal(cln_batch_create(scene, &config, &batch), CLN_OK);
     assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
     for (int step = (int)begin; step <= DECIDES + 1; step++) {
@@ -137,14 +141,15 @@ static bool decides(const cln_scene *scene, const photo_gains gain, int64_t begi
             cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
             assert_int_equal(cln_exposure_update(&e, scene, step, &model), CLN_OK);
         }
-        assert_true(!model.exposed || step >= DECIDES);
+        assert_true(!model.exposed || step >= DECIDES || mode == CLN_EXPOSURE_YES);
         make_targets(scene, gain, step, &batch);
         cln_exposure_apply(&e, &model, &batch, step, RAYS);
         for (int i = 0; i < RAYS; i++)
-            results[step % 2][i] = (cln_ray_result){.r = (float)colour(step, i, 0),
-                                                    .g = (float)colour(step, i, 1),
-                                                    .b = (float)colour(step, i, 2),
-                                                    .share = 1};
+            results[step % 2][i] =
+                (cln_ray_result){.r = (float)(colour(step, i, 0) * pow(gain[i % VIEWS][0], learnt)),
+                                 .g = (float)(colour(step, i, 1) * pow(gain[i % VIEWS][1], learnt)),
+                                 .b = (float)(colour(step, i, 2) * pow(gain[i % VIEWS][2], learnt)),
+                                 .share = 1};
         for (int i = 1; i < RAYS && !model.exposed; i++) /* as they are */
             for (int c = 0; c < 3 && i % 7; c++)
                 assert_true(batch.targets[i][c] ==
@@ -152,16 +157,17 @@ static bool decides(const cln_scene *scene, const photo_gains gain, int64_t begi
         if (step > 0 && !cln_exposure_due(&e, step))
             cln_exposure_add(&e, results[(step - 1) % 2], step - 1, RAYS, &model);
     }
-    exposed = model.exposed;
-    assert_true(exposed == (model.exposure != NULL));
-    if (exposed) /* brightness between photos is gone */
+    assert_true(model.exposed == (model.exposure != NULL));
+    if (model.exposed && learnt == 0) /* brightness between photos is gone */
         assert_true(fabs(batch.targets[1][0] / colour(DECIDES + 1, 1, 0) /
                              (batch.targets[2][0] / colour(DECIDES + 1, 2, 0)) -
                          1) < 0.1);
+    if (model.exposed)
+        ratio = (double)model.exposure[VIEWS - 1][0] / (double)model.exposure[0][0];
     cln_exposure_free(&e);
     cln_batch_free(&batch);
     cln_model_free(&model);
-    return exposed;
+    return ratio;
 }
 
 /* By itself there are gains where photos differ, and follow each other. */
@@ -172,10 +178,10 @@ static void test_auto(void **state)
                                  {0.6, 0.6, 0.7}, {0.8, 0.8, 0.9}, {1.1, 1.1, 1}, {1.4, 1.4, 1.2}};
     cln_scene *scene = photos(*state);
 
-    assert_true(decides(scene, clouds, 0));
-    assert_false(decides(scene, alike, 0));
-    assert_false(decides(scene, gains, 0)); /* those around tell nothing */
-    assert_false(decides(scene, clouds, 65));
+    assert_true(decides(scene, clouds, 0, CLN_EXPOSURE_AUTO, 0) > 0);
+    assert_true(decides(scene, alike, 0, CLN_EXPOSURE_AUTO, 0) == 0);
+    assert_true(decides(scene, gains, 0, CLN_EXPOSURE_AUTO, 0) == 0); /* those around say nothing */
+    assert_true(decides(scene, clouds, 65, CLN_EXPOSURE_AUTO, 0) == 0);
     cln_scene_free(scene);
 }
 
@@ -194,10 +200,25 @@ static void test_auto_asks_marks(void **state)
         put_folder(*state, names[i]);
         scene = lit_photos(scratch_path(*state, names[i]), VIEWS, i == 1 ? 2 : 0,
                            i == 0 ? as_gains : none);
-        if (decides(scene, rising, 0) != (i == 0))
+        if ((decides(scene, rising, 0, CLN_EXPOSURE_AUTO, 0) > 0) != (i == 0))
             fail_msg("%s: gains %d", names[i], i != 0);
         cln_scene_free(scene);
     }
+}
+
+/* Gains that are a part of what marks say, as the scene has learnt the rest, become theirs; where
+ * they are most of it, they go on by themselves. */
+static void test_takes_marks(void **state)
+{
+    static const photo_gains rising = {
+        {0.7, 0.7, 0.7}, {0.85, 0.85, 0.85}, {1.15, 1.15, 1.15}, {1.4, 1.4, 1.4}};
+    static const double stops[VIEWS] = {0, 0.6, 1.6, 2.2}; /* 2.2 log2 of these */
+    cln_scene *scene = lit_photos(*state, VIEWS, 0, stops);
+
+    assert_near(decides(scene, rising, 0, CLN_EXPOSURE_AUTO, 0.6), 2, 0.1);
+    assert_near(decides(scene, rising, 0, CLN_EXPOSURE_YES, 0.6), 2, 0.1);
+    assert_near(decides(scene, rising, 0, CLN_EXPOSURE_AUTO, 0.2), pow(2, 0.8), 0.05);
+    cln_scene_free(scene);
 }
 
 /* No gains without the option, and no gains of another number of photos. */
@@ -242,6 +263,7 @@ int test_group_exposure(void)
         cmocka_unit_test_setup_teardown(test_gains, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_auto, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_auto_asks_marks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_takes_marks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_no_gains, scratch_make, scratch_remove),
     };
 
