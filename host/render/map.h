@@ -10,10 +10,10 @@
 #include "render/picture.h"
 #include "scene/scene.h"
 
-/* A map's up, where none is given, by what the training cameras tell; NULL: an older run, which does
- * not have it. The scene's z, as of a survey, if theirs is within 20 degrees of it or a guess: then
- * with a warning, unless it is within 2, which is what they can tell. Else theirs, or the axis that
- * is within 2 degrees of it, with a warning. */
+/* A map's up, where none is given, by what the training cameras tell; NULL: an older run, which
+ * does not have it. The scene's z, as of a survey, if theirs is within 20 degrees of it or a guess:
+ * then with a warning, unless it is within 2, which is what they can tell. Else theirs, or the axis
+ * that is within 2 degrees of it, with a warning. */
 void cln_map_up(const cln_orbit_frame *seen, double up[3]);
 
 /* Rows of a map's frame for this up: the scene's, turned as exports are (cln_mesh_upright). */

@@ -12,9 +12,9 @@
 extern const double cln_overfit_db;
 
 /* Do held-out views look wrong (few dB) where training views look better? Poses or lenses are
- * wrong, or photos are few or look elsewhere, or differ in exposure, as a fit of colours shows (of many dB, too):
- * more training does not mend it. `out` says so, in the middle of a sentence, what is known of this
- * scene first; "" if not, or if a PSNR of the first two is not finite. */
+ * wrong, or photos are few or look elsewhere, or differ in exposure, as a fit of colours shows (of
+ * many dB, too): more training does not mend it. `out` says so, in the middle of a sentence, what
+ * is known of this scene first; "" if not, or if a PSNR of the first two is not finite. */
 enum { CLN_DOUBT_BYTES = 512 };
 typedef struct cln_doubt {
     double psnr_train, psnr_test, psnr_fitted; /* the last: NaN if not known */
