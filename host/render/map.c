@@ -15,7 +15,6 @@
 
 static const double MOST_PIXELS = 1999; /* of the longer side, where no spacing is given; and one
                                            more, as corners are at whole ones */
-static const float SEEN = 0.5f;         /* from this opacity on, a pixel shows a surface */
 enum { CELL_BYTES = 400 };              /* of a height, with what stands behind it */
 
 /* Cosines of 20 degrees, to which z is taken for up, as scenes on the earth have it, and of 2, to
@@ -171,7 +170,7 @@ cln_status cln_map_write_world(const char *path, const cln_camera *camera, const
 
 static bool shows(const cln_picture *p, size_t i)
 {
-    return p->opacity[i] >= SEEN && !(p->seen && p->seen[i] == 0);
+    return p->opacity[i] >= CLN_SURFACE && !(p->seen && p->seen[i] == 0);
 }
 
 /* A number that is no height: below all of them. */

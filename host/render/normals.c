@@ -3,9 +3,9 @@
 
 #include <math.h>
 #include <string.h>
+#include "render/picture.h"
 #include "scene/vectors.h"
 
-static const float SEEN = 0.5f;  /* from this opacity on, a pixel shows a surface */
 static const double EDGE = 0.05; /* a larger step of depth, as a share of it, is an edge */
 
 typedef struct surface {
@@ -22,7 +22,7 @@ static bool find_point(const surface *s, int x, int y, double point[3], double *
 
     if (x < 0 || y < 0 || x >= c->width || y >= c->height)
         return false;
-    if (!(s->opacity[i] >= SEEN) || !(s->depth[i] > 0) ||
+    if (!(s->opacity[i] >= CLN_SURFACE) || !(s->depth[i] > 0) ||
         !cln_camera_ray(c, x + 0.5, y + 0.5, point, direction))
         return false;
     *range = (double)s->depth[i];

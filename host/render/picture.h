@@ -4,6 +4,8 @@
 
 #include "scene/scene.h"
 
+#define CLN_SURFACE 0.5f /* from this opacity on, a pixel shows a surface */
+
 typedef struct cln_picture {
     int width, height;
     float *rgb;     /* [height][width][3] */

@@ -19,7 +19,6 @@ enum {
 /* In sides of the leaf: distance between the points of a pair; a point nearer than NEAR to a face
  * is moved onto it; one farther than INSIDE from every face is inside. */
 static const double STEP = 1.0 / 64, NEAR = 1.0 / 32, INSIDE = 1.0 / 8;
-static const float SEEN = 0.5f; /* from this opacity on, a pixel shows a surface */
 
 enum { ACROSS, WITHIN, KINDS };
 
@@ -120,7 +119,7 @@ static void add_view(const cln_model *model, const cln_camera *camera, const cln
             const size_t i = (size_t)y * (size_t)picture->width + (size_t)x;
             double origin[3], look[3], point[3], scene[3], direction[3];
 
-            if (!(picture->opacity[i] >= SEEN) || !(picture->depth[i] > 0) ||
+            if (!(picture->opacity[i] >= CLN_SURFACE) || !(picture->depth[i] > 0) ||
                 !cln_camera_ray(camera, x + 0.5, y + 0.5, origin, look))
                 continue;
             cln_space_depth_to_cube(&model->space, origin, look, (double)picture->depth[i], point);

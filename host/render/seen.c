@@ -13,9 +13,6 @@
 
 enum { MOST_VIEWS = 100, VIEW_WIDTH = 256, GRID = 320 };
 
-/* A pixel of less opacity than this shows no surface. */
-static const float opaque = 0.5f;
-
 /* Depths agree up to this share of the distance, and so many widths of a pixel. */
 static const double SHARE = 0.01, PIXELS = 2;
 
@@ -77,7 +74,7 @@ cln_status cln_seen_make(cln_open_run *opened, const cln_callbacks *callbacks, c
                                 callbacks, &picture));
         cln_picture_to_scene(space, &picture);
         for (size_t k = 0; k < (size_t)picture.width * (size_t)picture.height; k++)
-            if (picture.opacity[k] < opaque)
+            if (picture.opacity[k] < CLN_SURFACE)
                 picture.depth[k] = -1;
         seen->depth[i] = picture.depth;
         picture.depth = NULL;
@@ -132,7 +129,7 @@ static int8_t count_at(const cln_seen *seen, const cln_camera *camera, const cln
     const size_t k = (size_t)y * (size_t)picture->width + (size_t)x;
     double o[3], d[3], point[3];
 
-    if (picture->opacity[k] < opaque || !cln_camera_ray(camera, x + 0.5, y + 0.5, o, d))
+    if (picture->opacity[k] < CLN_SURFACE || !cln_camera_ray(camera, x + 0.5, y + 0.5, o, d))
         return -1;
     for (int a = 0; a < 3; a++)
         point[a] = o[a] + (double)picture->depth[k] * d[a];
