@@ -12,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include "base/files.h"
 #include "base/memory.h"
 
@@ -304,6 +305,38 @@ bool cln_safetensors_has(const cln_safetensors *file, const char *name)
         if (strcmp(file->tensors[i].name, name) == 0)
             return true;
     return false;
+}
+
+bool cln_safetensors_is_long_enough(const char *path)
+{
+    FILE *file = fopen(path, "rb");
+    uint8_t count[LENGTH_BYTES] = {0};
+    uint64_t length = 0;
+    json_int_t end = 0;
+    json_t *header = NULL, *entry = NULL;
+    char *text = NULL;
+    const char *name = NULL;
+    struct stat info = {0};
+
+    if (file && fstat(fileno(file), &info) == 0 &&
+        fread(count, 1, LENGTH_BYTES, file) == LENGTH_BYTES)
+        for (int i = 0; i < LENGTH_BYTES; i++)
+            length |= (uint64_t)count[i] << 8 * i;
+    if (length > 0 && length <= MAX_HEADER && length < (uint64_t)info.st_size)
+        text = malloc((size_t)length);
+    if (text && fread(text, 1, (size_t)length, file) == (size_t)length)
+        header = json_loadb(text, (size_t)length, 0, NULL);
+    json_object_foreach(header, name, entry)
+    {
+        const json_t *to = json_array_get(json_object_get(entry, "data_offsets"), 1);
+
+        end = json_integer_value(to) > end ? json_integer_value(to) : end;
+    }
+    if (file)
+        fclose(file);
+    free(text);
+    json_decref(header);
+    return end > 0 && (int64_t)info.st_size == LENGTH_BYTES + (int64_t)length + (int64_t)end;
 }
 
 cln_status cln_safetensors_get(const cln_safetensors *file, const char *name, cln_dtype dtype,

@@ -48,6 +48,9 @@ typedef struct cln_safetensors cln_safetensors;
 cln_status cln_safetensors_read(const char *path, cln_safetensors **out);
 void cln_safetensors_free(cln_safetensors *file); /* accepts NULL */
 
+/* Is the file as long as its header says? What is in it is not looked at, which takes long. */
+bool cln_safetensors_is_long_enough(const char *path);
+
 /* Digest of all tensors, the one cln_safetensors_write gave: cln_digest over each one's name,
  * dtype's name, shape as int64 and data, in the header's order. */
 uint64_t cln_safetensors_digest(const cln_safetensors *file);

@@ -773,6 +773,30 @@ int64_t cln_checkpoint_newest(const char *run)
     return newest;
 }
 
+int64_t cln_checkpoint_newest_whole(const char *run)
+{
+    const cln_status before = cln_error_status();
+    char *folder = NULL, *path = NULL;
+    int64_t *steps = NULL, newest = -1;
+    int count = 0;
+
+    if (cln_path_join(&folder, run, FOLDER) == CLN_OK)
+        (void)list_steps(folder, &steps, &count);
+    for (int i = 0; i < count && newest < 0; i++) {
+        free(path);
+        path = NULL;
+        if (cln_asprintf(&path, "%s/%08" PRId64 ".safetensors", folder, steps[i]) == CLN_OK &&
+            cln_safetensors_is_long_enough(path))
+            newest = steps[i];
+    }
+    if (before == CLN_OK)
+        cln_clear_error();
+    free(path);
+    free(folder);
+    free(steps);
+    return newest;
+}
+
 double cln_checkpoint_newest_bytes(const char *run)
 {
     char name[64], *path = NULL;

@@ -145,7 +145,11 @@ cln_status cln_checkpoint_exists(const char *run, bool *exists);
 /* The step of RUN's newest checkpoint, whole or not; -1 if there is none, or none can be listed. */
 int64_t cln_checkpoint_newest(const char *run);
 
-/* The size of its tensors; 0 if there is none. The next one is about as large. */
+/* The step of the newest one that looks whole, by the length of its tensors' file, which is quicker
+ * than to read it; -1 if there is none. */
+int64_t cln_checkpoint_newest_whole(const char *run);
+
+/* The size of the newest one's tensors; 0 if there is none. The next one is about as large. */
 double cln_checkpoint_newest_bytes(const char *run);
 
 /* Reads the newest whole checkpoint, with a warning for each damaged one after it. training: also

@@ -330,6 +330,32 @@ static void test_damaged(void **state)
     expect_step(*state, 2, 0, "without latest");
 }
 
+/* What looks whole by its length: the newest, the one before if that was cut short or is gone. */
+static void test_newest_whole(void **state)
+{
+    const char *tensors = scratch_path(*state, "checkpoint/00000002.safetensors");
+    char path[512], *bytes = NULL;
+    size_t size = 0;
+
+    assert_true(cln_checkpoint_newest_whole(*state) == -1);
+    write_step(*state, 1);
+    write_step(*state, 2);
+    assert_true(cln_checkpoint_newest_whole(*state) == 2);
+    snprintf(path, sizeof path, "%s", tensors);
+    bytes = scratch_get(path, &size);
+    for (size_t cut = 1; cut < size; cut += 97) {
+        assert_int_equal(truncate(path, (off_t)(size - cut)), 0);
+        assert_true(cln_checkpoint_newest_whole(*state) == 1);
+        scratch_put(path, bytes, size);
+    }
+    assert_int_equal(truncate(path, (off_t)size + 1), 0);
+    assert_true(cln_checkpoint_newest_whole(*state) == 1);
+    assert_int_equal(remove(path), 0);
+    assert_true(cln_checkpoint_newest_whole(*state) == 1);
+    assert_int_equal(cln_error_status(), CLN_OK);
+    free(bytes);
+}
+
 static void test_all_damaged(void **state)
 {
     const char *run = *state;
@@ -628,6 +654,7 @@ int test_group_checkpoint(void)
         cmocka_unit_test_setup_teardown(test_mixed_halves, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_damaged, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_edited_by_hand, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_newest_whole, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_all_damaged, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_forged, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_no_tensors_digest, scratch_make, scratch_remove),
