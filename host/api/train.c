@@ -651,6 +651,8 @@ static cln_status begin(cln_trainer *t)
     cln_step_cover(t);
     if (t->writes) {
         CLN_TRY(cln_record_start(t));
+        if (t->desc->resume)
+            CLN_TRY(cln_run_drop_evals(t->desc->run, t->model.step));
         CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
     }
 done:
