@@ -27,8 +27,8 @@
 #include "model/model.h"
 #include "scene/dataset.h"
 
-/* "--points FILE.ply", ..., a line each. */
-#define X(what, needs, form, help) "\n  --" #what " " form
+/* ", --points FILE.ply", .... */
+#define X(what, needs, form, help) ", --" #what " " form
 static const char exports[] = CLN_EXPORT_LIST(X);
 #undef X
 
@@ -798,7 +798,8 @@ static cln_status settle(parser *p)
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)
-        CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give one of:%s", exports));
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "export: what to write is missing; give one of%s", exports + 1));
     if (bit & (CLN_TRAIN | CLN_CHECK_SCENE | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:
