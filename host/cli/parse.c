@@ -26,6 +26,7 @@
 #include "io/run_folder.h"
 #include "model/model.h"
 #include "scene/dataset.h"
+#include "scene/reader.h"
 
 /* ", --points FILE.ply", .... */
 #define X(what, needs, form, help) ", --" #what " " form
@@ -510,7 +511,7 @@ static cln_status take_settings_of(const char *run, const bool *overridden, cln_
     if (st != CLN_OK)
         cln_note("taking the settings of --settings-of");
     CLN_TRY(st);
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     if (json_is_true(json_object_get(document, "bbox_found"))) /* of its photos, nobody's choice */
         memset((*out)->config.bbox, 0, sizeof(*out)->config.bbox);
     if (json_is_true(json_object_get(document, "space_found")))
@@ -576,7 +577,7 @@ static cln_status choose_start(parser *p)
         CLN_TRY(cln_checkpoint_exists(out->output, &there));
     if (!there)
         goto done;
-    CLN_TRY(cln_run_read(out->output, &document));
+    CLN_TRY(cln_reader_run(out->output, &document));
     if (is_given(p, "preset") && strcmp(cln_json_text(document, "preset"), out->preset) != 0)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "--preset %s: %s began with preset %s, and a run keeps its settings; "

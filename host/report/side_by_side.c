@@ -19,6 +19,7 @@
 #include "model/model.h"
 #include "report/report_data.h"
 #include "report/report_sections.h"
+#include "scene/reader.h"
 
 typedef struct side {
     const char *run;  /* as given */
@@ -179,7 +180,7 @@ static cln_status read_side(const char *run, side *s)
 
     s->run = run;
     s->figures = json_object();
-    st = cln_run_read(run, &document); /* the report's reader takes anything */
+    st = cln_reader_run(run, &document); /* the report's reader takes anything */
     if (st != CLN_OK)
         cln_note("setting runs side by side; `cl-nascent info SCENE` describes a scene, alone");
     CLN_TRY(st);
