@@ -141,7 +141,7 @@ static cln_status read_run(const char *argument, run *r)
     r->path = equals + 1;
     CLN_TRY(
         cln_run_read(r->path, &document)); /* unlike the reader below, refuses what is not a run */
-    CLN_TRY(cln_report_data_read(r->path, &r->data));
+    CLN_TRY(cln_report_data_read(r->path, INT64_MAX, &r->data));
     config = json_object_get(document, "config");
     result = json_object_get(document, "result");
     r->width = whole(config, "width");

@@ -137,7 +137,7 @@ static cln_status score_run(const char *run, const place *places, int count, sco
     cln_report_data data = {0};
     const json_t *images = NULL;
 
-    CLN_TRY(cln_report_data_read(run, &data));
+    CLN_TRY(cln_report_data_read(run, INT64_MAX, &data));
     for (int i = 0; i < data.eval_count; i++) /* ascending steps */
         if (!strcmp(data.evals[i].split, "test"))
             images = json_object_get(data.evals[i].document, "images");

@@ -244,7 +244,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         goto done;
     st = cln_record_eval(place, result);
     if (st == CLN_OK && !desc->out)
-        st = cln_report_write(desc->run);
+        st = cln_report_write(desc->run, opened.model.step);
     if (st == CLN_OUTPUT && !desc->out)
         cln_note("writing the figures, which are complete, into the run (-o puts them elsewhere)");
 done:

@@ -18,6 +18,7 @@
 #include "io/run_folder.h"
 #include "render/orbit.h"
 #include "render/tree_picture.h"
+#include "scene/reader.h"
 #include "scene/vectors.h"
 
 typedef struct export_row {
@@ -347,7 +348,7 @@ cln_status cln_export(const cln_export_desc *desc, cln_export_result *result)
     job.scale = desc->scale != 0 ? desc->scale : 1;
     CLN_TRY(check_options(desc));
     CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &job.crop));
-    CLN_TRY(cln_run_read(desc->run, &run));
+    CLN_TRY(cln_reader_run(desc->run, &run));
     CLN_TRY(check_target(desc, row));
     CLN_TRY(open_for(row, &job));
     if (row->needs & CLN_EXPORT_SCENE)

@@ -12,6 +12,7 @@
 #include "cl_nascent.h"
 #include "io/run_folder.h"
 #include "model/model.h"
+#include "scene/reader.h"
 #include "scene/scene.h"
 
 static cln_status to_text(const json_t *document, const char *what, char **json)
@@ -139,7 +140,7 @@ cln_status cln_info_run(const char *run, char **json)
     CLN_TRY(cln_given("cln_info_run", "json", json));
     *json = NULL;
     CLN_TRY(cln_given("cln_info_run", "run", run));
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     json_object_set_new(about, "schema", json_string("cl-nascent.info/1"));
     json_object_set_new(about, "run", json_string(run));
     CLN_TRY(add_checkpoint(run, about));

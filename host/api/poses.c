@@ -37,6 +37,7 @@
 #include "io/disk.h"
 #include "io/image.h"
 #include "scene/dataset.h"
+#include "scene/found.h"
 #include "scene/reader.h"
 
 /* Bytes that a photo's features need in the database: of so many pixels, and at most. */
@@ -202,6 +203,11 @@ static cln_status check_photos(const char *folder, const char *out)
     char *others = NULL;
     cln_names photos = {0};
 
+    if (cln_found_run(folder))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: it holds a run, whose pictures are no photos; give the folder of the "
+                         "photos",
+                         folder));
     CLN_TRY(cln_dataset_images(folder, &photos));
     if (photos.count < CLN_POSES_LEAST)
         CLN_TRY(fail_few(folder, photos.count, folder));

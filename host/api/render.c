@@ -34,6 +34,7 @@
 #include "io/image.h"
 #include "io/npy.h"
 #include "io/run_folder.h"
+#include "scene/reader.h"
 #include "scene/vectors.h"
 
 static const double MOST_KEPT = 512 << 20; /* bytes of a film's pictures that come again */
@@ -744,7 +745,7 @@ cln_status cln_render(const cln_render_desc *desc, cln_render_result *result)
     CLN_TRY(cln_given("cln_render", "desc", desc));
     CLN_TRY(check_given(desc));
     CLN_TRY(cln_crop_of_desc(desc->cropped, desc->crop, desc->crop_turn, &j.crop));
-    CLN_TRY(cln_run_read(desc->run, &j.run));
+    CLN_TRY(cln_reader_run(desc->run, &j.run));
     CLN_TRY(cln_device_check(&desc->device));
     if (desc->seen || (!desc->map && cln_frames_need_scene(desc, j.run)))
         CLN_TRY(open_cameras(&j));

@@ -32,6 +32,7 @@
 #include "scene/inspect.h"
 #include "scene/photos.h"
 #include "scene/standing.h"
+#include "scene/reader.h"
 #include "train/begin.h"
 #include "train/found_anew.h"
 #include "train/loop.h"
@@ -62,7 +63,7 @@ cln_status cln_settings_of_run(const char *run, cln_settings **out)
     CLN_TRY(cln_settings_create(NULL, &settings));
     CLN_TRY(cln_run_config(run, &settings->config));
     CLN_TRY(cln_strdup(&settings->run, run));
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     result = json_object_get(document, "result");
     settings->used.steps = whole(json_object_get(result, "step"));
     settings->used.time_limit = json_number_value(json_object_get(result, "seconds"));
@@ -651,6 +652,8 @@ static cln_status begin(cln_trainer *t)
     cln_step_cover(t);
     if (t->writes) {
         CLN_TRY(cln_record_start(t));
+        if (t->desc->resume)
+            CLN_TRY(cln_run_drop_evals(t->desc->run, t->model.step));
         CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
     }
 done:

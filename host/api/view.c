@@ -16,6 +16,7 @@
 #include "render/open_run.h"
 #include "ranks/ranks.h"
 #include "render/orbit.h"
+#include "scene/reader.h"
 #include "view/facts.h"
 #include "view/server.h"
 
@@ -30,7 +31,7 @@ static cln_status open_run(const cln_view_desc *desc, cln_open_run *opened, cln_
     const json_t *orbit = NULL;
     bool alike = false;
 
-    CLN_TRY(cln_run_read(desc->run, &document));
+    CLN_TRY(cln_reader_run(desc->run, &document));
     orbit = json_object_get(document, "orbit");
     st = cln_open_run_cameras(desc->run, desc->scene, &desc->callbacks, &alike, opened);
     if (st == CLN_OK) {
@@ -125,7 +126,7 @@ static cln_status find_transforms(const cln_view_desc *desc, const cln_scene *sc
     const char *dialect = scene ? scene->dialect : NULL;
     json_t *document = NULL;
 
-    CLN_TRY(cln_run_read(desc->run, &document));
+    CLN_TRY(cln_reader_run(desc->run, &document));
     if (!dialect || !desc->scene)
         dialect = cln_json_text(json_object_get(document, "dataset"), "dialect");
     CLN_TRY(cln_frames_transforms(desc->run, desc->scene, dialect, path, gone));

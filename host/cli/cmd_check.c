@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "cli/console.h"
 #include "io/json.h"
@@ -28,10 +29,35 @@ static const char *text_of(const json_t *object, const char *key)
     return text ? text : "-";
 }
 
-static void print_findings(const json_t *findings)
+/* Does the finding's sentence leave out photos that it is about? */
+static bool leaves_out(const json_t *finding)
+{
+    const json_t *views = json_object_get(finding, "views");
+
+    for (size_t i = 0; i < json_array_size(views); i++)
+        if (!strstr(text_of(finding, "text"), json_string_value(json_array_get(views, i))))
+            return true;
+    return false;
+}
+
+static void print_views(const json_t *views)
+{
+    char *text = NULL;
+
+    for (size_t i = 0; i < json_array_size(views); i++)
+        if (cln_append(&text, "%s%s", i ? ", " : "", json_string_value(json_array_get(views, i))) !=
+            CLN_OK)
+            break;
+    if (text)
+        print_wrapped(printf("%*sall: ", INDENT, ""), text);
+    free(text);
+}
+
+static void print_findings(const json_t *findings, bool all)
 {
     const size_t count = json_array_size(findings);
     size_t faults = 0;
+    bool more = false;
 
     for (size_t i = 0; i < count; i++)
         faults += json_is_true(json_object_get(json_array_get(findings, i), "likely_fault"));
@@ -43,7 +69,12 @@ static void print_findings(const json_t *findings)
         const int column = printf("  %s %s: ", fault ? "FAULT " : "remark", text_of(one, "what"));
 
         print_wrapped(column, text_of(one, "text"));
+        if (all && leaves_out(one))
+            print_views(json_object_get(one, "views"));
+        more |= leaves_out(one);
     }
+    if (more && !all)
+        print_wrapped(printf("%*s", INDENT, ""), "(all the photos that are meant: -v)");
 }
 
 /* Photos that share nothing have fewer measures. */
@@ -207,7 +238,7 @@ cln_status cln_cmd_check(const cln_options *options)
     document = json_loads(text, 0, NULL);
     if (!json_is_object(document))
         CLN_TRY(cln_fail(CLN_INTERNAL, "%s: its findings are not a JSON object", options->operand));
-    print_findings(json_object_get(document, "findings"));
+    print_findings(json_object_get(document, "findings"), options->verbose > 0);
     print_measures(document);
     print_training(json_object_get(document, "training"));
     if (options->output)

@@ -26,9 +26,10 @@
 #include "io/run_folder.h"
 #include "model/model.h"
 #include "scene/dataset.h"
+#include "scene/reader.h"
 
-/* "--points FILE.ply", ..., a line each. */
-#define X(what, needs, form, help) "\n  --" #what " " form
+/* ", --points FILE.ply", .... */
+#define X(what, needs, form, help) ", --" #what " " form
 static const char exports[] = CLN_EXPORT_LIST(X);
 #undef X
 
@@ -510,7 +511,7 @@ static cln_status take_settings_of(const char *run, const bool *overridden, cln_
     if (st != CLN_OK)
         cln_note("taking the settings of --settings-of");
     CLN_TRY(st);
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     if (json_is_true(json_object_get(document, "bbox_found"))) /* of its photos, nobody's choice */
         memset((*out)->config.bbox, 0, sizeof(*out)->config.bbox);
     if (json_is_true(json_object_get(document, "space_found")))
@@ -576,7 +577,7 @@ static cln_status choose_start(parser *p)
         CLN_TRY(cln_checkpoint_exists(out->output, &there));
     if (!there)
         goto done;
-    CLN_TRY(cln_run_read(out->output, &document));
+    CLN_TRY(cln_reader_run(out->output, &document));
     if (is_given(p, "preset") && strcmp(cln_json_text(document, "preset"), out->preset) != 0)
         CLN_TRY(cln_fail(CLN_USAGE,
                          "--preset %s: %s began with preset %s, and a run keeps its settings; "
@@ -798,7 +799,8 @@ static cln_status settle(parser *p)
     if (bit == CLN_POSES && !out->output)
         CLN_TRY(cln_fail(CLN_USAGE, "poses: the folder to write is missing; give -o SCENE"));
     if (bit == CLN_EXPORT && !out->export_what)
-        CLN_TRY(cln_fail(CLN_USAGE, "export: what to write is missing; give one of:%s", exports));
+        CLN_TRY(
+            cln_fail(CLN_USAGE, "export: what to write is missing; give one of%s", exports + 1));
     if (bit & (CLN_TRAIN | CLN_CHECK_SCENE | CLN_INFO | CLN_TUNE))
         CLN_TRY(apply_settings(p));
 done:

@@ -12,6 +12,7 @@
 #include "io/run_folder.h"
 #include "render/recorded.h"
 #include "scene/cameras_file.h"
+#include "scene/reader.h"
 
 /* What run.json says of the run holds for the copy, but where its scene is from it. If it is
  * nowhere, the copy may find it where it was, or beside itself. */
@@ -21,7 +22,7 @@ static cln_status make_manifest(const cln_export_desc *desc, json_t **out)
     json_t *document = NULL, *dataset = NULL;
     char *path = NULL;
 
-    CLN_TRY(cln_run_read(desc->run, &document));
+    CLN_TRY(cln_reader_run(desc->run, &document));
     if (strcmp(cln_json_text(document, "state"), "running") == 0) /* which the copy is not */
         json_object_set_new(document, "state", json_string("interrupted"));
     dataset = json_object_get(document, "dataset");

@@ -14,6 +14,7 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "io/disk.h"
 #include "io/hold.h"
@@ -310,6 +311,45 @@ static cln_status cut_rows(const char *path, int64_t step)
         CLN_TRY(cln_write_file(path, text, kept));
 done:
     free(text);
+    return st;
+}
+
+cln_status cln_run_drop_evals(const char *run, int64_t step)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL, *path = NULL, *to = NULL;
+    DIR *dir = NULL;
+    int dropped = 0;
+
+    CLN_TRY(cln_path_join(&folder, run, "eval"));
+    dir = opendir(folder);
+    for (struct dirent *e = dir ? readdir(dir) : NULL; e; e = readdir(dir)) {
+        const char *dot = strrchr(e->d_name, '.');
+        long long of = -1;
+
+        if (!dot || strcmp(dot, ".json") != 0 || sscanf(e->d_name, "%lld-", &of) != 1 || of <= step)
+            continue;
+        free(path);
+        free(to);
+        path = to = NULL;
+        CLN_TRY(cln_path_join(&path, folder, e->d_name));
+        CLN_TRY(cln_asprintf(&to, "%s" CLN_DROPPED, path));
+        if (rename(path, to) != 0)
+            cln_warn("%s: figures of a model that is gone, which cannot be renamed: %s", path,
+                     strerror(errno));
+        else
+            dropped++;
+    }
+    if (dropped)
+        cln_info(
+            "%s: figures of %d evaluation%s of later steps are set aside, as *.json" CLN_DROPPED,
+            folder, dropped, cln_plural(dropped, "", "s"));
+done:
+    if (dir)
+        closedir(dir);
+    free(folder);
+    free(path);
+    free(to);
     return st;
 }
 

@@ -57,6 +57,12 @@ cln_status cln_metrics_open(const char *run, int64_t step, cln_metrics **out);
 cln_status cln_metrics_add(cln_metrics *metrics, const json_t *row);
 void cln_metrics_close(cln_metrics *metrics);
 
+/* Gives figures in eval/ of steps beyond `step` the ending CLN_DROPPED more, as a run that goes on
+ * from there has not come by these models: nothing shows them again. Pictures stay. Says how many;
+ * warns of what cannot be renamed. */
+#define CLN_DROPPED ".dropped"
+cln_status cln_run_drop_evals(const char *run, int64_t step);
+
 /* Gives the last row a number, written anew, if it is of `step` and no event; else does nothing. */
 cln_status cln_metrics_amend(cln_metrics *metrics, int64_t step, const char *key, double number);
 

@@ -19,6 +19,7 @@
 #include "render/recorded.h"
 #include "scene/cameras_file.h"
 #include "scene/motion.h"
+#include "scene/reader.h"
 
 int cln_open_run_antialias(const cln_open_run *opened, int asked)
 {
@@ -53,7 +54,7 @@ cln_status cln_open_run_model(const char *run, cln_open_run *out)
     out->run = run;
     out->wanted = CLN_PROGRAMS_PICTURES;
     /* tells a folder that is not a run from a run without checkpoint */
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     CLN_TRY(cln_checkpoint_read(run, false, &out->model));
 done:
     json_decref(document);

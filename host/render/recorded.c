@@ -14,13 +14,14 @@
 #include "io/progress.h"
 #include "io/run_folder.h"
 #include "scene/cameras_file.h"
+#include "scene/reader.h"
 
 cln_status cln_run_config(const char *run, cln_config *config)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL;
 
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     CLN_TRY(cln_config_from_json(json_object_get(document, "config"), config));
 done:
     json_decref(document);
@@ -48,7 +49,7 @@ cln_status cln_recorded_alloc(const char *run, cln_device *device)
     double most = 0;
     char text[32];
 
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     saved = json_object_get(document, "device");
     most = json_number_value(json_object_get(saved, "max_alloc"));
     if (!is_same_device(saved, &device->info) || !(most > 0) || most >= device->info.max_alloc)
@@ -72,7 +73,7 @@ cln_status cln_recorded_tune(const char *run, cln_device *device)
 
     if (device->tune_from[0])
         return CLN_OK;
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     saved = json_object_get(document, "device");
     list = json_string_value(json_object_get(document, "tune"));
     from = json_string_value(json_object_get(document, "tune_from"));
@@ -178,7 +179,7 @@ cln_status cln_recorded_scene(const char *run, char **path)
     const char *place = NULL;
 
     *path = NULL;
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     st = find_scene(run, json_object_get(document, "dataset"), false, path, &place);
     if (st != CLN_OK) {
         free(*path);
@@ -197,7 +198,7 @@ cln_status cln_recorded_cameras(const char *run, cln_scene **scene)
     char digest[CLN_DIGEST_TEXT];
 
     *scene = NULL;
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     CLN_TRY(cln_cameras_read(run, scene));
     saved = text_of(json_object_get(document, "dataset"), "digest");
     cln_digest_text((*scene)->digest, digest);
@@ -423,7 +424,7 @@ static cln_status load(const char *run, const cln_scene_desc *given, bool resume
     cln_scene *kept = NULL;
 
     *scene = NULL;
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     dataset = json_object_get(document, "dataset");
     if (config.space == CLN_SPACE_AUTO && same_text(dataset, "space", "cube"))
         config.space = CLN_SPACE_CUBE; /* what auto chooses may have changed since the run began */
@@ -501,7 +502,7 @@ cln_status cln_recorded_photos(const char *run, const cln_scene *scene)
     char now[CLN_SPAN_BYTES], then[CLN_SPAN_BYTES];
     bool other = false;
 
-    CLN_TRY(cln_run_read(run, &document));
+    CLN_TRY(cln_reader_run(run, &document));
     dataset = json_object_get(document, "dataset");
     saved = json_object_get(dataset, "missing");
     if (json_is_integer(saved) && json_integer_value(saved) != scene->missing)

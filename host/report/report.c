@@ -294,6 +294,11 @@ static cln_status put_page(FILE *to, const cln_report_data *data)
     cln_status st = CLN_OK;
 
     CLN_TRY(put_head(to, data->folder, data->run));
+    if (isfinite(data->gone))
+        fprintf(to,
+                "<p>It ended at step %.0f, but the checkpoint of that is gone or cannot be read: "
+                "all here is of step %lld.</p>\n",
+                data->gone, (long long)data->until);
     put_doubt(to, data->run);
     put_headline(to, data);
     put_contents(to, data);
@@ -310,7 +315,7 @@ done:
     return st;
 }
 
-cln_status cln_report_write(const char *run)
+cln_status cln_report_write(const char *run, int64_t until)
 {
     cln_status st = CLN_OK;
     cln_report_data data = {.shown = -1};
@@ -320,7 +325,7 @@ cln_status cln_report_write(const char *run)
     locale_t c_locale = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     locale_t outside = uselocale(c_locale);
 
-    CLN_TRY(cln_report_data_read(run, &data));
+    CLN_TRY(cln_report_data_read(run, until, &data));
     CLN_TRY(cln_path_join(&path, run, "report.html"));
     CLN_TRY(cln_atomic_open(path, &file));
     CLN_TRY(put_page(cln_atomic_stream(file), &data));

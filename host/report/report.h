@@ -5,6 +5,7 @@
 #define CLN_REPORT_H
 
 #include <stdbool.h>
+#include <stdint.h>
 #include "base/status.h"
 
 /* Held-out views so far below training views, in dB, are of photos that were learnt by heart, or in
@@ -27,8 +28,8 @@ typedef struct cln_doubt {
 } cln_doubt;
 bool cln_report_doubt(const cln_doubt *of, char out[CLN_DOUBT_BYTES]);
 
-/* Writes it anew, atomically. Files that are missing or damaged are left out; CLN_OUTPUT if the
- * page cannot be written. */
-cln_status cln_report_write(const char *run);
+/* Writes it anew, atomically; until: as for cln_report_data_read. Files that are missing or damaged
+ * are left out; CLN_OUTPUT if the page cannot be written. */
+cln_status cln_report_write(const char *run, int64_t until);
 
 #endif

@@ -3,6 +3,7 @@
 #include "report/report_data.h"
 
 #include <dirent.h>
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,6 +13,7 @@
 #include "base/memory.h"
 #include "io/json.h"
 #include "io/names.h"
+#include "io/run_folder.h"
 
 static const size_t metrics_max_bytes = (size_t)1 << 30;
 
@@ -243,7 +245,7 @@ static cln_status read_metrics(const char *run, cln_report_data *data)
         size_t length = strcspn(line, "\n");
         json_t *row = json_loadb(line, length, 0, NULL);
 
-        if (json_is_object(row))
+        if (json_is_object(row) && !(cln_json_number(row, "step") > (double)data->until))
             add_line(data, row); /* no row: a last line that was cut off */
         json_decref(row);
         line += length + (line[length] == '\n');
@@ -336,7 +338,18 @@ static int split_rank(const char *split)
     return strcmp(split, "test") == 0 ? 2 : strcmp(split, "val") == 0 ? 1 : 0;
 }
 
-static cln_status add_eval(const char *folder, const char *name, cln_report_data *data)
+/* Is it an evaluation of a model that the run no longer has? digest: of the one it has, or "". */
+static bool is_of_another(const json_t *document, int64_t until, const char *digest)
+{
+    const double step = cln_json_number(document, "step");
+    const char *own = cln_json_text(document, "model_digest");
+
+    return step > (double)until ||
+           (step == (double)until && *own && *digest && strcmp(own, digest) != 0);
+}
+
+static cln_status add_eval(const char *folder, const char *name, const char *digest,
+                           cln_report_data *data)
 {
     cln_status st = CLN_OK;
     cln_status before = cln_error_status();
@@ -347,6 +360,11 @@ static cln_status add_eval(const char *folder, const char *name, cln_report_data
     CLN_TRY(cln_path_join(&path, folder, name));
     if (cln_json_read(path, false, &e->document) != CLN_OK || !json_is_object(e->document)) {
         skip_file(before);
+        json_decref(e->document);
+        e->document = NULL;
+        goto done;
+    }
+    if (is_of_another(e->document, data->until, digest)) {
         json_decref(e->document);
         e->document = NULL;
         goto done;
@@ -374,12 +392,17 @@ done:
 static cln_status read_evals(const char *run, cln_report_data *data)
 {
     cln_status st = CLN_OK;
-    char *folder = NULL;
+    cln_status before = cln_error_status();
+    char *folder = NULL, *path = NULL;
     DIR *dir = NULL;
     struct dirent *entry = NULL;
+    json_t *checkpoint = NULL;
     int files = 0;
 
     data->shown = -1;
+    CLN_TRY(cln_asprintf(&path, "%s/checkpoint/%08" PRId64 ".json", run, data->until));
+    if (cln_is_file(path) && cln_json_read(path, false, &checkpoint) != CLN_OK && before == CLN_OK)
+        cln_clear_error();
     CLN_TRY(cln_path_join(&folder, run, "eval"));
     dir = opendir(folder);
     if (!dir)
@@ -391,7 +414,8 @@ static cln_status read_evals(const char *run, cln_report_data *data)
     while ((entry = readdir(dir)) && data->eval_count < files) {
         size_t length = strlen(entry->d_name);
         if (length > 5 && strcmp(entry->d_name + length - 5, ".json") == 0)
-            CLN_TRY(add_eval(folder, entry->d_name, data));
+            CLN_TRY(
+                add_eval(folder, entry->d_name, cln_json_text(checkpoint, "model_digest"), data));
     }
     qsort(data->evals, (size_t)data->eval_count, sizeof *data->evals, by_step);
     for (int i = 0; i < data->eval_count; i++) {
@@ -402,6 +426,8 @@ static cln_status read_evals(const char *run, cln_report_data *data)
 done:
     if (dir)
         closedir(dir);
+    json_decref(checkpoint);
+    free(path);
     free(folder);
     return st;
 }
@@ -427,19 +453,27 @@ done:
     return st;
 }
 
-cln_status cln_report_data_read(const char *run, cln_report_data *out)
+cln_status cln_report_data_read(const char *run, int64_t until, cln_report_data *out)
 {
     cln_status st = CLN_OK;
     cln_status before = cln_error_status();
     char *path = NULL;
+    double ended = NAN;
 
-    *out = (cln_report_data){.folder = run, .shown = -1};
+    *out = (cln_report_data){.folder = run, .shown = -1, .until = until, .gone = NAN};
+    if (until < INT64_MAX && cln_run_is_held(run))
+        out->until = INT64_MAX; /* its checkpoint is behind it */
     CLN_TRY(cln_path_join(&path, run, "run.json"));
     if (cln_is_file(path) && cln_json_read(path, false, &out->run) != CLN_OK)
         skip_file(before);
     if (!json_is_object(out->run)) {
         json_decref(out->run);
         out->run = json_object();
+    }
+    ended = cln_json_number(json_object_get(out->run, "result"), "step");
+    if (ended > (double)out->until) {
+        out->gone = ended;
+        json_object_set_new(out->run, "result", json_null());
     }
     CLN_TRY(read_metrics(run, out));
     CLN_TRY(read_evals(run, out));

@@ -83,9 +83,14 @@ typedef struct cln_report_data {
     int shown;              /* the eval whose views are shown: latest, test before val before train;
                                -1 = none */
     json_t *tree;           /* tree.json beside its pictures; NULL if there is none */
+    int64_t until;          /* the model's step; INT64_MAX: not told */
+    double gone;            /* the step at which it ended, if that model is gone; else NaN */
 } cln_report_data;
 
-cln_status cln_report_data_read(const char *run, cln_report_data *out);
+/* until: the step of the model that RUN has, as its newest checkpoint may be damaged or deleted:
+ * rows, evaluations and a result of later steps, and evaluations of another model of this step, are
+ * left out, but of a run that another process trains. INT64_MAX: all are taken. */
+cln_status cln_report_data_read(const char *run, int64_t until, cln_report_data *out);
 void cln_report_data_free(cln_report_data *data);
 
 /* The name, without suffixes, of the pictures of an evaluation's image: its "file" or, in older

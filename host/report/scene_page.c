@@ -23,6 +23,7 @@ static const char style[] =
     ".photos{display:grid;grid-template-columns:repeat(auto-fill,minmax(170px,1fr));gap:12px}"
     ".photos figure{margin:0}.photos img{width:100%;border:2px solid var(--line)}"
     ".photos .named img{border-color:#c2501c}.photos figcaption{font-size:12px}"
+    ".photos .remarked img{border-color:#9db4c8}"
     ".ring{fill:none;stroke-width:2}"
     ".sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(280px,1fr));gap:16px}";
 
@@ -40,6 +41,28 @@ static bool is_named(const json_t *document, const char *name, bool fault)
                 return true;
     }
     return false;
+}
+
+/* Writes the words of the findings that name the view. */
+static void put_namers(FILE *to, const json_t *document, const char *name)
+{
+    const json_t *findings = json_object_get(document, "findings");
+    const char *before = "; named by ";
+
+    for (size_t i = 0; i < json_array_size(findings); i++) {
+        const json_t *one = json_array_get(findings, i), *views = json_object_get(one, "views");
+        size_t k = 0;
+
+        while (k < json_array_size(views) &&
+               strcmp(json_string_value(json_array_get(views, k)), name) != 0)
+            k++;
+        if (k == json_array_size(views))
+            continue;
+        fprintf(to, "%s%s ", before,
+                json_is_true(json_object_get(one, "likely_fault")) ? "the fault" : "the remark");
+        cln_html_text(to, cln_json_text(one, "what"));
+        before = ", ";
+    }
 }
 
 static void put_findings(FILE *to, const json_t *findings)
@@ -254,7 +277,7 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
         shown += named;
         if ((!named || shown > MOST_NAMED) && i % step)
             continue;
-        fprintf(to, "<figure%s>", fault ? " class=named" : "");
+        fprintf(to, "<figure%s>", fault ? " class=named" : named ? " class=remarked" : "");
         CLN_TRY(put_thumb(to, scene, &scene->views[i]));
         fputs("<figcaption>", to);
         cln_html_text(to, scene->views[i].name);
@@ -263,8 +286,7 @@ static cln_status put_photos(FILE *to, const cln_scene *scene, const json_t *doc
                 cln_json_number(about, "ties"));
         put_value(to, "exposure", cln_json_number(about, "exposure"), "%+.2f");
         put_value(to, "sharpness", cln_json_number(about, "sharpness"), "%.2f");
-        if (named)
-            fprintf(to, "; named by a %s", fault ? "fault" : "remark");
+        put_namers(to, document, scene->views[i].name);
         fputs("</span></figcaption></figure>\n", to);
     }
     fputs("</div>\n", to);

@@ -19,6 +19,7 @@
 #include "model/model.h"
 #include "report/report_data.h"
 #include "report/report_sections.h"
+#include "scene/reader.h"
 
 typedef struct side {
     const char *run;  /* as given */
@@ -26,6 +27,7 @@ typedef struct side {
     const char *name; /* of the folder; `run` where two have the same */
     cln_report_data data;
     const json_t *dataset;
+    int64_t model; /* its step; INT64_MAX: not told, or another process trains it */
     cln_config config;
     bool readable; /* config; else it is another version's */
     bool idle[CLN_SETTINGS_MAX];
@@ -100,11 +102,11 @@ static void find_figures(side *s)
     for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++)
         put(s, ends[i], cln_json_number(result, ends[i]));
     if (!json_is_object(result)) {
-        /* of one that was killed, what its checkpoint is of: later rows are lost */
-        const int64_t kept = cln_run_is_held(s->run) ? -1 : cln_checkpoint_newest(s->run);
-        const double until = kept >= 0 ? (double)kept : INFINITY;
+        /* of one that was killed or went back, what its checkpoint is of: later rows are lost */
+        const bool kept = s->model < INT64_MAX;
+        const double until = kept ? (double)s->model : INFINITY;
 
-        put(s, "step", kept >= 0 ? until : last_of(s, until, r->step, r->step));
+        put(s, "step", kept ? until : last_of(s, until, r->step, r->step));
         put(s, "seconds", last_of(s, until, r->seconds, r->seconds));
         put(s, "leaves", last_of(s, until, r->leaves, r->leaves));
         put(s, "psnr_train", last_of(s, until, r->psnr_train, r->psnr_train));
@@ -152,6 +154,24 @@ static cln_status find_facts(side *s)
     return s->facts ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot describe the run as JSON", s->run);
 }
 
+/* The step of the model that the run has: of its newest checkpoint that can be read. */
+static cln_status find_model(const char *run, int64_t *step)
+{
+    cln_model model;
+    cln_status st = CLN_OK;
+
+    *step = INT64_MAX;
+    if (cln_run_is_held(run) || cln_checkpoint_newest(run) < 0)
+        return CLN_OK;
+    st = cln_checkpoint_read(run, false, &model);
+    *step = st == CLN_OK ? model.step : cln_checkpoint_newest(run);
+    cln_model_free(&model);
+    if (st == CLN_MEMORY)
+        return st;
+    cln_clear_error();
+    return CLN_OK;
+}
+
 static cln_status read_side(const char *run, side *s)
 {
     cln_status st = CLN_OK;
@@ -160,14 +180,15 @@ static cln_status read_side(const char *run, side *s)
 
     s->run = run;
     s->figures = json_object();
-    st = cln_run_read(run, &document); /* the report's reader takes anything */
+    st = cln_reader_run(run, &document); /* the report's reader takes anything */
     if (st != CLN_OK)
         cln_note("setting runs side by side; `cl-nascent info SCENE` describes a scene, alone");
     CLN_TRY(st);
     CLN_TRY(cln_path_absolute(&s->path, run));
     slash = strrchr(s->path, '/');
     s->name = slash && slash[1] && cln_utf8_valid(slash) ? slash + 1 : run; /* for JSON */
-    CLN_TRY(cln_report_data_read(run, &s->data));
+    CLN_TRY(find_model(run, &s->model));
+    CLN_TRY(cln_report_data_read(run, s->model, &s->data));
     s->dataset = dataset = json_object_get(s->data.run, "dataset");
     if (!json_object_get(dataset, "downscale_least")) /* an older run: one for all */
         json_object_set(dataset, "downscale_least", json_object_get(dataset, "downscale"));
@@ -526,6 +547,10 @@ static void note_run(const side *sides, int which, json_t *notes)
         add_note(notes, "%s: it has no results yet (%s)", s->name, state);
     else if (strcmp(state, "done") != 0)
         add_note(notes, "%s: %s at step %.0f", s->name, state, step);
+    if (isfinite(s->data.gone))
+        add_note(notes,
+                 "%s: it ended at step %.0f, but the checkpoint of that is gone or cannot be read",
+                 s->name, s->data.gone);
     if (json_object_get(s->data.run, "held_back"))
         add_note(notes,
                  "%s: memory held its tree back from step %.0f on: with more memory the same "

@@ -11,6 +11,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "io/run_folder.h"
 #include "scene/dataset.h"
 
 #define WITH_POSES "with `cl-nascent poses` or COLMAP, whose models are read"
@@ -63,6 +64,9 @@ static const struct {
 
 #define IMAGE_ALONE GIVE_SCENE "; of photos without poses find these first, " WITH_POSES
 
+#define GIVE_RUN "give the folder that `cl-nascent train SCENE -o RUN` made"
+
+enum { RUN_DEPTH = 3 }; /* folders of a run's files, as RUN/eval/STEP/FILE */
 enum { ENDING_BYTES = 16, HEAD_BYTES = 4096, MOST_READ = 64 << 20 };
 enum { JSON, IMAGE, VIDEO, ARCHIVE, MODEL, FILE_OF_ANY, FOLDER, KINDS };
 
@@ -98,7 +102,19 @@ typedef struct survey {
     char *scene;        /* the first of them */
     int deeper;         /* the same of folders in its folders */
     char *deep;
+    int runs; /* folders that are a run */
+    char *run;
 } survey;
+
+static void free_survey(survey *found)
+{
+    for (int kind = 0; kind < KINDS; kind++)
+        free(found->first[kind]);
+    free(found->scene);
+    free(found->deep);
+    free(found->run);
+    free(found->of_it);
+}
 
 /* " ending " of a name, in small letters, as lists of endings have it; false if it has none. */
 static bool ending_of(const char *name, char word[ENDING_BYTES])
@@ -161,6 +177,12 @@ static cln_status keep_first(char **first, const char *name)
     return cln_strdup(first, name);
 }
 
+bool cln_found_run(const char *path)
+{
+    return (cln_has_file(path, "run.json") && !cln_run_is_of_others(path)) ||
+           cln_has_file(path, "checkpoint/latest");
+}
+
 /* Counts what is in `folder`, and in the folders in it; within: the name of `folder` if it is one
  * of those, else NULL. */
 static cln_status look(const char *folder, const char *within, bool (*is_scene)(const char *path),
@@ -199,6 +221,9 @@ static cln_status look(const char *folder, const char *within, bool (*is_scene)(
         } else if (!within && is_scene(path)) {
             found->scenes++;
             CLN_TRY(keep_first(&found->scene, name));
+        } else if (!within && cln_found_run(path)) {
+            found->runs++;
+            CLN_TRY(keep_first(&found->run, name));
         } else if (!within) {
             CLN_TRY(look(path, name, is_scene, found));
         } else if (is_scene(path)) {
@@ -352,6 +377,9 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     if (found.scenes)
         CLN_TRY(cln_asprintf(advice, "its folder '%s' is a scene: give that one%s", found.scene,
                              found.scenes > 1 ? ", or another of its folders" : ""));
+    else if (found.runs && plain)
+        CLN_TRY(cln_asprintf(advice, "its folder '%s' is a run, which eval, render and info take",
+                             found.run));
     else if (known == kinds[JSON].advice && found.count[JSON] == 1 &&
              !may_have_frames(path, found.first[JSON]))
         CLN_TRY(cln_strdup(advice, "no frames are in that; if poses are, " OWN_POSES));
@@ -366,11 +394,69 @@ cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), ch
     else
         CLN_TRY(cln_strdup(advice, known));
 done:
-    for (int kind = 0; kind < KINDS; kind++)
-        free(found.first[kind]);
-    free(found.scene);
-    free(found.deep);
-    free(found.of_it);
+    free_survey(&found);
     free(around);
+    return st;
+}
+
+/* Finds the run around `path`, at most so many folders up; else *out stays NULL. */
+static cln_status find_run_around(const char *path, char **out)
+{
+    cln_status st = CLN_OK;
+    char *around = NULL, *slash = NULL;
+
+    CLN_TRY(cln_strdup(&around, path));
+    for (int up = 0; up < RUN_DEPTH && !*out; up++) {
+        for (size_t n = strlen(around); n > 1 && around[n - 1] == '/'; n--)
+            around[n - 1] = 0;
+        slash = strrchr(around, '/');
+        if (!slash || slash == around)
+            break;
+        *slash = 0;
+        if (cln_found_run(around))
+            CLN_TRY(cln_strdup(out, around));
+    }
+done:
+    free(around);
+    return st;
+}
+
+cln_status cln_found_no_run(const char *path, bool (*is_scene)(const char *path), char **what)
+{
+    cln_status st = CLN_OK;
+    char *around = NULL, *holds = NULL, *advice = NULL, quoted[CLN_QUOTED_BYTES];
+    const bool folder = cln_is_dir(path);
+    survey found = {0};
+
+    *what = NULL;
+    CLN_TRY(find_run_around(path, &around));
+    if (around)
+        CLN_TRY(cln_asprintf(what, "not a run, but in one: give %s", around));
+    else if (is_scene(path))
+        CLN_TRY(cln_asprintf(what,
+                             "a scene, not a run: train on it first, by `cl-nascent train %s "
+                             "-o RUN`, and give that RUN",
+                             cln_shell_quote(path, quoted, sizeof quoted)));
+    else if (cln_found_run(path))
+        CLN_TRY(cln_strdup(what, "a run without its run.json; copy the run again, all of it"));
+    if (*what)
+        goto done;
+    if (folder)
+        CLN_TRY(look(path, NULL, is_scene, &found));
+    if (found.runs)
+        CLN_TRY(cln_asprintf(what, "not a run, but its folder '%s' is one: give that one%s",
+                             found.run, found.runs > 1 ? ", or another of its folders" : ""));
+    else if (folder || cln_is_file(path))
+        CLN_TRY(cln_found_at(path, is_scene, &holds, &advice));
+    if (holds)
+        CLN_TRY(cln_asprintf(what, "not a run%s: %s; " GIVE_RUN,
+                             folder ? ", as there is no run.json in it" : "", holds));
+    else if (!*what)
+        CLN_TRY(cln_strdup(what, "no such folder; " GIVE_RUN));
+done:
+    free_survey(&found);
+    free(around);
+    free(holds);
+    free(advice);
     return st;
 }

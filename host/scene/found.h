@@ -11,4 +11,11 @@
 cln_status cln_found_at(const char *path, bool (*is_scene)(const char *path), char **what,
                         char **advice);
 
+/* Is a run there, with or without its run.json? */
+bool cln_found_run(const char *path);
+
+/* What is there in place of a run, and what the user can do: the rest of a sentence that begins
+ * with the path, which the caller frees. */
+cln_status cln_found_no_run(const char *path, bool (*is_scene)(const char *path), char **what);
+
 #endif

@@ -95,4 +95,7 @@ cln_status cln_reader_pick(const char *path, int format, const cln_reader **out,
 /* Is it a scene by the looks of any format? */
 bool cln_reader_detects(const char *path);
 
+/* As cln_run_read; where there is no run, the error says what is there, as a scene. */
+cln_status cln_reader_run(const char *path, json_t **document);
+
 #endif

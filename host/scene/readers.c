@@ -7,6 +7,7 @@
 #include "base/config.h"
 #include "base/files.h"
 #include "base/memory.h"
+#include "io/run_folder.h"
 #include "scene/found.h"
 
 /* By the words of --format, which are tried in this order. */
@@ -30,6 +31,21 @@ bool cln_reader_detects(const char *path)
         if (readers[i]->detect(path, &missing))
             return true;
     return false;
+}
+
+cln_status cln_reader_run(const char *path, json_t **document)
+{
+    cln_status st = CLN_OK;
+    char *what = NULL;
+
+    *document = NULL;
+    if (cln_has_file(path, "run.json"))
+        return cln_run_read(path, document);
+    CLN_TRY(cln_found_no_run(path, cln_reader_detects, &what));
+    CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path, what));
+done:
+    free(what);
+    return st;
 }
 
 /* " (NAME wants ...: what is missing)" for the readers that found a part of their format, or for

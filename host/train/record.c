@@ -444,7 +444,7 @@ cln_status cln_record_end(cln_trainer *t, const char *state)
     json_object_set_new(t->run, "host_plan", plan);
     CLN_TRY(add_left_out(t));
     CLN_TRY(cln_run_write(t->desc->run, t->run));
-    CLN_TRY(cln_report_write(t->desc->run));
+    CLN_TRY(cln_report_write(t->desc->run, t->model.step));
 done:
     return st;
 }
@@ -637,14 +637,17 @@ cln_status cln_record_place(const char *in, int64_t step, const char *split, int
 cln_status cln_record_eval(const char *place, const cln_eval_result *result)
 {
     cln_status st = CLN_OK;
-    char *name = NULL;
+    char *name = NULL, *dropped = NULL;
     json_t *document = NULL;
 
     CLN_TRY(cln_quality_json(result, &document));
     CLN_TRY(cln_asprintf(&name, "%s.json", place));
     CLN_TRY(cln_run_write_json("", name, document));
+    CLN_TRY(cln_asprintf(&dropped, "%s" CLN_DROPPED, name));
+    (void)unlink(dropped); /* of a model that the run went back from */
 done:
     json_decref(document);
+    free(dropped);
     free(name);
     return st;
 }

@@ -172,6 +172,13 @@ section_check() {
     check "of 260 that findings name it shows 200, and one in 5 of the others" \
         [ "$(grep -c 'base64,' "$work/many.html")" = 212 ]
     check "and says so" grep -q "And 60 more that findings name" "$work/many.html"
+    check "photos say by which finding" grep -q "; named by the [a-z]* [a-z ]*</span>" \
+        "$work/many.html"
+    check "a sentence that names few says how to see all" grep -q "that are meant: -v)" "$work/out"
+    run "$cln" check "$work/many" --probe 0 -v
+    check "which lists them" \
+        eval '[ "$(grep -o "r_[0-9]*" "$work/out" | sort -u | wc -l)" -ge 260 ]'
+    check "without that word" eval '! grep -q "are meant: -v" "$work/out"'
     check "and every camera from three sides" \
         [ "$(grep -c '</title><line' "$work/page.html")" = 42 ]
     check "the cube from three sides" \

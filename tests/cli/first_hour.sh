@@ -498,7 +498,7 @@ section_training() {
     check "epochs that are asked for stay" \
         [ "$(json training.epochs)" = 30 -a "$(json training.steps)" -lt 1500 ]
     expect "--like for a run" 2 "--like SCENE" "$cln" info "$r" --like "$r"
-    expect "--like a folder that is not a run" 3 "run.json" "$cln" info "$s" --like "$s"
+    expect "--like a folder that is not a run" 3 "~not.a.run" "$cln" info "$s" --like "$s"
     expect "bugreport of the run" 0 "" env HOME="$work" "$cln" bugreport --no-test "$r"
     check "bugreport has what differs from the preset" grep -qE "^ +rays 256" "$work/out"
     check "no home folder is named" eval '! printed "$work"'

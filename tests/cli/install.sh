@@ -437,6 +437,6 @@ check "field shows what is seen from above" grep -qE '^from above: [1-9][0-9]* %
 cp out slice.txt
 run static/field run-shared
 check "both builds print the same field" cmp -s out slice.txt
-expect "a folder that is not a run" 3 "run.json" shared/field scene
+expect "a folder that is not a run" 3 "~a.scene,.not.a.run" shared/field scene
 
 count

@@ -47,6 +47,10 @@ section_photos() {
     expect "no photos: this is said before COLMAP is missed" 3 "~0.PNG.or.JPEG.photos.*three" \
         env PATH="$work/none" "$cln" poses "$work/no photos" -o "$work/posed"
     check "poses of no photos write nothing" [ ! -e "$work/posed" ]
+    mkdir -p "$work/a run"
+    echo '{"schema": "cl-nascent.run/1"}' >"$work/a run/run.json"
+    expect "poses of a run" 3 "~holds.a.run.*no.photos" \
+        env PATH="$path" "$cln" poses "$work/a run" -o "$work/posed"
     expect "one photo" 3 "~r_001.png:.*give.the.folder" "$cln" poses \
         "$work/photos/train/r_001.png" -o "$work/posed"
     expect "photos instead of their folder" 2 "~r_001.png.*give.the.folder" "$cln" poses \

@@ -704,7 +704,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"train s t -o r", "'t'|one SCENE|'s'"},
         {"eval", "eval: RUN is missing"},
         {"export --octree f", "export: RUN is missing"},
-        {"export r", "--mesh FILE|--points|--octree"},
+        {"export r", "give one of --points FILE.ply, --mesh FILE"},
         {"export r --octree", "--octree needs a value"},
         {"export r --octree f --colour red", "--colour|'red'|level|error"},
         {"export r --octree f --mesh g", "--octree and --mesh|one at a time"},

@@ -580,7 +580,7 @@ static void read_run(void)
         free(text);
     if (!refused(cln_settings_of_run("run", &settings)))
         cln_settings_free(settings);
-    refused(cln_report_write("run"));
+    refused(cln_report_write("run", INT64_MAX));
     if (!refused(cln_metrics_open("run", 2, &metrics)))
         cln_metrics_close(metrics);
 }

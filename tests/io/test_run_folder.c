@@ -274,6 +274,36 @@ static void test_metrics_resume(void **state)
     free(b);
 }
 
+/* Figures of later steps are set aside, those of others and other files stay. */
+static void test_drop_evals(void **state)
+{
+    static const struct {
+        const char *name;
+        bool dropped;
+    } files[] = {{"00000111-test-8.json", false},
+                 {"00000112-test.json", true},
+                 {"100000000-val.json", true},
+                 {"00000112-test.png", false},
+                 {"notes.json", false}};
+    const char *run = scratch_path(*state, "run");
+
+    assert_int_equal(cln_run_drop_evals(run, 111), CLN_OK); /* without any */
+    assert_int_equal(cln_make_dirs(scratch_path(run, "eval")), CLN_OK);
+    for (int pass = 0; pass < 2; pass++) { /* names of before are replaced */
+        for (size_t i = 0; i < sizeof files / sizeof files[0]; i++)
+            scratch_put(scratch_path(scratch_path(run, "eval"), files[i].name), "{}", 2);
+        assert_int_equal(cln_run_drop_evals(run, 111), CLN_OK);
+        for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+            char aside[64];
+
+            snprintf(aside, sizeof aside, "eval/%s.dropped", files[i].name);
+            assert_int_equal(access(scratch_path(scratch_path(run, "eval"), files[i].name), F_OK),
+                             files[i].dropped ? -1 : 0);
+            assert_int_equal(access(scratch_path(run, aside), F_OK), files[i].dropped ? 0 : -1);
+        }
+    }
+}
+
 /* Truncation removes lines that are not rows, and events of the step itself, which happen again; it
  * does not write a file without such lines. */
 static void test_metrics_cut(void **state)
@@ -643,6 +673,7 @@ int test_group_run_folder(void)
         cmocka_unit_test_setup_teardown(test_atomic, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_last, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_resume, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_drop_evals, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_cut, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_metrics_full_disk, scratch_make, scratch_remove),
         cmocka_unit_test(test_starts),

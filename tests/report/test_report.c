@@ -120,12 +120,12 @@ static void put_picture(const char *run, const char *stem, const char *file)
 }
 
 /* The page of the run; the caller frees it. */
-static char *page_of(const char *run)
+static char *page_until(const char *run, int64_t step)
 {
     size_t bytes = 0;
     char *page = NULL;
 
-    if (cln_report_write(run) != CLN_OK)
+    if (cln_report_write(run, step) != CLN_OK)
         fail_msg("%s", cln_error_text());
     assert_string_equal(cln_error_text(), ""); /* skipped files leave no error */
     page = scratch_get(scratch_path(run, "report.html"), &bytes);
@@ -136,6 +136,11 @@ static char *page_of(const char *run)
     assert_null(strstr(page, "inf"));
     assert_well_formed(page);
     return page;
+}
+
+static char *page_of(const char *run)
+{
+    return page_until(run, INT64_MAX);
 }
 
 /* ---- the page ---- */
@@ -242,7 +247,7 @@ static void sections_are_those_of_the_table(void **state)
                      "\"message_seconds\":1}\n");
         }
         page = page_of(run);
-        assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+        assert_int_equal(cln_report_data_read(run, INT64_MAX, &data), CLN_OK);
         for (int i = 0; i < cln_report_section_count; i++) {
             const cln_report_section *s = &cln_report_sections[i];
             char title[128], link[128];
@@ -391,7 +396,7 @@ static void decisions_are_marks_and_a_table(void **state)
           "{\"event\":\"structure\",\"step\":\"no number\"}\n",
           f);
     assert_int_equal(fclose(f), 0);
-    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(cln_report_data_read(run, INT64_MAX, &data), CLN_OK);
     assert_int_equal(data.rows.count, 20);
     assert_int_equal(data.decision_count, 2);
     assert_true(data.decisions[0].split == 170 && data.decisions[0].over_budget);
@@ -554,16 +559,59 @@ static void shown_views_are_the_most_held_out(void **state)
     cln_report_data data;
 
     put_eval(run, 900, "train", 30, json_array());
-    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(cln_report_data_read(run, INT64_MAX, &data), CLN_OK);
     assert_int_equal(data.shown, 0);
     cln_report_data_free(&data);
     put_eval(run, 100, "test", 20, json_array());
     put_eval(run, 300, "test", 22, json_array());
     put_eval(run, 500, "val", 21, json_array());
-    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(cln_report_data_read(run, INT64_MAX, &data), CLN_OK);
     assert_int_equal(data.eval_count, 4);
     assert_string_equal(data.evals[data.shown].stem, "00000300-test");
     assert_true(data.evals[data.shown].psnr == 22);
+    cln_report_data_free(&data);
+}
+
+/* Of a run that went back, what is of later steps or of another model is not shown. */
+static void what_is_of_a_dropped_model_is_left_out(void **state)
+{
+    const char *run = scratch_path(*state, "run"), *digest = "{\"model_digest\":\"a1\"}";
+    cln_report_data data;
+    json_t *document = NULL;
+    char *page = NULL;
+
+    put_run(run, "done", "nothing");
+    put_metrics(run, 20);
+    assert_int_equal(cln_run_read(run, &document), CLN_OK);
+    json_object_set_new(document, "result",
+                        json_pack("{s:i s:s}", "step", 500, "model_digest", "b2"));
+    put_json(run, "run.json", document);
+    put_eval(run, 250, "test", 21.5, json_array());
+    put_eval(run, 500, "test", 28.25, json_array());
+    assert_int_equal(cln_report_data_read(run, 500, &data), CLN_OK);
+    assert_int_equal(data.eval_count, 2);
+    assert_true(isnan(data.gone));
+    cln_report_data_free(&data);
+
+    page = page_until(run, 250);
+    assert_has(page, "21.50 <small>dB</small></b><span>test PSNR");
+    assert_has(page, "<b>250</b><span>steps");
+    assert_has(page, "It ended at step 500, but the checkpoint of that is gone");
+    assert_has_not(page, "28.25");
+    assert_has_not(page, "model b2");
+    free(page);
+
+    put_json(run, "eval/00000250-test-8.json",
+             json_pack("{s:s s:i s:s s:s s:{s:f} s:[]}", "schema", "cl-nascent.eval/1", "step", 250,
+                       "model_digest", "b2", "split", "test", "mean", "psnr", 23.0, "images"));
+    assert_int_equal(cln_make_dirs(scratch_path(run, "checkpoint")), CLN_OK);
+    put_text(run, "checkpoint/00000250.json", digest);
+    assert_int_equal(cln_report_data_read(run, 250, &data), CLN_OK);
+    assert_int_equal(data.eval_count, 1); /* of the same step, another model */
+    cln_report_data_free(&data);
+    put_text(run, "checkpoint/00000250.json", "{\"model_digest\":\"b2\"}");
+    assert_int_equal(cln_report_data_read(run, 250, &data), CLN_OK);
+    assert_int_equal(data.eval_count, 2);
     cln_report_data_free(&data);
 }
 
@@ -602,7 +650,7 @@ static void figures_say_how_they_were_rendered(void **state)
         }
         if (pass == 1)
             assert_int_equal(remove(scratch_path(run, "eval/b.json")), 0);
-        assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+        assert_int_equal(cln_report_data_read(run, INT64_MAX, &data), CLN_OK);
         assert_int_equal(data.eval_count, count - pass);
         assert_string_equal(data.evals[data.shown].stem, pass ? "d-antialias3-fast" : "b");
         cln_report_data_free(&data);
@@ -666,7 +714,7 @@ static void chosen_views_are_known_by_name(void **state)
     put_run(run, "done", "nothing");
     for (int i = 0; i < count; i++)
         put_eval(run, 100, rows[i].stem + strlen("00000100-"), 20, json_array());
-    assert_int_equal(cln_report_data_read(run, &data), CLN_OK);
+    assert_int_equal(cln_report_data_read(run, INT64_MAX, &data), CLN_OK);
     assert_int_equal(data.eval_count, count);
     for (int i = 0; i < count; i++)
         for (int k = 0; k < count; k++)
@@ -777,7 +825,7 @@ static void an_unwritable_folder_is_said(void **state)
 {
     const char *run = scratch_path(*state, "nowhere");
 
-    assert_int_equal(cln_report_write(run), CLN_OUTPUT);
+    assert_int_equal(cln_report_write(run, INT64_MAX), CLN_OUTPUT);
     assert_non_null(strstr(cln_error_text(), "nowhere"));
     cln_clear_error();
 }
@@ -791,7 +839,7 @@ static void an_earlier_error_is_kept(void **state)
     put_text(run, "run.json", "{ broken");
     cln_log_set_sink(scratch_count_warnings, &warnings);
     cln_fail(CLN_DIVERGED, "what really happened");
-    assert_int_equal(cln_report_write(run), CLN_OK); /* like train at its end */
+    assert_int_equal(cln_report_write(run, INT64_MAX), CLN_OK); /* like train at its end */
     assert_string_equal(cln_error_text(), "what really happened");
 }
 
@@ -898,6 +946,7 @@ int test_group_report(void)
         ON_DISK(points_that_are_left_out_are_told),
         ON_DISK(the_tree_is_shown_with_its_legend),
         ON_DISK(shown_views_are_the_most_held_out),
+        ON_DISK(what_is_of_a_dropped_model_is_left_out),
         ON_DISK(figures_say_how_they_were_rendered),
         ON_DISK(curves_are_without_chosen_views),
         ON_DISK(chosen_views_are_known_by_name),

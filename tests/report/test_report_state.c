@@ -16,7 +16,7 @@ static void assert_page(const char *run, const char *part, bool there)
     char *page = NULL;
     size_t bytes = 0;
 
-    assert_int_equal(cln_report_write(run), CLN_OK);
+    assert_int_equal(cln_report_write(run, INT64_MAX), CLN_OK);
     page = scratch_get(scratch_path(run, "report.html"), &bytes);
     if (!strstr(page, part) == there)
         fail_msg("'%s' is %s the page", part, there ? "not in" : "in");

@@ -356,6 +356,37 @@ static void killed_runs_are_as_their_checkpoints(void **state)
     json_decref(document);
 }
 
+/* A run whose newest checkpoint is gone is as the one before it. */
+static void runs_that_went_back_are_as_their_checkpoints(void **state)
+{
+    const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "b", "d1", NULL);
+    const char *const rows = "{\"step\":400,\"seconds\":9,\"psnr_train\":11,\"psnr_test\":12}\n"
+                             "{\"step\":500,\"seconds\":20,\"psnr_train\":21}\n";
+    json_t *document = NULL;
+
+    scratch_put(scratch_path(b, "metrics.jsonl"), rows, strlen(rows));
+    put_eval(b, "00000300-test", 300, 10, 20.0, false);
+    put_eval(b, "00000500-test", 500, 10, 29.0, false);
+    assert_int_equal(cln_make_dirs(scratch_path(b, "checkpoint")), CLN_OK);
+    scratch_put(scratch_path(b, "checkpoint/00000500.json"), "{}", 2);
+    document = beside(a, b);
+    assert_row(document, "results", "psnr_test", "[27.5,29]");
+    assert_note(document, "it ended at step", false);
+    json_decref(document);
+
+    assert_int_equal(rename(scratch_path(b, "checkpoint/00000500.json"),
+                            scratch_path(b, "checkpoint/00000400.json")),
+                     0);
+    document = beside(a, b);
+    assert_row(document, "results", "step", "[500,400]");
+    assert_row(document, "results", "seconds", "[20.5,9]");
+    assert_row(document, "results", "psnr_train", "[30.001,11]");
+    assert_row(document, "results", "psnr_test", "[27.5,20]");
+    assert_row(document, "results", "eval_step", "[null,300]");
+    assert_note(document, "b: it ended at step 500, but the checkpoint of that is gone", true);
+    json_decref(document);
+}
+
 static void odd_runs_are_ordinary(void **state)
 {
     const char *a = put_run(*state, "a", "d1", NULL), *b = put_run(*state, "x/a", "d1", NULL);
@@ -524,6 +555,8 @@ int test_group_side_by_side(void)
         cmocka_unit_test_setup_teardown(masks_read_otherwise_do_not_compare, scratch_make,
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(unfinished_runs_compare_by_the_same_views, scratch_make,
+                                        scratch_remove),
+        cmocka_unit_test_setup_teardown(runs_that_went_back_are_as_their_checkpoints, scratch_make,
                                         scratch_remove),
         cmocka_unit_test_setup_teardown(killed_runs_are_as_their_checkpoints, scratch_make,
                                         scratch_remove),

@@ -62,6 +62,10 @@ static const no_scene cases[] = {
      {"run/run.json", "run/checkpoint/1.safetensors"},
      "run/checkpoint",
      {"run', is a run: give that one"}},
+    {"the folder around runs",
+     {"r10/run.json", "r9/run.json", "r9/cameras.json"},
+     "",
+     {"it holds 2 folders (the first is 'r9'", "; its folder 'r9' is a run, which eval"}},
     {"folder with a zip file", {"a.zip"}, "", {"it holds an archive ('a.zip')", "unpack"}},
     {"video file",
      {"walk.MP4"},
@@ -157,6 +161,44 @@ static void test_frames_elsewhere(void **state)
     assert_int_equal(try_load(folder, NULL, &scene), CLN_INPUT);
     assert_non_null(strstr(cln_error_text(), "if its frames are in that, give the file: '"));
     cln_clear_error();
+}
+
+/* What is given in place of a run is told, with what to give. */
+static void test_no_run(void **state)
+{
+    static const struct {
+        const char *path, *words[2];
+    } rows[] = {
+        {"runs", {"runs: not a run, but its folder 'r9' is one: give that one, or another"}},
+        {"runs/r9/checkpoint/00000111.safetensors", {"not a run, but in one: give ", "runs/r9"}},
+        {"runs/r9/eval/00000111-test/a.png", {"not a run, but in one: give ", "runs/r9"}},
+        {"pot", {"pot: a scene, not a run: train on it first, by `cl-nascent train ", "-o RUN`"}},
+        {"torn", {"torn: a run without its run.json; copy the run again"}},
+        {"m.glb", {"not a run: it is a mesh or point cloud; give the folder that"}},
+        {"photos", {"not a run, as there is no run.json in it: it holds an image ('a.jpg')"}},
+        {"gone", {"gone: no such folder; give the folder that"}},
+    };
+    static const char *const files[] = {"runs/r9/run.json",
+                                        "runs/r10/run.json",
+                                        "runs/r9/checkpoint/00000111.safetensors",
+                                        "pot/transforms.json",
+                                        "torn/checkpoint/latest",
+                                        "m.glb",
+                                        "runs/r9/eval/00000111-test/a.png",
+                                        "photos/a.jpg"};
+
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++)
+        put(*state, files[i]);
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        json_t *document = NULL;
+
+        assert_int_equal(cln_reader_run(scratch_path(*state, rows[i].path), &document), CLN_INPUT);
+        assert_null(document);
+        for (int w = 0; w < 2 && rows[i].words[w]; w++)
+            if (!strstr(cln_error_text(), rows[i].words[w]))
+                fail_msg("%s: no '%s' in: %s", rows[i].path, rows[i].words[w], cln_error_text());
+        cln_clear_error();
+    }
 }
 
 /* A missing path, and a folder with an unreadable subfolder. */
@@ -350,6 +392,7 @@ int test_group_readers(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_not_a_scene, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_frames_elsewhere, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_no_run, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_unreadable, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_odd_names, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_name_not_utf8, scratch_make, scratch_remove),
