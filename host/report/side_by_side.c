@@ -154,22 +154,13 @@ static cln_status find_facts(side *s)
     return s->facts ? CLN_OK : cln_fail(CLN_MEMORY, "%s: cannot describe the run as JSON", s->run);
 }
 
-/* The step of the model that the run has: of its newest checkpoint that can be read. */
-static cln_status find_model(const char *run, int64_t *step)
+/* The step of the model that the run has: of its newest checkpoint, if one looks whole of that. */
+static int64_t find_model(const char *run)
 {
-    cln_model model;
-    cln_status st = CLN_OK;
+    int64_t step = cln_checkpoint_newest_whole(run);
 
-    *step = INT64_MAX;
-    if (cln_run_is_held(run) || cln_checkpoint_newest(run) < 0)
-        return CLN_OK;
-    st = cln_checkpoint_read(run, false, &model);
-    *step = st == CLN_OK ? model.step : cln_checkpoint_newest(run);
-    cln_model_free(&model);
-    if (st == CLN_MEMORY)
-        return st;
-    cln_clear_error();
-    return CLN_OK;
+    step = step < 0 ? cln_checkpoint_newest(run) : step;
+    return step < 0 || cln_run_is_held(run) ? INT64_MAX : step;
 }
 
 static cln_status read_side(const char *run, side *s)
@@ -187,7 +178,7 @@ static cln_status read_side(const char *run, side *s)
     CLN_TRY(cln_path_absolute(&s->path, run));
     slash = strrchr(s->path, '/');
     s->name = slash && slash[1] && cln_utf8_valid(slash) ? slash + 1 : run; /* for JSON */
-    CLN_TRY(find_model(run, &s->model));
+    s->model = find_model(run);
     CLN_TRY(cln_report_data_read(run, s->model, &s->data));
     s->dataset = dataset = json_object_get(s->data.run, "dataset");
     if (!json_object_get(dataset, "downscale_least")) /* an older run: one for all */

@@ -269,7 +269,7 @@ static void test_eval_of_other_splits(void **state)
     cln_eval_free(&result);
     assert_fails(evaluate("whole", "val", NULL, &result), CLN_INPUT, "val");
     assert_fails(evaluate("whole", "nonsense", NULL, &result), CLN_USAGE, "nonsense");
-    assert_fails(evaluate("scene", "test", NULL, &result), CLN_INPUT, "run.json");
+    assert_fails(evaluate("scene", "test", NULL, &result), CLN_INPUT, "a scene, not a run");
     assert_fails(evaluate("whole", "test", &stop, &result), CLN_SIGINT, "");
     assert_null(result.images);
 }
@@ -816,7 +816,7 @@ static void test_info(void **state)
                         json_string_value(fixture_at(about, "model_digest")));
     assert_int_equal(json_integer_value(fixture_at(about, "config.width")), 16);
     json_decref(about);
-    assert_fails(cln_info_run(fixture_path("scene"), &text), CLN_INPUT, "run.json");
+    assert_fails(cln_info_run(fixture_path("scene"), &text), CLN_INPUT, "a scene, not a run");
 }
 
 /* What cln_info_scene tells, without what is of this moment: free memory and disk. */
