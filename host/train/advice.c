@@ -14,10 +14,13 @@
  * sample meets. */
 static const double FEW = 0.05;
 
+/* Of a level's leaves to those of the one before: as few, and as many, as there may be. */
+static const double FEWEST_TIMES = 2, MOST_TIMES = 8;
+
 /* Would a training of so many steps make a decision, and at which level? Its levels come when a
  * training like this one's would (grow.c), which has reached a level with so many leaves; a level
- * that it has not reached counts twice the leaves of the one before, as few as are usual. */
-static bool would_decide(const cln_trainer *t, double steps, int *at_level)
+ * that it has not reached counts so many `times` the leaves of the one before. */
+static bool would_decide(const cln_trainer *t, double steps, double times, int *at_level)
 {
     const cln_config *c = &t->model.config;
     const double wait = c->cull_after + c->refresh_every, end = c->structure_until * steps;
@@ -28,7 +31,7 @@ static bool would_decide(const cln_trainer *t, double steps, int *at_level)
         return false;
     }
     for (int level = c->start_level; level <= CLN_MAX_LEVEL && grown < end; level++) {
-        const double leaves = ldexp(t->pipeline.leaves, level - t->model.level);
+        const double leaves = t->pipeline.leaves * pow(times, level - t->model.level);
         const double decision = fmax(grown + wait, c->structure_from * steps);
         double asked = INFINITY; /* the step from which another level is */
 
@@ -44,14 +47,14 @@ static bool would_decide(const cln_trainer *t, double steps, int *at_level)
 
 /* The fewest steps, in round numbers, with which the tree would adapt; 0 if a long training's does
  * not, either. */
-static double steps_to_decide(const cln_trainer *t, double steps, int *at_level)
+static double steps_to_decide(const cln_trainer *t, double steps, double times, int *at_level)
 {
     const double most = 1e6;
     double unit = 10;
 
     for (double s = unit * ceil(steps / unit); s < most; s += unit) {
         unit = s >= 1000 ? 100 : 10;
-        if (s > steps && would_decide(t, s, at_level))
+        if (s > steps && would_decide(t, s, times, at_level))
             return s;
     }
     return 0;
@@ -112,9 +115,9 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
     const bool timed = t->steps == 0 || (c->time_limit > 0 && /* as cln_step_fraction divides */
                                          t->model.train_seconds / c->time_limit >= fraction);
     const double steps = timed ? floor((double)t->model.step / fraction) : (double)t->steps;
-    double enough = 0, share = 0;
-    int level = 0;
-    char longer[128] = "", text[400];
+    double enough = 0, fewer = 0, decides = 0, share = 0;
+    int level = 0, at_level = 0;
+    char longer[160] = "", text[432];
 
     if (t->said.none_came || !c->adaptive || c->tree_from[0] || t->model.decisions > 0 ||
         t->pipeline.leaves > c->max_leaves || c->structure_from >= c->structure_until ||
@@ -122,7 +125,9 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
         !cln_grow_awaited(t, c->structure_until))
         return;
     t->said.none_came = true;
-    enough = steps_to_decide(t, steps, &level);
+    enough = steps_to_decide(t, steps, FEWEST_TIMES, &level);
+    fewer = steps_to_decide(t, steps, MOST_TIMES, &at_level); /* then no further level may come */
+    decides = enough;
     share = enough > 0 ? could_split(t, &enough, &level) : 1;
     if (share < FEW) {
         cln_info("no single leaf was split, %s be in more steps: beyond level %d, voxels would be "
@@ -135,6 +140,11 @@ void cln_advise_none_came(cln_trainer *t, double fraction)
         snprintf(longer, sizeof longer,
                  "; a new run may split some with a --time-limit of about %.0fs, for %.0f steps",
                  ceil(1.5 * c->time_limit * enough / steps), enough);
+    else if (enough > 0 && fewer > 0 && fewer < enough && enough <= decides)
+        snprintf(longer, sizeof longer,
+                 "; a new run may split some with --steps %.0f or more, or with %.0f if no further "
+                 "whole level comes",
+                 enough, fewer);
     else if (enough > 0)
         snprintf(longer, sizeof longer, "; a new run may split some with --steps %.0f or more",
                  enough);

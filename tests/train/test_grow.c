@@ -217,6 +217,41 @@ static void test_none_came(void **state)
     }
 }
 
+/* Whether a further whole level comes first depends on how many leaves it leaves: both numbers of
+ * steps are told. */
+static void test_two_numbers(void **state)
+{
+    static const int most[] = {1000000, 3000}; /* 3 * 4 * 128 leaves are less, 3 * 4 * 512 more */
+
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        char text[512] = "";
+        const char *more = NULL;
+        cln_trainer t;
+
+        plant(false, 5, 0, &t);
+        t.model.config.adaptive = true;
+        t.model.config.max_leaves = most[i];
+        t.model.config.cull_after = t.model.config.refresh_every = 16;
+        strcpy(t.model.config.level_at, "3:0.1,4:0.3");
+        t.model.config.structure_from = 0.05;
+        t.model.config.structure_until = 0.5;
+        t.steps = 60;
+        t.model.step = t.model.growth_step = 30;
+        t.pipeline.leaves = t.model.tree.leaf_count;
+        cln_log_to(CLN_LOG_INFO, keep_text, text);
+        cln_advise_none_came(&t, 0.5);
+        cln_log_to(CLN_LOG_INFO, NULL, NULL);
+        print_message("    %s\n", text);
+        more = strstr(text, " or more");
+        assert_non_null(more);
+        assert_true(!strstr(more, ", or with ") == !i);
+        if (i) /* 2 (16 + 16) + 16 steps are half of it */
+            assert_non_null(strstr(more, ", or with 170 if no further whole level comes"));
+        uproot(&t);
+    }
+}
+
 static void test_can_split(void **state)
 {
     (void)state;
@@ -351,6 +386,7 @@ int test_group_grow(void)
         cmocka_unit_test(test_awaited),        cmocka_unit_test(test_foresee),
         cmocka_unit_test(test_foresee_levels), cmocka_unit_test(test_can_split),
         cmocka_unit_test(test_none_came),      cmocka_unit_test(test_too_fine),
+        cmocka_unit_test(test_two_numbers),    cmocka_unit_test(test_too_fine),
     };
 
     return cmocka_run_group_tests_name("grow", tests, fixture_setup, fixture_teardown);
