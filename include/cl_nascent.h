@@ -621,18 +621,27 @@ typedef struct cln_poses_desc {
     int frames;         /* of a video, none twice; 0 = 150 */
     const char *lens;   /* COLMAP's name of the cameras' model, in any case; NULL = "auto":
                            SIMPLE_RADIAL, of 30 photos and more of a camera OPENCV */
+    bool gps;           /* turn, scale and move the scene by the GPS positions in the photos' EXIF
+                           data: metres, x east, y north, z up. A scene that was made without, by
+                           the same photos, is placed as it is */
     cln_callbacks callbacks;
 } cln_poses_desc;
 
 typedef struct cln_poses_result {
     int photos, registered; /* all, and those with a pose */
-    int focal_lengths;      /* photos with one in their EXIF data */
+    int focal_lengths;      /* photos with one in their EXIF data; 0 if poses were there already */
+    int gps_photos;         /* photos with latitude, longitude and altitude there */
+    bool placed;            /* the scene is in metres, east, north and up from: */
+    double origin[3];       /* latitude and longitude, degrees (WGS 84), and height, metres as the
+                               photos' altitudes are; the middle of the cameras */
+    double gps_distance;    /* from the cameras to their GPS positions: the median, metres */
 } cln_poses_result;
 
 /* Finds where photos were taken, by COLMAP's own program (`colmap`, and `ffmpeg` for a video), if
  * it is installed: CLN_FAILED if not, or if it finds nothing, with what it said in out/colmap.log.
- * CLN_INPUT if a photo cannot be read. CLN_OUTPUT if the folder has poses already or other things,
- * or its disk has too little room. */
+ * CLN_INPUT if a photo cannot be read, or fewer than three have a position for `gps`; where these
+ * turn out not to fit, the scene stays as COLMAP made it, with a warning. CLN_OUTPUT if the folder
+ * has poses already or other things, or its disk has too little room. */
 CLN_API cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result);
 
 /* ---- tuning ---- */

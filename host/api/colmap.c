@@ -3,6 +3,7 @@
 #include "api/colmap.h"
 
 #include <errno.h>
+#include <ftw.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,6 +33,12 @@ static const char SIZE[] = "--Mapper.min_model_size";
 static const char BLOCK[] = "--ExhaustiveMatching.block_size";
 /* A file with the names of the photos to take, from which one run makes one camera. */
 static const char LIST[] = "--image_list_path";
+/* Of model_aligner: a list of places, whether these are degrees, what the frame is to be. */
+static const char PLACES[] = "--ref_images_path", IS_GPS[] = "--ref_is_gps";
+static const char ALIGNMENT[] = "--alignment_type", ROBUST[] = "--robust_alignment";
+/* Metres from its place with which a camera counts in an alignment. Of positions that are 0.5, 2
+ * and 5 m off, 5 of 48 by 100 m, 2 and 3 m left the cameras up to 11 m off, 10 m up to 5. */
+static const char APART[] = "10";
 /* The focal length that a photo without one in its EXIF data begins with, over its longest side.
  * COLMAP's 1.2 is an angle of 48 degrees by a fisheye's model, which has 0.3 to 0.5: of 25 drawn
  * photos of 173 pixels it ended at 177 and 180, from 0.4 on at 174 and 175. */
@@ -194,10 +201,24 @@ static void learn_names(const char *line, void *user)
     c->guesses = c->guesses || strstr(line, GUESS);
 }
 
+static void learn_alignment(const char *line, void *user)
+{
+    static const char *const apart[] = {"--robust_alignment_max_error", /* to 3.8 */
+                                        "--alignment_max_error"};
+    cln_colmap *c = user;
+
+    c->lists_places = c->lists_places || strstr(line, PLACES);
+    c->gps_told = c->gps_told || strstr(line, IS_GPS);
+    c->aligns_to = c->aligns_to || strstr(line, ALIGNMENT);
+    for (int i = 0; i < 2; i++)
+        c->apart = strstr(line, apart[i]) ? apart[i] : c->apart;
+}
+
 void cln_colmap_ask(cln_colmap *c)
 {
     static const char *const commands[] = {"feature_extractor", "exhaustive_matcher", "mapper"};
     const cln_command_watch watch = {learn_names, NULL, c, NULL};
+    const cln_command_watch aligner = {learn_alignment, NULL, c, NULL};
 
     c->extraction = "--SiftExtraction.use_gpu";
     c->matching = "--SiftMatching.use_gpu";
@@ -205,6 +226,10 @@ void cln_colmap_ask(cln_colmap *c)
         if (cln_command_run((const char *const[]){"colmap", commands[i], "-h", NULL}, &watch) !=
             CLN_OK)
             cln_clear_error(); /* some versions end help with another code than 0 */
+    if (c->desc->gps &&
+        cln_command_run((const char *const[]){"colmap", "model_aligner", "-h", NULL}, &aligner) !=
+            CLN_OK)
+        cln_clear_error();
 }
 
 /* ---- its steps ---- */
@@ -464,6 +489,47 @@ cln_status cln_colmap_map(cln_colmap *c)
     CLN_TRY(choose_model(c));
 done:
     return st;
+}
+
+cln_status cln_colmap_align(cln_colmap *c, const char *model, const char *places, const char *out)
+{
+    const char *argv[24] = {"colmap", "model_aligner", "--input_path", model, "--output_path",
+                            out,      PLACES,          places};
+    const char *const more[][2] = {{c->gps_told ? IS_GPS : NULL, "0"},
+                                   {c->aligns_to ? ALIGNMENT : NULL, "custom"},
+                                   {c->apart && strstr(c->apart, "robust") ? ROBUST : NULL, "1"},
+                                   {c->apart, APART}};
+    int n = 8;
+
+    if (!c->lists_places)
+        return cln_fail(CLN_FAILED, "the COLMAP that is installed cannot place a scene "
+                                    "(model_aligner); install version 3.7 or newer");
+    for (size_t i = 0; i < sizeof more / sizeof *more; i++)
+        if (more[i][0]) {
+            argv[n++] = more[i][0];
+            argv[n++] = more[i][1];
+        }
+    return run(c, "poses: place by GPS", argv);
+}
+
+static int remove_one(const char *path, const struct stat *info, int kind, struct FTW *where)
+{
+    (void)info;
+    (void)kind;
+    (void)where;
+    return remove(path);
+}
+
+cln_status cln_colmap_remove(const char *folder)
+{
+    enum { OPEN = 8 };
+
+    if (cln_is_dir(folder) && nftw(folder, remove_one, OPEN, FTW_DEPTH | FTW_PHYS) != 0)
+        return cln_fail(CLN_OUTPUT,
+                        "%s: of an earlier attempt, and cannot be removed: %s; remove it, or give "
+                        "another folder with -o",
+                        folder, strerror(errno));
+    return CLN_OK;
 }
 
 /* What COLMAP made of the focal length, which a person may know. */

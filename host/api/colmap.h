@@ -40,8 +40,11 @@ typedef struct cln_colmap {
                                    it has no such option */
     cln_colmap_room room;
     bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
-    bool guesses;              /* it takes a focal length to begin with, without EXIF data */
-    int focal_lengths;         /* photos with one by EXIF data, in pixels between these: */
+    bool lists_places, gps_told; /* model_aligner takes a list of places; and whether of degrees */
+    bool aligns_to;              /* to what, by --alignment_type */
+    const char *apart;           /* its option for how far off the ones that count may be */
+    bool guesses;                /* it takes a focal length to begin with, without EXIF data */
+    int focal_lengths;           /* photos with one by EXIF data, in pixels between these: */
     double focal_least, focal_most;
     /* Of the running command. */
     const char *stage; /* on the progress line */
@@ -64,6 +67,14 @@ cln_status cln_colmap_features(cln_colmap *c);
 cln_status cln_colmap_match(cln_colmap *c, bool ordered);
 /* Finds poses; the largest model is sparse/0 of the scene's folder then. */
 cln_status cln_colmap_map(cln_colmap *c);
+
+/* Turns, scales and moves a model to places of its cameras, a file of lines "NAME x y z", into a
+ * folder that is there; cln_colmap_ask learnt how, if desc->gps. CLN_FAILED, too, if this COLMAP
+ * cannot. */
+cln_status cln_colmap_align(cln_colmap *c, const char *model, const char *places, const char *out);
+
+/* Removes a folder of models that an earlier attempt left, if it is there. CLN_OUTPUT. */
+cln_status cln_colmap_remove(const char *folder);
 
 /* Tells the focal length that it found. */
 void cln_colmap_say_focal_length(const cln_scene *scene);

@@ -3,7 +3,7 @@
  *
  *   SCENE/images/       hard links to the photos (copies on another disk), or the video's frames
  *                       (photo_folder.c)
- *   SCENE/sparse/0/     the largest model, which readers take
+ *   SCENE/sparse/0/     the largest model, which readers take; by GPS, if asked for (photo_gps.c)
  *   SCENE/colmap.db     COLMAP's features and matches, and colmap.stamp, of which photos they are
  *   SCENE/colmap.log    every command with its output
  *
@@ -14,7 +14,6 @@
  * names are numbered without many gaps, as cameras and videos number them. */
 #include <ctype.h>
 #include <errno.h>
-#include <ftw.h>
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -32,12 +31,14 @@
 #include "base/text.h"
 #include "api/colmap.h"
 #include "api/photo_folder.h"
+#include "api/photo_gps.h"
 #include "cl_nascent.h"
 #include "io/command.h"
 #include "io/disk.h"
 #include "io/image.h"
 #include "scene/dataset.h"
 #include "scene/found.h"
+#include "scene/origin.h"
 #include "scene/reader.h"
 
 /* Bytes that a photo's features need in the database: of so many pixels, and at most. */
@@ -49,6 +50,8 @@ typedef struct work {
     cln_film film; /* where the photos come from a video */
     cln_colmap colmap;
     char *stamp; /* of which photos the features are */
+    cln_photo_gps gps;
+    bool posed; /* poses are there already, and are to be placed by GPS */
 } work;
 
 /* ---- photos ---- */
@@ -196,12 +199,13 @@ done:
 }
 
 /* Enough photos, before the folder is made. A folder that is a scene already needs no poses. */
-static cln_status check_photos(const char *folder, const char *out)
+static cln_status check_photos(const char *folder, const char *out, bool by_gps)
 {
     cln_status st = CLN_OK;
     const cln_reader *reader = NULL;
     char *others = NULL;
     cln_names photos = {0};
+    cln_photo_gps gps = {0};
 
     if (cln_found_run(folder))
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -212,6 +216,10 @@ static cln_status check_photos(const char *folder, const char *out)
     if (photos.count < CLN_POSES_LEAST)
         CLN_TRY(fail_few(folder, photos.count, folder));
     CLN_TRY(check_readable(folder, &photos));
+    if (by_gps) {
+        CLN_TRY(cln_photo_gps_read(folder, &photos, &gps));
+        CLN_TRY(cln_photo_gps_check(&gps, folder, photos.count));
+    }
     CLN_TRY(check_photos_room(folder, &photos, out));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
@@ -221,6 +229,7 @@ static cln_status check_photos(const char *folder, const char *out)
 done:
     free(others);
     cln_dataset_free_names(&photos);
+    cln_photo_gps_free(&gps);
     return st;
 }
 
@@ -275,12 +284,29 @@ done:
     return st;
 }
 
+/* Has the folder a model of an earlier call that is in COLMAP's own frame? */
+static cln_status find_posed(const char *out, bool *posed)
+{
+    cln_status st = CLN_OK;
+    char *model = NULL;
+
+    CLN_TRY(cln_path_join(&model, out, "sparse/0"));
+    *posed = cln_colmap_images(model) > 0 && !cln_origin_is_there(model) &&
+             cln_has_file(out, "colmap.log");
+done:
+    free(model);
+    return st;
+}
+
 static cln_status check_folder(work *w)
 {
     const char *out = w->desc->out;
     cln_status st = CLN_OK;
 
-    CLN_TRY(check_unposed(out));
+    if (w->desc->gps)
+        CLN_TRY(find_posed(out, &w->posed));
+    if (!w->posed)
+        CLN_TRY(check_unposed(out));
     if (access(w->desc->photos, F_OK) != 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: it is not there; give a folder of photos, or a video",
                          w->desc->photos));
@@ -297,8 +323,13 @@ static cln_status check_folder(work *w)
             CLN_INPUT,
             "%s: neither a folder of photos nor a video; give one of these (an archive: unpack it)",
             w->desc->photos));
+    if (w->desc->gps && cln_photos_are_video(w->desc->photos))
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "%s: --gps: a video's frames have no GPS positions; leave it out, or give "
+                         "a folder of photos that have them",
+                         w->desc->photos));
     if (cln_is_dir(w->desc->photos))
-        CLN_TRY(check_photos(w->desc->photos, out));
+        CLN_TRY(check_photos(w->desc->photos, out, w->desc->gps));
     CLN_TRY(check_out(w->desc->photos, out));
     CLN_TRY(cln_photos_check_out(w->desc->photos, out));
     if (!cln_command_found("colmap"))
@@ -312,27 +343,6 @@ static cln_status check_folder(work *w)
         CLN_TRY(cln_photos_probe(w->desc, &w->film));
 done:
     return st;
-}
-
-static int remove_one(const char *path, const struct stat *info, int kind, struct FTW *where)
-{
-    (void)info;
-    (void)kind;
-    (void)where;
-    return remove(path);
-}
-
-/* Removes the models that an earlier attempt left, which would be taken for this one's. */
-static cln_status remove_models(const cln_colmap *c)
-{
-    enum { OPEN = 8 };
-
-    if (cln_is_dir(c->sparse) && nftw(c->sparse, remove_one, OPEN, FTW_DEPTH | FTW_PHYS) != 0)
-        return cln_fail(CLN_OUTPUT,
-                        "%s: of an earlier attempt, and cannot be removed: %s; remove it, or give "
-                        "another folder with -o",
-                        c->sparse, strerror(errno));
-    return CLN_OK;
 }
 
 /* A digest of what features and matches are of: the photos, and what was asked for. */
@@ -420,9 +430,9 @@ static cln_status set_up(work *w)
     if (!cln_photos_are_video(
             w->desc->photos)) /* before the log, which means an attempt was here */
         CLN_TRY(cln_photos_link(w->desc->photos, c->images));
-    CLN_TRY(remove_models(c));
+    CLN_TRY(cln_colmap_remove(c->sparse));        /* it would be taken for this attempt's */
     framed = cln_photos_were_framed(c->log_path); /* by the log that is written over now */
-    c->log = fopen(c->log_path, "w");
+    c->log = fopen(c->log_path, w->posed ? "a" : "w");
     if (!c->log)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", c->log_path, strerror(errno)));
     if (cln_photos_are_video(w->desc->photos))
@@ -432,7 +442,10 @@ static cln_status set_up(work *w)
     w->result->photos = c->photos.count;
     if (c->photos.count < CLN_POSES_LEAST) /* of a video */
         CLN_TRY(fail_few(w->desc->photos, c->photos.count, NULL));
-    CLN_TRY(keep_features(w));
+    if (w->posed)
+        cln_info("poses: %s has poses already, which are placed by GPS", w->desc->out);
+    else
+        CLN_TRY(keep_features(w));
 done:
     return st;
 }
@@ -462,6 +475,30 @@ static cln_status count_registered(work *w)
 done:
     cln_scene_free(scene);
     cln_settings_free(settings);
+    return st;
+}
+
+/* Reads GPS positions, and says what becomes of them; true: the scene is placed by them. */
+static cln_status read_gps(work *w, bool *places)
+{
+    const cln_colmap *c = &w->colmap;
+    cln_status st = CLN_OK;
+    bool wide = false;
+
+    CLN_TRY(cln_photo_gps_read(c->images, &c->photos, &w->gps));
+    w->result->gps_photos = w->gps.count;
+    wide = cln_photo_gps_wide(&w->gps, c->photos.count);
+    *places = w->desc->gps && wide;
+    if (w->desc->gps && !wide)
+        cln_warn("--gps: the GPS positions lie within 5 m of one line or place, and are some "
+                 "metres off themselves: they cannot tell how the scene is turned and how large it "
+                 "is; it stays as COLMAP makes it, without unit and north (a length that is known "
+                 "gives the unit: man cl-nascent, MEASURING)");
+    else if (!w->desc->gps && wide)
+        cln_info("%d photos have GPS positions, which are not used: --gps, now or later, turns and "
+                 "scales the scene by them to metres, east, north and up",
+                 w->gps.count);
+done:
     return st;
 }
 
@@ -495,9 +532,23 @@ done:
     return st;
 }
 
+static cln_status find_poses(work *w)
+{
+    cln_colmap *c = &w->colmap;
+    cln_status st = cln_colmap_features(c);
+
+    w->result->focal_lengths = c->focal_lengths;
+    CLN_TRY(st);
+    CLN_TRY(cln_colmap_match(c, cln_photos_are_video(w->desc->photos) || in_sequence(&c->photos)));
+    CLN_TRY(cln_colmap_map(c));
+done:
+    return st;
+}
+
 cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
 {
     cln_status st = CLN_OK;
+    bool places = false;
     work w = {.desc = desc, .result = result, .colmap.desc = desc};
 
     cln_clear_error();
@@ -512,12 +563,11 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(check_folder(&w));
     cln_colmap_ask(&w.colmap);
     CLN_TRY(set_up(&w));
-    st = cln_colmap_features(&w.colmap);
-    result->focal_lengths = w.colmap.focal_lengths;
-    CLN_TRY(st);
-    CLN_TRY(cln_colmap_match(&w.colmap,
-                             cln_photos_are_video(desc->photos) || in_sequence(&w.colmap.photos)));
-    CLN_TRY(cln_colmap_map(&w.colmap));
+    CLN_TRY(read_gps(&w, &places));
+    if (!w.posed)
+        CLN_TRY(find_poses(&w));
+    if (places)
+        CLN_TRY(cln_photo_gps_place(&w.colmap, &w.gps, result));
     CLN_TRY(count_registered(&w));
 done:
     if (st == CLN_SIGINT || st == CLN_SIGTERM)
@@ -529,6 +579,7 @@ done:
         fclose(w.colmap.log);
     free(w.stamp);
     cln_dataset_free_names(&w.colmap.photos);
+    cln_photo_gps_free(&w.gps);
     free(w.colmap.images);
     free(w.colmap.database);
     free(w.colmap.sparse);

@@ -3,6 +3,7 @@
 #include "cli/commands.h"
 
 #include <stdio.h>
+#include "base/number.h"
 #include "base/text.h"
 #include "cli/console.h"
 
@@ -15,6 +16,7 @@ cln_status cln_cmd_poses(const cln_options *options)
                            .out = options->output,
                            .match = options->match,
                            .lens = options->lens,
+                           .gps = options->gps,
                            .frames = options->frames};
     char quoted[CLN_QUOTED_BYTES];
 
@@ -23,14 +25,31 @@ cln_status cln_cmd_poses(const cln_options *options)
     CLN_TRY(cln_find_poses(&desc, &r));
     cln_console_close(&console);
     if (options->json) {
+        json_t *origin =
+            r.placed ? json_pack("{s:f, s:f, s:f, s:f}", "latitude", r.origin[0], "longitude",
+                                 r.origin[1], "height", r.origin[2], "gps_distance", r.gps_distance)
+                     : json_null();
+
         CLN_TRY(cln_print_json(json_pack(
-            "{s:s, s:s, s:i, s:i, s:i}", "schema", "cl-nascent.poses/1", "scene", options->output,
-            "photos", r.photos, "registered", r.registered, "focal_lengths", r.focal_lengths)));
+            "{s:s, s:s, s:i, s:i, s:i, s:i, s:o}", "schema", "cl-nascent.poses/1", "scene",
+            options->output, "photos", r.photos, "registered", r.registered, "focal_lengths",
+            r.focal_lengths, "gps_photos", r.gps_photos, "origin", origin)));
         goto done;
     }
     cln_shell_quote(options->output, quoted, sizeof quoted);
     printf("scene       %s\n", options->output);
     printf("registered  %d of %d photos\n", r.registered, r.photos);
+    if (r.placed) {
+        char origin[96];
+
+        cln_format(origin, sizeof origin, "latitude %.8f, longitude %.8f, height %.3f", r.origin[0],
+                   r.origin[1], r.origin[2]);
+        printf("origin      %s\n", origin);
+        printf(
+            "            metres east, north and up from there, the middle of the cameras; half of "
+            "them are\n            within %.2f m of their GPS positions\n",
+            r.gps_distance);
+    }
     printf("next        cl-nascent check %s\n", quoted);
     printf("            cl-nascent train %s -o RUN --time-limit 10m\n", quoted);
 done:

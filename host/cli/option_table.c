@@ -140,6 +140,9 @@ const cln_arg cln_args[] = {
          "the photos' lens by COLMAP's name of the model: OPENCV_FISHEYE or SIMPLE_RADIAL_FISHEYE "
          "of a fisheye, PINHOLE of undistorted photos; auto: SIMPLE_RADIAL, of 30 photos and more "
          "of a camera OPENCV", .standard = "auto"),
+    FLAG(CLN_POSES, "gps", gps,
+         "turn, scale and move the scene by the photos' GPS positions (EXIF): metres, x east, y "
+         "north, z up"),
     INT(CLN_POSES, "frames", frames, "N", 3, 10000,
         "frames to take from a video; all, if it has fewer", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE | CLN_INFO, "preset", preset, CLN_PRESETS,

@@ -26,7 +26,7 @@ typedef struct cln_options {
     bool conf;            /* cl-nascent.conf beside the scene is read */
     char *conf_said;      /* for the log: its settings, or what --resume leaves out; may be NULL */
     bool resume_or_start; /* if there is a run to go on, `resume` is its folder, `output` NULL */
-    bool circle, map, fast, json, quiet, test, quick, extremes, skip_selftest, save_images,
+    bool circle, map, gps, fast, json, quiet, test, quick, extremes, skip_selftest, save_images,
         overwrite, z_depth, seams;
     int verbose, max_images, antialias, frames;
     int orbit_frames, spiral_frames, interpolate; /* 0 = none */

@@ -14,6 +14,7 @@
 
 #include <errno.h>
 #include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
@@ -100,6 +101,8 @@ static void add_exif(header *head, cln_exif found)
         head->exif.focal = found.focal;
     if (head->exif.focal_film == 0)
         head->exif.focal_film = found.focal_film;
+    if (isnan(head->exif.gps[0]) || isnan(head->exif.gps[1]))
+        memcpy(head->exif.gps, found.gps, sizeof head->exif.gps);
     head->colour.adobe = !head->png && (head->colour.adobe || found.adobe); /* DCF has no PNG */
 }
 
@@ -327,7 +330,7 @@ static void walk(const uint8_t *data, size_t bytes, bool whole, header *head)
 #undef OTHER
 
     memset(head, 0, sizeof *head);
-    head->exif.orientation = 1;
+    head->exif = cln_exif_read(NULL, 0);
     if (bytes == 0)
         head->problem = "empty file; copy it again";
     else if (bytes >= 8 && !memcmp(data, png, 8))
@@ -398,6 +401,7 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
                             .focal_film = head.exif.focal_film,
                             .jpeg = !head.png,
                             .deep_grey = head.deep && head.grey};
+    memcpy(out->gps, head.exif.gps, sizeof out->gps);
     out->colour = cln_colour_of(&head.colour, out->profile);
 done:
     free(all);

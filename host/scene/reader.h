@@ -86,6 +86,11 @@ extern const cln_reader cln_reader_record3d;   /* reader_record3d.c */
  * have gigabytes; 0 if there is none. */
 int cln_colmap_images(const char *folder);
 
+/* reader_colmap.c: the names and places of the cameras of the model in a folder, [image], in its
+ * own frame and unit. CLN_INPUT, CLN_MEMORY. The caller frees both, also after a failure. */
+struct cln_names;
+cln_status cln_colmap_places(const char *folder, struct cln_names *names, double (**at)[3]);
+
 /* readers.c: the reader of the setting `format`, or the first that detects its format at `path`. A
  * phrase in *others names the formats that are there besides, for --format; NULL if there are none,
  * and the caller frees it. CLN_INPUT if there is no such format: the sentence says what lies there

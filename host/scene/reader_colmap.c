@@ -2,7 +2,8 @@
  * sparse, sparse/0, colmap/sparse/0 or distorted/sparse/0. Images lie in `images` beside it or
  * above it, smaller copies in images_2, _4, _8 (dataset.h); cameras follow the images' size. Poses
  * are world-to-camera with our axes; the centre of the top-left pixel is (0.5, 0.5) there, too.
- * Points say where the cube is. One camera and several are the same case. */
+ * Points say where the cube is; a file beside the model, on which place of the earth its origin is
+ * (origin.h). One camera and several are the same case. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -10,9 +11,11 @@
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "scene/colmap.h"
 #include "scene/dataset.h"
+#include "scene/origin.h"
 #include "scene/placing.h"
 
 /* Where a model lies in a scene, in this order, and how far below the scene. */
@@ -169,6 +172,33 @@ done:
     return st;
 }
 
+cln_status cln_colmap_places(const char *folder, cln_names *names, double (**at)[3])
+{
+    cln_status st = CLN_OK;
+    cln_colmap model = {0};
+    char *where = NULL;
+
+    CLN_TRY(cln_colmap_read(folder, &model));
+    CLN_TRY(cln_alloc(&names->name, (size_t)model.image_count + 1, sizeof *names->name, "names"));
+    CLN_TRY(cln_alloc(at, (size_t)model.image_count + 1, sizeof **at, "cameras"));
+    for (int i = 0; i < model.image_count; i++) {
+        double c2w[12];
+
+        names->name[names->count++] = model.images[i].name;
+        model.images[i].name = NULL;
+        free(where);
+        where = NULL;
+        CLN_TRY(cln_asprintf(&where, "%s: image '%s'", model.image_file, names->name[i]));
+        CLN_TRY(set_pose(where, model.images[i].pose, c2w));
+        for (int a = 0; a < 3; a++)
+            (*at)[i][a] = c2w[4 * a + 3];
+    }
+done:
+    free(where);
+    cln_colmap_free(&model);
+    return st;
+}
+
 /* ---- points and observations ---- */
 
 typedef struct image_index {
@@ -293,7 +323,8 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     cln_colmap model = {0};
     const char *missing = NULL;
     const int place = find_place(path, &missing);
-    char *folder = NULL, *images = NULL, masks[64];
+    char *folder = NULL, *images = NULL, masks[64], earth[256] = "";
+    double origin[3];
 
     CLN_TRY(place_folder(path, place, &folder));
     CLN_TRY(cln_colmap_read(folder, &model));
@@ -305,9 +336,16 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->stored_poses = true;
     result->dialect = "COLMAP";
     cln_dataset_tell_masks(result, masks);
-    CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s%s",
-                         cln_dataset_within(path, folder), cln_dataset_within(path, images),
-                         masks));
+    if (cln_origin_read(folder, origin)) {
+        result->up[2] = 1;
+        cln_format(earth, sizeof earth,
+                   "; coordinates are metres east, north and up from the middle of the cameras, "
+                   "latitude %.8f, longitude %.8f, height %.3f, by the photos' GPS",
+                   origin[0], origin[1], origin[2]);
+    }
+    CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s%s%s",
+                         cln_dataset_within(path, folder), cln_dataset_within(path, images), masks,
+                         earth));
     if (places[place].depth > 1)
         CLN_TRY(tell_others(folder, model.image_count));
 done:

@@ -23,6 +23,7 @@
 #include "base/text.h"
 #include "scene/dataset.h"
 #include "scene/metashape.h"
+#include "scene/origin.h"
 #include "scene/placing.h"
 #include "scene/vectors.h"
 
@@ -95,25 +96,6 @@ static void stand_on_earth(const double place[3], frame *f)
     memcpy(f->shift, shift, sizeof shift);
 }
 
-/* Latitude and longitude in degrees and height over the ellipsoid, of earth-centred coordinates
- * (Bowring, "Transformation from spatial to geographical coordinates", Survey Review 1976: to a
- * millimetre near the ground). */
-static void geographic(const double place[3], double out[3])
-{
-    const double e2 = 1 - POLE * POLE / (EQUATOR * EQUATOR);
-    const double axis = hypot(place[0], place[1]);
-    const double reduced = atan2(place[2] * EQUATOR, axis * POLE);
-    const double s = sin(reduced), c = cos(reduced);
-    const double latitude =
-        atan2(place[2] + e2 / (1 - e2) * POLE * s * s * s, axis - e2 * EQUATOR * c * c * c);
-    const double normal = EQUATOR / sqrt(1 - e2 * sin(latitude) * sin(latitude));
-
-    out[0] = latitude * 180 / M_PI;
-    out[1] = atan2(place[1], place[0]) * 180 / M_PI;
-    out[2] = fabs(latitude) < 0.8 ? axis / cos(latitude) - normal
-                                  : place[2] / sin(latitude) - (1 - e2) * normal;
-}
-
 /* The scene's frame; what: as words. Returns whether z is up in it. */
 static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_BYTES], frame *out)
 {
@@ -140,7 +122,7 @@ static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_B
     }
     for (int a = 0; a < 3 && count; a++)
         middle[a] /= count;
-    geographic(middle, there);
+    cln_origin_of_centred(middle, there);
     cln_format(what, WHAT_BYTES,
                "coordinates are metres east, north and up from the middle of the cameras, latitude "
                "%.8f, longitude %.8f, height %.3f",

@@ -1,7 +1,7 @@
 /* How many photos COLMAP looks for features in at a time, by the memory that there is
- * (api/colmap.h). */
+ * (api/colmap.h); which GPS positions tell how a scene is turned (api/photo_gps.h). */
 #include "unit.h"
-#include "api/colmap.h"
+#include "api/photo_gps.h"
 #include "near.h"
 #include "tests.h"
 
@@ -32,9 +32,34 @@ static void test_fit(void **state)
     assert_int_equal(room.threads, 0);
 }
 
+/* How far places are from one line, and what that says of GPS positions. */
+static void test_width(void **state)
+{
+    double line[4][3] = {{0, 0, 0}, {3, 4, 0}, {30, 40, 0}, {-6, -8, 0}};
+    double square[4][3] = {{0, 0, 7}, {80, 0, 7}, {80, 80, 7}, {0, 80, 7}};
+    double degrees[4][3] = {{48, 16, 300}, {48, 16.0001, 300}, {48, 16.0002, 300}, {48, NAN, NAN}};
+    cln_photo_gps gps = {.count = 3, .at = degrees};
+
+    (void)state;
+    assert_near(cln_gps_width(4, line), 0, 1e-9);
+    line[1][2] = 6;
+    assert_near(cln_gps_width(4, line), 6, 1e-9);
+    assert_near(cln_gps_width(4, square), 80 / sqrt(2), 1e-9);
+    assert_near(cln_gps_width(1, square), 0, 0);
+    degrees[3][0] = NAN;
+    assert_false(cln_photo_gps_wide(&gps, 4));
+    degrees[1][0] += 0.0001; /* 11 m to the north */
+    assert_true(cln_photo_gps_wide(&gps, 4));
+    degrees[1][0] -= 0.0001;
+    degrees[1][2] += 11; /* or up */
+    assert_true(cln_photo_gps_wide(&gps, 4));
+    degrees[2][0] = NAN;
+    assert_false(cln_photo_gps_wide(&gps, 4));
+}
+
 int test_group_colmap(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fit)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fit), cmocka_unit_test(test_width)};
 
     return cmocka_run_group_tests_name("colmap", tests, NULL, NULL);
 }

@@ -172,6 +172,7 @@ section_checks() {
     cp tests/support/colmap "$work/bin/colmap"
     PATH="$work/bin:$PATH" clean 0 poses "$work/scene/train" -o "$work/found" --progress none
     PATH="$work/bin:$PATH" STAND_IN=nothing clean 1 poses "$work/scene/train" -o "$work/none"
+    PATH="$work/bin:$PATH" clean 3 poses "$work/scene/train" -o "$work/placed" --gps
 }
 
 # asks CODE PATH OPTIONS...: the viewer's answer is in $work/body

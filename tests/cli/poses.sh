@@ -429,4 +429,95 @@ section_interrupted() {
     check "likewise" eval '! said "goes.on.with"'
 }
 
-run_sections "photos interrupted room" "$@"
+# with_gps FROM TO LATITUDE LONGITUDE ALTITUDE: a PNG with a GPS position in its EXIF data
+with_gps() {
+    perl -e 'local $/; my $png = <STDIN>; my ($lat, $lon, $alt) = @ARGV;
+        my $angle = sub { my $d = abs shift; my $m = 60 * ($d - int $d);
+            (int $d, 1, int $m, 1, int(6e6 * ($m - int $m) + 0.5), 100000) };
+        my $tiff = pack("A2 v V  v v v V V V  v", "II", 42, 8,  1, 0x8825, 4, 1, 26, 0,  6) .
+            pack("v v V A4" . " v v V V" . " v v V A4" . " v v V V" . " v v V V" . " v v V V V",
+                1, 2, 2, $lat < 0 ? "S\0\0\0" : "N\0\0\0",  2, 5, 3, 104,
+                3, 2, 2, $lon < 0 ? "W\0\0\0" : "E\0\0\0",  4, 5, 3, 128,
+                5, 1, 1, $alt < 0 ? 1 : 0,  6, 5, 1, 152, 0) .
+            pack("V*", $angle->($lat), $angle->($lon), int(abs($alt) * 1000 + 0.5), 1000);
+        print substr($png, 0, 33), pack("N", length $tiff), "eXIf", $tiff, "\0" x 4,
+            substr($png, 33);' -- "$3" "$4" "$5" <"$1" >"$2"
+}
+
+# Photos on a circle of 40 m; the stand-in brings all cameras to half a metre from their positions.
+section_gps() {
+    local path=$work/bin:$PATH i how first
+    [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
+    mkdir -p "$work/bin" "$work/flight" "$work/line" "$work/two of them" "$work/spaced"
+    cp tests/support/colmap "$work/bin/colmap"
+    for ((i = 0; i < 24; i++)); do
+        how=$(printf "r_%03d.png" $i)
+        # of the 13th the device had no reception yet
+        read -r lat lon alt first < <(perl -e 'my ($i) = @ARGV; my $a = $i * atan2(1, 1) / 3;
+            printf "%.9f %.9f %.3f %.9f\n", $i == 12 ? (0, 0) : (-33.5 + 40 / 110900 * sin $a,
+                151.25 + 40 / 92900 * cos $a), 70 + $i % 3, 151.25 + $i / 92900' $i)
+        with_gps "$work/photos/train/$how" "$work/flight/$how" "$lat" "$lon" "$alt"
+        with_gps "$work/photos/train/$how" "$work/spaced/a $how" "$lat" "$lon" "$alt"
+        with_gps "$work/photos/train/$how" "$work/line/$how" -33.5 "$first" "$alt"
+        if ((i < 2)); then
+            cp "$work/flight/$how" "$work/two of them"
+        else
+            cp "$work/photos/train/$how" "$work/two of them"
+        fi
+    done
+    expect "photos with GPS: what can be had of it" 0 "~23.photos.have.GPS.*not.used:.--gps" \
+        env PATH="$path" "$cln" poses "$work/flight" -o "$work/flown" --progress none --json
+    check "the scene has no place" [ "$(json gps_photos) $(json origin)" = "23 null" ]
+    cp -r "$work/flown" "$work/flown 2"
+    for how in unaligned shrunk old; do
+        expect "poses that are there, and COLMAP cannot place them: $how" 0 \
+            "~--gps:.*stays.as.COLMAP.made.it" env PATH="$path" STAND_IN=$how "$cln" poses \
+            "$work/flight" -o "$work/flown" --gps --progress none --json
+        check "it is told" [ "$(json origin)" = null ]
+        check "the model stays" cmp "$work/flown/sparse/0/images.bin" \
+            "$work/flown 2/sparse/0/images.bin"
+        case $how in
+        unaligned) check "with COLMAP's word" said "Alignment failed" ;;
+        shrunk) check "with figures" said "~half.of.the.cameras.are.3[0-9][.0-9]*.m.and.more" ;;
+        old) check "with the version to install" said "~model_aligner.*3.7.or.newer" ;;
+        esac
+    done
+    expect "poses that are there, later" 0 "~which.are.placed.by.GPS" env PATH="$path" "$cln" \
+        poses "$work/flight" -o "$work/flown" --gps --progress none
+    check "without mapping" eval '[ "$(grep -c "colmap mapper" "$work/flown/colmap.log")" = 1 ]'
+    check "the origin" grep -q "^origin  *latitude -33.[45][09][0-9]*, longitude 151.25.*, h.* 71" \
+        "$work/out"
+    check "how well it fits" grep -q "within 0.50 m of" "$work/out"
+    expect "info tells the place" 0 "" "$cln" info "$work/flown" --json
+    check "in words" grep -q "metres east, north and up from .*latitude -33.[45][09]" "$work/out"
+    check "nothing is left over" [ "$(cd "$work/flown" && echo *) $(ls "$work/flown/sparse")" = \
+        "colmap.db colmap.log colmap.stamp images sparse 0" ]
+    expect "it is not placed twice" 7 "~has.poses.already" env PATH="$path" "$cln" poses \
+        "$work/flight" -o "$work/flown" --gps --progress none
+    for how in "" newer; do
+        expect "at once; COLMAP: ${how:-3.8}" 0 "" env PATH="$path" STAND_IN=$how "$cln" poses \
+            "$work/flight" -o "$work/at once $how" --gps --progress none --json
+        check "its JSON" eval '[ "$(json origin.height)" = 71 ] &&
+            [ "$(json origin.gps_distance | cut -c 1-3)" = 0.5 -o \
+              "$(json origin.gps_distance | cut -c 1-4)" = 0.49 ]'
+    done
+    expect "positions along a line" 0 "~within.5.m.of.one.line" env PATH="$path" "$cln" poses \
+        "$work/line" -o "$work/lined" --gps --progress none --json
+    check "COLMAP is not asked to" eval '[ "$(json origin)" = null ] &&
+        ! grep -q "colmap model_aligner" "$work/lined/colmap.log"'
+    expect "nor is it advised" 0 "" env PATH="$path" "$cln" poses "$work/line" -o "$work/lined 2" \
+        --progress none
+    check "not a word" eval '! said "GPS"'
+    for how in photos/train "two of them"; do
+        expect "--gps of photos without: $how" 3 "~[02].of.24.photos.have.a.GPS ~leave.--gps.out" \
+            env PATH="$path" "$cln" poses "$work/$how" -o "$work/unplaced" --gps
+        check "nothing is written" [ ! -e "$work/unplaced" ]
+    done
+    expect "names with a space" 3 "~23.more.with.a.space ~rename.them" env PATH="$path" "$cln" \
+        poses "$work/spaced" -o "$work/unplaced" --gps
+    touch "$work/film.mp4"
+    expect "--gps of a video" 2 "~film.mp4:.--gps:.*no.GPS" env PATH="$path" "$cln" poses \
+        "$work/film.mp4" -o "$work/unplaced" --gps
+}
+
+run_sections "photos interrupted room gps" "$@"

@@ -5,6 +5,7 @@
 #include "unit.h"
 #include <jansson.h>
 #include "exif_fixture.h"
+#include "near.h"
 #include "format_fixture.h"
 #include "io/exif.h"
 #include "scene/build.h"
@@ -105,6 +106,93 @@ static void test_focal_length(void **state)
         memset(data + RATIONAL_AT + 4, 0, 4);
         assert_true(cln_exif_read_tiff(data, sizeof data).focal == 0);
     }
+}
+
+/* 41 degrees 7' 30.36" and so on; "altitude 1234.5 m". */
+static const uint32_t position[7][2] = {{41, 1}, {7, 1},        {3036, 100}, {73, 1},
+                                        {30, 1}, {0, 12345678}, {12345, 10}};
+
+static void test_gps(void **state)
+{
+    static const struct {
+        const char *halves;
+        int below;
+        double want[3];
+    } cases[] = {{"NE", 0, {41.1251, 73.5, 1234.5}},
+                 {"SW", 1, {-41.1251, -73.5, -1234.5}},
+                 {"NW", 2, {41.1251, -73.5, 1234.5}}, /* EXIF 3.0: over the ellipsoid */
+                 {"NE", 3, {41.1251, 73.5, -1234.5}},
+                 {"N?", 0, {41.1251, NAN, 1234.5}}};
+    static const struct {
+        int row, column;
+        uint32_t value;
+        int told; /* bits of what is left */
+    } damaged[] = {{0, 0, 91, 6}, {3, 0, 181, 5}, {0, 1, 0, 6},         {2, 1, 0, 6},
+                   {5, 1, 0, 5},  {6, 1, 0, 3},   {6, 0, 4294967200, 3}};
+    uint8_t data[GPS_BYTES];
+
+    (void)state;
+    for (int i = 0; i < 2 * (int)(sizeof cases / sizeof *cases); i++) {
+        cln_exif got;
+
+        exif_write_gps(data, i % 2, cases[i / 2].halves, position, cases[i / 2].below);
+        got = cln_exif_read_tiff(data, sizeof data);
+        for (int a = 0; a < 3; a++)
+            if (isnan(cases[i / 2].want[a]))
+                assert_true(isnan(got.gps[a]));
+            else
+                assert_near(got.gps[a], cases[i / 2].want[a], 1e-9);
+    }
+    for (size_t i = 0; i < sizeof damaged / sizeof *damaged; i++) {
+        uint32_t values[7][2];
+        cln_exif got;
+
+        memcpy(values, position, sizeof values);
+        values[damaged[i].row][damaged[i].column] = damaged[i].value;
+        exif_write_gps(data, true, "NE", values, 0);
+        got = cln_exif_read_tiff(data, sizeof data);
+        for (int a = 0; a < 3; a++)
+            assert_int_equal(!isnan(got.gps[a]), damaged[i].told >> a & 1);
+    }
+    exif_write_gps(data, true, "NE",
+                   (const uint32_t[7][2]){{0, 1}, {0, 1}, {0, 1}, {0, 1}, {0, 1}, {0, 1}, {5, 1}},
+                   0);
+    assert_true(isnan(cln_exif_read_tiff(data, sizeof data).gps[0])); /* no reception */
+    assert_true(isnan(cln_exif_read(NULL, 0).gps[2]));
+}
+
+/* What is cut off or changed tells nothing wrong of its place in the data, nor reads beyond them
+ * (the sanitizers tell). */
+static void test_damaged_gps(void **state)
+{
+    uint8_t data[GPS_BYTES];
+
+    (void)state;
+    exif_write_gps(data, false, "NE", position, 0);
+    for (size_t bytes = 0; bytes < GPS_BYTES; bytes++) {
+        uint8_t *cut = malloc(bytes + !bytes);
+        cln_exif got;
+
+        assert_non_null(cut);
+        memcpy(cut, data, bytes);
+        got = cln_exif_read_tiff(cut, bytes);
+        assert_int_equal(!isnan(got.gps[0]), bytes >= GPS_VALUES + 24);
+        assert_int_equal(!isnan(got.gps[1]), bytes >= GPS_VALUES + 48);
+        assert_true(isnan(got.gps[2]));
+        free(cut);
+    }
+    for (size_t at = 0; at < GPS_BYTES; at++)
+        for (int value = 0; value < 256; value++) {
+            uint8_t *changed = malloc(GPS_BYTES);
+            cln_exif got;
+
+            assert_non_null(changed);
+            memcpy(changed, data, GPS_BYTES);
+            changed[at] = (uint8_t)value;
+            got = cln_exif_read_tiff(changed, GPS_BYTES);
+            assert_false(fabs(got.gps[0]) > 90 || fabs(got.gps[1]) > 180 || isinf(got.gps[2]));
+            free(changed);
+        }
 }
 
 /* A PNG's chunk, before its pixels: the same without "Exif" and two zeros; its CRC is not looked
@@ -713,6 +801,8 @@ int test_group_orientation(void)
         cmocka_unit_test(test_exif),
         cmocka_unit_test(test_damaged_exif),
         cmocka_unit_test(test_focal_length),
+        cmocka_unit_test(test_gps),
+        cmocka_unit_test(test_damaged_gps),
         cmocka_unit_test_setup_teardown(test_png_exif, scratch_make, scratch_remove),
         cmocka_unit_test(test_turn),
         cmocka_unit_test(test_seen),

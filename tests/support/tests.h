@@ -84,6 +84,7 @@ int test_group_opaque(void);
 int test_group_options(void);
 int test_group_orbit(void);
 int test_group_orientation(void);
+int test_group_origin(void);
 int test_group_gradient(void);
 int test_group_named(void);
 int test_group_normals(void);

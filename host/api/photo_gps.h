@@ -1,0 +1,36 @@
+/* Where photos were taken by the GPS positions in their EXIF data, and a model that is turned,
+ * scaled and moved to these. */
+#ifndef CLN_PHOTO_GPS_H
+#define CLN_PHOTO_GPS_H
+
+#include <stdbool.h>
+#include "api/colmap.h"
+
+typedef struct cln_photo_gps {
+    int count;       /* photos with latitude, longitude and altitude */
+    int unnamed;     /* of these, ones with a blank in the name, which COLMAP cannot read here */
+    double (*at)[3]; /* [photo] these three, degrees and metres; NAN where it cannot be used */
+} cln_photo_gps;
+
+/* Reads those of photos in a folder. CLN_INPUT for a photo that cannot be read, CLN_MEMORY. Free
+ * *out either way. */
+cln_status cln_photo_gps_read(const char *folder, const cln_names *photos, cln_photo_gps *out);
+void cln_photo_gps_free(cln_photo_gps *gps);
+
+/* Refuses photos of which fewer than three have one. photos: how many there are. CLN_INPUT. */
+cln_status cln_photo_gps_check(const cln_photo_gps *gps, const char *folder, int photos);
+
+/* Whether positions lie far enough apart, and not along a line: else GPS, which is some metres off,
+ * does not tell how the scene is turned. photos: how many there are. */
+bool cln_photo_gps_wide(const cln_photo_gps *gps, int photos);
+
+/* How far the places [count] are from one straight line. */
+double cln_gps_width(int count, double (*at)[3]);
+
+/* Replaces sparse/0 of the scene's folder by one that is turned, scaled and moved to positions,
+ * and fills in result's placed, origin and gps_distance. Where they do not fit, or COLMAP cannot,
+ * the model stays as it was, and a warning says why. c->photos: in natural order, as those of gps.
+ * CLN_OUTPUT, CLN_MEMORY, CLN_SIGINT, CLN_SIGTERM: likewise. */
+cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, cln_poses_result *result);
+
+#endif

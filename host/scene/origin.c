@@ -1,0 +1,105 @@
+/* See origin.h. The file is one line of words and one of three numbers. */
+#include "scene/origin.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "base/files.h"
+#include "base/memory.h"
+#include "base/number.h"
+
+static const char NAME[] = "origin.txt", FIRST[] = "# cl-nascent: ";
+enum { MOST = 4096 };
+/* The ellipsoid: half axis in metres, flattening. */
+static const double EQUATOR = 6378137, FLATTENING = 1 / 298.257223563;
+
+/* Earth-centred coordinates. */
+static void centred(const double place[3], double out[3])
+{
+    const double e2 = FLATTENING * (2 - FLATTENING);
+    const double latitude = place[0] * M_PI / 180, longitude = place[1] * M_PI / 180;
+    const double normal = EQUATOR / sqrt(1 - e2 * sin(latitude) * sin(latitude));
+
+    out[0] = (normal + place[2]) * cos(latitude) * cos(longitude);
+    out[1] = (normal + place[2]) * cos(latitude) * sin(longitude);
+    out[2] = (normal * (1 - e2) + place[2]) * sin(latitude);
+}
+
+void cln_origin_of_centred(const double at[3], double place[3])
+{
+    const double e2 = FLATTENING * (2 - FLATTENING), pole = EQUATOR * (1 - FLATTENING);
+    const double axis = hypot(at[0], at[1]);
+    const double reduced = atan2(at[2] * EQUATOR, axis * pole);
+    const double s = sin(reduced), c = cos(reduced);
+    const double latitude = atan2(at[2] + e2 / (1 - e2) * pole * s * s * s,
+                                  axis - e2 * EQUATOR * c * c * c);
+    const double normal = EQUATOR / sqrt(1 - e2 * sin(latitude) * sin(latitude));
+
+    place[0] = latitude * 180 / M_PI;
+    place[1] = atan2(at[1], at[0]) * 180 / M_PI;
+    place[2] = fabs(latitude) < 0.8 ? axis / cos(latitude) - normal
+                                    : at[2] / sin(latitude) - (1 - e2) * normal;
+}
+
+void cln_origin_local(const double origin[3], const double place[3], double out[3])
+{
+    const double latitude = origin[0] * M_PI / 180, longitude = origin[1] * M_PI / 180;
+    double from[3], to[3], outward = 0;
+
+    centred(origin, from);
+    centred(place, to);
+    for (int a = 0; a < 3; a++)
+        to[a] -= from[a];
+    outward = cos(longitude) * to[0] + sin(longitude) * to[1]; /* from the earth's axis */
+    out[0] = cos(longitude) * to[1] - sin(longitude) * to[0];
+    out[1] = cos(latitude) * to[2] - sin(latitude) * outward;
+    out[2] = sin(latitude) * to[2] + cos(latitude) * outward;
+}
+
+void cln_origin_round(double origin[3])
+{
+    for (int a = 0; a < 3; a++)
+        origin[a] = a < 2 ? round(origin[a] * 1e8) / 1e8 : round(origin[a] * 1e3) / 1e3;
+}
+
+cln_status cln_origin_write(const char *folder, const double origin[3])
+{
+    cln_status st = CLN_OK;
+    char *path = NULL, text[512];
+
+    CLN_TRY(cln_path_join(&path, folder, NAME));
+    cln_format(text, sizeof text,
+               "%scoordinates of this model are metres east, north and up from this latitude and "
+               "longitude (degrees, WGS 84) and height (metres)\n%.8f %.8f %.3f\n",
+               FIRST, origin[0], origin[1], origin[2]);
+    CLN_TRY(cln_write_file(path, text, strlen(text)));
+done:
+    free(path);
+    return st;
+}
+
+bool cln_origin_is_there(const char *folder)
+{
+    return cln_has_file(folder, NAME);
+}
+
+bool cln_origin_read(const char *folder, double origin[3])
+{
+    const double most[3] = {90, 180, 100e3};
+    char *path = NULL, *text = NULL;
+    const char *at = NULL;
+    size_t bytes = 0;
+    int read = 0;
+
+    if (cln_origin_is_there(folder) && cln_path_join(&path, folder, NAME) == CLN_OK &&
+        cln_read_file(path, MOST, &text, &bytes) == CLN_OK &&
+        strncmp(text, FIRST, sizeof FIRST - 1) == 0)
+        at = strchr(text, '\n');
+    while (at && read < 3 && cln_number_read(at + 1, &origin[read], &at) &&
+           fabs(origin[read]) <= most[read] && strchr(" \n\r", *at))
+        read++;
+    cln_clear_error();
+    free(path);
+    free(text);
+    return read == 3;
+}

@@ -1,0 +1,28 @@
+/* Where on the earth a scene's frame has its origin: coordinates are metres east, north and up from
+ * there, on a plane that touches the ellipsoid of WGS 84. A file beside the model tells it
+ * (docs/formats.md), as models of COLMAP do not. Places are latitude and longitude, degrees north
+ * and east, and height, metres. */
+#ifndef CLN_ORIGIN_H
+#define CLN_ORIGIN_H
+
+#include <stdbool.h>
+#include "base/status.h"
+
+/* A place in the frame: metres east, north and up from the origin. */
+void cln_origin_local(const double origin[3], const double place[3], double out[3]);
+
+/* The place of earth-centred coordinates (Bowring, "Transformation from spatial to geographical
+ * coordinates", Survey Review 1976: to a millimetre near the ground). */
+void cln_origin_of_centred(const double at[3], double place[3]);
+
+/* Rounds to what the file has of it: 1e-8 degrees, a millimetre. */
+void cln_origin_round(double origin[3]);
+
+/* Writes the folder's file. CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_origin_write(const char *folder, const double origin[3]);
+
+/* Reads it; false if there is none, or it is another program's. */
+bool cln_origin_read(const char *folder, double origin[3]);
+bool cln_origin_is_there(const char *folder);
+
+#endif
