@@ -31,8 +31,8 @@ void cln_origin_of_centred(const double at[3], double place[3])
     const double axis = hypot(at[0], at[1]);
     const double reduced = atan2(at[2] * EQUATOR, axis * pole);
     const double s = sin(reduced), c = cos(reduced);
-    const double latitude = atan2(at[2] + e2 / (1 - e2) * pole * s * s * s,
-                                  axis - e2 * EQUATOR * c * c * c);
+    const double latitude =
+        atan2(at[2] + e2 / (1 - e2) * pole * s * s * s, axis - e2 * EQUATOR * c * c * c);
     const double normal = EQUATOR / sqrt(1 - e2 * sin(latitude) * sin(latitude));
 
     place[0] = latitude * 180 / M_PI;
