@@ -682,6 +682,18 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
     return cln_fail(CLN_USAGE, "unknown option --%s", wanted);
 }
 
+/* The first command that has such an option; NULL if none has. */
+static const char *option_of(const char *name)
+{
+    const size_t length = strcspn(name, "=");
+
+    for (int i = 0; i < cln_command_count; i++)
+        if (cln_arg_find(&cln_commands[i], name, length) ||
+            cln_row_find(&cln_commands[i], name, length))
+            return cln_commands[i].name;
+    return NULL;
+}
+
 cln_status cln_fail_command(const char *name)
 {
     static const char *const others[][2] = {
@@ -693,7 +705,7 @@ cln_status cln_fail_command(const char *name)
         {"report", "train and eval write RUN/report.html"},
         {"viewer", "view RUN opens it in a browser"},
         {"test", "eval RUN measures its test views, selftest the device"}};
-    const char *best = NULL;
+    const char *best = NULL, *option = NULL;
     int distance = limit_for(strlen(name));
 
     for (size_t i = 0; i < sizeof others / sizeof others[0]; i++)
@@ -701,21 +713,17 @@ cln_status cln_fail_command(const char *name)
             return cln_fail(CLN_USAGE, "unknown command '%s'; %s", name, others[i][1]);
     for (int i = 0; i < cln_command_count; i++)
         consider(name, cln_commands[i].name, &distance, &best);
+    for (int i = 0; i < cln_command_count && !best && strlen(name) >= 3; i++)
+        if (strncmp(cln_commands[i].name, name, strlen(name)) == 0)
+            best = cln_commands[i].name;
+    option = option_of(name + strspn(name, "-"));
+    if (option && !best)
+        return cln_fail(CLN_USAGE,
+                        "unknown command '%s'; --%s is an option: `cl-nascent help %s` has it",
+                        name, name + strspn(name, "-"), option);
     if (best)
         return cln_fail(CLN_USAGE, "unknown command '%s'; did you mean '%s'?", name, best);
     return cln_fail(CLN_USAGE, "unknown command '%s'; `cl-nascent help` lists them", name);
-}
-
-/* Is it an option of some command? */
-static bool is_option(const char *name)
-{
-    const size_t length = strcspn(name, "=");
-
-    for (int i = 0; i < cln_command_count; i++)
-        if (cln_arg_find(&cln_commands[i], name, length) ||
-            cln_row_find(&cln_commands[i], name, length))
-            return true;
-    return false;
 }
 
 cln_status cln_fail_before_command(const char *argument)
@@ -724,7 +732,7 @@ cln_status cln_fail_before_command(const char *argument)
     const char *name = argument + strspn(argument, "-"), *option = NULL, *command = NULL;
     int distance = limit_for(strlen(name));
 
-    if (is_option(name))
+    if (option_of(name))
         return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
     for (size_t i = 0; i < sizeof alone / sizeof alone[0]; i++)
         consider(name, alone[i], &distance, &option);

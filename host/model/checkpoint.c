@@ -671,7 +671,8 @@ cln_status cln_checkpoint_read(const char *run, bool training, cln_model *out)
                          cln_run_is_held(run) || (!training && cln_held_by(run) == CLN_HOLDER_US)
                              ? " yet: it is being trained, and --save-every says when the first "
                                "is written"
-                             : ": it ended before its first; train again, in a new folder"));
+                             : ": it ended before its first, or they were deleted; put them "
+                               "back, or train again, in a new folder"));
     for (int i = 0; i < count; i++) {
         st = read_one(folder, steps[i], training, out);
         if (st == CLN_OK || st == CLN_MEMORY)

@@ -257,7 +257,10 @@ static cln_status cut(const cln_render_desc *desc, cln_frames *frames)
     const int count = desc->frame_count > 0 ? desc->frame_count : all - first;
 
     if (first >= all || count > all - first)
-        return cln_fail(CLN_USAGE, "--frames: there are %d, numbered from 0 to %d", all, all - 1);
+        return cln_fail(CLN_USAGE, "--frames: there are %d, numbered from 0 to %d%s", all, all - 1,
+                        desc->orbit_frames > 0    ? "; for another number of them: --orbit N"
+                        : desc->spiral_frames > 0 ? "; for another number of them: --spiral N"
+                                                  : "");
     for (int i = 0; i < all; i++) {
         const cln_frame frame = frames->frame[i];
 

@@ -27,9 +27,9 @@ static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
     if (!row)
         return CLN_OK;
     return cln_fail(CLN_CHECKPOINT,
-                    "--resume: the checkpoint has another --%s, which cannot change; leave it out "
-                    "or start a new run",
-                    row->option);
+                    "--resume: the checkpoint has another --%s, which cannot change; leave it out, "
+                    "or give it to a new run: train SCENE -o NEW --settings-of RUN --%s ...",
+                    row->option, row->option);
 }
 
 /* Only a new run can take over a tree; a resumed one keeps what it began with. */

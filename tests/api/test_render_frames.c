@@ -55,7 +55,8 @@ static void some_frames_are_those_of_all(void **state)
     assert_fails(cln_render(&some, &result), CLN_USAGE, "--frames: there are 4");
     some.first_frame = 3;
     some.frame_count = 2;
-    assert_fails(cln_render(&some, &result), CLN_USAGE, "numbered from 0 to 3");
+    assert_fails(cln_render(&some, &result), CLN_USAGE,
+                 "numbered from 0 to 3; for another number of them: --orbit N");
     some.first_frame = -1;
     assert_fails(cln_render(&some, &result), CLN_USAGE, "first_frame");
 }

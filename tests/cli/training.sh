@@ -361,7 +361,7 @@ section_resume() {
         --skip-selftest
     expect "resume with another network" 8 "~width|network" \
         "$cln" train --resume "$work/longer" --skip-selftest --width 32 --view-width 32
-    expect "resume with other moments" 8 "another --moments" \
+    expect "resume with other moments" 8 "another --moments -o --settings-of" \
         "$cln" train --resume "$work/longer" --skip-selftest --moments float32
 }
 
