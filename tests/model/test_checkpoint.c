@@ -333,10 +333,14 @@ static void test_damaged(void **state)
 static void test_all_damaged(void **state)
 {
     const char *run = *state;
+    cln_model model;
 
     expect_step(run, -1, 0, "no folder");
     assert_int_equal(mkdir(scratch_path(run, "checkpoint"), 0777), 0);
     expect_step(run, -1, 0, "empty folder");
+    assert_int_equal(cln_checkpoint_read(run, true, &model), CLN_CHECKPOINT);
+    assert_non_null(strstr(cln_error_text(), "ended before its first, or they were deleted"));
+    cln_clear_error();
     write_step(run, 1);
     write_step(run, 2);
     scratch_put(scratch_path(run, "checkpoint/00000001.json"), "{}", 2);
