@@ -40,6 +40,13 @@ section_killed() {
     check "its state is not running" grep -q "^state *broken off" "$work/out"
     run "$cln" bugreport "$work/killed"
     check "bugreport has the same state" printed '"broken off"'
+    mkdir "$work/placed"
+    sed 's/"because": "/&metres from here, latitude -48.75, longitude 16.2, height 360.041, by GPS/' \
+        "$work/killed/run.json" >"$work/placed/run.json"
+    expect "info tells the place on the earth" 0 "" "$cln" info "$work/placed" --json
+    check "it does" printed "latitude -48.75"
+    expect "bugreport does not" 0 "" "$cln" bugreport "$work/placed" --no-test
+    check "but how the scene was read" eval 'printed "metres from here, by GPS" && ! printed 16.2'
     expect "eval of a killed run" 0 "" "$cln" eval "$work/killed" --no-save-images
     check "its report has the state" grep -q "state other'>broken off<" "$work/killed/report.html"
     check "and the way on" grep -q "cl-nascent train --resume $work/killed</code> goes on" \
