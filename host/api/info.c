@@ -95,12 +95,11 @@ static cln_status add_checkpoint(const char *run, json_t *about)
                                        "params", "model_digest",  "checkpoint"};
     cln_status st = CLN_OK;
     cln_model model = {0};
-    char *folder = NULL, digest[CLN_DIGEST_TEXT];
+    char digest[CLN_DIGEST_TEXT];
     json_t *levels = NULL;
     int count[CLN_MAX_LEVEL + 1] = {0};
 
-    CLN_TRY(cln_path_join(&folder, run, "checkpoint/latest")); /* names the newest one */
-    if (!cln_is_file(folder)) {
+    if (cln_checkpoint_newest(run) < 0) {
         for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
             json_object_set_new(about, keys[i], json_null());
         goto done;
@@ -126,7 +125,6 @@ static cln_status add_checkpoint(const char *run, json_t *about)
                                   model.space.centre[2], "half", model.space.half, "space",
                                   cln_space_name(&model.space)));
 done:
-    free(folder);
     cln_model_free(&model);
     return st;
 }

@@ -14,6 +14,7 @@
 #include "report/html.h"
 #include "io/progress.h"
 #include "io/run_folder.h"
+#include "model/model.h"
 #include "report/report_sections.h"
 #include "report/report_style.h"
 
@@ -128,28 +129,22 @@ static void put_doubt(FILE *to, const json_t *document)
 }
 
 /* The line that says what became of a run whose process is gone, and the way on. */
-static cln_status put_broken_off(FILE *to, const char *run)
+static void put_broken_off(FILE *to, const char *run)
 {
-    cln_status st = CLN_OK;
-    char *latest = NULL, quoted[CLN_QUOTED_BYTES];
+    char quoted[CLN_QUOTED_BYTES];
 
-    CLN_TRY(cln_path_join(&latest, run, "checkpoint/latest")); /* names the newest one */
     fputs("<p>Broken off: " CLN_RUN_BROKEN_OFF, to);
-    if (cln_is_file(latest)) {
+    if (cln_checkpoint_newest(run) >= 0) {
         fputs("; <code>cl-nascent train --resume ", to);
         cln_html_text(to, cln_shell_quote(run, quoted, sizeof quoted));
         fputs("</code> goes on from its last checkpoint.</p>\n", to);
     } else {
         fputs(CLN_RUN_NO_CHECKPOINT ".</p>\n", to);
     }
-done:
-    free(latest);
-    return st;
 }
 
-static cln_status put_head(FILE *to, const char *run, const json_t *document)
+static void put_head(FILE *to, const char *run, const json_t *document)
 {
-    cln_status st = CLN_OK;
     const char *state = cln_run_state(run, document);
     const char *started = cln_json_text(document, "started");
     const char *ended = cln_json_text(document, "ended");
@@ -185,11 +180,9 @@ static cln_status put_head(FILE *to, const char *run, const json_t *document)
         fputs("</code></p>\n", to);
     }
     if (strcmp(state, "broken off") == 0)
-        CLN_TRY(put_broken_off(to, run));
+        put_broken_off(to, run);
     if (json_object_size(document) == 0)
         fputs("<p class=soft>There is no readable run.json in this folder.</p>\n", to);
-done:
-    return st;
 }
 
 static void open_card(FILE *to, bool main_one)
@@ -293,7 +286,7 @@ static cln_status put_page(FILE *to, const cln_report_data *data)
 {
     cln_status st = CLN_OK;
 
-    CLN_TRY(put_head(to, data->folder, data->run));
+    put_head(to, data->folder, data->run);
     if (isfinite(data->gone))
         fprintf(to,
                 "<p>It ended at step %.0f, but the checkpoint of that is gone or cannot be read: "

@@ -40,6 +40,9 @@ section_killed() {
     check "its state is not running" grep -q "^state *broken off" "$work/out"
     run "$cln" bugreport "$work/killed"
     check "bugreport has the same state" printed '"broken off"'
+    rm "$work/killed/checkpoint/latest" # which programs do not need
+    expect "info without latest" 0 "" "$cln" info "$work/killed" --json
+    check "it has the checkpoint all the same" number_above "$(json leaves)" 0
     mkdir "$work/placed"
     sed 's/"because": "/&metres from here, latitude -48.75, longitude 16.2, height 360.041, by GPS/' \
         "$work/killed/run.json" >"$work/placed/run.json"
