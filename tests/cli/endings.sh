@@ -44,7 +44,7 @@ section_killed() {
     expect "info without latest" 0 "" "$cln" info "$work/killed" --json
     check "it has the checkpoint all the same" number_above "$(json leaves)" 0
     mkdir "$work/placed"
-    sed 's/"because": "/&metres from here, latitude -48.75, longitude 16.2, height 360.041, by GPS/' \
+    sed 's/"because": "/&metres from here, latitude -48.75, longitude 16.2, height 360.1, by GPS/' \
         "$work/killed/run.json" >"$work/placed/run.json"
     expect "info tells the place on the earth" 0 "" "$cln" info "$work/placed" --json
     check "it does" printed "latitude -48.75"
