@@ -34,7 +34,7 @@ static void test_broken_off(void **state)
     assert_page(run, "before the first checkpoint", true);
     assert_page(run, "--resume", false);
     assert_int_equal(cln_make_dirs(scratch_path(run, "checkpoint")), CLN_OK);
-    put_text(run, "checkpoint/latest", "00000010\n");
+    put_text(run, "checkpoint/00000010.json", "{}");
     assert_page(run, "ended without a word", true);
     assert_page(run, "before the first checkpoint", false);
     assert_page(run, "train --resume", true);
