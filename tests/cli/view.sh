@@ -510,7 +510,7 @@ section_end() {
     check "SIGINT ends it without an error, in the middle of a picture" [ $rc = 0 ]
     check "the viewer says that it has ended" said "the viewer has ended"
     check "the viewer reports no error" eval '! said "cl-nascent:"'
-    expect "not a run" 3 "run.json" "$cln" view "$work/photos"
+    expect "not a run" 3 "~a.scene,.not.a.run" "$cln" view "$work/photos"
     serve
     gets "the viewer starts again" 200 /
     stop INT
