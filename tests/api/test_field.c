@@ -285,7 +285,7 @@ static void test_field_refuses(void **state)
     cln_field *field = (cln_field *)&device;
 
     NEED_DEVICE();
-    assert_fails(cln_field_open(fixture_path("scene"), &device, &field), CLN_INPUT, "a scene, not a run");
+    assert_fails(cln_field_open(fixture_path("scene"), &device, &field), CLN_INPUT, "not a run");
     assert_null(field);
     cln_field_close(NULL);
     assert_ok(cln_field_open(fixture_path("whole"), NULL, &field));
