@@ -307,7 +307,7 @@ bool cln_safetensors_has(const cln_safetensors *file, const char *name)
     return false;
 }
 
-bool cln_safetensors_is_long_enough(const char *path)
+bool cln_safetensors_fits_header(const char *path)
 {
     FILE *file = fopen(path, "rb");
     uint8_t count[LENGTH_BYTES] = {0};

@@ -49,7 +49,7 @@ cln_status cln_safetensors_read(const char *path, cln_safetensors **out);
 void cln_safetensors_free(cln_safetensors *file); /* accepts NULL */
 
 /* Is the file as long as its header says? What is in it is not looked at, which takes long. */
-bool cln_safetensors_is_long_enough(const char *path);
+bool cln_safetensors_fits_header(const char *path);
 
 /* Digest of all tensors, the one cln_safetensors_write gave: cln_digest over each one's name,
  * dtype's name, shape as int64 and data, in the header's order. */

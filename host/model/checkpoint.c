@@ -787,7 +787,7 @@ int64_t cln_checkpoint_newest_whole(const char *run)
         free(path);
         path = NULL;
         if (cln_asprintf(&path, "%s/%08" PRId64 ".safetensors", folder, steps[i]) == CLN_OK &&
-            cln_safetensors_is_long_enough(path))
+            cln_safetensors_fits_header(path))
             newest = steps[i];
     }
     if (before == CLN_OK)
