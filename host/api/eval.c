@@ -92,6 +92,30 @@ static cln_status take_background(const cln_eval_desc *desc, cln_scene *scene, c
     return CLN_OK;
 }
 
+/* Files of an evaluation do not go among those of a run or of frames. */
+static cln_status check_out(const char *out)
+{
+    static const char *const others[][2] = {{"run.json", "a run"},
+                                            {"render.json", "rendered frames"}};
+    cln_status st = CLN_OK;
+    char *path = NULL;
+
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        CLN_TRY(cln_path_join(&path, out, others[i][0]));
+        if (cln_is_file(path))
+            CLN_TRY(cln_fail(CLN_USAGE,
+                             "%s: holds %s; name a folder of its own with -o, or leave it out for "
+                             "RUN/eval",
+                             out, others[i][1]));
+        free(path);
+        path = NULL;
+    }
+    st = cln_disk_check(out, 0, "");
+done:
+    free(path);
+    return st;
+}
+
 /* Finds the place of the evaluation's files, and whether they can be written, before anything is
  * rendered. */
 static cln_status find_place(const cln_eval_desc *desc, const cln_open_run *opened,
@@ -197,7 +221,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (desc->out && !*desc->out)
         CLN_TRY(cln_fail(CLN_USAGE, "cln_eval: out is empty; give a folder, or NULL"));
     if (desc->out && writes)
-        CLN_TRY(cln_disk_check(desc->out, 0, "")); /* before photos are read */
+        CLN_TRY(check_out(desc->out)); /* before photos are read */
     CLN_TRY(cln_device_check(&desc->device));
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &opened));
     antialias = cln_open_run_antialias(&opened, desc->antialias);

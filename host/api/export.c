@@ -81,6 +81,11 @@ static const char *ending_of(const char *file)
     return strrchr(slash ? slash : file, '.');
 }
 
+cln_status cln_export_poll(const cln_callbacks *callbacks)
+{
+    return cln_stopped_by(cln_poll_signal(callbacks), "nothing was written");
+}
+
 bool cln_export_ends(const char *file, const char *ending)
 {
     const char *its = ending_of(file);

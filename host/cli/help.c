@@ -279,6 +279,63 @@ static void put_value(FILE *to, const cln_config_row *row, const cln_config valu
     fputc('\n', to);
 }
 
+/* "--name, of train, check:" */
+static void put_owners(FILE *to, const char *name, const cln_arg *arg, const cln_config_row *row)
+{
+    const char *before = "of ";
+
+    fprintf(to, "--%s, ", name);
+    for (int i = 0; i < cln_command_count; i++)
+        if (arg ? cln_command_takes_arg(&cln_commands[i], arg)
+                : cln_command_takes_row(&cln_commands[i], row)) {
+            fprintf(to, "%s%s", before, cln_commands[i].name);
+            before = ", ";
+        }
+    fprintf(to, ":\n");
+}
+
+cln_status cln_help_print_option(FILE *to, const cln_command *command, const char *option)
+{
+    cln_status st = CLN_OK;
+    cln_config presets[SHOWN];
+    const char *name = option + strspn(option, "-");
+    size_t length = strcspn(name, "=");
+    int found = 0;
+
+    for (int i = 0; i < SHOWN; i++)
+        CLN_TRY(cln_config_preset(shown_presets[i], &presets[i]));
+    if (!cln_command_of_option(name) && strncmp(name, "no-", 3) == 0 &&
+        cln_command_of_option(name + 3)) {
+        name += 3;
+        length -= 3;
+    }
+    for (int i = 0; i < cln_arg_count; i++)
+        if (cln_command_takes_arg(command, &cln_args[i]) &&
+            (length == 1 ? cln_args[i].letter == *name
+                         : strlen(cln_args[i].name) == length &&
+                               strncmp(cln_args[i].name, name, length) == 0)) {
+            put_owners(to, cln_args[i].name, &cln_args[i], NULL);
+            put_arg(to, &cln_args[i]);
+            found++;
+        }
+    for (int i = 0; i < cln_config_row_count; i++)
+        if ((!command || cln_command_takes_row(command, &cln_config_rows[i])) &&
+            cln_config_named(&cln_config_rows[i], name, length)) {
+            put_owners(to, cln_config_rows[i].option, NULL, &cln_config_rows[i]);
+            put_row(to, &cln_config_rows[i], presets);
+            found++;
+        }
+    if (found == 0 && command)
+        st = cln_fail_option(command, name, length);
+    else if (found == 0)
+        st = cln_fail(CLN_USAGE,
+                      "no command has an option %s; `cl-nascent help COMMAND` lists a "
+                      "command's options",
+                      option);
+done:
+    return st;
+}
+
 cln_status cln_help_print_preset(FILE *to, const cln_command *command, const char *preset)
 {
     cln_status st = CLN_OK;

@@ -99,6 +99,8 @@ int main(int argc, char **argv)
         cln_version_print(stdout, options.verbose > 0);
     else if (options.help && options.help_preset)
         CLN_TRY(cln_help_print_preset(stdout, options.command, options.help_preset));
+    else if (options.help && options.help_option)
+        CLN_TRY(cln_help_print_option(stdout, options.command, options.help_option));
     else if (options.help)
         cln_help_print(stdout, options.command);
     else {

@@ -538,8 +538,16 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"path", "interpolate"},
                 {"trajectory", "orbit"},
                 {"traj", "orbit"},
+                {"size", "width"},
+                {"resolution", "width"},
+                {"res", "width"},
+                {"quality", "antialias"},
+                {"samples", "antialias"},
+                {"supersample", "antialias"},
+                {"force", "overwrite"},
                 {"ply", "points"},
                 {"glb", "mesh"},
+                {"gltf", "mesh"},
                 {"obj", "mesh"},
                 {"stl", "mesh"},
                 {"tsdf", "mesh"},
@@ -562,6 +570,9 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"output-path", "output"},
                 {"expname", "output"},
                 {"workspace", "output"},
+                {"mp4", "output"},
+                {"film", "output"},
+                {"video", "output"},
                 {"out", "output"}};
     char plain[64];
 
@@ -655,6 +666,13 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
                         best, command->name, best);
     if (best)
         return cln_fail(CLN_USAGE, "unknown option --%s; did you mean --%s?", wanted, best);
+    if (strcmp(wanted, "threads") == 0 || strcmp(wanted, "num-threads") == 0 ||
+        strcmp(wanted, "cores") == 0 || strcmp(wanted, "workers") == 0)
+        return cln_fail(
+            CLN_USAGE,
+            "unknown option --%s; `taskset -c 0 cl-nascent ...` keeps the program, and a "
+            "device that is the processor, on one core",
+            wanted);
     off = strncmp(wanted, "no-", 3) == 0;
     plain += off ? 3 : 0;
     for (int i = 0; i < cln_command_count && off; i++)
@@ -682,10 +700,9 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
     return cln_fail(CLN_USAGE, "unknown option --%s", wanted);
 }
 
-/* The first command that has such an option; NULL if none has. */
-static const char *option_of(const char *name)
+const char *cln_command_of_option(const char *name)
 {
-    const size_t length = strcspn(name, "=");
+    const size_t length = strcspn(name += strspn(name, "-"), "=");
 
     for (int i = 0; i < cln_command_count; i++)
         if (cln_arg_find(&cln_commands[i], name, length) ||
@@ -705,7 +722,7 @@ cln_status cln_fail_command(const char *name)
         {"report", "train and eval write RUN/report.html"},
         {"viewer", "view RUN opens it in a browser"},
         {"test", "eval RUN measures its test views, selftest the device"}};
-    const char *best = NULL, *option = NULL;
+    const char *best = NULL;
     int distance = limit_for(strlen(name));
 
     for (size_t i = 0; i < sizeof others / sizeof others[0]; i++)
@@ -716,14 +733,16 @@ cln_status cln_fail_command(const char *name)
     for (int i = 0; i < cln_command_count && !best && strlen(name) >= 3; i++)
         if (strncmp(cln_commands[i].name, name, strlen(name)) == 0)
             best = cln_commands[i].name;
-    option = option_of(name + strspn(name, "-"));
-    if (option && !best)
+    if (!best && cln_command_of_option(name))
         return cln_fail(CLN_USAGE,
-                        "unknown command '%s'; --%s is an option: `cl-nascent help %s` has it",
-                        name, name + strspn(name, "-"), option);
+                        "unknown command '%s'; --%s is an option: `cl-nascent help --%s` tells",
+                        name, name + strspn(name, "-"), name + strspn(name, "-"));
     if (best)
         return cln_fail(CLN_USAGE, "unknown command '%s'; did you mean '%s'?", name, best);
-    return cln_fail(CLN_USAGE, "unknown command '%s'; `cl-nascent help` lists them", name);
+    return cln_fail(CLN_USAGE,
+                    "unknown command '%s'; `cl-nascent help` lists them, and the manual "
+                    "explains words (man cl-nascent)",
+                    name);
 }
 
 cln_status cln_fail_before_command(const char *argument)
@@ -732,7 +751,7 @@ cln_status cln_fail_before_command(const char *argument)
     const char *name = argument + strspn(argument, "-"), *option = NULL, *command = NULL;
     int distance = limit_for(strlen(name));
 
-    if (option_of(name))
+    if (cln_command_of_option(name))
         return cln_fail(CLN_USAGE, "%s: options come after the command", argument);
     for (size_t i = 0; i < sizeof alone / sizeof alone[0]; i++)
         consider(name, alone[i], &distance, &option);

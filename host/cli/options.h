@@ -18,6 +18,7 @@ typedef struct cln_options {
 
     const char *output, *write_mask, *settings_of, *resume, *scene, *like, *preset, *split,
         *progress, *color;
+    const char *help_option; /* help: which alone is told; NULL = all of the command */
     const char *help_preset; /* help: whose values; NULL = an option's in several presets */
     const char *dump_program, *match, *lens, *views;
     const char *box_colour;                /* export --octree: "level" or "error" */

@@ -385,7 +385,7 @@ static bool takes_preset(const cln_command *command)
     return command && cln_arg_find(command, "preset", 6);
 }
 
-/* help [CMD [--preset NAME]], --help, --version [-v], or a command. */
+/* help [CMD] [--OPTION | --preset NAME], --help, --version [-v], or a command. */
 static cln_status parse_first(parser *p)
 {
     cln_options *out = p->out;
@@ -403,7 +403,9 @@ static cln_status parse_first(parser *p)
             const char *about = p->argv[p->at++];
 
             out->command = cln_command_find(about);
-            if (!out->command && strcmp(about, "help") != 0 && strcmp(about, "version") != 0)
+            if (!out->command && cln_command_of_option(about))
+                out->help_option = about;
+            else if (!out->command && strcmp(about, "help") != 0 && strcmp(about, "version") != 0)
                 return cln_fail_command(about);
         }
         if (p->at < p->argc && takes_preset(out->command)) {
@@ -415,11 +417,13 @@ static cln_status parse_first(parser *p)
                 out->help_preset = p->argv[++p->at];
             p->at += out->help_preset != NULL;
         }
+        if (p->at < p->argc && p->argv[p->at][0] == '-' && !out->help_preset && !out->help_option)
+            out->help_option = p->argv[p->at++];
         if (p->at < p->argc)
-            return cln_fail(CLN_USAGE, "unexpected argument '%s': help takes one command, and %s",
-                            p->argv[p->at],
-                            takes_preset(out->command) ? "--preset NAME for its values there"
-                                                       : "nothing else");
+            return cln_fail(CLN_USAGE,
+                            "unexpected argument '%s': help takes one command, and one option or "
+                            "--preset NAME for its values there",
+                            p->argv[p->at]);
         return CLN_OK;
     }
     if (first[0] == '-' || strcmp(first, "version") == 0) {
@@ -679,7 +683,9 @@ static cln_status check_render_output(const parser *p)
                             "-o %s: is not the name of a film (.mp4 .mov .mkv .webm .gif .y4m); "
                             "give one, or a folder for pictures%s",
                             output,
-                            strcasecmp(dot, ".webp") == 0 || strcasecmp(dot, ".apng") == 0
+                            p->out->map && strncasecmp(dot, ".tif", 4) == 0
+                                ? "; gdal_translate makes a GeoTIFF of a map (man cl-nascent)"
+                            : strcasecmp(dot, ".webp") == 0 || strcasecmp(dot, ".apng") == 0
                                 ? "; pages show .mp4 and .webm, and .webm with --transparent"
                                 : "");
     return CLN_OK;

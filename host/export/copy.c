@@ -91,11 +91,13 @@ cln_status cln_export_copy(cln_export_job *job)
         CLN_TRY(
             cln_fail(CLN_OUTPUT, "%s: already exists; name a new folder for the copy", desc->file));
     CLN_TRY(cln_disk_check(desc->file, cln_checkpoint_newest_bytes(desc->run), "the copy"));
+    CLN_TRY(cln_export_poll(&desc->callbacks));
     CLN_TRY(cln_run_open(desc->file, false));
     begun = true;
     CLN_TRY(make_manifest(desc, &manifest)); /* paths are told from the folder */
     CLN_TRY(cln_checkpoint_write(desc->file, &job->opened.model)); /* read without that state */
     CLN_TRY(copy_cameras(desc));
+    CLN_TRY(cln_export_poll(&desc->callbacks));
     CLN_TRY(cln_run_write(desc->file, manifest)); /* last: then it is whole */
 done:
     if (st != CLN_OK && begun)

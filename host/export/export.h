@@ -39,6 +39,9 @@ CLN_EXPORT_LIST(X)
  * has it, for the comment of a file whose numbers are so; the caller frees it. */
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text);
 
+/* CLN_INTERRUPTED where the caller asked to stop: asked before a file is begun. */
+cln_status cln_export_poll(const cln_callbacks *callbacks);
+
 /* Returns whether the file's name has this ending (".obj"), in upper or lower case. */
 bool cln_export_ends(const char *file, const char *ending);
 

@@ -9,6 +9,7 @@
 #include "base/callbacks.h"
 #include "base/memory.h"
 #include "export/clip.h"
+#include "export/export.h"
 #include "export/marching.h"
 #include "io/image.h"
 #include "pipeline/field.h"
@@ -30,11 +31,6 @@ typedef struct job {
     const float (*crop)[4]; /* [6]; NULL: none */
     double margin; /* how far beyond an open crop the surface is traced, to be as without it */
 } job;
-
-static cln_status poll(const cln_callbacks *callbacks)
-{
-    return cln_stopped_by(cln_poll_signal(callbacks), "nothing was written");
-}
 
 double cln_surface_cell(const cln_model *model)
 {
@@ -64,7 +60,7 @@ static cln_status ask_fusion(void *user, size_t n, const float (*at)[4], float *
 
     for (size_t i = 0; i < n; i++)
         values[i] = value_at(j, at[i]);
-    return poll(j->callbacks);
+    return cln_export_poll(j->callbacks);
 }
 
 static cln_status report(void *user, int done, int total)
@@ -127,7 +123,7 @@ static cln_status find_normals(const job *j, double step, cln_surface *s)
         float normal[3];
 
         if (i % CHUNK == 0)
-            CLN_TRY(poll(j->callbacks));
+            CLN_TRY(cln_export_poll(j->callbacks));
         for (int a = 0; a < 3; a++) {
             float low[3], high[3];
 
@@ -178,7 +174,7 @@ static cln_status paint(const cln_surface_desc *desc, cln_surface *s)
     for (size_t first = 0; first < s->vertices; first += CHUNK) {
         const size_t n = s->vertices - first < CHUNK ? s->vertices - first : CHUNK;
 
-        CLN_TRY(poll(desc->callbacks));
+        CLN_TRY(cln_export_poll(desc->callbacks));
         for (size_t i = 0; i < n; i++) {
             const float *towards = s->towards[first + i], *normal = s->normal[first + i];
             const bool seen = s->views[first + i] > 0;

@@ -81,7 +81,7 @@ static cln_status ask_cells(cln_export_job *job, grid *g, int z, size_t first, s
     cln_status st = CLN_OK;
     const cln_model *model = &job->opened.model;
 
-    CLN_TRY(cln_stopped_by(cln_poll_signal(&job->desc->callbacks), "nothing was written"));
+    CLN_TRY(cln_export_poll(&job->desc->callbacks));
     for (size_t i = 0; i < n; i++) {
         const size_t cell[3] = {(first + i) % (size_t)g->shape[2],
                                 (first + i) / (size_t)g->shape[2], (size_t)z};

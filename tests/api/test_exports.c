@@ -958,14 +958,17 @@ static void mistakes_are_named(void **state)
 
 static void a_signal_leaves_no_file(void **state)
 {
-    fixture_stop stop = {.signal = SIGINT, .pictures = 3};
-    cln_export_desc desc = export_desc("mesh", "stopped.ply");
+    fixture_stop stops[] = {{.signal = SIGINT, .pictures = 3},
+                            {.signal = SIGINT, .photos = 1, .photos_seen = 1}}; /* at once */
+    cln_export_desc descs[] = {export_desc("mesh", "stopped.ply"), export_desc("copy", "stopped")};
     cln_export_result result;
 
     NEED_DEVICE();
-    desc.callbacks = fixture_callbacks(&stop);
-    assert_fails(cln_export(&desc, &result), CLN_SIGINT, "signal");
-    assert_false(cln_is_file(desc.file));
+    for (int i = 0; i < 2; i++) {
+        descs[i].callbacks = fixture_callbacks(&stops[i]);
+        assert_fails(cln_export(&descs[i], &result), CLN_SIGINT, "signal");
+        assert_int_equal(access(descs[i].file, F_OK), -1);
+    }
 }
 
 int test_group_exports(void)

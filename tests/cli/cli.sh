@@ -23,6 +23,17 @@ section_usage() {
     local c
     expect "--version" 0 "" "$cln" --version
     check "--version names the program" grep -q '^cl-nascent [0-9]' "$work/out"
+    expect "help of an option" 0 "" "$cln" help --orbit
+    check "help of an option is of that alone" eval \
+        'printed "--orbit, of render:" && ! printed "--circle "'
+    expect "help of a command's option" 0 "" "$cln" help eval --output
+    check "help of a command's option is of that command" eval \
+        'printed "RUN/eval" && ! printed "of train"'
+    expect "help of two options" 2 "~one.option" "$cln" help train --lr --rays
+    expect "an option in place of a command" 2 "~help.--orbit..tells" "$cln" orbit
+    expect "threads" 2 "taskset" "$cln" train s -o r --threads 2
+    expect "the size of a picture" 2 "~mean.--width[?]" "$cln" render r --size 800
+    expect "a map as TIFF" 2 "gdal_translate" "$cln" render r --map -o map.tif
     expect "--help" 0 "" "$cln" --help
     for c in train eval render info export devices selftest tune; do
         check "--help names $c" grep -qw "$c" "$work/out"
@@ -329,6 +340,7 @@ section_results() {
     check "--antialias 2 has its own file" [ -s "$work/whole/eval/00000300-test-antialias2.json" ]
     check "the plain evaluation's file has no antialias" \
         eval '! grep -q antialias "$work/whole/eval/00000300-test.json"'
+    expect "eval into a run" 2 "~holds.a.run.*of.its.own" "$cln" eval "$work/whole" -o "$work/whole"
     expect "eval --seams" 0 "" "$cln" eval "$work/whole" --seams --json -o "$work/seams"
     check "eval --seams has pairs" [ "$(json seams.across.pairs)" -gt 100 ]
     expect "eval --seams as a table" 0 "" "$cln" eval "$work/whole" --seams -o "$work/seams"

@@ -12,6 +12,7 @@
 #include <unistd.h>
 #include "cli/console.h"
 #include "cli/help.h"
+#include "outcome.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -302,11 +303,57 @@ static void commands_stand_apart_from_purposes(void **state)
     free(text);
 }
 
+/* What help prints of one option, as one line of text. */
+static const char *wanted_option, *wanted_command;
+
+static void print_option(FILE *to, const cln_command *command)
+{
+    (void)command;
+    assert_int_equal(cln_help_print_option(to,
+                                           wanted_command ? cln_command_find(wanted_command) : NULL,
+                                           wanted_option),
+                     CLN_OK);
+}
+
+static void help_tells_one_option(void **state)
+{
+    static const char *const rows[][4] = {
+        /* command, option; what is printed, what is not */
+        {NULL, "--orbit", "--orbit, of render:", "--circle"},
+        {NULL, "orbit", "--orbit [FRAMES]", "--circle"},
+        {NULL, "-o", "--output, of train: -o, --output RUN", "-d"},
+        {NULL, "--output=x", "--output, of poses:", "--up"},
+        {"eval", "--output", "(default RUN/eval)", "--output SCENE"},
+        {"train", "--no-adaptive", "--[no-]adaptive", "--orbit"},
+        {NULL, "--n1", "--n1, of train, check: --n1 N", "--n2"},
+        {"train", "--t-min", "also --t-min", "--orbit"}};
+    FILE *none = NULL;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        char *text = NULL;
+
+        wanted_command = rows[i][0];
+        wanted_option = rows[i][1];
+        text = printed(print_option, NULL, true);
+        if (!strstr(text, rows[i][2]) || strstr(text, rows[i][3]))
+            fail_msg("help %s: %s", rows[i][1], text);
+        free(text);
+    }
+    none = fopen("/dev/null", "w");
+    assert_non_null(none);
+    assert_fails(cln_help_print_option(none, NULL, "--orbitz"), CLN_USAGE, "no command");
+    assert_fails(cln_help_print_option(none, cln_command_find("train"), "--orbit"), CLN_USAGE,
+                 "only of render");
+    fclose(none);
+}
+
 int test_group_help(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(help_names_every_option_with_its_defaults),
         cmocka_unit_test(help_lists_a_presets_values),
+        cmocka_unit_test(help_tells_one_option),
         cmocka_unit_test(commands_stand_apart_from_purposes),
         cmocka_unit_test(help_shows_ranges_words_and_presets),
         cmocka_unit_test(help_fits_eighty_columns),
