@@ -10,6 +10,7 @@ int test_group_arguments(void);
 int test_group_averages(void);
 int test_group_backdrop(void);
 int test_group_base(void);
+int test_group_batch(void);
 int test_group_brightness(void);
 int test_group_broken_formats(void);
 int test_group_camera(void);
