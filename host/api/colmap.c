@@ -201,6 +201,16 @@ static void learn_names(const char *line, void *user)
     c->guesses = c->guesses || strstr(line, GUESS);
 }
 
+/* "COLMAP 4.1.1 (Commit ...", the first line of its help. */
+static void learn_version(const char *line, void *user)
+{
+    cln_colmap *c = user;
+    int major = 0, minor = 0;
+
+    if (sscanf(line, "COLMAP %d.%d", &major, &minor) == 2)
+        c->spheres = major > 4 || (major == 4 && minor >= 1);
+}
+
 static void learn_alignment(const char *line, void *user)
 {
     static const char *const apart[] = {"--robust_alignment_max_error", /* to 3.8 */
@@ -219,6 +229,7 @@ void cln_colmap_ask(cln_colmap *c)
     static const char *const commands[] = {"feature_extractor", "exhaustive_matcher", "mapper"};
     const cln_command_watch watch = {learn_names, NULL, c, NULL};
     const cln_command_watch aligner = {learn_alignment, NULL, c, NULL};
+    const cln_command_watch version = {learn_version, NULL, c, NULL};
 
     c->extraction = "--SiftExtraction.use_gpu";
     c->matching = "--SiftMatching.use_gpu";
@@ -226,6 +237,8 @@ void cln_colmap_ask(cln_colmap *c)
         if (cln_command_run((const char *const[]){"colmap", commands[i], "-h", NULL}, &watch) !=
             CLN_OK)
             cln_clear_error(); /* some versions end help with another code than 0 */
+    if (cln_command_run((const char *const[]){"colmap", "help", NULL}, &version) != CLN_OK)
+        cln_clear_error();
     if (c->desc->gps &&
         cln_command_run((const char *const[]){"colmap", "model_aligner", "-h", NULL}, &aligner) !=
             CLN_OK)
@@ -332,27 +345,51 @@ done:
     return st;
 }
 
+/* Photos that look like panoramas of the whole sphere, where no lens was given. */
+static cln_status take_panoramas(cln_colmap *c, int panoramas, bool *taken)
+{
+    const int all = c->photos.count;
+
+    *taken = false;
+    if (c->lens || 2 * panoramas <= all)
+        return CLN_OK;
+    if (c->spheres && panoramas < all)
+        return cln_fail(CLN_INPUT,
+                        "%d of %d photos are 2 : 1, as panoramas of the whole sphere are, beside "
+                        "others: find the poses of each kind in a folder of its own; if these are "
+                        "ordinary photos, --lens SIMPLE_RADIAL says so",
+                        panoramas, all);
+    if (!c->spheres)
+        return cln_fail(CLN_INPUT,
+                        "%d of %d photos are 2 : 1, as panoramas of the whole sphere are, of which "
+                        "this COLMAP finds no poses: install version 4.1 or newer, or find the "
+                        "poses of panoramas by OpenSfM or Metashape, which `train` reads, or cut "
+                        "them into pictures of 90 degrees; if these are ordinary photos, --lens "
+                        "SIMPLE_RADIAL says so",
+                        panoramas, all);
+    *taken = true;
+    c->lens = &cln_colmap_models[CLN_COLMAP_EQUIRECTANGULAR];
+    cln_info("lens: %s, as the photos are 2 : 1, as panoramas of the whole sphere are; of ordinary "
+             "ones give --lens SIMPLE_RADIAL",
+             c->lens->name);
+    return CLN_OK;
+}
+
 cln_status cln_colmap_features(cln_colmap *c)
 {
     cln_status st = CLN_OK;
     cln_photo_cameras cameras = {0};
     char focal[RANGE], several[96];
+    bool taken = false;
 
     CLN_TRY(cln_photo_cameras_find(c->images, &c->photos, &cameras));
     cln_format(several, sizeof several, "of several %s",
                !cameras.lengths ? "sizes"
                : cameras.sizes  ? "sizes and focal lengths by EXIF, or none"
                                 : "focal lengths by EXIF, or none");
-    if (!c->lens && 2 * cameras.panoramas > c->photos.count)
-        CLN_TRY(
-            cln_fail(CLN_INPUT,
-                     "%d of %d photos are 2 : 1, as panoramas of the whole sphere are, of which "
-                     "COLMAP finds no poses: cut them into pictures of 90 degrees first, or find "
-                     "the poses of panoramas by OpenSfM or Metashape, which `train` reads; if "
-                     "these are ordinary photos, --lens SIMPLE_RADIAL says so",
-                     cameras.panoramas, c->photos.count));
+    CLN_TRY(take_panoramas(c, cameras.panoramas, &taken));
     fit_memory(c, &cameras);
-    if (c->lens)
+    if (c->lens && !taken)
         cln_info("lens: %s, as given by --lens", c->lens->name);
     if (cameras.count == 1) {
         cln_info("%d photos, all of one size: one camera", c->photos.count);
@@ -368,7 +405,7 @@ cln_status cln_colmap_features(cln_colmap *c)
         cln_info("EXIF tells the focal length of %d photo%s: %s pixels", c->focal_lengths,
                  cln_plural(c->focal_lengths, "", "s"),
                  range(c->focal_least, c->focal_most, focal));
-    else
+    else if (!c->lens || c->lens->lens != CLN_LENS_EQUIRECTANGULAR) /* which has none */
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
     cln_photo_cameras_free(&cameras);
@@ -539,6 +576,8 @@ void cln_colmap_say_focal_length(const cln_scene *scene)
     bool one_width = true;
     char focal[RANGE], wide[64] = "";
 
+    if (scene->view_count == 0 || scene->views[0].camera.lens == CLN_LENS_EQUIRECTANGULAR)
+        return;
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         const double pixels = view->camera.fx * view->file_width / view->camera.width;
@@ -547,8 +586,7 @@ void cln_colmap_say_focal_length(const cln_scene *scene)
         most = fmax(most, pixels);
         one_width &= view->file_width == scene->views[0].file_width;
     }
-    if (scene->view_count > 0 && one_width)
+    if (one_width)
         cln_format(wide, sizeof wide, ", of photos %d pixels wide", scene->views[0].file_width);
-    if (scene->view_count > 0)
-        cln_info("COLMAP's focal length: %s pixels%s", range(least, most, focal), wide);
+    cln_info("COLMAP's focal length: %s pixels%s", range(least, most, focal), wide);
 }

@@ -43,6 +43,7 @@ typedef struct cln_colmap {
     bool lists_places, gps_told; /* model_aligner takes a list of places; and whether of degrees */
     bool aligns_to;              /* to what, by --alignment_type */
     const char *apart;           /* its option for how far off the ones that count may be */
+    bool spheres;                /* it has a camera model of panoramas (4.1 and newer) */
     bool guesses;                /* it takes a focal length to begin with, without EXIF data */
     int focal_lengths;           /* photos with one by EXIF data, in pixels between these: */
     double focal_least, focal_most;

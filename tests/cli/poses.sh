@@ -192,11 +192,20 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
     expect "panoramas, which COLMAP has no poses for" 3 "~3.of.3.photos.are.2.:.1 OpenSfM --lens" \
         env PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of panoramas"
     check "it is not begun" eval '! grep -q feature_extractor "$work/of panoramas/colmap.log"'
+    run env STAND_IN=newer PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of spheres" \
+        --progress none
+    check "COLMAP 4.1 has a lens for them" grep -q "camera_model EQUIRECTANGULAR" \
+        "$work/of spheres/colmap.log"
+    check "it is said once, and nothing of focal lengths" eval \
+        '[ "$(grep -c EQUIRECTANGULAR "$work/err")" = 1 ] && ! said "focal length"'
     expect "photos that are as wide go on" 3 "~lens:.SIMPLE_RADIAL matching" env PATH="$path" \
         "$cln" poses "$work/panoramas" -o "$work/of wide ones" --lens SIMPLE_RADIAL --progress none
     cp "$work/photos/train/"r_00{1,2,3}.png "$work/panoramas"
     expect "half of them go on" 3 "matching" env PATH="$path" "$cln" poses "$work/panoramas" \
         -o "$work/of some" --progress none
+    cp "$work/panoramas/1.png" "$work/panoramas/4.png"
+    expect "a few beside panoramas, and a newer COLMAP" 3 "~4.of.7.photos.*of.its.own" \
+        env STAND_IN=newer PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of both"
     expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
         "$work/photos/train" -o "$work/posed next" --match next --progress none
     check "no reason is given for what was asked for" eval '! said "as there are many"'
