@@ -401,11 +401,13 @@ cln_status cln_colmap_features(cln_colmap *c)
         cln_info("%d photos, %s: %d cameras", c->photos.count, several, cameras.count);
         CLN_TRY(extract_by_camera(c, &cameras));
     }
+    if (c->lens && c->lens->lens == CLN_LENS_EQUIRECTANGULAR)
+        goto done; /* which has none */
     if (c->focal_lengths)
         cln_info("EXIF tells the focal length of %d photo%s: %s pixels", c->focal_lengths,
                  cln_plural(c->focal_lengths, "", "s"),
                  range(c->focal_least, c->focal_most, focal));
-    else if (!c->lens || c->lens->lens != CLN_LENS_EQUIRECTANGULAR) /* which has none */
+    else
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
     cln_photo_cameras_free(&cameras);
