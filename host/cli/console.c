@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 #include "base/clock.h"
 #include "base/log.h"
@@ -27,14 +28,24 @@ static volatile sig_atomic_t checkpoint_wanted;
 static bool hangup_ignored;
 static struct sigaction quit; /* ends at once by default, with a core file */
 
+/* Whoever stops a command may send its signal twice, to the program and to its group (timeout(1),
+ * mpirun, a shell that passes Ctrl-C on): nobody asks twice within this time. */
+static const double SAME_SIGNAL = 0.5; /* seconds */
+
 static void on_stop(int number)
 {
-    if (stop_signal) {
+    static struct timespec first;
+    struct timespec now;
+
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    if (!stop_signal) {
+        first = now;
+        stop_signal = number;
+    } else if ((double)(now.tv_sec - first.tv_sec) + 1e-9 * (double)(now.tv_nsec - first.tv_nsec) >
+               SAME_SIGNAL) {
         signal(number, SIG_DFL);
         raise(number); /* delivered when this handler returns */
-        return;
     }
-    stop_signal = number;
 }
 
 static void on_checkpoint(int number)

@@ -280,8 +280,12 @@ static void second_stop_leaves_at_once(void **state)
         raise(SIGINT);
         if (console.callbacks.interrupted(console.callbacks.user) != SIGINT)
             _exit(2);
+        raise(SIGTERM); /* at once: the same wish, as timeout(1) sends it to the group, too */
+        if (console.callbacks.interrupted(console.callbacks.user) != SIGINT)
+            _exit(3);
+        usleep(600000);
         raise(SIGTERM);
-        _exit(3);
+        _exit(4);
     }
     assert_int_equal(waitpid(child, &status, 0), child);
     assert_true(WIFSIGNALED(status));
