@@ -144,6 +144,9 @@ cln_status cln_info_run(const char *run, char **json)
     CLN_TRY(add_checkpoint(run, about));
     if (json_object_get(document, "state"))
         json_object_set_new(document, "state", json_string(cln_run_state(run, document)));
+    if (json_is_integer(json_object_get(about, "step")) &&
+        !cln_run_is_held(run)) /* a training's checkpoint is behind it */
+        (void)cln_run_drop_result(document, json_integer_value(json_object_get(about, "step")));
     json_object_update_missing(about, document); /* keeps the keys above: they are newer */
     CLN_TRY(to_text(about, run, json));
 done:

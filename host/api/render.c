@@ -636,8 +636,10 @@ static void choose_crop(cln_render_job *j)
     if (desc->background)
         memcpy(model->background, desc->background, sizeof model->background);
     if (j->crop.on)
-        cln_crop_warn(desc->cropped ? "--crop" : desc->poses, &model->space, &model->tree,
-                      &j->crop);
+        cln_crop_warn(desc->cropped ? "--crop"
+                      : desc->map   ? "--map"
+                                    : desc->poses,
+                      &model->space, &model->tree, &j->crop);
 }
 
 /* A map's up: the one given, else what map.h makes of the training cameras'. */

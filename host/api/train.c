@@ -381,7 +381,7 @@ static cln_status take_over(cln_trainer *t)
                          "%s: its run is done, but its checkpoint is gone; put it back, or choose "
                          "a new folder",
                          run));
-    cln_info("%s: its run ended before its first checkpoint, so it begins again", run);
+    cln_info("%s: its run has no checkpoint, so it begins again", run);
 done:
     json_decref(document);
     free(path);
@@ -652,8 +652,7 @@ static cln_status begin(cln_trainer *t)
     cln_step_cover(t);
     if (t->writes) {
         CLN_TRY(cln_record_start(t));
-        if (t->desc->resume)
-            CLN_TRY(cln_run_drop_evals(t->desc->run, t->model.step));
+        CLN_TRY(cln_run_drop_evals(t->desc->run, t->model.step));
         CLN_TRY(cln_metrics_open(t->desc->run, t->model.step, &t->metrics));
     }
 done:

@@ -14,6 +14,7 @@
 #include "cli/console.h"
 #include "io/json.h"
 #include "io/run_folder.h"
+#include "model/model.h"
 #include "ranks/ranks.h"
 #include "render/recorded.h"
 
@@ -167,9 +168,11 @@ static cln_status finish_early(const cln_options *options, bool *is_done)
 
     *is_done = false;
     CLN_TRY(cln_run_read(run, &document));
+    (void)cln_run_drop_result(document, cln_checkpoint_newest_whole(run));
     state = cln_json_text(document, "state");
     *is_done =
-        strcmp(state, "done") == 0 && is_scene_of(document, options->operand) &&
+        strcmp(state, "done") == 0 && json_is_object(json_object_get(document, "result")) &&
+        is_scene_of(document, options->operand) &&
         asks_no_more(&settings->config, &settings->base, json_object_get(document, "result"));
     CLN_TRY(cln_ranks_agree(*is_done, "copy of the run"));
     if (!*is_done)

@@ -16,7 +16,7 @@
 
 /* What run.json says of the run holds for the copy, but where its scene is from it. If it is
  * nowhere, the copy may find it where it was, or beside itself. */
-static cln_status make_manifest(const cln_export_desc *desc, json_t **out)
+static cln_status make_manifest(const cln_export_desc *desc, int64_t step, json_t **out)
 {
     cln_status st = CLN_OK;
     json_t *document = NULL, *dataset = NULL;
@@ -25,6 +25,7 @@ static cln_status make_manifest(const cln_export_desc *desc, json_t **out)
     CLN_TRY(cln_reader_run(desc->run, &document));
     if (strcmp(cln_json_text(document, "state"), "running") == 0) /* which the copy is not */
         json_object_set_new(document, "state", json_string("interrupted"));
+    (void)cln_run_drop_result(document, step);
     dataset = json_object_get(document, "dataset");
     st = cln_recorded_scene(desc->run, &path);
     if (st == CLN_INPUT) {
@@ -94,7 +95,8 @@ cln_status cln_export_copy(cln_export_job *job)
     CLN_TRY(cln_export_poll(&desc->callbacks));
     CLN_TRY(cln_run_open(desc->file, false));
     begun = true;
-    CLN_TRY(make_manifest(desc, &manifest)); /* paths are told from the folder */
+    CLN_TRY(make_manifest(desc, job->opened.model.step,
+                          &manifest)); /* paths are told from the folder */
     CLN_TRY(cln_checkpoint_write(desc->file, &job->opened.model)); /* read without that state */
     CLN_TRY(copy_cameras(desc));
     CLN_TRY(cln_export_poll(&desc->callbacks));

@@ -5,6 +5,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -351,6 +352,16 @@ done:
     free(path);
     free(to);
     return st;
+}
+
+double cln_run_drop_result(json_t *document, int64_t step)
+{
+    const double ended = cln_json_number(json_object_get(document, "result"), "step");
+
+    if (!(ended > (double)step))
+        return NAN;
+    json_object_set_new(document, "result", json_null());
+    return ended;
 }
 
 cln_status cln_metrics_open(const char *run, int64_t step, cln_metrics **out)

@@ -63,6 +63,10 @@ void cln_metrics_close(cln_metrics *metrics);
 #define CLN_DROPPED ".dropped"
 cln_status cln_run_drop_evals(const char *run, int64_t step);
 
+/* Makes the result of a run's document null where it is of a step beyond `step`: its model is gone.
+ * Returns that step, else NAN. */
+double cln_run_drop_result(json_t *document, int64_t step);
+
 /* Gives the last row a number, written anew, if it is of `step` and no event; else does nothing. */
 cln_status cln_metrics_amend(cln_metrics *metrics, int64_t step, const char *key, double number);
 

@@ -336,7 +336,7 @@ bool cln_safetensors_fits_header(const char *path)
         fclose(file);
     free(text);
     json_decref(header);
-    return end > 0 && (int64_t)info.st_size == LENGTH_BYTES + (int64_t)length + (int64_t)end;
+    return end > 0 && (int64_t)end == (int64_t)info.st_size - LENGTH_BYTES - (int64_t)length;
 }
 
 cln_status cln_safetensors_get(const cln_safetensors *file, const char *name, cln_dtype dtype,

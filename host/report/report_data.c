@@ -458,7 +458,6 @@ cln_status cln_report_data_read(const char *run, int64_t until, cln_report_data 
     cln_status st = CLN_OK;
     cln_status before = cln_error_status();
     char *path = NULL;
-    double ended = NAN;
 
     *out = (cln_report_data){.folder = run, .shown = -1, .until = until, .gone = NAN};
     if (until < INT64_MAX && cln_run_is_held(run))
@@ -470,11 +469,7 @@ cln_status cln_report_data_read(const char *run, int64_t until, cln_report_data 
         json_decref(out->run);
         out->run = json_object();
     }
-    ended = cln_json_number(json_object_get(out->run, "result"), "step");
-    if (ended > (double)out->until) {
-        out->gone = ended;
-        json_object_set_new(out->run, "result", json_null());
-    }
+    out->gone = cln_run_drop_result(out->run, out->until);
     CLN_TRY(read_metrics(run, out));
     CLN_TRY(read_evals(run, out));
     CLN_TRY(read_tree(run, out));

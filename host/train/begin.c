@@ -23,9 +23,16 @@ static const double BEYOND = 0.02;
 static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
 {
     const cln_config_row *row = cln_config_differs(saved, wanted, CLN_ROW_FIXED);
+    char value[CLN_TEXT_BYTES];
 
     if (!row)
         return CLN_OK;
+    cln_config_text(wanted, row, value);
+    if (cln_config_is_switch(row) && strcmp(value, "no") == 0)
+        return cln_fail(CLN_CHECKPOINT,
+                        "--resume: the checkpoint has --%s, which cannot change; leave it out, or "
+                        "give it to a new run: train SCENE -o NEW --settings-of RUN --no-%s",
+                        row->option, row->option);
     return cln_fail(CLN_CHECKPOINT,
                     "--resume: the checkpoint has another --%s, which cannot change; leave it out, "
                     "or give it to a new run: train SCENE -o NEW --settings-of RUN --%s ...",

@@ -253,6 +253,18 @@ section_again() {
     cp -r "$work/done" "$work/twin"
     expect "beside its twin" 0 "" "$cln" info "$work/done" "$work/twin"
     check "it is no run in one go" printed "No setting of the last start differs."
+    cp -r "$work/done" "$work/back" # to an earlier checkpoint
+    rm "$work/back/checkpoint/00000022."*
+    expect "info of a model before the result" 0 "" "$cln" info "$work/back" --json
+    check "has no figures of the one that is gone" [ "$(json step) $(json result)" = "20 null" ]
+    expect "a copy of it" 0 "" "$cln" export "$work/back" --copy "$work/back copy"
+    cp "$work/back copy/run.json" "$work/out"
+    check "has none, either" [ "$(json result)" = null ]
+    expect "it is not done" 0 "" "$cln" train "$work/scene" -o "$work/back" --resume-or-start \
+        --skip-selftest --progress none --downscale 2 --steps 22 --json
+    check "but is trained to its end again" eval \
+        '[ "$(json step)" = 22 ] && ! said "nothing is trained" &&
+            [ -s "$work/back/checkpoint/00000022.json" ]'
     # a start that is killed leaves no result, but what starts before it took, and its newest row
     cp -r "$work/done" "$work/gone"
     sed -i 's/"device_peak": [0-9]*/"device_peak": 1/' "$work/gone/run.json"

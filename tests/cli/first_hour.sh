@@ -535,7 +535,7 @@ section_training() {
     sed -i 's/time-limit.*//' "$s/cl-nascent.conf"
     cp -r "$r" "$work/other"
     mv "$s/train" "$s/away" # these errors are found before photos are read
-    for step in "--width 32" "--holdout 4" "--format colmap"; do
+    for step in "--width 32" "--holdout 4" "--no-view-dependence"; do
         # shellcheck disable=SC2086 # two words
         expect "a resumed run cannot change $step" 8 "${step% *} ~cannot.change" \
             "$cln" train --resume "$work/other" $step
