@@ -21,6 +21,10 @@
 #include "io/progress.h"
 #include "scene/reader.h"
 
+#define UNREAD                                                                          \
+    "versions before 4 read no PNG of 16 bits; ImageMagick's `mogrify -depth 8 *.png` " \
+    "makes 8 of them, as training does"
+
 enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64 };
 enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of
@@ -109,6 +113,10 @@ static void read_line(const char *line, void *user)
         c->strange = true;
     if (strstr(line, "(Prior)"))
         take_focal_length(c, line);
+    if ((at = strstr(line, " Name:")))
+        snprintf(c->name, sizeof c->name, "%.127s", at + 6 + strspn(at + 6, " "));
+    if (strstr(line, "ailed to read") && strstr(line, "image file format") && c->unread++ == 0)
+        snprintf(c->unread_name, sizeof c->unread_name, "%s", c->name);
     if (behind(line, "Initializing with image pair", "Registering initial image pair"))
         begin_model(c);
     if ((at = strstr(line, "Registering image #")) && (at = strchr(at, '(')) &&
@@ -345,6 +353,23 @@ done:
     return st;
 }
 
+/* It goes on without photos that it cannot read, and counts them as without a pose. */
+static cln_status tell_unread(const cln_colmap *c)
+{
+    char which[160] = "";
+
+    if (c->unread == 0)
+        return CLN_OK;
+    if (*c->unread_name)
+        snprintf(which, sizeof which, " (%s%s)", c->unread_name, c->unread > 1 ? ", ..." : "");
+    if (c->photos.count - c->unread < CLN_POSES_LEAST)
+        return cln_fail(CLN_INPUT, "%s: COLMAP cannot read %d of %d photos%s: " UNREAD,
+                        c->desc->photos, c->unread, c->photos.count, which);
+    cln_warn("%s: COLMAP cannot read %d of %d photos%s, so they get no pose: " UNREAD,
+             c->desc->photos, c->unread, c->photos.count, which);
+    return CLN_OK;
+}
+
 /* Photos that look like panoramas of the whole sphere, where no lens was given. */
 static cln_status take_panoramas(cln_colmap *c, int panoramas, bool *taken)
 {
@@ -401,6 +426,7 @@ cln_status cln_colmap_features(cln_colmap *c)
         cln_info("%d photos, %s: %d cameras", c->photos.count, several, cameras.count);
         CLN_TRY(extract_by_camera(c, &cameras));
     }
+    CLN_TRY(tell_unread(c));
     if (c->lens && c->lens->lens == CLN_LENS_EQUIRECTANGULAR)
         goto done; /* which has none */
     if (c->focal_lengths)

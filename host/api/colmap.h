@@ -47,9 +47,12 @@ typedef struct cln_colmap {
     bool guesses;                /* it takes a focal length to begin with, without EXIF data */
     int focal_lengths;           /* photos with one by EXIF data, in pixels between these: */
     double focal_least, focal_most;
+    int unread; /* photos that it could not read; the first of them: */
+    char unread_name[128];
     /* Of the running command. */
     const char *stage; /* on the progress line */
     int done, before;  /* photos of this run; of runs before it */
+    char name[128];    /* of the photo that it looks at */
     bool full;         /* it found no room on the disk */
     bool strange;      /* it has no such camera model */
     int together;      /* most photos that a model had */
