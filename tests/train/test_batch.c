@@ -74,17 +74,11 @@ static void the_middle_comes_first(void **state)
 }
 
 /* Of one pixel in 18,432, at an edge, which few draws find: the others repeat it with a ray through
- * its middle. What is drawn before the first of them is seen as the background, without a surface. */
+ * its middle. What is drawn before the first of them is the background, without a surface. */
 static void what_is_left_out_teaches_nothing(void **state)
 {
-    enum {
-        SIZE = 4,
-        SIDE = 2,
-        RAYS = 400,
-        ONE = 20,
-        BYTES = 384,
-        STEP = 4
-    };                                /* the first draws find none */
+    enum { SIZE = 4, SIDE = 2, RAYS = 400, ONE = 20, BYTES = 384 };
+    enum { STEP = 4 };                /* whose first draws find none */
     static const uint8_t none[BYTES]; /* no pixel counts */
     static uint8_t one[BYTES];
     cln_scene *scene = make_scene(*state, SIZE);
