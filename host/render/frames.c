@@ -261,6 +261,9 @@ static cln_status cut(const cln_render_desc *desc, cln_frames *frames)
                         desc->orbit_frames > 0    ? "; for another number of them: --orbit N"
                         : desc->spiral_frames > 0 ? "; for another number of them: --spiral N"
                                                   : "");
+    if (count == 1 && first > 1 && desc->orbit_frames + desc->spiral_frames > 0)
+        cln_info("--frames %d: picture number %d alone; for %d pictures: --%s %d", first, first,
+                 first, desc->orbit_frames > 0 ? "orbit" : "spiral", first);
     for (int i = 0; i < all; i++) {
         const cln_frame frame = frames->frame[i];
 

@@ -563,7 +563,7 @@ static void check_exposure(cln_inspection *in)
     cln_inspect_measure(in, "exposure_range", high > -INFINITY ? high - low : NAN);
     if (json_array_size(views))
         cln_found_fault(in->findings, "exposure", falloff <= 0, json_incref(views),
-                        "brighter or darker than photos of the same things, by up to %.2g stops: "
+                        "brighter or darker than photos of the same things, by up to %.1f stops: "
                         "%s; %s%s",
                         most, cln_findings_names(views, names, sizeof names),
                         falloff > 0 ? "what the distance of the lamp does is taken off, as well as "
@@ -582,7 +582,7 @@ static void check_exposure(cln_inspection *in)
     else if (!json_array_size(views) &&
              high - low > (in->scene->has_alpha ? EXPOSURE_RANGE_CUT : EXPOSURE_RANGE))
         cln_found_fault(in->findings, "exposure", false, NULL,
-                        "exposure changes over the set, by %.2g stops in all: the model will "
+                        "exposure changes over the set, by %.1f stops in all: the model will "
                         "average it; fixed exposure and white balance are better%s%s",
                         high - low,
                         in->scene->has_alpha ? ""
