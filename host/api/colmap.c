@@ -25,7 +25,7 @@
     "versions before 4 read no PNG of 16 bits; ImageMagick's `mogrify -depth 8 *.png` " \
     "makes 8 of them, as training does"
 
-enum { PLAIN = 30, FEW = 120, MANY = 500, NEXT = 12, MODELS = 64 };
+enum { PLAIN = 30, FEW = 120, MANY = 200, NEXT = 12, MODELS = 64 };
 enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of
  * room. */
@@ -440,11 +440,36 @@ done:
     return st;
 }
 
-cln_status cln_colmap_match(cln_colmap *c, bool ordered)
+/* Is each photo matched with the next ones alone? *automatic: nobody asked for it, or for another. */
+static bool matches_next(const cln_colmap *c, bool ordered, bool *automatic)
 {
     const char *how = c->desc->match ? c->desc->match : "auto";
-    const bool automatic = strcmp(how, "auto") == 0;
-    const bool next = automatic ? c->photos.count > FEW && ordered : strcmp(how, "next") == 0;
+
+    *automatic = strcmp(how, "auto") == 0;
+    return *automatic ? c->photos.count > FEW && ordered : strcmp(how, "next") == 0;
+}
+
+static long long pairs_of(const cln_colmap *c)
+{
+    return (long long)c->photos.count * (c->photos.count - 1) / 2;
+}
+
+void cln_colmap_warn_many(const cln_colmap *c, bool ordered)
+{
+    bool automatic;
+
+    if (!matches_next(c, ordered, &automatic) && c->photos.count > MANY)
+        cln_warn(
+            "%d photos, each matched with all others, are %lld pairs, which takes long: give "
+            "--match next if they were taken one after the other, in the order of their names, "
+            "or fewer photos: 100 to 200 are enough for most things",
+            c->photos.count, pairs_of(c));
+}
+
+cln_status cln_colmap_match(cln_colmap *c, bool ordered)
+{
+    bool automatic = false;
+    const bool next = matches_next(c, ordered, &automatic);
     char overlap[16], block[16];
 
     snprintf(block, sizeof block, "%d",
@@ -460,12 +485,7 @@ cln_status cln_colmap_match(cln_colmap *c, bool ordered)
                                          c->database, "--SequentialMatching.overlap", overlap,
                                          c->matching, "0", NULL});
     }
-    cln_info("matching all photos with all: %lld pairs",
-             (long long)c->photos.count * (c->photos.count - 1) / 2);
-    if (c->photos.count > MANY)
-        cln_warn("matching %d photos, each with all others, takes hours; give --match next if they "
-                 "were taken one after the other",
-                 c->photos.count);
+    cln_info("matching all photos with all: %lld pairs", pairs_of(c));
     return run(c, "poses: matches",
                (const char *const[]){"colmap", "exhaustive_matcher", "--database_path", c->database,
                                      c->matching, "0", c->blocks ? BLOCK : NULL, block, NULL});

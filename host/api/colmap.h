@@ -66,6 +66,8 @@ void cln_colmap_ask(cln_colmap *c);
 /* Finds features, of photos by their cameras (photo_cameras.h). The steps give CLN_FAILED with the
  * log's name, CLN_OUTPUT where the disk is full, CLN_SIGINT, CLN_SIGTERM. */
 cln_status cln_colmap_features(cln_colmap *c);
+/* Warns where so many photos are matched with all others that it takes long. */
+void cln_colmap_warn_many(const cln_colmap *c, bool ordered);
 /* Matches as desc->match says; "auto": each of many photos with the next ones if they are ordered,
  * as they were taken one after the other. */
 cln_status cln_colmap_match(cln_colmap *c, bool ordered);

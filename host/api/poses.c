@@ -535,11 +535,14 @@ done:
 static cln_status find_poses(work *w)
 {
     cln_colmap *c = &w->colmap;
-    cln_status st = cln_colmap_features(c);
+    const bool ordered = cln_photos_are_video(w->desc->photos) || in_sequence(&c->photos);
+    cln_status st = CLN_OK;
 
+    cln_colmap_warn_many(c, ordered);
+    st = cln_colmap_features(c);
     w->result->focal_lengths = c->focal_lengths;
     CLN_TRY(st);
-    CLN_TRY(cln_colmap_match(c, cln_photos_are_video(w->desc->photos) || in_sequence(&c->photos)));
+    CLN_TRY(cln_colmap_match(c, ordered));
     CLN_TRY(cln_colmap_map(c));
 done:
     return st;

@@ -573,6 +573,8 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"mp4", "output"},
                 {"film", "output"},
                 {"video", "output"},
+                {"seconds", "fps"},
+                {"duration", "fps"},
                 {"out", "output"}};
     char plain[64];
 
@@ -720,6 +722,8 @@ cln_status cln_fail_command(const char *name)
         {"runs", "info RUN RUN compares runs"},
         {"compare", "info RUN RUN compares runs"},
         {"report", "train and eval write RUN/report.html"},
+        {"film", "render RUN --orbit -o FILE.mp4 makes one"},
+        {"video", "render RUN --orbit -o FILE.mp4 makes one"},
         {"viewer", "view RUN opens it in a browser"},
         {"test", "eval RUN measures its test views, selftest the device"}};
     const char *best = NULL;

@@ -38,7 +38,8 @@ static const double KEPT_GOOD = 0.7; /* of kept ties, from which on they tell en
 static const double BAD = 0.2;       /* share of a bad view over that of all and of the views it
                                          is compared with */
 static const double FEW_OF_BAD = 0.25, GAIN = 0.2; /* share that another pose must gain */
-static const double STRAY = 0.7;                   /* share of a stray over that of all views */
+static const double OVER = 0.25; /* share of a turned photo's ties, of others up to 0.13 */
+static const double STRAY = 0.7; /* share of a stray over that of all views */
 static const double NEAR = 0.25; /* how unlike a view of a video and the next are at most */
 static const double BETWEEN = 0.25, BETWEEN_LEAST = 0.05; /* off the middle, over the way */
 
@@ -352,6 +353,35 @@ static void count_agreeing(work *w)
 
 /* ---- single views ---- */
 
+/* Finds the photos that were turned by 180 degrees, of views that agree with no other: by ties with
+ * those that do. */
+static cln_status find_over(work *w)
+{
+    cln_status st = CLN_OK;
+    cln_agreement *out = w->out;
+    int(*counts)[2] = NULL; /* [view] ties, and those that agree once it is turned */
+
+    CLN_TRY(cln_alloc(&counts, (size_t)w->scene->view_count, sizeof *counts, "views"));
+    for (int i = 0; i < out->tie_count; i++) {
+        cln_tie t = out->ties[i];
+        const bool alone = out->views[t.a].partners == 0;
+        const int view = alone ? t.a : t.b;
+        const cln_camera *c = camera_of(w, view);
+
+        if (alone == (out->views[t.b].partners == 0))
+            continue;
+        *(alone ? &t.ua : &t.ub) = (float)c->width - (alone ? t.ua : t.ub);
+        *(alone ? &t.va : &t.vb) = (float)c->height - (alone ? t.va : t.vb);
+        counts[view][0]++;
+        counts[view][1] += cln_tie_agrees(w->scene, &t, &GIVEN);
+    }
+    for (int i = 0; i < w->scene->view_count; i++)
+        out->views[i].over = counts[i][1] >= FEWEST_OF_VIEW && counts[i][1] > OVER * counts[i][0];
+done:
+    free(counts);
+    return st;
+}
+
 /* Counts the ties of a photo with the neighbours of a pose, and those that would agree if it had
  * been taken there. */
 static cln_status try_pose(work *w, int photo, int pose, int *ties, int *agreeing)
@@ -612,6 +642,7 @@ cln_status cln_agree(const cln_scene *scene, const cln_callbacks *callbacks, cln
     CLN_TRY(cln_try_places(scene, out));
     CLN_TRY(cln_try_tilts(scene, out));
     count_turned(&w);
+    CLN_TRY(find_over(&w));
     CLN_TRY(find_bad(&w));
     CLN_TRY(cln_agree_brightness(scene, out));
     CLN_TRY(find_points(&w));

@@ -41,8 +41,9 @@ typedef struct cln_agree_view {
     double exposure;    /* brightness relative to all others, in stops; or NaN */
     double jump;        /* the same, to those it was compared with that do not jump; or NaN */
     double around;      /* the most that these differ from others without a jump: their median */
-    bool bad;           /* its pose does not fit its photo, while others' do */
-    int pose_of;        /* the view whose pose fits this photo better; -1 */
+    bool over;   /* no view agrees with it, but many ties would were it turned by 180 degrees */
+    bool bad;    /* its pose does not fit its photo, while others' do */
+    int pose_of; /* the view whose pose fits this photo better; -1 */
 } cln_agree_view;
 
 /* Photos, of one folder or every second one by name, that other focal lengths fit, not the rest. */

@@ -129,6 +129,8 @@ done:
     return st;
 }
 
+static const char THUMBNAILS[] = "@eaDir"; /* of Synology's servers, in each folder */
+
 /* Lists what is wanted of `folder`; `within` is its path from the folder that was asked for. */
 static cln_status list(const char *folder, const char *within, int depth, listed wanted,
                        cln_names *out)
@@ -140,7 +142,7 @@ static cln_status list(const char *folder, const char *within, int depth, listed
     if (!dir)
         return cln_fail(CLN_INPUT, "%s: %s", folder, strerror(errno));
     for (struct dirent *entry = NULL; (entry = readdir(dir));) {
-        if (entry->d_name[0] == '.')
+        if (entry->d_name[0] == '.' || strcmp(entry->d_name, THUMBNAILS) == 0)
             continue;
         free(path);
         free(name);

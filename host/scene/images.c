@@ -53,7 +53,7 @@ static void warn_resized(const cln_scene *scene, const cln_listed *r)
 
 /* Brings a camera that is given for another image size to the size of the file: smaller copies of a
  * dataset keep the cameras of the originals. Another shape is an error. */
-static cln_status fit_camera(cln_scene *scene, cln_view *view, cln_listed *others)
+static cln_status fit_camera(cln_scene *scene, cln_view *view, const char *more, cln_listed *others)
 {
     const int width = view->file_width, height = view->file_height;
     const bool colmap = strcmp(scene->dialect, "COLMAP") == 0;
@@ -67,8 +67,8 @@ static cln_status fit_camera(cln_scene *scene, cln_view *view, cln_listed *other
         return CLN_OK;
     if (!cln_camera_has_shape(camera, width, height))
         return cln_fail(
-            CLN_INPUT, "%s: the image has %d x %d pixels, its camera is given for %d x %d; %s",
-            view->path, width, height, camera->width, camera->height,
+            CLN_INPUT, "%s: the image has %d x %d pixels, its camera is given for %d x %d%s; %s",
+            view->path, width, height, camera->width, camera->height, more,
             cln_camera_has_shape(camera, height, width)
                 ? "its sides are swapped, and no EXIF data tell how it is to be turned: "
                   "turn its pixels back to what the poses were found by, or correct the size that "
@@ -322,12 +322,31 @@ static int own_downscale(const cln_view *v)
     return n < shortest ? n : shortest;
 }
 
+/* " (and so with 8 other photos)": those that fit_camera refuses after the first; "" without. */
+static void count_misshapen(const cln_scene *scene, char out[64])
+{
+    int count = 0;
+
+    for (int i = 0; i < scene->view_count; i++) {
+        const cln_view *v = &scene->views[i];
+
+        count += (v->camera.width || v->camera.height) &&
+                 (v->camera.width != v->file_width || v->camera.height != v->file_height) &&
+                 !cln_camera_has_shape(&v->camera, v->file_width, v->file_height);
+    }
+    *out = 0;
+    if (count > 1)
+        snprintf(out, 64, " (and so with %d other photo%s)", count - 1,
+                 cln_plural(count - 1, "", "s"));
+}
+
 cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
 {
     const int downscale = desc->config->downscale;
     cln_status st = CLN_OK;
     char *frame = NULL;
     cln_listed others = {0};
+    char more[64];
 
     CLN_TRY(read_heads(scene, desc->callbacks));
     if (!desc->keep_alpha)
@@ -337,6 +356,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
         CLN_TRY(cln_scene_leave_uncut_out(scene));
     cln_scene_find_turns(scene);
     CLN_TRY(cln_scene_turn_masks(scene));
+    count_misshapen(scene, more);
     for (int i = 0; i < scene->view_count; i++) {
         cln_view *view = &scene->views[i];
 
@@ -344,7 +364,7 @@ cln_status cln_scene_size_views(cln_scene *scene, const cln_scene_desc *desc)
             desc->config->multiplied_alpha && view->channels == 4 && !view->alpha_path;
         if (view->alpha_path)
             view->channels = 4;
-        CLN_TRY(fit_camera(scene, view, &others));
+        CLN_TRY(fit_camera(scene, view, more, &others));
         free(frame);
         CLN_TRY(cln_asprintf(&frame, "%s: frame '%s'", scene->folder, view->name));
         CLN_TRY(cln_camera_check(&view->camera, frame));

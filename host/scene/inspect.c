@@ -87,7 +87,8 @@ static void check_overlap(cln_inspection *in)
 
     for (int i = 0; i < in->scene->view_count; i++) {
         partners += a->looked_at ? (double)a->views[i].partners / a->looked_at : 0;
-        if (a->views[i].looked_at && a->views[i].partners == 0 && !a->views[i].bad) {
+        if (a->views[i].looked_at && a->views[i].partners == 0 && !a->views[i].bad &&
+            !a->views[i].over) {
             cln_inspect_add(alone, in, i);
             ties += a->views[i].ties;
         }
@@ -109,7 +110,8 @@ static void check_overlap(cln_inspection *in)
                         "each), but hardly any lies where both poses put it, while many of the "
                         "others' do: %s. More photos do not help. Likely the poses are wrong in "
                         "what matters to these most, as the unit of one axis, or are of another "
-                        "model than the others'; or what they show repeats, as tiles do",
+                        "model than the others'; or the photos were cropped or turned after their "
+                        "poses were found; or what they show repeats, as tiles do",
                         json_array_size(alone), a->looked_at,
                         ties / lone * a->looked_at / (2 * a->pairs),
                         cln_findings_names(alone, names, sizeof names));
@@ -121,13 +123,17 @@ static void check_overlap(cln_inspection *in)
             json_array_size(alone), a->looked_at, cln_plural(lone, "shares", "share"),
             cln_plural(lone, "its", "their"), cln_findings_names(alone, names, sizeof names),
             cln_plural(lone, "it", "they"), cln_plural(lone, "shows", "show"),
-            lone > ALONE_DOUBT * a->looked_at ? "Take more photos, at most 20 degrees apart"
+            lone > ALONE_DOUBT * a->looked_at
+                ? "Take more photos, at most 20 degrees apart; or, if these were cropped or "
+                  "mirrored after their poses were found, find poses anew"
             : lone == 1
-                ? "Look at it: of something else, turned, or with a wrong pose, it is better left "
-                  "out. Else keep it, as one along the narrow side of a thing shows little; photos "
+                ? "Look at it: of something else, cropped, mirrored, or with a wrong pose, it is "
+                  "better left out. Else keep it, as one along the narrow side of a thing shows "
+                  "little; photos "
                   "between it and the others would help"
-                : "Look at them: of something else, turned, or with wrong poses, they are better "
-                  "left out. Else keep them, as some along the narrow side of a thing show little; "
+                : "Look at them: of something else, cropped, mirrored, or with wrong poses, they "
+                  "are better left out. Else keep them, as some along the narrow side of a thing "
+                  "show little; "
                   "photos between them and the others would help");
     }
     if (train >= CLN_LEAST_PHOTOS && train < FEW_PHOTOS && !cln_scene_few_around(in->scene))

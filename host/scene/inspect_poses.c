@@ -512,12 +512,14 @@ void cln_inspect_strays(cln_inspection *in)
 {
     const cln_agree_view *views = in->agreement.views;
     char names[512];
-    json_t *astray = json_array();
+    json_t *astray = json_array(), *over = json_array();
 
     for (int i = 0; i < in->scene->view_count; i++) {
         const int k = views[i].pose_of;
 
-        if (!views[i].bad)
+        if (views[i].over)
+            cln_inspect_add(over, in, i);
+        if (!views[i].bad || views[i].over)
             continue;
         if (k >= 0 && views[k].pose_of == i) {
             if (i < k) {
@@ -538,5 +540,12 @@ void cln_inspect_strays(cln_inspection *in)
                         "photos that show what others show, but not as seen from their poses: "
                         "%s; leave them out or find their poses again",
                         cln_findings_names(astray, names, sizeof names));
+    if (json_array_size(over))
+        cln_found_fault(in->findings, "upside down", true, json_incref(over),
+                        "photos that lie upside down for their poses, as a program turned them by "
+                        "180 degrees after these were found: %s; turn them back, or find poses "
+                        "anew",
+                        cln_findings_names(over, names, sizeof names));
     json_decref(astray);
+    json_decref(over);
 }

@@ -131,6 +131,38 @@ done:
     return st;
 }
 
+/* Where the folder of the first frame without an image has images of other names, for half of such
+ * frames and more, *likely becomes what that tells. */
+static cln_status tell_renamed(const cln_scene *scene, char **likely)
+{
+    cln_status st = CLN_OK;
+    cln_names names = {0};
+    char *folder = NULL, *slash = NULL;
+    int others = 0;
+
+    CLN_TRY(cln_strdup(&folder, scene->views[scene->view_count].path));
+    slash = strrchr(folder, '/');
+    if (!slash)
+        goto done;
+    *slash = 0;
+    if (!cln_is_dir(folder))
+        goto done;
+    CLN_TRY(cln_dataset_images(folder, &names));
+    others = names.count - scene->view_count - scene->unreadable;
+    if (others <= 0 || 2 * others < scene->missing)
+        goto done;
+    free(*likely);
+    *likely = NULL;
+    CLN_TRY(cln_asprintf(likely,
+                         "; %s has %d image%s of other names: if photos were renamed, give them "
+                         "these names back, or find poses anew",
+                         folder, others, cln_plural(others, "", "s")));
+done:
+    cln_dataset_free_names(&names);
+    free(folder);
+    return st;
+}
+
 typedef enum { FINE, ABSENT, UNREADABLE } state;
 
 /* With --missing fail, a file that cannot be read is an error that cln_scene_size_views reports; so
@@ -210,6 +242,8 @@ cln_status cln_scene_leave_out(cln_scene *scene, int rule)
         CLN_TRY(cln_moved_hint(&moved, scene->views[scene->view_count].name, &likely));
     else
         CLN_TRY(cln_strdup(&likely, ""));
+    if (!*likely && scene->missing > scene->unreadable)
+        CLN_TRY(tell_renamed(scene, &likely));
     if (rule == CLN_MISSING_FAIL)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: frame '%s': there is no image file %s%s; restore it, or leave such "

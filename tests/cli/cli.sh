@@ -33,6 +33,7 @@ section_usage() {
     expect "an option in place of a command" 2 "~help.--orbit..tells" "$cln" orbit
     expect "threads" 2 "taskset" "$cln" train s -o r --threads 2
     expect "the size of a picture" 2 "~mean.--width[?]" "$cln" render r --size 800
+    expect "a film" 2 "~render.RUN.*FILE.mp4" "$cln" film r
     expect "a map as TIFF" 2 "gdal_translate" "$cln" render r --map -o map.tif
     expect "--help" 0 "" "$cln" --help
     for c in train eval render info export devices selftest tune; do

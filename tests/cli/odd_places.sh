@@ -240,6 +240,24 @@ section_twice() {
         "~1.mask.is.not.read ~8.of.10.photos.have.a.mask" "$cln" info "$s"
 }
 
+# What photo programs and servers do to photos after their poses were found.
+section_edited() {
+    local s=$work/edited i
+    "$make_scene" "$s" --format nerfstudio --size 24 --train 12 --test 2 >/dev/null
+    cp -r "$s" "$work/renamed"
+    for i in "$work/renamed/images/"*; do
+        mv "$i" "${i%/*}/2026 ${i##*/}"
+    done
+    expect "photos that were renamed" 3 "~14.images.of.other.names:.*renamed" \
+        "$cln" info "$work/renamed"
+    mkdir -p "$s/images/@eaDir/frame_00001.png"
+    cp "$s/images/frame_00001.png" "$s/images/@eaDir/frame_00001.png/SYNOPHOTO_THUMB_M.png"
+    expect "a server's small copies" 0 "" "$cln" info "$s"
+    check "are no photos" not_said "THUMB"
+    sed -i 's/"w": 24/"w": 32/' "$s/transforms.json"
+    expect "photos that were cropped" 3 "~and.so.with.13.other.photos" "$cln" info "$s"
+}
+
 # A scene's folder that has another object by now, photos and poses that changed since.
 section_reused() {
     local s=$work/current r="$work/vault/first run"
@@ -384,4 +402,4 @@ section_divided() {
         "$cln" render "$r.2" --poses "$work/new.json" --frames 1 -o "$work/several"
 }
 
-run_sections "edges limits windows flights twice reused forms engines divided" "$@"
+run_sections "edges limits windows flights twice edited reused forms engines divided" "$@"

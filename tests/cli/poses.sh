@@ -213,6 +213,16 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
     expect "one of them" 0 "~1.of.25.photos..deep.png.,.*no.pose" env PATH="$path" \
         "$cln" poses "$work/photos/some" -o "$work/of a deep one" --progress none
     rm -r "$work/photos/some"
+    mkdir "$work/photos/many"
+    for ((i = 0; i < 201; i++)); do
+        cp "$work/photos/train/r_000.png" "$work/photos/many/$(tr 0-9 a-j <<<"$i")x.png"
+    done
+    expect "many photos without an order" 0 "~201.photos.*20100.pairs.*--match.next" \
+        env PATH="$path" "$cln" poses "$work/photos/many" -o "$work/of many" --progress none
+    expect "many photos, each with the next" 0 "" env PATH="$path" "$cln" poses \
+        "$work/photos/many" -o "$work/of many 2" --match next --progress none
+    check "no pairs are told" not_said "20100"
+    rm -r "$work/photos/many"
     expect "matched as asked" 0 "~each.photo.with.the.next" env PATH="$path" "$cln" poses \
         "$work/photos/train" -o "$work/posed next" --match next --progress none
     check "no reason is given for what was asked for" eval '! said "as there are many"'

@@ -553,6 +553,39 @@ static void test_bad_pose(void **state)
     }
 }
 
+/* Photos that were turned by 180 degrees after their poses were found are named, not mirrored ones. */
+static void test_upside_down(void **state)
+{
+    enum { COUNT = 24, BYTES = 3, PIXELS = SEEN_WIDE * SEEN_HIGH };
+
+    (void)state;
+    for (int mirrored = 0; mirrored < 2; mirrored += EACH_CASE) {
+        seen *s = make_seen(COUNT, 0.04, 0.1);
+        char *text = NULL;
+        bool fault = false;
+
+        for (int k = 1; k < COUNT; k += 4) {
+            uint8_t was[BYTES * PIXELS];
+
+            memcpy(was, s->pixels[k], sizeof was);
+            for (int p = 0; p < PIXELS; p++)
+                memcpy(s->pixels[k] + BYTES * p,
+                       was + BYTES * (mirrored ? p + SEEN_WIDE - 1 - 2 * (p % SEEN_WIDE)
+                                               : PIXELS - 1 - p),
+                       BYTES);
+        }
+        text = told_of(s, "upside down", &fault);
+        if (fault == mirrored ||
+            (fault && !strstr(text, "found: 1, 5, 9, 13, 17 and 1 more; turn")))
+            fail_msg("%d: '%s'", mirrored, text);
+        free(text);
+        text = told_of(s, "pose", &fault); /* of which not these are told */
+        assert_true(mirrored || !fault);
+        free(text);
+        free(s);
+    }
+}
+
 /* Photos of one wall in two parts, those of the second upside down: a fault if its frame is
  * another. */
 static void test_merged(void **state)
@@ -699,6 +732,7 @@ int test_group_agree(void)
         cmocka_unit_test(test_positions),
         cmocka_unit_test(test_no_more_photos),
         cmocka_unit_test(test_bad_pose),
+        cmocka_unit_test(test_upside_down),
         cmocka_unit_test(test_merged),
         cmocka_unit_test(test_joined),
         cmocka_unit_test(test_tilt),
