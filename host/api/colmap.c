@@ -440,7 +440,7 @@ done:
     return st;
 }
 
-/* Is each photo matched with the next ones alone? *automatic: nobody asked for it, or for another. */
+/* Is each photo matched with the next ones alone? *automatic: nobody asked for one of the ways. */
 static bool matches_next(const cln_colmap *c, bool ordered, bool *automatic)
 {
     const char *how = c->desc->match ? c->desc->match : "auto";

@@ -553,7 +553,7 @@ static void test_bad_pose(void **state)
     }
 }
 
-/* Photos that were turned by 180 degrees after their poses were found are named, not mirrored ones. */
+/* Photos that were turned by 180 degrees after their poses were found are named; mirrored: none. */
 static void test_upside_down(void **state)
 {
     enum { COUNT = 24, BYTES = 3, PIXELS = SEEN_WIDE * SEEN_HIGH };
