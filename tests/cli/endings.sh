@@ -219,7 +219,7 @@ sums() {
 
 # A finished run that is resumed without a larger budget stays what it is.
 section_again() {
-    local before
+    local before i
     scene
     expect "train" 0 "" "$cln" train "$work/scene" -o "$work/done" "${tiny[@]}" --steps 20
     before=$(sums "$work/done")
@@ -260,11 +260,24 @@ section_again() {
     expect "a copy of it" 0 "" "$cln" export "$work/back" --copy "$work/back copy"
     cp "$work/back copy/run.json" "$work/out"
     check "has none, either" [ "$(json result)" = null ]
+    expect "eval of it" 0 "" "$cln" eval "$work/back" --no-save-images
+    check "its report has none, either" grep -q "It ended at step 22, but the checkpoint of that" \
+        "$work/back/report.html"
+    for i in 21 23; do # of more steps of the one that is gone
+        sed "s/\"step\": 22/\"step\": $i/; s/\"psnr\": /&9/" \
+            "$work/done/eval/00000022-test-1.json" >"$work/back/eval/000000$i-test-1.json"
+    done
+    mkdir "$work/back/eval/00000023-test-1.json.dropped"
     expect "it is not done" 0 "" "$cln" train "$work/scene" -o "$work/back" --resume-or-start \
         --skip-selftest --progress none --downscale 2 --steps 22 --json
     check "but is trained to its end again" eval \
         '[ "$(json step)" = 22 ] && ! said "nothing is trained" &&
             [ -s "$work/back/checkpoint/00000022.json" ]'
+    check "figures of the other model are set aside, but for those that cannot be" \
+        [ "$(cd "$work/back/eval" && echo 00000021*.json* 00000022*.json* 00000023*.json)" = \
+        "00000021-test-1.json.dropped 00000022-test-1.json 00000023-test-1.json" ]
+    check "which is told" said "cannot be renamed"
+    check "and its report has none of them" eval '! grep -qE ">9[0-9]{2}[.]" "$work/back/report.html"'
     # a start that is killed leaves no result, but what starts before it took, and its newest row
     cp -r "$work/done" "$work/gone"
     sed -i 's/"device_peak": [0-9]*/"device_peak": 1/' "$work/gone/run.json"
