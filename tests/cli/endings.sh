@@ -117,6 +117,14 @@ section_overfit() {
         "$cln" train "$work/six" -o "$work/heart" --steps 500 --rays 256 --skip-selftest \
         --progress none
     check "it is no warning" not_said "warning: test views"
+    "$make_scene" "$work/opaque" --format nerfstudio --plain --size 24 --train 10 \
+        --test 4 >/dev/null
+    expect "with gains" 0 "~overfit" "$cln" train "$work/opaque" -o "$work/lit" --steps 400 \
+        --rays 256 --skip-selftest --progress none --exposure --space cube --downscale 1
+    cp "$work/lit/run.json" "$work/out"
+    check "it is told of colours that were fitted, as test photos have no gains" \
+        [ "$(advice "views are [0-9.]+" | tr -dc 0-9.)" = \
+        "$(awk "BEGIN { printf \"%.1f\", $(json result.psnr_train) - $(json result.psnr_fitted) }")" ]
 }
 
 # An evaluation that takes longer than the training.
