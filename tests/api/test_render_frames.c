@@ -461,8 +461,8 @@ static void shares_are_of_their_views(void **state)
 }
 
 /* Of a scene with a shell a map is of its cube, too: of all of it, and has nothing of what lies
- * below it. In fog of so much depth through the cube a ray's half is not within it, or near its top:
- * at 0.215, but for the noise of fresh networks. */
+ * below it. In fog of so much depth through the cube a ray's half is not within it, or near its
+ * top: at 0.215, but for the noise of fresh networks. */
 static void maps_end_with_the_cube(void **state)
 {
     static const double fog[] = {1, 10};

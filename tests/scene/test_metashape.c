@@ -265,6 +265,7 @@ static void test_photos_beside(void **state)
     cln_clear_error();
     put_image(*state, "old/view_02.png", FORMAT_WIDTH, FORMAT_HEIGHT, 3, 1);
     assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "none of its 6 images"));
     cln_clear_error();
     put_image(*state, "old/view_03.png", FORMAT_WIDTH, FORMAT_HEIGHT, 3, 1);
     assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
