@@ -112,11 +112,20 @@ section_short() {
 
 # Photos that are learnt by heart, as there are few.
 section_overfit() {
+    local gap
     "$make_scene" "$work/six" --size 24 --train 6 --test 4 --plain >/dev/null || bad "make-scene"
     expect "six photos" 0 "~test.views.are.*dB.below.training.views..overfit.:.more.photos" \
         "$cln" train "$work/six" -o "$work/heart" --steps 500 --rays 256 --skip-selftest \
         --progress none
     check "it is no warning" not_said "warning: test views"
+    "$make_scene" "$work/opaque" --format nerfstudio --plain --size 24 --train 10 \
+        --test 4 >/dev/null
+    expect "with gains" 0 "~overfit" "$cln" train "$work/opaque" -o "$work/lit" --steps 400 \
+        --rays 256 --skip-selftest --progress none --exposure --space cube --downscale 1
+    cp "$work/lit/run.json" "$work/out"
+    gap=$(awk "BEGIN { printf \"%.1f\", $(json result.psnr_train) - $(json result.psnr_fitted) }")
+    check "it is told of colours that were fitted, as test photos have no gains" \
+        said "test views are $gap dB below"
 }
 
 # An evaluation that takes longer than the training.
@@ -219,7 +228,7 @@ sums() {
 
 # A finished run that is resumed without a larger budget stays what it is.
 section_again() {
-    local before
+    local before i
     scene
     expect "train" 0 "" "$cln" train "$work/scene" -o "$work/done" "${tiny[@]}" --steps 20
     before=$(sums "$work/done")
@@ -260,11 +269,25 @@ section_again() {
     expect "a copy of it" 0 "" "$cln" export "$work/back" --copy "$work/back copy"
     cp "$work/back copy/run.json" "$work/out"
     check "has none, either" [ "$(json result)" = null ]
+    expect "eval of it" 0 "" "$cln" eval "$work/back" --no-save-images
+    check "its report has none, either" grep -q "It ended at step 22, but the checkpoint of that" \
+        "$work/back/report.html"
+    for i in 21 23; do # of more steps of the one that is gone
+        sed "s/\"step\": 22/\"step\": $i/; s/\"psnr\": /&9/" \
+            "$work/done/eval/00000022-test-1.json" >"$work/back/eval/000000$i-test-1.json"
+    done
+    mkdir "$work/back/eval/00000023-test-1.json.dropped"
     expect "it is not done" 0 "" "$cln" train "$work/scene" -o "$work/back" --resume-or-start \
         --skip-selftest --progress none --downscale 2 --steps 22 --json
     check "but is trained to its end again" eval \
         '[ "$(json step)" = 22 ] && ! said "nothing is trained" &&
             [ -s "$work/back/checkpoint/00000022.json" ]'
+    check "figures of the other model are set aside, but for those that cannot be" \
+        [ "$(cd "$work/back/eval" && echo 00000021*.json* 00000022*.json* 00000023*.json)" = \
+        "00000021-test-1.json.dropped 00000022-test-1.json 00000023-test-1.json" ]
+    check "which is told" said "cannot be renamed"
+    check "and its report has none of them" eval \
+        '! grep -qE ">9[0-9]{2}[.]" "$work/back/report.html"'
     # a start that is killed leaves no result, but what starts before it took, and its newest row
     cp -r "$work/done" "$work/gone"
     sed -i 's/"device_peak": [0-9]*/"device_peak": 1/' "$work/gone/run.json"

@@ -54,6 +54,8 @@ static void test_cull_two_strikes(void **state)
     assert_int_equal(check_once(&c), 4);
     assert_int_equal(c.cull[1], 1);
     assert_int_equal(c.cull[4], 0);
+    for (int i = 0; i < 300; i++) /* however often, where they are not taken at once */
+        assert_int_equal(check_once(&c), 4);
     cln_octree_free(&c.tree);
 }
 

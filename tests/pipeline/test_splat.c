@@ -56,13 +56,16 @@ static void look(const double origin[3], const double forward[3], cln_camera *c)
 }
 
 /* What the views are seen through: wide ones see more than a half-space, the one inside a leaf all
- * of it; the pixels of stretched ones are far from square. */
-typedef enum { PINHOLES, BENT, WIDE, FORWARD, STRETCHED } views;
-static const unsigned lenses_of[] = {0, 1u << CLN_LENS_OPENCV,
+ * of it; the pixels of stretched ones are far from square; rays of maps are parallel. */
+typedef enum { PINHOLES, BENT, WIDE, FORWARD, STRETCHED, PARALLEL } views;
+static const unsigned lenses_of[] = {0,
+                                     1u << CLN_LENS_OPENCV,
                                      1u << CLN_LENS_OPENCV_FISHEYE | 1u << CLN_LENS_EUCM |
                                          1u << CLN_LENS_EQUIRECTANGULAR |
                                          1u << CLN_LENS_RAD_TAN_THIN_PRISM_FISHEYE,
-                                     0, 0};
+                                     0,
+                                     0,
+                                     1u << CLN_LENSES};
 
 static cln_space space_of(views kind)
 {
@@ -122,6 +125,10 @@ static void make_cameras(views kind, cln_camera cameras[VIEWS])
             memcpy(c->distortion, wide[v].params, sizeof c->distortion);
             if (c->lens == CLN_LENS_EQUIRECTANGULAR)
                 cln_camera_span_sphere(c);
+        }
+        if (kind == PARALLEL) {
+            c->parallel = true;
+            c->fx = c->fy = 50; /* pixels of a unit */
         }
         if (kind == FORWARD) {
             const cln_space space = space_of(kind);
@@ -209,6 +216,8 @@ static double length_of(const splat_lists *l, const cln_pixel *pixel, int slot, 
 
     if (l->space.forward) /* pixels have one size in the cube */
         return fmax(s, s * s * s / (wide * l->space.scale[0] * high * l->space.scale[1]));
+    if (c->parallel)
+        return fmax(s, s * s * s / (wide * high));
     return fmax(s, s * s * s / (wide * t * (high * t)));
 }
 
@@ -441,6 +450,7 @@ static void check_splat(int set, int n1, views kind)
                     : kind == WIDE      ? "splat, wide"
                     : kind == BENT      ? "splat, distorted"
                     : kind == STRETCHED ? "splat, stretched"
+                    : kind == PARALLEL  ? "splat, parallel"
                                         : "splat",
                     &from, &run.samples, run.o, run.d, 0.1);
     free_lists(&lists);
@@ -454,6 +464,7 @@ static void test_lists(void **state)
         check_splat(set, set % 2 ? 5 : 8, set == 2 ? BENT : set == 3 ? WIDE : PINHOLES);
     check_splat(0, 8, FORWARD);
     check_splat(0, 8, STRETCHED);
+    check_splat(0, 16, PARALLEL);
     test_report("splatted samples");
 }
 

@@ -2,7 +2,9 @@
  * here; and which boxes are known to hold nothing of a tree, in plain, forward and shell spaces,
  * against points of its leaves. */
 #include "unit.h"
+#include <stdio.h>
 #include <string.h>
+#include "base/log.h"
 #include "base/rng.h"
 #include "check/forward_scene.h"
 #include "model/shell_tree.h"
@@ -146,6 +148,29 @@ static void make_tree(bool shell, uint32_t seed, cln_octree *tree)
     free(cull);
 }
 
+static void hear(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    snprintf(user, 400, "%s", line);
+}
+
+/* Warned of are the boxes that are refused elsewhere: what is beyond the cube is little, not none.
+ */
+static void assert_warned(const cln_space *space, const cln_octree *tree, cln_crop *crop, bool any,
+                          bool passes)
+{
+    char heard[400] = "";
+
+    cln_log_to(CLN_LOG_WARN, hear, heard);
+    cln_crop_warn("box", space, tree, crop);
+    cln_log_to(CLN_LOG_INFO, NULL, NULL);
+    if (!strstr(heard, passes ? ""
+                       : any  ? ": little is in"
+                              : ": nothing is in") ||
+        (passes && *heard))
+        fail_msg("of a box with %s: \"%s\"", passes ? "much" : any ? "little" : "none", heard);
+}
+
 /* A box with a point of an active leaf in it is never empty; of small boxes at random most are, as
  * most leaves are gone, and most of them are known to be. */
 static void empty_boxes_are_found(void **state)
@@ -190,6 +215,7 @@ static void empty_boxes_are_found(void **state)
             if (!space->shell)
                 assert_int_equal(passes, any);
             assert_true(any || !passes);
+            assert_warned(space, &tree, &crop, any, passes);
             if (i % 2 && space->shell) { /* where only what is beyond the cube is in it */
                 const bool core =
                     fabs(cube[0]) < 0.49 && fabs(cube[1]) < 0.49 && fabs(cube[2]) < 0.49;

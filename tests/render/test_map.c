@@ -165,6 +165,7 @@ static void test_up(void **state)
                 {{0.28, 0, 0.96}, false, {0, 0, 1}, "16.3 degrees from it: --up=0.28,0,0.96"},
                 {{0.28, 0, 0.96}, true, {0, 0, 1}, "perhaps it is --up=0.28,0,0.96"},
                 {{0.6, 0, 0.8}, false, {0.6, 0, 0.8}, "up (0.6, 0, 0.8)"},
+                {{0.3676, 0, 0.93}, false, {0.3676, 0, 0.93}, "up (0.3676, 0, 0.93)"},
                 {{0.6, 0, 0.8}, true, {0, 0, 1}, "perhaps it is --up=0.6,0,0.8"},
                 {{0, -0.9998, 0.02}, false, {0, -1, 0}, "up (0, -1, 0)"},
                 {{0, 0.998, 0.0632}, false, {0, 0.998, 0.0632}, "up (0, 0.998, 0.0632)"},
@@ -258,6 +259,10 @@ static void test_files(void **state)
     assert_non_null(strstr(text, "yllcorner 4000019\n"));
     assert_non_null(strstr(text, "NODATA_value -9999\n-1999.500 -2000.250 -9999\n"
                                  "-1999.125 -9999 -9999\n"));
+    free(text);
+    assert_ok(cln_map_write_heights(path, &c, (const double[3]){0, 0, 2001.75}, &picture));
+    text = scratch_get(path, &bytes); /* the lowest is half above -9999 */
+    assert_non_null(strstr(text, "NODATA_value -99999\n-9997.750 -9998.500 -99999\n"));
     free(text);
 }
 

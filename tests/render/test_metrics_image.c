@@ -34,6 +34,8 @@ static void test_psnr(void **state)
     make_pair(a, b);
     assert_true(cln_image_mse(W, H, NULL, a, a) == 0);
     assert_true(cln_psnr(0) == 100);
+    assert_true(cln_psnr(0.99e-10) == 100);
+    assert_near(cln_psnr(1.01e-10), 99.9568, 1e-4); /* from there on without a step */
     assert_near(cln_psnr(0.01), 20, 1e-12);
     assert_near(cln_psnr(1), 0, 1e-12);
     /* One channel of six differs by 0.1; -5 is clipped to 0. */
@@ -63,6 +65,11 @@ static void test_most(void **state)
     assert_near(mse, cln_image_mse(W, H, NULL, a, b), 1e-12);
     assert_int_equal(cln_image_most_mse(W, H, kept, a, b, 0.75, &mse), CLN_OK);
     assert_near(mse, 0.01, 1e-8); /* 73 others of 91 */
+    a[0] = b[3 * 5 + 1] = NAN;    /* two that differ most */
+    assert_int_equal(cln_image_most_mse(W, H, NULL, a, b, 0.8, &mse), CLN_OK);
+    assert_near(mse, 0.01, 1e-8);
+    a[0] = 0.5f;
+    b[3 * 5 + 1] = 0.4f;
     assert_int_equal(cln_image_most_mse(W, H, kept, a, b, 1, &mse), CLN_OK);
     assert_near(mse, cln_image_mse(W, H, kept, a, b), 1e-12);
 }
@@ -99,6 +106,12 @@ static void test_fitted(void **state)
     assert_true(cln_image_fitted_mse(W, H, NULL, grey, grey) < 1e-8);
     assert_true(cln_image_fitted_mse(W, H, NULL, flat, grey) <=
                 cln_image_mse(W, H, NULL, flat, grey));
+    /* a fitted colour is never beyond white, as by the line through these some were 1.04 */
+    for (int i = 0; i < W * H * 3; i++) {
+        a[i] = i / 3 % 10 < 5 ? 0 : i / 3 % 10 < 9 ? 1 : 0.75f;
+        b[i] = i / 3 % 10 < 5 ? 0 : 1;
+    }
+    assert_near(cln_image_fitted_mse(W, H, NULL, a, b), 0.00470773, 1e-7);
     a[0] = NAN;
     assert_true(isnan(cln_image_fitted_mse(W, H, NULL, a, b)));
 }
@@ -116,6 +129,13 @@ static void test_ssim(void **state)
     assert_near(ssim, SSIM_OF_PAIR, 1e-9);
     assert_int_equal(cln_image_ssim(W, H, NULL, b, a, &ssim), CLN_OK);
     assert_near(ssim, SSIM_OF_PAIR, 1e-9);
+
+    for (int grey = 1; grey < 60; grey++) { /* equal is 1, whatever rounding leaves */
+        for (int i = 0; i < W * H * 3; i++)
+            a[i] = (float)grey / 60;
+        assert_int_equal(cln_image_ssim(W, H, NULL, a, a, &ssim), CLN_OK);
+        assert_near(ssim, 1, 1e-15);
+    }
 
     /* Constant images have no variance: (2 * 0.5 * 0.75 + C1) / (0.25 + 0.5625 + C1). */
     for (int i = 0; i < W * H * 3; i++) {

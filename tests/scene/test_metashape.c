@@ -263,6 +263,14 @@ static void test_photos_beside(void **state)
     assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
     assert_non_null(strstr(cln_error_text(), "none of its 6 images"));
     cln_clear_error();
+    put_image(*state, "old/view_02.png", FORMAT_WIDTH, FORMAT_HEIGHT, 3, 1);
+    assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "none of its 6 images"));
+    cln_clear_error();
+    put_image(*state, "old/view_03.png", FORMAT_WIDTH, FORMAT_HEIGHT, 3, 1);
+    assert_int_equal(try_load(folder, plain(), &scene), CLN_INPUT);
+    assert_non_null(strstr(cln_error_text(), "3 of 6 images are not there")); /* it is theirs */
+    cln_clear_error();
     format_images(scratch_path(*state, "DCIM"), 1);
     scene = load(folder, plain());
     assert_int_equal(scene->view_count, FORMAT_VIEWS);

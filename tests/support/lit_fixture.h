@@ -9,12 +9,24 @@
 #include "base/rng.h"
 #include "scene_fixture.h"
 
-enum { LIT_MOST = 16, LIT_WIDE = 96, LIT_HIGH = 72 };
+enum { LIT_MOST = 64, LIT_TURNS = 15, LIT_WIDE = 64, LIT_HIGH = 48 };
 
-/* The wall is where z = 1.5 + 0.8 x, y down; a photo's number is how many steps its camera went. */
+/* Where the camera of a photo is: each goes on a step, and so many of them there and back again. */
+static inline void lit_place(int photo, double from[3])
+{
+    const int way = photo % (2 * LIT_TURNS), step = way <= LIT_TURNS ? way : 2 * LIT_TURNS - way;
+
+    from[0] = .05 * step;
+    from[1] = .05 * (step % 3);
+    from[2] = .12 * step;
+}
+
+/* The wall is where z = 1.5 + 0.8 x, y down. */
 static inline void paint_lit(int photo, double falloff, double stops, uint8_t *pixels)
 {
-    const double from[3] = {.05 * photo, .05 * (photo % 3), .12 * photo};
+    double from[3];
+
+    lit_place(photo, from);
 
     for (int p = 0; p < LIT_WIDE * LIT_HIGH; p++) {
         const double u = (p % LIT_WIDE + .5) / LIT_WIDE - .5;
@@ -38,7 +50,9 @@ static inline cln_scene *lit_photos(const char *folder, int count, double fallof
 
     for (int i = 0; i < count; i++) {
         char name[32], frame[160];
+        double from[3];
 
+        lit_place(i, from);
         paint_lit(i, falloff, stops[i], pixels);
         snprintf(name, sizeof name, "%d.png", i);
         assert_int_equal(
@@ -46,7 +60,7 @@ static inline cln_scene *lit_photos(const char *folder, int count, double fallof
         snprintf(frame, sizeof frame,
                  "%s{\"file_path\":\"%d\",\"transform_matrix\":[[1,0,0,%g],[0,-1,0,%g],"
                  "[0,0,-1,%g],[0,0,0,1]]}",
-                 i ? "," : "", i, .05 * i, .05 * (i % 3), .12 * i);
+                 i ? "," : "", i, from[0], from[1], from[2]);
         strcat(json, frame);
     }
     strcat(json, "]}");

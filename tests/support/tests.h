@@ -42,6 +42,7 @@ int test_group_distil(void);
 int test_group_doubts(void);
 int test_group_export(void);
 int test_group_export_cameras(void);
+int test_group_export_points(void);
 int test_group_exports(void);
 int test_group_extreme_scenes(void);
 int test_group_extremes(void);

@@ -217,7 +217,87 @@ static void test_takes_marks(void **state)
 
     assert_near(decides(scene, rising, 0, CLN_EXPOSURE_AUTO, 0.6), 2, 0.1);
     assert_near(decides(scene, rising, 0, CLN_EXPOSURE_YES, 0.6), 2, 0.1);
-    assert_near(decides(scene, rising, 0, CLN_EXPOSURE_AUTO, 0.2), pow(2, 0.8), 0.05);
+    /* these are 1.56 times as much */
+    assert_near(decides(scene, rising, 0, CLN_EXPOSURE_AUTO, 0.36), pow(2, 0.64), 0.05);
+    cln_scene_free(scene);
+}
+
+/* The sums by which a photo's gains become this, by the formula of docs/method.md: they are drawn
+ * to 1 as by five rays of a white wall. */
+static void put_sums(float row[9], double gain)
+{
+    for (int c = 0; c < 3; c++) {
+        row[6 + c] = 10;
+        row[3 + c] = (float)(gain * (10 + 5) - 5);
+    }
+}
+
+/* Of many photos some alone are asked for marks, and all gains are on one scale then: also of those
+ * that were not asked, which are brighter. Gains do not follow each other, but are asked for. */
+static void test_marks_of_many(void **state)
+{
+    enum { MANY = 52 }; /* 12, 25, 38 and 39 are not asked */
+    static const int others[] = {12, 25, 38, 39};
+    static const double learnt = 0.5, gamma = 2.2;
+    cln_model model = {.config = default_config()};
+    cln_exposure e = {0};
+    double stops[MANY], own[MANY], got[MANY], mean = 0, share = 0;
+    cln_scene *scene = NULL;
+
+    for (int i = 0; i < MANY; i++)
+        stops[i] = 0.3 * (i * i % 7 - 3);
+    for (int i = 0; i < 4; i++)
+        stops[others[i]] = 4 - i;
+    for (int i = 0; i < MANY; i++)
+        mean += stops[i] / MANY;
+    scene = lit_photos(*state, MANY, 0, stops);
+    model.config.exposure = CLN_EXPOSURE_YES;
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    assert_int_equal(model.exposure_views, MANY);
+    for (int i = 0; i < MANY; i++) {
+        own[i] = learnt * (stops[i] - mean);
+        put_sums(model.exposure[i], exp2(own[i] / gamma));
+    }
+    assert_int_equal(cln_exposure_update(&e, scene, 64, &model), CLN_OK);
+    for (int i = 0; i < MANY; i++) {
+        const float *row = model.exposure[i];
+
+        got[i] = gamma * log2((double)row[0]);
+        for (int c = 0; c < 3; c++)
+            assert_true(row[c] == row[0] && row[3 + c] == 0 && row[6 + c] == 0);
+    }
+    share = (got[12] - got[39]) / (own[12] - own[39]);
+    assert_near(share, 1 / learnt, 0.1);
+    for (int i = 0; i < 4; i++)
+        assert_near(got[others[i]], share * own[others[i]], 1e-4);
+    for (int i = 0; i < MANY; i++)
+        assert_near(got[i], stops[i] - mean, 0.25);
+    cln_exposure_free(&e);
+    cln_model_free(&model);
+    cln_scene_free(scene);
+}
+
+/* A photo without rays has a gain of 1, and none is beyond 8 either way; sums fade. */
+static void test_bounds(void **state)
+{
+    static const double wanted[VIEWS] = {1, 8, 0.125, 2};
+    cln_scene *scene = photos(*state);
+    cln_model model = {.config = default_config()};
+    cln_exposure e = {0};
+
+    model.config.exposure = CLN_EXPOSURE_YES;
+    assert_int_equal(cln_exposure_start(scene, RAYS, &model, &e), CLN_OK);
+    put_sums(model.exposure[1], 20);
+    put_sums(model.exposure[3], 2);
+    for (int c = 0; c < 3; c++)
+        model.exposure[2][6 + c] = 1e6f; /* a black photo */
+    assert_int_equal(cln_exposure_update(&e, scene, 128, &model), CLN_OK);
+    for (int i = 0; i < VIEWS; i++)
+        for (int c = 0; c < 3; c++)
+            assert_near(model.exposure[i][c], wanted[i] / pow(2, 0.25), 1e-6);
+    assert_true(model.exposure[3][3] == 12.5f && model.exposure[3][6] == 5);
+    cln_exposure_free(&e);
+    cln_model_free(&model);
     cln_scene_free(scene);
 }
 
@@ -264,6 +344,8 @@ int test_group_exposure(void)
         cmocka_unit_test_setup_teardown(test_auto, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_auto_asks_marks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_takes_marks, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_marks_of_many, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_bounds, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_no_gains, scratch_make, scratch_remove),
     };
 

@@ -103,6 +103,37 @@ static void test_waits(void **state)
     close_trainer(&t);
 }
 
+static void keep_text(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    snprintf(user, 512, "%s", line);
+}
+
+/* Where whole levels end, single leaves are promised while there is time for them alone. */
+static void test_ends(void **state)
+{
+    cln_config config = settings(0);
+
+    NEED_DEVICE();
+    config.adaptive = true;
+    config.max_leaves = 16;
+    for (int late = 0; late < 2; late++) {
+        char text[512] = "";
+        bool due = false;
+        cln_trainer t;
+
+        open_trainer(&config, &t);
+        t.model.step = 10;
+        cln_log_to(CLN_LOG_INFO, keep_text, text);
+        assert_ok(cln_grow_due(&t, config.structure_until + (late ? 0.01 : -0.01), &due));
+        cln_log_to(CLN_LOG_INFO, NULL, NULL);
+        assert_false(due);
+        assert_non_null(strstr(text, "whole levels end at level 1, with 8 leaves"));
+        assert_int_equal(!strstr(text, "; single leaves split from --structure-from on"), late);
+        close_trainer(&t);
+    }
+}
+
 /* The first decision waits for one --cull-after and a refresh, and any for a level that is due, but
  * not for one that cannot come. */
 static void test_awaited(void **state)
@@ -176,12 +207,6 @@ static double share_of(bool shell, int max_level, bool split)
     return share;
 }
 
-static void keep_text(cln_log_level level, const char *line, void *user)
-{
-    (void)level;
-    snprintf(user, 512, "%s", line);
-}
-
 /* Where no decision came, more steps are proposed, unless they would split fewer leaves than one
  * of 20. */
 static void test_none_came(void **state)
@@ -218,15 +243,18 @@ static void test_none_came(void **state)
 }
 
 /* Whether a further whole level comes first depends on how many leaves it leaves: both numbers of
- * steps are told. */
+ * steps are told. Not where more steps than that go by until pixels are means, without which voxels
+ * would be too fine. */
 static void test_two_numbers(void **state)
 {
-    static const int most[] = {1000000, 3000}; /* 3 * 4 * 128 leaves are less, 3 * 4 * 512 more */
+    static const int most[] = {1000000, 4000, 4000}; /* 3 * 4 * 256 are less, 3 * 4 * 512 more */
 
     (void)state;
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < 3; i++) {
         char text[512] = "";
         const char *more = NULL;
+        uint64_t first[TRAIN_VIEWS + 1] = {[TRAIN_VIEWS] = 100000};
+        double share = 1;
         cln_trainer t;
 
         plant(false, 5, 0, &t);
@@ -239,14 +267,21 @@ static void test_two_numbers(void **state)
         t.steps = 60;
         t.model.step = t.model.growth_step = 30;
         t.pipeline.leaves = t.model.tree.leaf_count;
+        for (; i == 2 && share >= 0.05; t.model.config.cell_pixels *= 1.5)
+            assert_ok(cln_measure_can_split(&t, 2, &share));
+        t.pipeline.averaged = i == 2;
+        t.model.config.antialias = 8; /* two levels and a half */
+        t.batch.first = first;
+        t.batch.train_views = TRAIN_VIEWS;
+        t.model.drawn = 30 * 256;
         cln_log_to(CLN_LOG_INFO, keep_text, text);
         cln_advise_none_came(&t, 0.5);
         cln_log_to(CLN_LOG_INFO, NULL, NULL);
         print_message("    %s\n", text);
         more = strstr(text, " or more");
         assert_non_null(more);
-        assert_true(!strstr(more, ", or with ") == !i);
-        if (i) /* 2 (16 + 16) + 16 steps are half of it */
+        assert_true(!strstr(more, ", or with ") == (i != 1));
+        if (i == 1) /* 2 (16 + 16) + 16 steps are half of it */
             assert_non_null(strstr(more, ", or with 170 if no further whole level comes"));
         uproot(&t);
     }
@@ -263,13 +298,15 @@ static void test_can_split(void **state)
     assert_true(share_of(false, 4, true) > 0.8);
 }
 
-/* How many leaves, of level 2, may not be split because their voxels are too fine. */
-static int too_fine(bool shell, int max_level)
+/* How many leaves, of level 2, may not be split because voxels half as wide were too fine: so many
+ * `times` as wide would be fine enough. */
+static int too_fine(bool shell, int max_level, double times)
 {
     cln_config config = settings(1e6);
     cln_leaf_measure *measures = NULL;
     uint8_t *children = NULL;
     cln_trainer t;
+    double pixel = 0;
     int fine = 0;
 
     config.start_level = 2;
@@ -277,6 +314,8 @@ static int too_fine(bool shell, int max_level)
     config.adaptive = true;
     config.split_samples = 0;
     open_trainer(&config, &t);
+    assert_ok(cln_scene_pixel_width(t.scene, NULL, &t.model.space, &pixel));
+    t.model.config.cell_pixels = times * 0.25 / config.grid_cells / pixel;
     t.model.space.shell = shell;
     t.model.sum_rays = 1;
     assert_ok(cln_refresh_all(&t));
@@ -296,10 +335,12 @@ static int too_fine(bool shell, int max_level)
 static void test_too_fine(void **state)
 {
     NEED_DEVICE();
-    assert_true(too_fine(false, 3) > 30);
-    assert_int_equal(too_fine(false, 2), 0);
-    assert_true(too_fine(true, 2) > 30);
-    assert_int_equal(too_fine(true, 1), 0);
+    assert_true(too_fine(false, 3, 1e6) > 30);
+    assert_int_equal(too_fine(false, 2, 1e6), 0);
+    assert_true(too_fine(true, 2, 1e6) > 30);
+    assert_int_equal(too_fine(true, 1, 1e6), 0);
+    assert_true(too_fine(false, 3, 1.6) > 30);
+    assert_in_range(too_fine(false, 3, 0.6), 0, 10);
 }
 
 /* Whole levels come every 2 x 32 + 32 steps until four times their leaves are more than a third of
@@ -386,7 +427,7 @@ int test_group_grow(void)
         cmocka_unit_test(test_awaited),        cmocka_unit_test(test_foresee),
         cmocka_unit_test(test_foresee_levels), cmocka_unit_test(test_can_split),
         cmocka_unit_test(test_none_came),      cmocka_unit_test(test_too_fine),
-        cmocka_unit_test(test_two_numbers),    cmocka_unit_test(test_too_fine),
+        cmocka_unit_test(test_two_numbers),    cmocka_unit_test(test_ends),
     };
 
     return cmocka_run_group_tests_name("grow", tests, fixture_setup, fixture_teardown);

@@ -2,11 +2,13 @@
  * Origin and token of a request, and texts of all kinds. Oracle: literal values, and rules about
  * whatever was accepted. */
 #include "unit.h"
+#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "tests.h"
+#include "view/facts.h"
 #include "view/request.h"
 
 static const float grey[3] = {0.5f, 0.5f, 0.5f};
@@ -329,6 +331,7 @@ static void only_its_own_page_may_ask(void **state)
         {"127.0.0.1.evil.example", NULL, NULL, false, false},
         {"localhost.evil.example", NULL, NULL, false, false},
         {"localhost:7007:1", NULL, NULL, false, false},
+        {"localhost:700777", NULL, NULL, false, false},
         {"localhost:7007@evil.example", NULL, NULL, false, false},
         {"[::1", NULL, NULL, false, false},
         {"10.0.0.2:7007", NULL, NULL, false, false},
@@ -367,12 +370,48 @@ static void only_its_own_page_may_ask(void **state)
     assert_false(cln_ask_same_token(NULL, NULL));
 }
 
+/* A page looks at a part of a panorama: a quarter of it, across its picture. */
+static void facts_have_focal_lengths(void **state)
+{
+    const cln_model model = {.space = {.half = 1}};
+    const cln_orbit_frame frame = {.up = {0, 0, 1}, .distance = 4};
+    const cln_camera start = {.width = 4, .height = 3, .fx = 2, .fy = 2};
+    cln_view views[2];
+    cln_scene scene;
+    json_t *document = NULL;
+    char *text = NULL;
+
+    (void)state;
+    scene_of_two(views, &scene);
+    views[0].name = "photo";
+    views[1].name = "around";
+    views[1].camera.lens = CLN_LENS_EQUIRECTANGULAR;
+    assert_int_equal(
+        cln_facts_text(
+            &(cln_facts){
+                .run = "run", .model = &model, .scene = &scene, .frame = &frame, .start = &start},
+            &text),
+        CLN_OK);
+    document = json_loads(text, 0, NULL);
+    assert_non_null(document);
+    for (int i = 0; i < 2; i++) {
+        const json_t *camera = json_array_get(json_object_get(document, "cameras"), (size_t)i);
+
+        assert_int_equal(json_is_true(json_object_get(camera, "around")), i);
+        assert_true(json_number_value(json_object_get(camera, "focal")) ==
+                    (i ? 0.5 * views[i].camera.width : views[i].camera.fy));
+    }
+    json_decref(document);
+    free(text);
+}
+
 int test_group_view_request(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(read_what_is_asked),       cmocka_unit_test(read_turned_views),
         cmocka_unit_test(narrow_views_have_limits), cmocka_unit_test(refuse_what_is_wrong),
         cmocka_unit_test(any_text_is_answered),     cmocka_unit_test(only_its_own_page_may_ask),
+        cmocka_unit_test(facts_have_focal_lengths),
     };
 
     return cmocka_run_group_tests_name("view_request", tests, NULL, NULL);
