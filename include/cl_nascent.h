@@ -635,6 +635,9 @@ typedef struct cln_poses_result {
     double origin[3];       /* latitude and longitude, degrees (WGS 84), and height, metres as the
                                photos' altitudes are; the middle of the cameras */
     double gps_distance;    /* from the cameras to their GPS positions: the median, metres */
+    int gps_used;           /* positions that tell that; others are far off */
+    double up_sd, north_sd; /* how well these are known: standard deviations, degrees */
+    double length_sd;       /* and lengths, relative */
 } cln_poses_result;
 
 /* Finds where photos were taken, by COLMAP's own program (`colmap`, and `ffmpeg` for a video), if

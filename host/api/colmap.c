@@ -36,9 +36,8 @@ static const char LIST[] = "--image_list_path";
 /* Of model_aligner: a list of places, whether these are degrees, what the frame is to be. */
 static const char PLACES[] = "--ref_images_path", IS_GPS[] = "--ref_is_gps";
 static const char ALIGNMENT[] = "--alignment_type", ROBUST[] = "--robust_alignment";
-/* Metres from its place with which a camera counts in an alignment. Of positions that are 0.5, 2
- * and 5 m off, 5 of 48 by 100 m, 2 and 3 m left the cameras up to 11 m off, 10 m up to 5. */
-static const char APART[] = "10";
+/* Metres from its place with which a camera counts in an alignment, to places that all fit. */
+static const char APART[] = "0.1";
 /* The focal length that a photo without one in its EXIF data begins with, over its longest side.
  * COLMAP's 1.2 is an angle of 48 degrees by a fisheye's model, which has 0.3 to 0.5: of 25 drawn
  * photos of 173 pixels it ended at 177 and 180, from 0.4 on at 174 and 175. */

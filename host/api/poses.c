@@ -450,8 +450,8 @@ done:
     return st;
 }
 
-/* Reads the scene as train will, which warns of photos without a pose. */
-static cln_status count_registered(work *w)
+/* Reads the scene as train will, which warns of photos without a pose; places it. */
+static cln_status count_registered(work *w, bool places)
 {
     cln_status st = CLN_OK;
     cln_settings *settings = NULL;
@@ -472,6 +472,8 @@ static cln_status count_registered(work *w)
                  w->colmap.lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
                  w->colmap.log_path);
     cln_colmap_say_focal_length(scene);
+    if (places)
+        CLN_TRY(cln_photo_gps_place(&w->colmap, &w->gps, scene, w->result));
 done:
     cln_scene_free(scene);
     cln_settings_free(settings);
@@ -490,10 +492,10 @@ static cln_status read_gps(work *w, bool *places)
     wide = cln_photo_gps_wide(&w->gps, c->photos.count);
     *places = w->desc->gps && wide;
     if (w->desc->gps && !wide)
-        cln_warn("--gps: the GPS positions lie within 5 m of one line or place, and are some "
-                 "metres off themselves: they cannot tell how the scene is turned and how large it "
-                 "is; it stays as COLMAP makes it, without unit and north (a length that is known "
-                 "gives the unit: man cl-nascent, MEASURING)");
+        cln_warn("--gps: the GPS positions lie within 10 m of one place, and are some metres off "
+                 "themselves: they cannot tell how the scene is turned and how large it is; it "
+                 "stays as COLMAP makes it, without unit and north (a length that is known gives "
+                 "the unit: man cl-nascent, MEASURING)");
     else if (!w->desc->gps && wide)
         cln_info("%d photos have GPS positions, which are not used: --gps, now or later, turns and "
                  "scales the scene by them to metres, east, north and up",
@@ -566,9 +568,7 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(read_gps(&w, &places));
     if (!w.posed)
         CLN_TRY(find_poses(&w));
-    if (places)
-        CLN_TRY(cln_photo_gps_place(&w.colmap, &w.gps, result));
-    CLN_TRY(count_registered(&w));
+    CLN_TRY(count_registered(&w, places));
 done:
     if (st == CLN_SIGINT || st == CLN_SIGTERM)
         cln_note(

@@ -7,6 +7,7 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "scene/vectors.h"
 
 static const char NAME[] = "origin.txt", FIRST[] = "# cl-nascent: ";
 enum { MOST = 4096 };
@@ -41,19 +42,29 @@ void cln_origin_of_centred(const double at[3], double place[3])
                                     : at[2] / sin(latitude) - (1 - e2) * normal;
 }
 
-void cln_origin_local(const double origin[3], const double place[3], double out[3])
+void cln_origin_axes(const double origin[3], double axes[3][3])
 {
     const double latitude = origin[0] * M_PI / 180, longitude = origin[1] * M_PI / 180;
-    double from[3], to[3], outward = 0;
 
+    memcpy(axes,
+           (const double[3][3]){
+               {-sin(longitude), cos(longitude), 0},
+               {-sin(latitude) * cos(longitude), -sin(latitude) * sin(longitude), cos(latitude)},
+               {cos(latitude) * cos(longitude), cos(latitude) * sin(longitude), sin(latitude)}},
+           9 * sizeof **axes);
+}
+
+void cln_origin_local(const double origin[3], const double place[3], double out[3])
+{
+    double from[3], to[3], axes[3][3];
+
+    cln_origin_axes(origin, axes);
     centred(origin, from);
     centred(place, to);
     for (int a = 0; a < 3; a++)
         to[a] -= from[a];
-    outward = cos(longitude) * to[0] + sin(longitude) * to[1]; /* from the earth's axis */
-    out[0] = cos(longitude) * to[1] - sin(longitude) * to[0];
-    out[1] = cos(latitude) * to[2] - sin(latitude) * outward;
-    out[2] = sin(latitude) * to[2] + cos(latitude) * outward;
+    for (int a = 0; a < 3; a++)
+        out[a] = cln_dot(axes[a], to);
 }
 
 void cln_origin_round(double origin[3])
@@ -96,7 +107,8 @@ bool cln_origin_read(const char *folder, double origin[3])
         strncmp(text, FIRST, sizeof FIRST - 1) == 0)
         at = strchr(text, '\n');
     while (at && read < 3 && cln_number_read(at + 1, &origin[read], &at) &&
-           fabs(origin[read]) <= most[read] && strchr(" \n\r", *at))
+           fabs(origin[read]) <= most[read] &&
+           (*at == ' ' || (read == 2 && (*at == 0 || *at == '\n' || *at == '\r'))))
         read++;
     cln_clear_error();
     free(path);

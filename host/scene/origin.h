@@ -8,6 +8,9 @@
 #include <stdbool.h>
 #include "base/status.h"
 
+/* The frame's axes, east, north and up, earth-centred. */
+void cln_origin_axes(const double origin[3], double axes[3][3]);
+
 /* A place in the frame: metres east, north and up from the origin. */
 void cln_origin_local(const double origin[3], const double place[3], double out[3]);
 

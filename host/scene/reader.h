@@ -48,6 +48,7 @@ typedef struct cln_reader_result {
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
     bool beyond;         /* its photos show what lies around, too: a shell */
     double up[3];        /* unit, where its format has a fixed one (gravity); all 0: it does not */
+    bool up_by_gps;      /* that is as good as GPS was */
     bool wide;           /* its box has room for that: no cube for what the cameras look at */
     bool stored_poses;   /* for cln_scene.stored_poses */
     const char *dialect; /* for cln_scene.dialect */

@@ -338,6 +338,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     cln_dataset_tell_masks(result, masks);
     if (cln_origin_read(folder, origin)) {
         result->up[2] = 1;
+        result->up_by_gps = true;
         cln_format(earth, sizeof earth,
                    "; coordinates are metres east, north and up from the middle of the cameras, "
                    "latitude %.8f, longitude %.8f, height %.3f, by the photos' GPS",

@@ -28,8 +28,6 @@
 #include "scene/vectors.h"
 
 static const double SKEW_TOLD = 0.3; /* pixels at the picture's edge */
-/* The earth's ellipsoid, WGS 84: half axes in metres. */
-static const double EQUATOR = 6378137, POLE = 6356752.314245;
 
 enum { WHAT_BYTES = 256 };
 
@@ -72,19 +70,13 @@ static bool find_transform(const cln_metashape *m, int component, frame *out)
     return true;
 }
 
-/* Turns earth-centred coordinates to east, north and up from this place, which becomes 0. */
-static void stand_on_earth(const double place[3], frame *f)
+/* Turns earth-centred coordinates to east, north and up from this place, which becomes 0. origin:
+ * its latitude and longitude. */
+static void stand_on_earth(const double place[3], const double origin[3], frame *f)
 {
-    double axes[3][3] = {
-        {-place[1], place[0], 0},
-        {0},
-        {place[0] / (EQUATOR * EQUATOR), place[1] / (EQUATOR * EQUATOR), place[2] / (POLE * POLE)}};
-    double turn[9], shift[3];
+    double axes[3][3], turn[9], shift[3];
 
-    cln_unit(axes[2]);
-    if (!cln_normalise(axes[0])) /* at a pole any direction is as good */
-        memcpy(axes[0], (double[3]){1, 0, 0}, sizeof axes[0]);
-    cln_cross(axes[2], axes[0], axes[1]);
+    cln_origin_axes(origin, axes);
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)
             turn[3 * i + j] =
@@ -127,7 +119,7 @@ static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_B
                "coordinates are metres east, north and up from the middle of the cameras, latitude "
                "%.8f, longitude %.8f, height %.3f",
                there[0], there[1], there[2]);
-    stand_on_earth(middle, out);
+    stand_on_earth(middle, there, out);
     return true;
 }
 

@@ -161,6 +161,7 @@ typedef struct cln_scene {
     char *split_rule;    /* how views were split, a phrase */
     bool has_splits;     /* the dataset named the splits */
     double up[3];        /* unit, as its format has it; all 0: its cameras tell (render/up.h) */
+    bool up_by_gps;      /* they may tell it better */
     bool lent;           /* views count as training views that are not (cln_view.named) */
     bool stored_poses;   /* its poses are of pixels as stored, whatever EXIF data say */
     int downscale, downscale_least; /* the views' largest and least */

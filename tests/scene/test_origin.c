@@ -39,6 +39,10 @@ static void test_file(void **state)
                                          "1 2 3\n",
                                          "# cl-nascent: x",
                                          "# cl-nascent: x\n1 2\n",
+                                         "# cl-nascent: x\n1",
+                                         "# cl-nascent: x\n1 2",
+                                         "# cl-nascent: x\n1 ",
+                                         "# cl-nascent: x\n1 2 3x",
                                          "# cl-nascent: x\n91 2 3\n",
                                          "# cl-nascent: x\n1 2 nan\n",
                                          "# cl-nascent: x\n1,2,3\n",
@@ -94,6 +98,7 @@ static void test_model(void **state)
                          "latitude 48.75000000, longitude 16.20000000, height 360.081"),
                 there);
             assert_near(scene->up[2], there, 0);
+            assert_int_equal(scene->up_by_gps, there);
             cln_scene_free(scene);
         }
         assert_int_equal(cln_colmap_places(model, &names, &at), CLN_OK);
