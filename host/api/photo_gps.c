@@ -334,9 +334,9 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
 
     CLN_TRY(read_cameras(c, gps, model, &before));
     if (before.count < CLN_POSES_LEAST) {
-        cln_warn("--gps: of the photos that have a pose, %d have a GPS position, and three are "
-                 "needed" STAYS,
-                 before.count);
+        cln_warn("--gps: of the photos in %s, %d have a pose (by their names) and a GPS position, "
+                 "and three are needed" STAYS,
+                 c->images, before.count);
         goto done;
     }
     CLN_TRY(middle_of(before.count, before.place, origin));
@@ -359,7 +359,7 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
         cln_origin_local(origin, after.place[i], after.place[i]);
     CLN_TRY(measure(&before, &turn.to, &after, &result->gps_distance));
     tell_difference(&turn);
-    CLN_TRY(cln_origin_write(made, origin));
+    CLN_TRY(cln_origin_write(made, origin, result->gps_distance));
     memcpy(result->origin, origin, sizeof origin);
     *fits = true;
 done:

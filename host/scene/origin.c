@@ -1,4 +1,4 @@
-/* See origin.h. The file is one line of words and one of three numbers. */
+/* See origin.h. The file is one line of words and one of three numbers, and one of one number. */
 #include "scene/origin.h"
 
 #include <math.h>
@@ -7,6 +7,8 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
+#include "io/json.h"
 #include "scene/vectors.h"
 
 static const char NAME[] = "origin.txt", FIRST[] = "# cl-nascent: ";
@@ -73,19 +75,40 @@ void cln_origin_round(double origin[3])
         origin[a] = a < 2 ? round(origin[a] * 1e8) / 1e8 : round(origin[a] * 1e3) / 1e3;
 }
 
-cln_status cln_origin_write(const char *folder, const double origin[3])
+cln_status cln_origin_write(const char *folder, const double origin[3], double distance)
 {
     cln_status st = CLN_OK;
     char *path = NULL, text[512];
 
     CLN_TRY(cln_path_join(&path, folder, NAME));
-    cln_format(text, sizeof text,
-               "%scoordinates of this model are metres east, north and up from this latitude and "
-               "longitude (degrees, WGS 84) and height (metres)\n%.8f %.8f %.3f\n",
-               FIRST, origin[0], origin[1], origin[2]);
+    cln_format(
+        text, sizeof text,
+        "%scoordinates of this model are metres east, north and up from this latitude and "
+        "longitude (degrees, WGS 84) and height (metres); half of the cameras are within as many "
+        "metres of their GPS positions as the last line says\n%.8f %.8f %.3f\n%.3f\n",
+        FIRST, origin[0], origin[1], origin[2], distance);
     CLN_TRY(cln_write_file(path, text, strlen(text)));
 done:
     free(path);
+    return st;
+}
+
+cln_status cln_origin_hide(json_t *dataset)
+{
+    cln_status st = CLN_OK;
+    const char *because = cln_json_text(dataset, "because"), *at = strstr(because, ", latitude ");
+    const char *height = at ? strstr(at, "height ") : NULL;
+    char *left = NULL;
+
+    json_object_del(dataset, "origin");
+    if (!height)
+        return CLN_OK;
+    height += strlen("height ");
+    height += strspn(height, "0123456789.-");
+    CLN_TRY(cln_asprintf(&left, "%.*s%s", (int)(at - because), because, height));
+    json_object_set_new(dataset, "because", json_string(left));
+done:
+    free(left);
     return st;
 }
 
@@ -94,7 +117,7 @@ bool cln_origin_is_there(const char *folder)
     return cln_has_file(folder, NAME);
 }
 
-bool cln_origin_read(const char *folder, double origin[3])
+bool cln_origin_read(const char *folder, double origin[3], double *distance)
 {
     const double most[3] = {90, 180, 100e3};
     char *path = NULL, *text = NULL;
@@ -110,6 +133,10 @@ bool cln_origin_read(const char *folder, double origin[3])
            fabs(origin[read]) <= most[read] &&
            (*at == ' ' || (read == 2 && (*at == 0 || *at == '\n' || *at == '\r'))))
         read++;
+    *distance = NAN;
+    at = read == 3 ? strchr(at, '\n') : NULL;
+    if (at && !(cln_number_read(at + 1, distance, &at) && *distance >= 0))
+        *distance = NAN;
     cln_clear_error();
     free(path);
     free(text);

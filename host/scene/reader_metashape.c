@@ -89,9 +89,10 @@ static void stand_on_earth(const double place[3], const double origin[3], frame 
 }
 
 /* The scene's frame; what: as words. Returns whether z is up in it. */
-static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_BYTES], frame *out)
+static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_BYTES], frame *out,
+                         double there[3])
 {
-    double middle[3] = {0}, there[3];
+    double middle[3] = {0};
     int count = 0;
 
     *out = (frame){.scale = 1, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
@@ -378,7 +379,9 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
                          "export the cameras again",
                          file));
     component = largest_component(&m);
-    result->up[2] = choose_frame(&m, component, what, &f);
+    result->on_earth = choose_frame(&m, component, what, &f, result->origin);
+    result->up[2] = result->on_earth;
+    result->gps_distance = NAN;
     CLN_TRY(add_views(file, &m, component, &f, result));
     if (result->view_count == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: all its aligned cameras are disabled; enable some", file));

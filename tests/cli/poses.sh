@@ -492,7 +492,7 @@ section_gps() {
         old) check "with the version to install" said "~model_aligner.*3.7.or.newer" ;;
         esac
     done
-    expect "poses that are there, later" 0 "~which.are.placed.by.GPS" env PATH="$path" "$cln" \
+    expect "poses that are there, later" 0 "~of.23.photos.already,.which.are.placed" env PATH="$path" "$cln" \
         poses "$work/flight" -o "$work/flown" --gps --progress none
     check "without mapping" eval '[ "$(grep -c "colmap mapper" "$work/flown/colmap.log")" = 1 ]'
     check "the origin" grep -q "^origin  *latitude -33.[45][09][0-9]*, longitude 151.25.*, h.* 71" \
@@ -504,8 +504,28 @@ section_gps() {
     check "in words" grep -q "metres east, north and up from .*latitude -33.[45][09]" "$work/out"
     check "nothing is left over" [ "$(cd "$work/flown" && echo *) $(ls "$work/flown/sparse")" = \
         "colmap.db colmap.log colmap.stamp images sparse 0" ]
-    expect "it is not placed twice" 7 "~has.poses.already" env PATH="$path" "$cln" poses \
-        "$work/flight" -o "$work/flown" --gps --progress none
+    head -n 2 "$work/flown/sparse/0/origin.txt" >"$work/origin once.txt"
+    expect "placed again" 0 "~which.are.placed" env PATH="$path" "$cln" poses "$work/flight" \
+        -o "$work/flown" --gps --progress none
+    check "in the same place" eval \
+        'head -n 2 "$work/flown/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
+    expect "poses of photos without, which are told how" 7 "~has.poses.already.*--gps.places" \
+        env PATH="$path" "$cln" poses "$work/flight" -o "$work/flown" --progress none
+    expect "poses of photos without GPS" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
+        -o "$work/later" --progress none
+    rm "$work/later/colmap."* # as of another program that runs COLMAP
+    expect "whose copies got it later" 0 "" env PATH="$path" "$cln" poses "$work/flight" \
+        -o "$work/later" --gps --progress none
+    check "placed" eval \
+        'head -n 2 "$work/later/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
+    check "with the photos that were there" cmp "$work/later/images/r_000.png" \
+        "$work/photos/train/r_000.png"
+    mkdir -p "$work/others"
+    for ((i = 0; i < 24; i++)); do
+        cp "$work/flight/r_$(printf %03d $i).png" "$work/others/other_$i.png"
+    done
+    expect "photos of other names" 0 "~0.have.a.pose.*stays.as.it.was" env PATH="$path" "$cln" \
+        poses "$work/others" -o "$work/later" --gps --progress none
     for how in "" newer; do
         expect "at once; COLMAP: ${how:-3.8}" 0 "" env PATH="$path" STAND_IN=$how "$cln" poses \
             "$work/flight" -o "$work/at once $how" --gps --progress none --json
