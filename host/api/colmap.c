@@ -106,6 +106,7 @@ static void read_line(const char *line, void *user)
         c->full = true;
     if (strstr(line, "amera model does not exist") || strstr(line, "ExistsCameraModelWithName"))
         c->strange = true;
+    c->kept = c->kept || strstr(line, "already extracted");
     if (strstr(line, "(Prior)"))
         take_focal_length(c, line);
     if (behind(line, "Initializing with image pair", "Registering initial image pair"))
@@ -404,7 +405,7 @@ cln_status cln_colmap_features(cln_colmap *c)
         cln_info("EXIF tells the focal length of %d photo%s: %s pixels", c->focal_lengths,
                  cln_plural(c->focal_lengths, "", "s"),
                  range(c->focal_least, c->focal_most, focal));
-    else if (!c->lens || c->lens->lens != CLN_LENS_EQUIRECTANGULAR) /* which has none */
+    else if (!c->kept && (!c->lens || c->lens->lens != CLN_LENS_EQUIRECTANGULAR)) /* has none */
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
     cln_photo_cameras_free(&cameras);

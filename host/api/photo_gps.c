@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "api/place_turn.h"
+#include "base/eigen.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -30,6 +31,8 @@ static const double LEAST = 10;
 static const double TURN_MOST = 10, LENGTH_MOST = 0.15;
 /* Of the cameras' largest distance: what COLMAP's result may be from what it was asked for. */
 static const double DONE = 1e-3;
+/* Metres from a line, whose places are told to micrometres. */
+static const double THIN = 2e-3;
 
 /* ---- positions ---- */
 
@@ -55,7 +58,14 @@ cln_status cln_photo_gps_read(const char *folder, const cln_names *photos, cln_p
         CLN_TRY(cln_path_join(&path, folder, photos->name[i]));
         CLN_TRY(cln_image_read_head(path, &head));
         memcpy(out->at[i], head.gps, sizeof head.gps);
-        if (isnan(head.gps[0] + head.gps[1] + head.gps[2]))
+        out->level += !isnan(head.gps[0] + head.gps[1]);
+        out->high += !isnan(head.gps[0] + head.gps[1] + head.gps[2]);
+    }
+    out->flat = out->high < CLN_POSES_LEAST && out->level >= CLN_POSES_LEAST;
+    for (int i = 0; i < photos->count; i++) {
+        if (out->flat)
+            out->at[i][2] = 0;
+        if (isnan(out->at[i][0] + out->at[i][1] + out->at[i][2]))
             out->at[i][0] = NAN;
         else
             out->count++;
@@ -86,12 +96,13 @@ cln_status cln_photo_gps_check(const cln_photo_gps *gps, const char *folder, int
                  "; %d more with a space in the name cannot be used, as COLMAP reads a list of "
                  "names: rename %s",
                  gps->unnamed, cln_plural(gps->unnamed, "it", "them"));
-    return cln_fail(CLN_INPUT,
-                    "%s: --gps: %d of %d photos have a GPS position (latitude, longitude and "
-                    "altitude in EXIF data), and three are needed%s. Give the photos as the camera "
-                    "wrote them, as programs that change or send photos may drop it, or leave "
-                    "--gps out",
-                    folder, gps->count - gps->unnamed, photos, names);
+    return cln_fail(
+        CLN_INPUT,
+        "%s: --gps: %d of %d photos have a GPS position (latitude and longitude in EXIF "
+        "data, %d of them an altitude), and three are needed%s. Give the photos as the "
+        "camera wrote them, as programs that change or send photos may drop it, or "
+        "leave --gps out",
+        folder, gps->level - gps->unnamed, photos, gps->high, names);
 }
 
 /* Of the largest distance from the first place: half of what they are apart at least. */
@@ -226,10 +237,25 @@ done:
     return st;
 }
 
+/* Root of the mean square of the distances from the line that places are nearest to. */
+static double width(int count, double (*at)[3])
+{
+    double middle[3] = {0}, square[9] = {0}, value[3], axis[9];
+
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++)
+            middle[a] += at[i][a] / count;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < 9; k++)
+            square[k] += (at[i][k / 3] - middle[k / 3]) * (at[i][k % 3] - middle[k % 3]) / count;
+    cln_eigen(3, square, value, axis);
+    return sqrt(fmax(value[0] + value[1], 0));
+}
+
 /* How far the middle one of the cameras is from its position; fails if they are not where they were
  * to be brought. */
 static cln_status measure(const cameras *before, const cln_similarity *to, const cameras *after,
-                          double *distance)
+                          bool flat, double *distance)
 {
     cln_status st = CLN_OK;
     double *apart = NULL, (*at)[3] = NULL, most = 0;
@@ -246,10 +272,15 @@ static cln_status measure(const cameras *before, const cln_similarity *to, const
         most = fmax(most, sqrt(cln_dot(off, off)));
         for (int a = 0; a < 3; a++)
             off[a] = is[a] - after->place[i][a];
+        if (flat)
+            off[2] = 0;
         apart[i] = sqrt(cln_dot(off, off));
     }
     cln_reals_sort(apart, after->count);
     *distance = apart[after->count / 2];
+    if (!(width(after->count, at) > THIN))
+        CLN_TRY(cln_fail(CLN_FAILED, "the cameras stand on one line exactly, about which COLMAP's "
+                                     "model_aligner turns a scene anyhow"));
     if (!(most <= DONE * reach(after->count, at) + DONE))
         CLN_TRY(
             cln_fail(CLN_FAILED, "COLMAP left cameras up to %.3g m from where they belong", most));
@@ -345,7 +376,18 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
         cln_origin_local(origin, before.place[i], before.place[i]);
         memcpy(from[i], before.at[before.which[i]], sizeof *from);
     }
-    CLN_TRY(cln_place_turn_find(before.count, from, before.place, told, &turn));
+    if (gps->flat && told->what != CLN_UP_TOLD) {
+        cln_warn("--gps: %d photos have latitude and longitude, %d an altitude, without which "
+                 "cameras tell which way is up, if they are held level, and these do not for sure: "
+                 "write altitudes into the photos (exiftool \"-GPSAltitude<AbsoluteAltitude\" "
+                 "-GPSAltitudeRef=0 of a drone's, any one number for a flight at one height)" STAYS,
+                 gps->level, gps->high);
+        goto done;
+    }
+    if (gps->flat)
+        CLN_TRY(cln_place_turn_flat(before.count, from, before.place, told, &turn));
+    else
+        CLN_TRY(cln_place_turn_find(before.count, from, before.place, told, &turn));
     if (!take_doubt(&turn, result))
         goto done;
     CLN_TRY(write_list(&before, &turn.to, list));
@@ -357,7 +399,7 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
                          before.count));
     for (int i = 0; i < after.count; i++)
         cln_origin_local(origin, after.place[i], after.place[i]);
-    CLN_TRY(measure(&before, &turn.to, &after, &result->gps_distance));
+    CLN_TRY(measure(&before, &turn.to, &after, gps->flat, &result->gps_distance));
     tell_difference(&turn);
     CLN_TRY(cln_origin_write(made, origin, result->gps_distance));
     memcpy(result->origin, origin, sizeof origin);

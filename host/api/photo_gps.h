@@ -7,8 +7,11 @@
 #include "api/colmap.h"
 
 typedef struct cln_photo_gps {
-    int count;       /* photos with latitude, longitude and altitude */
-    int unnamed;     /* of these, ones with a blank in the name, which COLMAP cannot read here */
+    int count;   /* photos with latitude, longitude and altitude; if flat, with the first two */
+    int unnamed; /* of these, ones with a blank in the name, which COLMAP cannot read here */
+    int level;   /* photos with latitude and longitude, and ones with an altitude beside them: */
+    int high;    /* where these are too few, altitudes are 0: */
+    bool flat;
     double (*at)[3]; /* [photo] these three, degrees and metres; NAN where it cannot be used */
 } cln_photo_gps;
 
@@ -17,7 +20,8 @@ typedef struct cln_photo_gps {
 cln_status cln_photo_gps_read(const char *folder, const cln_names *photos, cln_photo_gps *out);
 void cln_photo_gps_free(cln_photo_gps *gps);
 
-/* Refuses photos of which fewer than three have one. photos: how many there are. CLN_INPUT. */
+/* Refuses photos of which fewer than three have latitude and longitude. photos: how many there are.
+ * CLN_INPUT. */
 cln_status cln_photo_gps_check(const cln_photo_gps *gps, const char *folder, int photos);
 
 /* Whether positions lie far enough apart for GPS, which is some metres off, to tell how large the

@@ -4,8 +4,10 @@
 #include "api/place_turn.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include "base/eigen.h"
+#include "base/memory.h"
 #include "scene/vectors.h"
 
 static const double DEGREE = M_PI / 180;
@@ -191,5 +193,36 @@ cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
     out->length = doubt.scale;
     out->used = doubt.count;
 done:
+    return st;
+}
+
+cln_status cln_place_turn_flat(int count, double (*from)[3], double (*to)[3],
+                               const cln_up_told *told, cln_place_turn *out)
+{
+    cln_status st = CLN_OK;
+    cln_similarity up = {.scale = 1, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    cln_similarity_doubt doubt;
+    double by[3], sharp[9], (*flat)[3] = NULL, height = 0;
+
+    *out = (cln_place_turn){0};
+    missing(&up, told, by, sharp);
+    cln_similarity_turn(&up, by);
+    CLN_TRY(cln_alloc(&flat, (size_t)count, sizeof *flat, "cameras"));
+    for (int i = 0; i < count; i++) {
+        cln_similarity_apply(&up, from[i], flat[i]);
+        height += flat[i][2] / count;
+        flat[i][2] = 0;
+    }
+    CLN_TRY(cln_similarity_fit(count, flat, to, &out->to));
+    CLN_TRY(cln_similarity_fit_level(count, flat, to, &out->to));
+    CLN_TRY(cln_similarity_judge(count, flat, to, &out->to, &doubt));
+    out->up = told->sd / DEGREE;
+    out->north = out->to.turn[8] > 0 ? doubt.north / DEGREE : INFINITY; /* a mirror image */
+    out->length = doubt.scale;
+    out->used = doubt.count;
+    out->to.shift[2] = -out->to.scale * height;
+    cln_similarity_before(&out->to, &up);
+done:
+    free(flat);
     return st;
 }

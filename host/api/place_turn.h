@@ -24,4 +24,9 @@ typedef struct cln_place_turn {
 cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
                                const cln_up_told *told, cln_place_turn *out);
 
+/* Likewise of places without heights: up is that of the cameras, which must tell it, and the middle
+ * of them becomes height 0. */
+cln_status cln_place_turn_flat(int count, double (*from)[3], double (*to)[3],
+                               const cln_up_told *told, cln_place_turn *out);
+
 #endif

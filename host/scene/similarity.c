@@ -63,6 +63,11 @@ void cln_similarity_turn(cln_similarity *s, const double by[3])
     memcpy(s->shift, axis, sizeof axis);
 }
 
+void cln_similarity_before(cln_similarity *s, const cln_similarity *first)
+{
+    multiply(s->turn, first->turn, s->turn);
+}
+
 /* Means with these weights; their sum. */
 static double middles(int count, double (*from)[3], double (*to)[3], const double *weight,
                       double a[3], double b[3])

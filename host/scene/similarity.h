@@ -14,6 +14,9 @@ void cln_similarity_apply(const cln_similarity *s, const double at[3], double ou
 /* Turns what it brings about 0, by this vector: axis times radians. */
 void cln_similarity_turn(cln_similarity *s, const double by[3]);
 
+/* Makes *s what it does behind a turn by `first`, whose scale is 1 and shift 0. */
+void cln_similarity_before(cln_similarity *s, const cln_similarity *first);
+
 /* How well it is known by places with errors that are independent of each other. */
 typedef struct cln_similarity_doubt {
     double turn[9];  /* covariance of a rotation vector, radians^2; symmetric */

@@ -407,6 +407,7 @@ section_interrupted() {
     echo "what was found" >>"$s/colmap.db"
     expect "the same command goes on" 0 "~goes.on.with.the.features.*colmap.db" env PATH="$path" \
         "$cln" poses "$work/shots/train" -o "$s" --progress none --json
+    check "which tell no focal length now" eval '! said "EXIF tells"'
     check "with the same database" grep -qx "what was found" "$s/colmap.db"
     check "which has each photo once" [ "$(sort "$s/colmap.db" | uniq -d | wc -l)" = 0 ]
     check "and gives poses" [ "$(json registered)" = 7 ]
@@ -438,7 +439,8 @@ section_interrupted() {
     check "likewise" eval '! said "goes.on.with"'
 }
 
-# with_gps FROM TO LATITUDE LONGITUDE ALTITUDE: a PNG with a GPS position in its EXIF data
+# with_gps FROM TO LATITUDE LONGITUDE ALTITUDE: a PNG with a GPS position in its EXIF data;
+# ALTITUDE may be none
 with_gps() {
     perl -e 'local $/; my $png = <STDIN>; my ($lat, $lon, $alt) = @ARGV;
         my $angle = sub { my $d = abs shift; my $m = 60 * ($d - int $d);
@@ -447,8 +449,9 @@ with_gps() {
             pack("v v V A4" . " v v V V" . " v v V A4" . " v v V V" . " v v V V" . " v v V V V",
                 1, 2, 2, $lat < 0 ? "S\0\0\0" : "N\0\0\0",  2, 5, 3, 104,
                 3, 2, 2, $lon < 0 ? "W\0\0\0" : "E\0\0\0",  4, 5, 3, 128,
-                5, 1, 1, $alt < 0 ? 1 : 0,  6, 5, 1, 152, 0) .
-            pack("V*", $angle->($lat), $angle->($lon), int(abs($alt) * 1000 + 0.5), 1000);
+                5, 1, 1, $alt =~ /^-/ ? 1 : 0,  6, 5, 1, 152, 0) .
+            pack("V*", $angle->($lat), $angle->($lon),
+                $alt eq "none" ? (0, 0) : (int(abs($alt) * 1000 + 0.5), 1000));
         print substr($png, 0, 33), pack("N", length $tiff), "eXIf", $tiff, "\0" x 4,
             substr($png, 33);' -- "$3" "$4" "$5" <"$1" >"$2"
 }
@@ -457,7 +460,8 @@ with_gps() {
 section_gps() {
     local path=$work/bin:$PATH i how first
     [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
-    mkdir -p "$work/bin" "$work/flight" "$work/line" "$work/spot" "$work/two of them" "$work/spaced"
+    mkdir -p "$work/bin" "$work/flight" "$work/line" "$work/spot" "$work/flat" \
+        "$work/two of them" "$work/spaced"
     cp tests/support/colmap "$work/bin/colmap"
     for ((i = 0; i < 24; i++)); do
         how=$(printf "r_%03d.png" $i)
@@ -468,6 +472,7 @@ section_gps() {
         with_gps "$work/photos/train/$how" "$work/flight/$how" "$lat" "$lon" "$alt"
         with_gps "$work/photos/train/$how" "$work/spaced/a $how" "$lat" "$lon" "$alt"
         with_gps "$work/photos/train/$how" "$work/line/$how" -33.5 "$first" "$alt"
+        with_gps "$work/photos/train/$how" "$work/flat/$how" "$lat" "$lon" none
         with_gps "$work/photos/train/$how" "$work/spot/$how" -33.5 151.25 "$alt"
         if ((i < 2)); then
             cp "$work/flight/$how" "$work/two of them"
@@ -492,8 +497,8 @@ section_gps() {
         old) check "with the version to install" said "~model_aligner.*3.7.or.newer" ;;
         esac
     done
-    expect "poses that are there, later" 0 "~of.23.photos.already,.which.are.placed" env PATH="$path" "$cln" \
-        poses "$work/flight" -o "$work/flown" --gps --progress none
+    expect "poses that are there, later" 0 "~of.23.photos.already,.which.are.placed" \
+        env PATH="$path" "$cln" poses "$work/flight" -o "$work/flown" --gps --progress none
     check "without mapping" eval '[ "$(grep -c "colmap mapper" "$work/flown/colmap.log")" = 1 ]'
     check "the origin" grep -q "^origin  *latitude -33.[45][09][0-9]*, longitude 151.25.*, h.* 71" \
         "$work/out"
@@ -533,6 +538,10 @@ section_gps() {
             [[ $(json origin.gps_distance) =~ ^(0|1\.0) && $(json origin.up_sd) =~ ^0\.[1-5] &&
                 $(json origin.gps_used) =~ ^2[0-9]$ ]]'
     done
+    expect "no altitudes: up by the cameras" 0 "~23.photos.have.latitude.*0.an.altitude" env \
+        PATH="$path" "$cln" poses "$work/flat" -o "$work/flattened" --gps --progress none --json
+    check "the height is 0" [ "$(json origin.height)" = 0 ]
+    check "and how it fits" eval '[[ $(json origin.gps_distance) =~ ^0.0 ]]'
     expect "positions along a line, of photos from a circle" 0 "~north.to.*degrees|too.little" \
         env PATH="$path" "$cln" poses "$work/line" -o "$work/lined" --gps --progress none --json
     check "COLMAP is not asked to" eval '[ "$(json origin)" = null ] &&

@@ -238,6 +238,40 @@ static void test_up(void **state)
     assert_true(turn.differ && !turn.theirs);
 }
 
+/* Without altitudes: cameras tell up, and places north, scale and where it is. */
+static void test_flat(void **state)
+{
+    (void)state;
+    for (int seed = 1; seed <= 5; seed++) {
+        cln_up_told told;
+        cln_place_turn turn;
+        double left[3], middle = 0;
+        flight f;
+
+        begin(&f, (uint64_t)seed); /* a facade */
+        for (int i = 0; i < MOST; i++) {
+            add(&f, -25 + 5.0 * (i % 9), 0.3 * scatter(&f), 4 + 5.0 * (i / 9), 0.3, 0);
+            middle += f.truth[i][2] / MOST;
+            f.place[i][2] = 0;
+        }
+        f.place[7][0] += 400;
+        told = tell(&f, CLN_UP_TOLD, NORTH, 0);
+        assert_int_equal(cln_place_turn_flat(f.count, f.at, f.place, &told, &turn), CLN_OK);
+        turn_left(&f, &turn.to, left);
+        assert_near(hypot(left[0], left[1]), 0, 1e-6);
+        assert_near(left[2], 0, 1);
+        assert_near(turn.to.scale / f.to.scale, 1, 0.02);
+        assert_true(turn.used == MOST - 1 && turn.north < 0.6 && turn.length < 0.02);
+        for (int i = 0; i < MOST; i++) {
+            double at[3];
+
+            cln_similarity_apply(&turn.to, f.at[i], at);
+            assert_near(at[2], f.truth[i][2] - middle, 0.2);
+            assert_near(at[0], f.truth[i][0], 0.5);
+        }
+    }
+}
+
 /* A straight flight leaves the roll about it open: cameras across it that are level close it, and
  * those along it do not. */
 static void test_line(void **state)
@@ -276,7 +310,7 @@ int test_group_similarity(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_eigen), cmocka_unit_test(test_wrong_places),
         cmocka_unit_test(test_doubt), cmocka_unit_test(test_up),
-        cmocka_unit_test(test_line),
+        cmocka_unit_test(test_line),  cmocka_unit_test(test_flat),
     };
 
     return cmocka_run_group_tests_name("similarity", tests, NULL, NULL);
