@@ -385,6 +385,11 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
         goto done;
     }
     if (gps->flat)
+        cln_warn("--gps: %d photos have latitude and longitude, %d an altitude: north and length "
+                 "are by these, up by the cameras, and heights are from the middle of the cameras "
+                 "(man cl-nascent tells how altitudes get into photos)",
+                 gps->level, gps->high);
+    if (gps->flat)
         CLN_TRY(cln_place_turn_flat(before.count, from, before.place, told, &turn));
     else
         CLN_TRY(cln_place_turn_find(before.count, from, before.place, told, &turn));

@@ -14,7 +14,8 @@ static const double DEGREE = M_PI / 180;
 static const double LOOSE = 10; /* degrees: a turn that GPS knows no better is begun anew */
 static const double STEP = 5;
 /* Degrees and standard deviations by which two ups differ; metres that heights by GPS, the
- * barometer's most often, drift during a flight; metres off of RTK, whose do not. */
+ * barometer's most often, drift during a flight, beside as many of these; metres off of RTK, whose
+ * do not. */
 static const double DIFFER = 2, SIGMAS = 3, DRIFT = 10, EXACT = 0.1;
 enum { ROUNDS = 10 };
 
@@ -132,15 +133,15 @@ static double up_of(const double covariance[9])
     return sqrt(fmax(value[1], 0)) / DEGREE;
 }
 
-/* How far up by both is apart, and whether by more than they can be off. */
+/* How far up by both is apart, about the axis `way`, and whether by more than they can be off. */
 static void compare(int count, double (*from)[3], const cln_similarity_doubt *doubt,
-                    const cln_up_told *told, cln_place_turn *out)
+                    const cln_up_told *told, cln_place_turn *out, double way[3])
 {
-    double left[3], sharp[9], way[3], variance = 0, least = INFINITY, most = -INFINITY;
+    double left[3], sharp[9], variance = 0, least = INFINITY, most = -INFINITY;
 
     missing(&out->to, told, left, sharp);
     out->apart = length(left) / DEGREE;
-    memcpy(way, left, sizeof way);
+    memcpy(way, left, sizeof left);
     cln_unit(way);
     for (int k = 0; k < 9; k++)
         variance += way[k / 3] * doubt->turn[k] * way[k % 3];
@@ -156,7 +157,8 @@ static void compare(int count, double (*from)[3], const cln_similarity_doubt *do
         most = fmax(most, across);
     }
     out->drift = (most - least) * tan(fmin(out->apart, 80) * DEGREE);
-    out->theirs = out->differ && doubt->apart[2] > EXACT && out->drift < DRIFT;
+    out->theirs =
+        out->differ && doubt->apart[2] > EXACT && out->drift < DRIFT + SIGMAS * doubt->apart[2];
 }
 
 cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
@@ -165,7 +167,7 @@ cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
     cln_status st = CLN_OK;
     cln_similarity first;
     cln_similarity_doubt doubt;
-    double known[9], covariance[9];
+    double known[9], covariance[9], way[3] = {0};
     bool both = false;
 
     *out = (cln_place_turn){0};
@@ -174,14 +176,14 @@ cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
     memcpy(covariance, doubt.turn, sizeof covariance);
     if (told->what != CLN_UP_UNTOLD) {
         begin_anew(doubt.turn, told, &out->to);
-        compare(count, from, &doubt, told, out);
+        compare(count, from, &doubt, told, out, way);
     }
     both = told->what != CLN_UP_UNTOLD && (!out->differ || out->theirs);
     if (both) {
-        const double worse = out->differ ? pow(out->apart / out->by_gps, 2) : 1;
+        const double worse = pow(out->apart * DEGREE, 2) - pow(out->by_gps * DEGREE, 2);
 
-        for (int k = 0; k < 9; k++)
-            covariance[k] *= worse;
+        for (int k = 0; k < 9 && out->differ; k++) /* as they drift, they are off by all of it */
+            covariance[k] += worse * way[k / 3] * way[k % 3];
         invert(covariance, known);
         first = out->to;
         agree(known, told, &first, &out->to, covariance);

@@ -531,11 +531,6 @@ static cln_status read_gps(work *w, bool *places)
     w->result->gps_photos = w->gps.count;
     wide = cln_photo_gps_wide(&w->gps, c->photos.count);
     *places = w->desc->gps && wide;
-    if (*places && w->gps.flat)
-        cln_warn("--gps: %d photos have latitude and longitude, %d an altitude: north and length "
-                 "are by these, up by the cameras, and heights are from the middle of the cameras "
-                 "(man cl-nascent tells how altitudes get into photos)",
-                 w->gps.level, w->gps.high);
     if (w->desc->gps && !wide)
         cln_warn("--gps: the GPS positions lie within 10 m of one place, and are some metres off "
                  "themselves: they cannot tell how the scene is turned and how large it is; it "

@@ -17,7 +17,7 @@ static const double TUKEY = 4;
 static const double LEAST = 0.02; /* metres: that middle distance at least */
 static const double SAME = 1e-12; /* of the places' spread: it moves no more */
 /* Of fewer places the distances tell little of what these are off by: metres at least, an axis. */
-static const double OFF = 1;
+static const double OFF = 3;
 enum { DRAWS = 500, ROUNDS = 100, FEW = 6 };
 
 void cln_similarity_apply(const cln_similarity *s, const double at[3], double out[3])

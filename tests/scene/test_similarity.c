@@ -225,6 +225,14 @@ static void test_up(void **state)
     assert_near(hypot(left[0], left[1]), 0, 0.05);
     assert_true(turn.differ && !turn.theirs);
     assert_near(turn.apart, 4, 0.1);
+    fly_grid(&f, 4, 1, 3); /* 9 m among heights that scatter by 3 */
+    for (int i = 0; i < MOST; i++)
+        f.place[i][2] += 9 * i / 35.0;
+    told = tell(&f, CLN_UP_TOLD, EAST, 0);
+    assert_int_equal(cln_place_turn_find(f.count, f.at, f.place, &told, &turn), CLN_OK);
+    turn_left(&f, &turn.to, left);
+    if (!(turn.differ && turn.theirs && turn.drift > 10 && hypot(left[0], left[1]) < 1.5))
+        fail_msg("%g apart, %g m, by %g and %g", turn.apart, turn.drift, turn.by_gps, turn.by_them);
     fly_grid(&f, 6, 1, 1); /* 15 degrees of 80 m: no heights do that */
     told = tell(&f, CLN_UP_TOLD, EAST, 15);
     assert_int_equal(cln_place_turn_find(f.count, f.at, f.place, &told, &turn), CLN_OK);
