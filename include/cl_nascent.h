@@ -622,19 +622,23 @@ typedef struct cln_poses_desc {
     const char *lens;   /* COLMAP's name of the cameras' model, in any case; NULL = "auto":
                            SIMPLE_RADIAL, of 30 photos and more of a camera OPENCV */
     bool gps;           /* turn, scale and move the scene by the GPS positions in the photos' EXIF
-                           data: metres, x east, y north, z up. A scene that was made without, by
-                           the same photos, is placed as it is */
+                           data: metres, x east, y north, z up. Poses that are in out/sparse/0 are
+                           placed as they are, also again, by photos of the same names */
     cln_callbacks callbacks;
 } cln_poses_desc;
 
 typedef struct cln_poses_result {
     int photos, registered; /* all, and those with a pose */
     int focal_lengths;      /* photos with one in their EXIF data; 0 if poses were there already */
-    int gps_photos;         /* photos with latitude, longitude and altitude there */
+    int gps_photos;         /* photos with latitude, longitude and altitude there; where fewer than
+                               three have the last, with the first two */
     bool placed;            /* the scene is in metres, east, north and up from: */
     double origin[3];       /* latitude and longitude, degrees (WGS 84), and height, metres as the
                                photos' altitudes are; the middle of the cameras */
     double gps_distance;    /* from the cameras to their GPS positions: the median, metres */
+    int gps_used;           /* positions that tell that; others are far off */
+    double up_sd, north_sd; /* how well these are known: standard deviations, degrees */
+    double length_sd;       /* and lengths, relative */
 } cln_poses_result;
 
 /* Finds where photos were taken, by COLMAP's own program (`colmap`, and `ffmpeg` for a video), if

@@ -96,8 +96,8 @@ kernels='sampling|splat|composite|measure|adam|rays|shell_rays|roulette|carry|re
 networks=mlp checks='selftest|results' devices='extremes|devices|tuner|field_render'
 long='float64|agree|surface|scan_sort|refine|units'
 readers='colmap|clip|colour|image|film|progress|run_folder|safetensors|checkpoint|config|settings'
-readers+='|broken_formats|cameras_file|cutout|depth_images|masks|metashape|missing|phones|placing'
-readers+='|readers|scene|scene_input|store|view_request|model'
+readers+='|broken_formats|cameras_file|cutout|depth_images|masks|metashape|missing|origin|phones'
+readers+='|placing|readers|scene|scene_input|store|view_request|model'
 
 # groups PROGRAM SET [EXCEPT]
 groups() {

@@ -40,9 +40,8 @@ static const char LIST[] = "--image_list_path";
 /* Of model_aligner: a list of places, whether these are degrees, what the frame is to be. */
 static const char PLACES[] = "--ref_images_path", IS_GPS[] = "--ref_is_gps";
 static const char ALIGNMENT[] = "--alignment_type", ROBUST[] = "--robust_alignment";
-/* Metres from its place with which a camera counts in an alignment. Of positions that are 0.5, 2
- * and 5 m off, 5 of 48 by 100 m, 2 and 3 m left the cameras up to 11 m off, 10 m up to 5. */
-static const char APART[] = "10";
+/* Metres from its place with which a camera counts in an alignment, to places that all fit. */
+static const char APART[] = "0.1";
 /* The focal length that a photo without one in its EXIF data begins with, over its longest side.
  * COLMAP's 1.2 is an angle of 48 degrees by a fisheye's model, which has 0.3 to 0.5: of 25 drawn
  * photos of 173 pixels it ended at 177 and 180, from 0.4 on at 174 and 175. */
@@ -111,6 +110,7 @@ static void read_line(const char *line, void *user)
         c->full = true;
     if (strstr(line, "amera model does not exist") || strstr(line, "ExistsCameraModelWithName"))
         c->strange = true;
+    c->kept = c->kept || strstr(line, "already extracted");
     if (strstr(line, "(Prior)"))
         take_focal_length(c, line);
     if ((at = strstr(line, " Name:")))
@@ -433,7 +433,7 @@ cln_status cln_colmap_features(cln_colmap *c)
         cln_info("EXIF tells the focal length of %d photo%s: %s pixels", c->focal_lengths,
                  cln_plural(c->focal_lengths, "", "s"),
                  range(c->focal_least, c->focal_most, focal));
-    else
+    else if (!c->kept)
         cln_info("EXIF tells no focal length: COLMAP estimates it from the photos");
 done:
     cln_photo_cameras_free(&cameras);

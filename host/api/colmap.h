@@ -55,6 +55,7 @@ typedef struct cln_colmap {
     char name[128];    /* of the photo that it looks at */
     bool full;         /* it found no room on the disk */
     bool strange;      /* it has no such camera model */
+    bool kept;         /* it left out photos whose features it had: their focal length, too */
     int together;      /* most photos that a model had */
     int from_here;     /* photos of the model that grows now */
     bool anew;         /* it is said that another model was begun */

@@ -1,6 +1,6 @@
-/* Places a model on the earth. See photo_gps.h. COLMAP's model_aligner does the work, by a list of
- * names and positions that are metres already, about the middle of the cameras: what it makes of
- * degrees differs by version. */
+/* Places a model on the earth. See photo_gps.h. The similarity is found here (place_turn.h);
+ * COLMAP's model_aligner applies it, by a list of names and the places that it brings cameras to:
+ * by the positions themselves it would take one of the turns that a third of them fit. */
 #include "api/photo_gps.h"
 
 #include <ctype.h>
@@ -12,6 +12,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "api/place_turn.h"
+#include "base/eigen.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -22,10 +24,15 @@
 #include "scene/reader.h"
 #include "scene/vectors.h"
 
-/* Metres from a straight line that some photo must be: GPS is as far off. */
-static const double LEAST = 5;
-/* Of that distance, what the middle one of the cameras may be from its position. */
-static const double MISFIT = 0.5;
+/* Metres that some photos are apart at least: GPS is as far off. */
+static const double LEAST = 10;
+/* Degrees of up and north, and of the length, that a placed scene may be off by, in standard
+ * deviations. */
+static const double TURN_MOST = 10, LENGTH_MOST = 0.15;
+/* Of the cameras' largest distance: what COLMAP's result may be from what it was asked for. */
+static const double DONE = 1e-3;
+/* Metres from a line, whose places are told to micrometres. */
+static const double THIN = 2e-3;
 
 /* ---- positions ---- */
 
@@ -51,7 +58,14 @@ cln_status cln_photo_gps_read(const char *folder, const cln_names *photos, cln_p
         CLN_TRY(cln_path_join(&path, folder, photos->name[i]));
         CLN_TRY(cln_image_read_head(path, &head));
         memcpy(out->at[i], head.gps, sizeof head.gps);
-        if (isnan(head.gps[0] + head.gps[1] + head.gps[2]))
+        out->level += !isnan(head.gps[0] + head.gps[1]);
+        out->high += !isnan(head.gps[0] + head.gps[1] + head.gps[2]);
+    }
+    out->flat = out->high < CLN_POSES_LEAST && out->level >= CLN_POSES_LEAST;
+    for (int i = 0; i < photos->count; i++) {
+        if (out->flat)
+            out->at[i][2] = 0;
+        if (isnan(out->at[i][0] + out->at[i][1] + out->at[i][2]))
             out->at[i][0] = NAN;
         else
             out->count++;
@@ -82,46 +96,28 @@ cln_status cln_photo_gps_check(const cln_photo_gps *gps, const char *folder, int
                  "; %d more with a space in the name cannot be used, as COLMAP reads a list of "
                  "names: rename %s",
                  gps->unnamed, cln_plural(gps->unnamed, "it", "them"));
-    return cln_fail(CLN_INPUT,
-                    "%s: --gps: %d of %d photos have a GPS position (latitude, longitude and "
-                    "altitude in EXIF data), and three are needed%s. Give the photos as the camera "
-                    "wrote them, as programs that change or send photos may drop it, or leave "
-                    "--gps out",
-                    folder, gps->count - gps->unnamed, photos, names);
+    return cln_fail(
+        CLN_INPUT,
+        "%s: --gps: %d of %d photos have a GPS position (latitude and longitude in EXIF "
+        "data, %d of them an altitude), and three are needed%s. Give the photos as the "
+        "camera wrote them, as programs that change or send photos may drop it, or "
+        "leave --gps out",
+        folder, gps->level - gps->unnamed, photos, gps->high, names);
 }
 
-double cln_gps_width(int count, double (*at)[3])
+/* Of the largest distance from the first place: half of what they are apart at least. */
+static double reach(int count, double (*at)[3])
 {
-    double along[3] = {0}, width = 0;
-    int ends[2] = {0};
+    double most = 0;
 
-    for (int e = 0; e < 2; e++) { /* the farthest from any one, and the farthest from that */
-        double most = -1;
-
-        for (int i = 0; i < count; i++) {
-            double apart[3];
-
-            for (int a = 0; a < 3; a++)
-                apart[a] = at[i][a] - at[ends[0]][a];
-            if (cln_dot(apart, apart) > most) {
-                most = cln_dot(apart, apart);
-                ends[1] = i;
-                memcpy(along, apart, sizeof along);
-            }
-        }
-        if (e == 0)
-            ends[0] = ends[1];
-    }
-    cln_unit(along);
-    for (int i = 0; i < count; i++) {
-        double apart[3], across[3];
+    for (int i = 1; i < count; i++) {
+        double apart[3];
 
         for (int a = 0; a < 3; a++)
-            apart[a] = at[i][a] - at[ends[0]][a];
-        cln_cross(apart, along, across);
-        width = fmax(width, sqrt(cln_dot(across, across)));
+            apart[a] = at[i][a] - at[0][a];
+        most = fmax(most, sqrt(cln_dot(apart, apart)));
     }
-    return width;
+    return most;
 }
 
 /* The middle one of each coordinate, which some wrong ones do not move. */
@@ -160,7 +156,7 @@ bool cln_photo_gps_wide(const cln_photo_gps *gps, int photos)
             first = first ? first : gps->at[i];
             cln_origin_local(first, gps->at[i], at[count++]);
         }
-    wide = count >= CLN_POSES_LEAST && cln_gps_width(count, at) >= LEAST;
+    wide = count >= CLN_POSES_LEAST && reach(count, at) >= LEAST;
     free(at);
     return wide;
 }
@@ -194,25 +190,32 @@ static cln_status read_cameras(const cln_colmap *c, const cln_photo_gps *gps, co
 {
     cln_status st = CLN_OK;
     size_t most = 0;
+    int *image = NULL;
 
     CLN_TRY(cln_colmap_places(folder, &out->names, &out->at));
     most = (size_t)out->names.count + 1;
     CLN_TRY(cln_alloc(&out->which, most, sizeof *out->which, "cameras"));
     CLN_TRY(cln_alloc(&out->place, most, sizeof *out->place, "cameras"));
+    CLN_TRY(cln_alloc(&image, (size_t)c->photos.count + 1, sizeof *image, "photos"));
     for (int i = 0; i < out->names.count; i++) {
         char *const *found = bsearch(&out->names.name[i], c->photos.name, (size_t)c->photos.count,
                                      sizeof *c->photos.name, by_name);
 
-        if (!found || isnan(gps->at[found - c->photos.name][0]))
-            continue;
-        memcpy(out->place[out->count], gps->at[found - c->photos.name], sizeof *out->place);
-        out->which[out->count++] = i;
+        if (found)
+            image[found - c->photos.name] = i + 1;
     }
+    for (int i = 0; i < c->photos.count; i++) /* in their order, as COLMAP changes its own */
+        if (image[i] && !isnan(gps->at[i][0])) {
+            memcpy(out->place[out->count], gps->at[i], sizeof *out->place);
+            out->which[out->count++] = image[i] - 1;
+        }
 done:
+    free(image);
     return st;
 }
 
-static cln_status write_list(const cameras *m, const char *path)
+/* The places that the similarity brings the cameras to, for model_aligner. */
+static cln_status write_list(const cameras *m, const cln_similarity *to, const char *path)
 {
     cln_status st = CLN_OK;
     cln_atomic_file *file = NULL;
@@ -221,9 +224,10 @@ static cln_status write_list(const cameras *m, const char *path)
     CLN_TRY(cln_atomic_open(path, &file));
     for (int i = 0; i < m->count; i++) {
         const char *name = m->names.name[m->which[i]];
+        double at[3];
 
-        cln_format(line, sizeof line, " %.4f %.4f %.4f\n", m->place[i][0], m->place[i][1],
-                   m->place[i][2]);
+        cln_similarity_apply(to, m->at[m->which[i]], at);
+        cln_format(line, sizeof line, " %.6f %.6f %.6f\n", at[0], at[1], at[2]);
         CLN_TRY(cln_atomic_write(file, name, strlen(name)));
         CLN_TRY(cln_atomic_write(file, line, strlen(line)));
     }
@@ -233,25 +237,53 @@ done:
     return st;
 }
 
-/* How far the middle one of the cameras is from its position, and how far they are from a line. */
-static cln_status measure(const cameras *m, double *distance, double *width)
+/* Root of the mean square of the distances from the line that places are nearest to. */
+static double width(int count, double (*at)[3])
+{
+    double middle[3] = {0}, square[9] = {0}, value[3], axis[9];
+
+    for (int i = 0; i < count; i++)
+        for (int a = 0; a < 3; a++)
+            middle[a] += at[i][a] / count;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < 9; k++)
+            square[k] += (at[i][k / 3] - middle[k / 3]) * (at[i][k % 3] - middle[k % 3]) / count;
+    cln_eigen(3, square, value, axis);
+    return sqrt(fmax(value[0] + value[1], 0));
+}
+
+/* How far the middle one of the cameras is from its position; fails if they are not where they were
+ * to be brought. */
+static cln_status measure(const cameras *before, const cln_similarity *to, const cameras *after,
+                          bool flat, double *distance)
 {
     cln_status st = CLN_OK;
-    double *apart = NULL, (*at)[3] = NULL;
+    double *apart = NULL, (*at)[3] = NULL, most = 0;
 
-    CLN_TRY(cln_alloc(&apart, (size_t)m->count, sizeof *apart, "cameras"));
-    CLN_TRY(cln_alloc(&at, (size_t)m->count, sizeof *at, "cameras"));
-    for (int i = 0; i < m->count; i++) {
+    CLN_TRY(cln_alloc(&apart, (size_t)after->count, sizeof *apart, "cameras"));
+    CLN_TRY(cln_alloc(&at, (size_t)after->count, sizeof *at, "cameras"));
+    for (int i = 0; i < after->count; i++) {
+        const double *is = after->at[after->which[i]];
         double off[3];
 
-        memcpy(at[i], m->at[m->which[i]], sizeof *at);
+        cln_similarity_apply(to, before->at[before->which[i]], at[i]);
         for (int a = 0; a < 3; a++)
-            off[a] = at[i][a] - m->place[i][a];
+            off[a] = is[a] - at[i][a];
+        most = fmax(most, sqrt(cln_dot(off, off)));
+        for (int a = 0; a < 3; a++)
+            off[a] = is[a] - after->place[i][a];
+        if (flat)
+            off[2] = 0;
         apart[i] = sqrt(cln_dot(off, off));
     }
-    cln_reals_sort(apart, m->count);
-    *distance = apart[m->count / 2];
-    *width = cln_gps_width(m->count, at);
+    cln_reals_sort(apart, after->count);
+    *distance = apart[after->count / 2];
+    if (!(width(after->count, at) > THIN))
+        CLN_TRY(cln_fail(CLN_FAILED, "the cameras stand on one line exactly, about which COLMAP's "
+                                     "model_aligner turns a scene anyhow"));
+    if (!(most <= DONE * reach(after->count, at) + DONE))
+        CLN_TRY(
+            cln_fail(CLN_FAILED, "COLMAP left cameras up to %.3g m from where they belong", most));
 done:
     free(apart);
     free(at);
@@ -283,27 +315,87 @@ done:
     return st;
 }
 
-#define STAYS "; the scene stays as COLMAP made it, without unit and north"
+#define STAYS "; the scene stays as it was"
+
+/* "up is known to about 0.4 degrees, ...": result's, and whether that is enough. */
+static bool take_doubt(const cln_place_turn *turn, cln_poses_result *result)
+{
+    result->gps_used = turn->used;
+    result->up_sd = turn->up;
+    result->north_sd = turn->north;
+    result->length_sd = turn->length;
+    if (turn->up <= TURN_MOST && turn->north <= TURN_MOST && turn->length <= LENGTH_MOST)
+        return true;
+    cln_warn(
+        "--gps: by %d positions that are some metres off, up is known to about %.2g degrees, "
+        "north to %.2g and length to %.2g %%: too little, as they lie near one line or place, "
+        "or do not fit" STAYS " (a length that is known gives the unit: man cl-nascent, MEASURING)",
+        turn->used, fmin(turn->up, 180), fmin(turn->north, 180), fmin(100 * turn->length, 100));
+    return false;
+}
+
+static void tell_difference(const cln_place_turn *turn)
+{
+    if (!turn->differ)
+        return;
+    if (turn->theirs)
+        cln_warn(
+            "--gps: by heights of GPS up is %.1f degrees from where the cameras have it, which "
+            "are held level to about %.1f: %.2g m from end to end, as heights drift during a "
+            "flight. The cameras' up is taken; if they were all held askew, give --up to "
+            "render and export",
+            turn->apart, turn->by_them, turn->drift);
+    else
+        cln_warn("--gps: by the cameras, if they are held level, up is %.1f degrees from where GPS "
+                 "has it, which tells it to about %.1f and is taken, as %.2g m from end to end are "
+                 "more than heights drift; if GPS is wrong, give --up to render and export (render "
+                 "--map tells the cameras')",
+                 turn->apart, turn->by_gps, turn->drift);
+}
 
 /* From `model` to the folder `made`. *fits: it is to be taken. */
-static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const char *model, const char *made,
-                       const char *list, cln_poses_result *result, bool *fits)
+static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_told *told,
+                       const char *model, const char *made, const char *list,
+                       cln_poses_result *result, bool *fits)
 {
     cln_status st = CLN_OK;
     cameras before = {0}, after = {0};
-    double origin[3], width = 0;
+    double origin[3], (*from)[3] = NULL;
+    cln_place_turn turn;
 
     CLN_TRY(read_cameras(c, gps, model, &before));
     if (before.count < CLN_POSES_LEAST) {
-        cln_warn("--gps: of the photos that have a pose, %d have a GPS position, and three are "
-                 "needed" STAYS,
-                 before.count);
+        cln_warn("--gps: of the photos in %s, %d have a pose (by their names) and a GPS position, "
+                 "and three are needed" STAYS,
+                 c->images, before.count);
         goto done;
     }
     CLN_TRY(middle_of(before.count, before.place, origin));
-    for (int i = 0; i < before.count; i++)
+    CLN_TRY(cln_alloc(&from, (size_t)before.count, sizeof *from, "cameras"));
+    for (int i = 0; i < before.count; i++) {
         cln_origin_local(origin, before.place[i], before.place[i]);
-    CLN_TRY(write_list(&before, list));
+        memcpy(from[i], before.at[before.which[i]], sizeof *from);
+    }
+    if (gps->flat && told->what != CLN_UP_TOLD) {
+        cln_warn("--gps: %d photos have latitude and longitude, %d an altitude, without which "
+                 "cameras tell which way is up, if they are held level, and these do not for sure: "
+                 "write altitudes into the photos (exiftool \"-GPSAltitude<AbsoluteAltitude\" "
+                 "-GPSAltitudeRef=0 of a drone's, any one number for a flight at one height)" STAYS,
+                 gps->level, gps->high);
+        goto done;
+    }
+    if (gps->flat)
+        cln_warn("--gps: %d photos have latitude and longitude, %d an altitude: north and length "
+                 "are by these, up by the cameras, and heights are from the middle of the cameras "
+                 "(man cl-nascent tells how altitudes get into photos)",
+                 gps->level, gps->high);
+    if (gps->flat)
+        CLN_TRY(cln_place_turn_flat(before.count, from, before.place, told, &turn));
+    else
+        CLN_TRY(cln_place_turn_find(before.count, from, before.place, told, &turn));
+    if (!take_doubt(&turn, result))
+        goto done;
+    CLN_TRY(write_list(&before, &turn.to, list));
     CLN_TRY(cln_make_dirs(made));
     CLN_TRY(cln_colmap_align(c, model, list, made));
     CLN_TRY(read_cameras(c, gps, made, &after));
@@ -312,26 +404,23 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const char *mode
                          before.count));
     for (int i = 0; i < after.count; i++)
         cln_origin_local(origin, after.place[i], after.place[i]);
-    CLN_TRY(measure(&after, &result->gps_distance, &width));
-    if (!(width >= LEAST) || !(result->gps_distance <= MISFIT * width)) {
-        cln_warn("--gps: half of the cameras are %.3g m and more from their GPS positions, and all "
-                 "within %.3g m of one line or place: too little to tell how the scene is turned "
-                 "and how large it is" STAYS,
-                 result->gps_distance, width);
-        goto done;
-    }
-    CLN_TRY(cln_origin_write(made, origin));
+    CLN_TRY(measure(&before, &turn.to, &after, gps->flat, &result->gps_distance));
+    tell_difference(&turn);
+    CLN_TRY(cln_origin_write(made, origin, result->gps_distance));
     memcpy(result->origin, origin, sizeof origin);
     *fits = true;
 done:
     free_cameras(&before);
     free_cameras(&after);
+    free(from);
     return st;
 }
 
-cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, cln_poses_result *result)
+cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, const cln_scene *scene,
+                               cln_poses_result *result)
 {
     cln_status st = CLN_OK;
+    cln_up_told told;
     char *model = NULL, *made = NULL, *list = NULL;
     bool fits = false;
 
@@ -339,7 +428,8 @@ cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, cln_pose
     CLN_TRY(cln_path_join(&made, c->desc->out, "sparse.gps"));
     CLN_TRY(cln_path_join(&list, c->desc->out, "colmap.places"));
     CLN_TRY(cln_colmap_remove(made));
-    st = make(c, gps, model, made, list, result, &fits);
+    cln_up_tell(scene, &told);
+    st = make(c, gps, &told, model, made, list, result, &fits);
     if (st == CLN_FAILED || st == CLN_INPUT) {
         cln_warn("--gps: %s" STAYS, cln_error_text());
         cln_clear_error();
@@ -352,7 +442,7 @@ cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, cln_pose
     CLN_TRY(cln_colmap_remove(made));
 done:
     if (!result->placed)
-        result->gps_distance = 0;
+        result->gps_distance = result->up_sd = result->north_sd = result->length_sd = 0;
     if (list)
         (void)unlink(list);
     free(model);

@@ -51,7 +51,7 @@ typedef struct work {
     cln_colmap colmap;
     char *stamp; /* of which photos the features are */
     cln_photo_gps gps;
-    bool posed; /* poses are there already, and are to be placed by GPS */
+    int posed; /* so many poses are there already, which are to be placed by GPS */
 } work;
 
 /* ---- photos ---- */
@@ -198,7 +198,8 @@ done:
     return st;
 }
 
-/* Enough photos, before the folder is made. A folder that is a scene already needs no poses. */
+/* Enough photos, before the folder `out` is made (NULL: it is there). A folder that is a scene
+ * already needs no poses. */
 static cln_status check_photos(const char *folder, const char *out, bool by_gps)
 {
     cln_status st = CLN_OK;
@@ -220,6 +221,8 @@ static cln_status check_photos(const char *folder, const char *out, bool by_gps)
         CLN_TRY(cln_photo_gps_read(folder, &photos, &gps));
         CLN_TRY(cln_photo_gps_check(&gps, folder, photos.count));
     }
+    if (!out)
+        goto done;
     CLN_TRY(check_photos_room(folder, &photos, out));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
@@ -241,7 +244,6 @@ static cln_status check_out(const char *photos, const char *out)
     char *there = NULL, *around = NULL, *up = NULL;
     size_t length = 0;
 
-    CLN_TRY(cln_disk_check(out, 0, ""));
     if (!cln_is_dir(photos))
         goto done;
     CLN_TRY(cln_path_absolute(&there, photos));
@@ -270,7 +272,8 @@ static cln_status check_unposed(const char *out)
     if (cln_has_dir(out, "sparse"))
         CLN_TRY(cln_fail(CLN_OUTPUT,
                          "%s: it has poses already (sparse); give another folder with -o, or "
-                         "remove that one",
+                         "remove that one (--gps places what is in sparse/0 by the photos' GPS "
+                         "positions, also again)",
                          out));
     if (cln_is_dir(out) && cln_reader_pick(out, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK)
         CLN_TRY(cln_fail(CLN_OUTPUT,
@@ -284,15 +287,14 @@ done:
     return st;
 }
 
-/* Has the folder a model of an earlier call that is in COLMAP's own frame? */
-static cln_status find_posed(const char *out, bool *posed)
+/* How many images has the model that is there, which GPS can place, also again? */
+static cln_status find_posed(const char *out, int *posed)
 {
     cln_status st = CLN_OK;
     char *model = NULL;
 
     CLN_TRY(cln_path_join(&model, out, "sparse/0"));
-    *posed = cln_colmap_images(model) > 0 && !cln_origin_is_there(model) &&
-             cln_has_file(out, "colmap.log");
+    *posed = cln_colmap_images(model);
 done:
     free(model);
     return st;
@@ -329,9 +331,12 @@ static cln_status check_folder(work *w)
                          "a folder of photos that have them",
                          w->desc->photos));
     if (cln_is_dir(w->desc->photos))
-        CLN_TRY(check_photos(w->desc->photos, out, w->desc->gps));
-    CLN_TRY(check_out(w->desc->photos, out));
-    CLN_TRY(cln_photos_check_out(w->desc->photos, out));
+        CLN_TRY(check_photos(w->desc->photos, w->posed ? NULL : out, w->desc->gps));
+    CLN_TRY(cln_disk_check(out, 0, ""));
+    if (!w->posed) {
+        CLN_TRY(check_out(w->desc->photos, out));
+        CLN_TRY(cln_photos_check_out(w->desc->photos, out));
+    }
     if (!cln_command_found("colmap"))
         CLN_TRY(cln_fail(
             CLN_FAILED,
@@ -416,19 +421,51 @@ done:
     return st;
 }
 
+/* Readers want the photos of poses that are there, too: where none lie in the scene, links. */
+static cln_status link_missing(const work *w)
+{
+    cln_status st = CLN_OK;
+    char *images = NULL, *there = NULL, *scene = NULL;
+    cln_names names = {0};
+    size_t length = 0;
+
+    CLN_TRY(cln_path_join(&images, w->desc->out, "images"));
+    CLN_TRY(cln_path_absolute(&there, w->desc->photos));
+    CLN_TRY(cln_path_absolute(&scene, w->desc->out));
+    length = strlen(scene);
+    if (strncmp(there, scene, length) == 0 && (there[length] == 0 || there[length] == '/'))
+        goto done;
+    CLN_TRY(cln_make_dirs(images));
+    CLN_TRY(cln_dataset_images(images, &names));
+    if (names.count == 0)
+        CLN_TRY(cln_photos_link(w->desc->photos, images));
+done:
+    cln_dataset_free_names(&names);
+    free(images);
+    free(there);
+    free(scene);
+    return st;
+}
+
 static cln_status set_up(work *w)
 {
     cln_status st = CLN_OK;
     cln_colmap *c = &w->colmap;
     bool framed = false;
 
-    CLN_TRY(cln_path_join(&c->images, w->desc->out, "images"));
+    if (w->posed) { /* tags may have come later */
+        CLN_TRY(cln_strdup(&c->images, w->desc->photos));
+        CLN_TRY(link_missing(w));
+    } else {
+        CLN_TRY(cln_path_join(&c->images, w->desc->out, "images"));
+    }
     CLN_TRY(cln_path_join(&c->database, w->desc->out, "colmap.db"));
     CLN_TRY(cln_path_join(&c->log_path, w->desc->out, "colmap.log"));
     CLN_TRY(cln_path_join(&c->sparse, w->desc->out, "sparse.new"));
-    CLN_TRY(cln_make_dirs(c->images));
-    if (!cln_photos_are_video(
-            w->desc->photos)) /* before the log, which means an attempt was here */
+    if (!w->posed)
+        CLN_TRY(cln_make_dirs(c->images));
+    /* before the log, which means an attempt was here */
+    if (!w->posed && !cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_photos_link(w->desc->photos, c->images));
     CLN_TRY(cln_colmap_remove(c->sparse));        /* it would be taken for this attempt's */
     framed = cln_photos_were_framed(c->log_path); /* by the log that is written over now */
@@ -443,15 +480,18 @@ static cln_status set_up(work *w)
     if (c->photos.count < CLN_POSES_LEAST) /* of a video */
         CLN_TRY(fail_few(w->desc->photos, c->photos.count, NULL));
     if (w->posed)
-        cln_info("poses: %s has poses already, which are placed by GPS", w->desc->out);
+        cln_info("poses: %s has poses of %d photos already, which are placed by the GPS positions "
+                 "of %s; to find poses (of more photos, by --lens or --match) give another folder "
+                 "with -o",
+                 w->desc->out, w->posed, w->desc->photos);
     else
         CLN_TRY(keep_features(w));
 done:
     return st;
 }
 
-/* Reads the scene as train will, which warns of photos without a pose. */
-static cln_status count_registered(work *w)
+/* Reads the scene as train will, which warns of photos without a pose; places it. */
+static cln_status count_registered(work *w, bool places)
 {
     cln_status st = CLN_OK;
     cln_settings *settings = NULL;
@@ -472,6 +512,8 @@ static cln_status count_registered(work *w)
                  w->colmap.lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
                  w->colmap.log_path);
     cln_colmap_say_focal_length(scene);
+    if (places)
+        CLN_TRY(cln_photo_gps_place(&w->colmap, &w->gps, scene, w->result));
 done:
     cln_scene_free(scene);
     cln_settings_free(settings);
@@ -490,10 +532,10 @@ static cln_status read_gps(work *w, bool *places)
     wide = cln_photo_gps_wide(&w->gps, c->photos.count);
     *places = w->desc->gps && wide;
     if (w->desc->gps && !wide)
-        cln_warn("--gps: the GPS positions lie within 5 m of one line or place, and are some "
-                 "metres off themselves: they cannot tell how the scene is turned and how large it "
-                 "is; it stays as COLMAP makes it, without unit and north (a length that is known "
-                 "gives the unit: man cl-nascent, MEASURING)");
+        cln_warn("--gps: the GPS positions lie within 10 m of one place, and are some metres off "
+                 "themselves: they cannot tell how the scene is turned and how large it is; it "
+                 "stays as COLMAP makes it, without unit and north (a length that is known gives "
+                 "the unit: man cl-nascent, MEASURING)");
     else if (!w->desc->gps && wide)
         cln_info("%d photos have GPS positions, which are not used: --gps, now or later, turns and "
                  "scales the scene by them to metres, east, north and up",
@@ -569,9 +611,7 @@ cln_status cln_find_poses(const cln_poses_desc *desc, cln_poses_result *result)
     CLN_TRY(read_gps(&w, &places));
     if (!w.posed)
         CLN_TRY(find_poses(&w));
-    if (places)
-        CLN_TRY(cln_photo_gps_place(&w.colmap, &w.gps, result));
-    CLN_TRY(count_registered(&w));
+    CLN_TRY(count_registered(&w, places));
 done:
     if (st == CLN_SIGINT || st == CLN_SIGTERM)
         cln_note(

@@ -21,7 +21,8 @@ enum {
     CLN_STREAM_SIGHTS = 10,    /* host: sparse point that a ray is shot at */
     CLN_STREAM_POSES = 11,     /* host: pixels used to refine poses */
     CLN_STREAM_SPOTS = 12,     /* host: where in its pixel a ray goes */
-    CLN_STREAM_MERGED = 13     /* host: marks that two parts of a scene share */
+    CLN_STREAM_MERGED = 13,    /* host: marks that two parts of a scene share */
+    CLN_STREAM_PLACES = 14     /* host: cameras that may tell where a scene is by GPS */
 };
 
 /* out[4] = philox4x32-10(counter, key). */

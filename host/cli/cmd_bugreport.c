@@ -17,6 +17,7 @@
 #include "base/text.h"
 #include "cli/console.h"
 #include "io/run_folder.h"
+#include "scene/origin.h"
 
 /* ---- the machine ---- */
 
@@ -107,25 +108,6 @@ done:
     return st;
 }
 
-/* Takes the scene's place on the earth out of what its reader said. */
-static cln_status hide_place(json_t *dataset)
-{
-    cln_status st = CLN_OK;
-    const char *because = cln_json_text(dataset, "because"), *at = strstr(because, ", latitude ");
-    const char *height = at ? strstr(at, "height ") : NULL;
-    char *left = NULL;
-
-    if (!height)
-        return CLN_OK;
-    height += strlen("height ");
-    height += strspn(height, "0123456789.-");
-    CLN_TRY(cln_asprintf(&left, "%.*s%s", (int)(at - because), because, height));
-    json_object_set_new(dataset, "because", json_string(left));
-done:
-    free(left);
-    return st;
-}
-
 static cln_status put_run(FILE *to, const char *run)
 {
     static const char *const keys[] = {
@@ -144,7 +126,7 @@ static cln_status put_run(FILE *to, const char *run)
     preset = json_string_value(json_object_get(about, "preset"));
     for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++)
         json_object_del(dataset, paths[i]);
-    CLN_TRY(hide_place(dataset));
+    CLN_TRY(cln_origin_hide(dataset));
     for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
         put_member(to, about, keys[i]);
     put_member(to, about, "dataset");

@@ -2,6 +2,7 @@
  * type next. */
 #include "cli/commands.h"
 
+#include <math.h>
 #include <stdio.h>
 #include "base/number.h"
 #include "base/text.h"
@@ -26,8 +27,10 @@ cln_status cln_cmd_poses(const cln_options *options)
     cln_console_close(&console);
     if (options->json) {
         json_t *origin =
-            r.placed ? json_pack("{s:f, s:f, s:f, s:f}", "latitude", r.origin[0], "longitude",
-                                 r.origin[1], "height", r.origin[2], "gps_distance", r.gps_distance)
+            r.placed ? json_pack("{s:f, s:f, s:f, s:f, s:i, s:f, s:f, s:f}", "latitude",
+                                 r.origin[0], "longitude", r.origin[1], "height", r.origin[2],
+                                 "gps_distance", r.gps_distance, "gps_used", r.gps_used, "up_sd",
+                                 r.up_sd, "north_sd", r.north_sd, "length_sd", r.length_sd)
                      : json_null();
 
         CLN_TRY(cln_print_json(json_pack(
@@ -47,8 +50,11 @@ cln_status cln_cmd_poses(const cln_options *options)
         printf("origin      %s\n", origin);
         printf(
             "            metres east, north and up from there, the middle of the cameras; half of "
-            "them are\n            within %.2f m of their GPS positions\n",
-            r.gps_distance);
+            "them are\n            within %.2f m of their GPS positions\n"
+            "accuracy    by %d positions: up is known to about %.2g degrees, north to %.2g, length "
+            "to %.2g %%\n",
+            r.gps_distance, r.gps_used, fmax(r.up_sd, 0.01), fmax(r.north_sd, 0.01),
+            fmax(100 * r.length_sd, 0.01));
     }
     printf("next        cl-nascent check %s\n", quoted);
     printf("            cl-nascent train %s -o RUN --time-limit 10m\n", quoted);

@@ -12,6 +12,7 @@
 #include "io/run_folder.h"
 #include "render/recorded.h"
 #include "scene/cameras_file.h"
+#include "scene/origin.h"
 #include "scene/reader.h"
 
 /* What run.json says of the run holds for the copy, but where its scene is from it. If it is
@@ -27,6 +28,7 @@ static cln_status make_manifest(const cln_export_desc *desc, int64_t step, json_
         json_object_set_new(document, "state", json_string("interrupted"));
     (void)cln_run_drop_result(document, step);
     dataset = json_object_get(document, "dataset");
+    CLN_TRY(cln_origin_hide(dataset));
     st = cln_recorded_scene(desc->run, &path);
     if (st == CLN_INPUT) {
         cln_clear_error();

@@ -86,7 +86,8 @@ static void read_focal(const tiff *t, size_t directory, cln_exif *out)
     out->focal = below > 0 ? (double)number(t, value, 4) / below : 0;
 }
 
-/* `count` rationals; false where they are not there, or one is divided by 0. */
+/* `count` rationals; false where they are not there, or one is divided by 0. 0 / 0 is
+ * 0 behind the first, as some write minutes and seconds. */
 static bool find_rationals(const tiff *t, size_t directory, uint32_t tag, size_t count, double *out)
 {
     size_t entry = 0, at = 0;
@@ -99,9 +100,11 @@ static bool find_rationals(const tiff *t, size_t directory, uint32_t tag, size_t
     for (size_t i = 0; i < count; i++) {
         const uint32_t below = number(t, at + 8 * i + 4, 4);
 
-        if (below == 0)
+        const uint32_t above = number(t, at + 8 * i, 4);
+
+        if (below == 0 && (above != 0 || i == 0))
             return false;
-        out[i] = (double)number(t, at + 8 * i, 4) / below;
+        out[i] = below ? (double)above / below : 0;
     }
     return true;
 }
@@ -112,6 +115,7 @@ static double read_angle(const tiff *t, size_t directory, uint32_t tag, const ch
 {
     double parts[3], angle = 0;
     size_t entry = 0;
+    int half = 0;
 
     if (!find_entry(t, directory, tag - 1, ASCII, 2, &entry) ||
         !find_rationals(t, directory, tag, 3, parts))
@@ -119,7 +123,8 @@ static double read_angle(const tiff *t, size_t directory, uint32_t tag, const ch
     angle = parts[0] + parts[1] / 60 + parts[2] / 3600;
     if (!(angle <= most))
         return NAN;
-    return t->data[entry + 8] == halves[0] ? angle : t->data[entry + 8] == halves[1] ? -angle : NAN;
+    half = t->data[entry + 8] & 0xDF; /* in either case */
+    return half == halves[0] ? angle : half == halves[1] ? -angle : NAN;
 }
 
 /* EXIF 3.0 also has heights over the ellipsoid (2), and below it (3). */
@@ -128,8 +133,13 @@ static double read_altitude(const tiff *t, size_t directory)
     const double most = 100e3; /* metres; nothing below the sea that was taken for unsigned */
     double altitude = 0;
     size_t entry = 0;
+    uint32_t whole = 0;
 
-    if (!find_rationals(t, directory, ALTITUDE, 1, &altitude) || !(altitude <= most))
+    if (find(t, directory, ALTITUDE, LONG, &whole) || find(t, directory, ALTITUDE, SHORT, &whole))
+        altitude = whole; /* against the standard */
+    else if (!find_rationals(t, directory, ALTITUDE, 1, &altitude))
+        return NAN;
+    if (!(altitude <= most))
         return NAN;
     if (find_entry(t, directory, ALTITUDE_OF, BYTE, 1, &entry) && t->data[entry + 8] % 2 == 1)
         return -altitude;

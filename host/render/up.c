@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/eigen.h"
 #include "base/given.h"
 #include "base/log.h"
 #include "base/number.h"
@@ -29,54 +30,20 @@ static const double DOWN = 0.25;
  * photos upside down leaves more. */
 static const double UNSURE = 0.15;
 
+/* Radians that cameras which are held level all lean by; of the mean square of sines, one for each
+ * photo, that is too much for level ones (10 degrees); so few tell nothing. */
+static const double LEVELLED = 0.0174533, ASKEW = 0.03;
+enum { FEWEST = 3 };
+static const double APART = 0.9994; /* the cosine of 2 degrees: GPS may be wrong, or its scene */
+
 static const double AT_AXIS = 0.0017453; /* the sine of 0.1 degrees */
 
 static const double LONGEST = 1e30; /* of a vector that is given: its square is a number */
-
-enum { SWEEPS = 12 }; /* of Jacobi's turns: plenty for three */
 
 typedef struct facing {
     double up[3], back[3]; /* mean of the pictures' up, and against the mean viewing direction */
     double across[3][3];   /* mean of x x^T */
 } facing;
-
-/* Eigenvalues of a symmetric matrix, ascending, and their unit vectors, by Jacobi's turns. */
-static void solve(const double matrix[3][3], double value[3], double vector[3][3])
-{
-    double m[3][3], v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}; /* rows of v: the vectors */
-
-    memcpy(m, matrix, sizeof m);
-    for (int turn = 0; turn < 3 * SWEEPS; turn++) {
-        const int p = turn % 3, q = (p + 1) % 3;
-        const double gap = m[p][p] - m[q][q], twice = 2 * m[p][q];
-        /* 45 degrees at most: larger turns also swap values, again and again, without an end */
-        const double angle = 0.5 * atan2(gap < 0 ? -twice : twice, fabs(gap));
-        const double c = cos(angle), s = sin(angle);
-
-        for (int k = 0; k < 3; k++) {
-            const double a = m[p][k], b = m[q][k], x = v[p][k], y = v[q][k];
-
-            m[p][k] = c * a + s * b;
-            m[q][k] = c * b - s * a;
-            v[p][k] = c * x + s * y;
-            v[q][k] = c * y - s * x;
-        }
-        for (int k = 0; k < 3; k++) {
-            const double a = m[k][p], b = m[k][q];
-
-            m[k][p] = c * a + s * b;
-            m[k][q] = c * b - s * a;
-        }
-    }
-    for (int i = 0; i < 3; i++) {
-        int rank = 0;
-
-        for (int k = 0; k < 3; k++)
-            rank += m[k][k] < m[i][i] || (m[k][k] == m[i][i] && k < i);
-        value[rank] = m[i][i];
-        memcpy(vector[rank], v[i], sizeof v[i]);
-    }
-}
 
 /* The pose of photo i as people see it, in *seen. */
 static const double *pose_of(const cln_scene *scene, int i, cln_camera *seen)
@@ -208,26 +175,28 @@ static void snap(double up[3])
     }
 }
 
-bool cln_up_of_cameras(const cln_scene *scene, double up[3])
+/* cln_up_tell, and whether the side is sure. */
+static bool estimate(const cln_scene *scene, cln_up_told *out)
 {
     const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
-    double value[3], axis[3][3];
-    bool found = false, sure = true;
+    double value[3], axis[3][3], *up = out->up;
+    bool found = false, sure = true, line = false, balanced = false;
     facing f;
 
-    if (cln_up_given(scene->up)) {
-        memcpy(up, scene->up, sizeof scene->up);
-        return true;
-    }
     face(scene, count, &f);
-    solve(f.across, value, axis);
-    if (value[1] < THIN * value[2]) {
-        if (balance(scene, count, axis[2], &f) || length(f.up) < LONG)
+    for (int a = 0; a < 3; a++)
+        out->rough[a] = f.up[a] + f.back[a];
+    cln_eigen(3, f.across[0], value, axis[0]);
+    line = value[1] < THIN * value[2];
+    if (line) {
+        balanced = balance(scene, count, axis[2], &f);
+        if (balanced || length(f.up) < LONG)
             found = across_line(&f, axis[2], up);
     } else if (length(f.up) < LONG && value[1] > CLEAR * (value[0] + LEVEL)) {
         sure = off_plane(scene, count, &f, axis[0], up);
         found = true;
     }
+    balanced = balanced && found;
     if (!found) {
         sure = length(f.up) >= UNSURE; /* by itself */
         off_plane(scene, count, &f, axis[0], up);
@@ -236,12 +205,44 @@ bool cln_up_of_cameras(const cln_scene *scene, double up[3])
                 f.up[a] += DOWN * f.back[a];
         lean_least(&f, up);
     }
-    if (cln_normalise(up)) {
-        snap(up);
-        return sure;
+    memcpy(out->level, axis[2], sizeof out->level);
+    out->what = count < FEWEST || value[0] > ASKEW ? CLN_UP_UNTOLD
+                : line && !balanced                ? CLN_UP_LEVEL
+                : sure                             ? CLN_UP_TOLD
+                                                   : CLN_UP_UNTOLD;
+    out->sd =
+        sqrt(LEVELLED * LEVELLED + value[0] / (count * (line ? value[2] : fmax(value[1], LEVEL))));
+    return sure;
+}
+
+void cln_up_tell(const cln_scene *scene, cln_up_told *out)
+{
+    *out = (cln_up_told){0};
+    if (cln_scene_split_count(scene, CLN_SPLIT_TRAIN) > 0)
+        (void)estimate(scene, out);
+    if (!cln_normalise(out->up) && out->what == CLN_UP_TOLD)
+        out->what = CLN_UP_UNTOLD;
+}
+
+bool cln_up_of_cameras(const cln_scene *scene, double up[3])
+{
+    cln_up_told told = {0};
+    bool sure = false;
+
+    if (cln_up_given(scene->up) && !scene->up_by_gps) {
+        memcpy(up, scene->up, sizeof scene->up);
+        return true;
     }
-    memcpy(up, (const double[3]){0, 0, 1}, 3 * sizeof *up);
-    return false;
+    sure = estimate(scene, &told);
+    memcpy(up, told.up, sizeof told.up);
+    if (cln_normalise(up)) {
+        if (cln_up_given(scene->up) && (told.what != CLN_UP_TOLD || cln_dot(up, scene->up) > APART))
+            memcpy(up, scene->up, sizeof scene->up);
+        snap(up);
+        return sure || cln_up_given(scene->up);
+    }
+    memcpy(up, cln_up_given(scene->up) ? scene->up : (const double[3]){0, 0, 1}, 3 * sizeof *up);
+    return cln_up_given(scene->up);
 }
 
 void cln_up_warn(const char *what, const double up[3])

@@ -7,8 +7,24 @@
 /* A unit vector in the scene's frame: an axis exactly, if it is within 0.1 degrees of one; z if the
  * cameras do not tell. False if it may as well be the opposite: photos that show the scene one way
  * up and the other, as of an object that was turned over, cancel out; then it is that of the
- * first. Where the scene's format has a fixed one, it is that. */
+ * first. Where the scene's format has a fixed one, it is that; one by GPS only if it is within 2
+ * degrees of that of cameras which tell it. */
 bool cln_up_of_cameras(const cln_scene *scene, double up[3]);
+
+/* What the training cameras alone tell as ones that are held level: */
+typedef enum cln_up_what {
+    CLN_UP_UNTOLD,
+    CLN_UP_LEVEL, /* that `level`, along which all their x axes lie, is horizontal */
+    CLN_UP_TOLD   /* up */
+} cln_up_what;
+typedef struct cln_up_told {
+    cln_up_what what;
+    double up[3], level[3]; /* unit */
+    double rough[3];        /* not below the horizon: mean of the pictures' up and of what is behind
+                               them */
+    double sd;              /* radians, of up or level */
+} cln_up_told;
+void cln_up_tell(const cln_scene *scene, cln_up_told *out);
 
 /* Warns that it may, with the way out. what: what is made of it. */
 void cln_up_warn(const char *what, const double up[3]);

@@ -163,6 +163,15 @@ static json_t *describe_masks(const cln_scene *scene)
                      "doubtful", scene->masks_doubtful);
 }
 
+static json_t *describe_origin(const cln_scene *scene)
+{
+    if (!scene->on_earth)
+        return NULL;
+    return json_pack("{s:f, s:f, s:f, s:o}", "latitude", scene->origin[0], "longitude",
+                     scene->origin[1], "height", scene->origin[2], "gps_distance",
+                     cln_json_real(scene->gps_distance));
+}
+
 static cln_status describe(const cln_scene *scene, json_t **out)
 {
     json_t *splits = json_object(), *centre = json_array(), *background = json_array();
@@ -192,7 +201,7 @@ static cln_status describe(const cln_scene *scene, json_t **out)
     *out = json_pack(
         "{s:s, s:s, s:s, s:i, s:i, s:i, s:o, s:o, s:s, s:o, s:o, s:i, s:b, s:o, s:b, s:{s:i, s:f}, "
         "s:i, "
-        "s:i, s:o, s:o, s:s, s:s, s:b, s:o, s:s, s:s*, s:o, s:o, s:o, s:o, s:o, s:o, s:o}",
+        "s:i, s:o, s:o, s:s, s:s, s:b, s:o, s:s, s:s*, s:o, s:o, s:o, s:o, s:o, s:o, s:o, s:o*}",
         "dialect", scene->dialect, "because", scene->because, "folder", scene->folder, "views",
         scene->view_count, "missing", scene->missing, "unreadable", scene->unreadable,
         "missing_names", describe_missing(scene), "splits", splits, "split_rule", scene->split_rule,
@@ -207,7 +216,7 @@ static cln_status describe(const cln_scene *scene, json_t **out)
         cln_json_real(distance), "cube_share", cln_json_real(scene->cube_share), "spread",
         cln_json_real(scene->spread), "apart_share", cln_json_real(scene->apart_share), "outside",
         describe_outside(scene), "intrinsics", describe_intrinsics(scene), "cameras",
-        describe_views(scene));
+        describe_views(scene), "origin", describe_origin(scene));
     if (!*out)
         return cln_fail(CLN_MEMORY, "%s: cannot describe the scene as JSON", scene->folder);
     return CLN_OK;

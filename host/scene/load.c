@@ -402,6 +402,10 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
                      : "");
     scene->dialect = result->dialect;
     memcpy(scene->up, result->up, sizeof scene->up);
+    scene->up_by_gps = result->up_by_gps;
+    scene->on_earth = result->on_earth;
+    memcpy(scene->origin, result->origin, sizeof scene->origin);
+    scene->gps_distance = result->gps_distance;
     scene->stored_poses = result->stored_poses;
     scene->unposed = result->unposed;
     scene->has_sights = result->observation_count > 0;

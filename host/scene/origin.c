@@ -1,4 +1,4 @@
-/* See origin.h. The file is one line of words and one of three numbers. */
+/* See origin.h. The file is one line of words and one of three numbers, and one of one number. */
 #include "scene/origin.h"
 
 #include <math.h>
@@ -7,6 +7,9 @@
 #include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
+#include "base/text.h"
+#include "io/json.h"
+#include "scene/vectors.h"
 
 static const char NAME[] = "origin.txt", FIRST[] = "# cl-nascent: ";
 enum { MOST = 4096 };
@@ -41,19 +44,29 @@ void cln_origin_of_centred(const double at[3], double place[3])
                                     : at[2] / sin(latitude) - (1 - e2) * normal;
 }
 
-void cln_origin_local(const double origin[3], const double place[3], double out[3])
+void cln_origin_axes(const double origin[3], double axes[3][3])
 {
     const double latitude = origin[0] * M_PI / 180, longitude = origin[1] * M_PI / 180;
-    double from[3], to[3], outward = 0;
 
+    memcpy(axes,
+           (const double[3][3]){
+               {-sin(longitude), cos(longitude), 0},
+               {-sin(latitude) * cos(longitude), -sin(latitude) * sin(longitude), cos(latitude)},
+               {cos(latitude) * cos(longitude), cos(latitude) * sin(longitude), sin(latitude)}},
+           9 * sizeof **axes);
+}
+
+void cln_origin_local(const double origin[3], const double place[3], double out[3])
+{
+    double from[3], to[3], axes[3][3];
+
+    cln_origin_axes(origin, axes);
     centred(origin, from);
     centred(place, to);
     for (int a = 0; a < 3; a++)
         to[a] -= from[a];
-    outward = cos(longitude) * to[0] + sin(longitude) * to[1]; /* from the earth's axis */
-    out[0] = cos(longitude) * to[1] - sin(longitude) * to[0];
-    out[1] = cos(latitude) * to[2] - sin(latitude) * outward;
-    out[2] = sin(latitude) * to[2] + cos(latitude) * outward;
+    for (int a = 0; a < 3; a++)
+        out[a] = cln_dot(axes[a], to);
 }
 
 void cln_origin_round(double origin[3])
@@ -62,19 +75,40 @@ void cln_origin_round(double origin[3])
         origin[a] = a < 2 ? round(origin[a] * 1e8) / 1e8 : round(origin[a] * 1e3) / 1e3;
 }
 
-cln_status cln_origin_write(const char *folder, const double origin[3])
+cln_status cln_origin_write(const char *folder, const double origin[3], double distance)
 {
     cln_status st = CLN_OK;
     char *path = NULL, text[512];
 
     CLN_TRY(cln_path_join(&path, folder, NAME));
-    cln_format(text, sizeof text,
-               "%scoordinates of this model are metres east, north and up from this latitude and "
-               "longitude (degrees, WGS 84) and height (metres)\n%.8f %.8f %.3f\n",
-               FIRST, origin[0], origin[1], origin[2]);
+    cln_format(
+        text, sizeof text,
+        "%scoordinates of this model are metres east, north and up from this latitude and "
+        "longitude (degrees, WGS 84) and height (metres); half of the cameras are within as many "
+        "metres of their GPS positions as the last line says\n%.8f %.8f %.3f\n%.3f\n",
+        FIRST, origin[0], origin[1], origin[2], distance);
     CLN_TRY(cln_write_file(path, text, strlen(text)));
 done:
     free(path);
+    return st;
+}
+
+cln_status cln_origin_hide(json_t *dataset)
+{
+    cln_status st = CLN_OK;
+    const char *because = cln_json_text(dataset, "because"), *at = strstr(because, ", latitude ");
+    const char *height = at ? strstr(at, "height ") : NULL;
+    char *left = NULL;
+
+    json_object_del(dataset, "origin");
+    if (!height)
+        return CLN_OK;
+    height += strlen("height ");
+    height += strspn(height, "0123456789.-");
+    CLN_TRY(cln_asprintf(&left, "%.*s%s", (int)(at - because), because, height));
+    json_object_set_new(dataset, "because", json_string(left));
+done:
+    free(left);
     return st;
 }
 
@@ -83,7 +117,7 @@ bool cln_origin_is_there(const char *folder)
     return cln_has_file(folder, NAME);
 }
 
-bool cln_origin_read(const char *folder, double origin[3])
+bool cln_origin_read(const char *folder, double origin[3], double *distance)
 {
     const double most[3] = {90, 180, 100e3};
     char *path = NULL, *text = NULL;
@@ -96,8 +130,13 @@ bool cln_origin_read(const char *folder, double origin[3])
         strncmp(text, FIRST, sizeof FIRST - 1) == 0)
         at = strchr(text, '\n');
     while (at && read < 3 && cln_number_read(at + 1, &origin[read], &at) &&
-           fabs(origin[read]) <= most[read] && strchr(" \n\r", *at))
+           fabs(origin[read]) <= most[read] &&
+           (*at == ' ' || (read == 2 && (*at == 0 || *at == '\n' || *at == '\r'))))
         read++;
+    *distance = NAN;
+    at = read == 3 ? strchr(at, '\n') : NULL;
+    if (at && !(cln_number_read(at + 1, distance, &at) && *distance >= 0))
+        *distance = NAN;
     cln_clear_error();
     free(path);
     free(text);

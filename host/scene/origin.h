@@ -5,8 +5,12 @@
 #ifndef CLN_ORIGIN_H
 #define CLN_ORIGIN_H
 
+#include <jansson.h>
 #include <stdbool.h>
 #include "base/status.h"
+
+/* The frame's axes, east, north and up, earth-centred. */
+void cln_origin_axes(const double origin[3], double axes[3][3]);
 
 /* A place in the frame: metres east, north and up from the origin. */
 void cln_origin_local(const double origin[3], const double place[3], double out[3]);
@@ -18,11 +22,16 @@ void cln_origin_of_centred(const double at[3], double place[3]);
 /* Rounds to what the file has of it: 1e-8 degrees, a millimetre. */
 void cln_origin_round(double origin[3]);
 
-/* Writes the folder's file. CLN_OUTPUT, CLN_MEMORY. */
-cln_status cln_origin_write(const char *folder, const double origin[3]);
+/* Writes the folder's file. distance: of the middle one of the cameras from its GPS position,
+ * metres. CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_origin_write(const char *folder, const double origin[3], double distance);
 
-/* Reads it; false if there is none, or it is another program's. */
-bool cln_origin_read(const char *folder, double origin[3]);
+/* Reads it; false if there is none, or it is another program's. *distance: NAN if it is not
+ * told. */
+bool cln_origin_read(const char *folder, double origin[3], double *distance);
 bool cln_origin_is_there(const char *folder);
+
+/* Takes the place out of what a run or scene says of its dataset. CLN_MEMORY. */
+cln_status cln_origin_hide(json_t *dataset);
 
 #endif

@@ -323,7 +323,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     cln_colmap model = {0};
     const char *missing = NULL;
     const int place = find_place(path, &missing);
-    char *folder = NULL, *images = NULL, masks[64], earth[256] = "";
+    char *folder = NULL, *images = NULL, masks[64], earth[256] = "", within[64] = "";
     double origin[3];
 
     CLN_TRY(place_folder(path, place, &folder));
@@ -336,12 +336,17 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->stored_poses = true;
     result->dialect = "COLMAP";
     cln_dataset_tell_masks(result, masks);
-    if (cln_origin_read(folder, origin)) {
+    if (cln_origin_read(folder, origin, &result->gps_distance)) {
         result->up[2] = 1;
+        result->up_by_gps = result->on_earth = true;
+        memcpy(result->origin, origin, sizeof origin);
+        if (!isnan(result->gps_distance))
+            cln_format(within, sizeof within, " (half of them within %.2f m)",
+                       result->gps_distance);
         cln_format(earth, sizeof earth,
                    "; coordinates are metres east, north and up from the middle of the cameras, "
-                   "latitude %.8f, longitude %.8f, height %.3f, by the photos' GPS",
-                   origin[0], origin[1], origin[2]);
+                   "latitude %.8f, longitude %.8f, height %.3f, by the photos' GPS%s",
+                   origin[0], origin[1], origin[2], within);
     }
     CLN_TRY(cln_asprintf(&result->because, "%s has cameras and images; images are from %s%s%s",
                          cln_dataset_within(path, folder), cln_dataset_within(path, images), masks,

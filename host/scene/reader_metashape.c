@@ -28,8 +28,6 @@
 #include "scene/vectors.h"
 
 static const double SKEW_TOLD = 0.3; /* pixels at the picture's edge */
-/* The earth's ellipsoid, WGS 84: half axes in metres. */
-static const double EQUATOR = 6378137, POLE = 6356752.314245;
 
 enum { WHAT_BYTES = 256 };
 
@@ -72,19 +70,13 @@ static bool find_transform(const cln_metashape *m, int component, frame *out)
     return true;
 }
 
-/* Turns earth-centred coordinates to east, north and up from this place, which becomes 0. */
-static void stand_on_earth(const double place[3], frame *f)
+/* Turns earth-centred coordinates to east, north and up from this place, which becomes 0. origin:
+ * its latitude and longitude. */
+static void stand_on_earth(const double place[3], const double origin[3], frame *f)
 {
-    double axes[3][3] = {
-        {-place[1], place[0], 0},
-        {0},
-        {place[0] / (EQUATOR * EQUATOR), place[1] / (EQUATOR * EQUATOR), place[2] / (POLE * POLE)}};
-    double turn[9], shift[3];
+    double axes[3][3], turn[9], shift[3];
 
-    cln_unit(axes[2]);
-    if (!cln_normalise(axes[0])) /* at a pole any direction is as good */
-        memcpy(axes[0], (double[3]){1, 0, 0}, sizeof axes[0]);
-    cln_cross(axes[2], axes[0], axes[1]);
+    cln_origin_axes(origin, axes);
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)
             turn[3 * i + j] =
@@ -97,9 +89,10 @@ static void stand_on_earth(const double place[3], frame *f)
 }
 
 /* The scene's frame; what: as words. Returns whether z is up in it. */
-static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_BYTES], frame *out)
+static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_BYTES], frame *out,
+                         double there[3])
 {
-    double middle[3] = {0}, there[3];
+    double middle[3] = {0};
     int count = 0;
 
     *out = (frame){.scale = 1, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
@@ -127,7 +120,7 @@ static bool choose_frame(const cln_metashape *m, int component, char what[WHAT_B
                "coordinates are metres east, north and up from the middle of the cameras, latitude "
                "%.8f, longitude %.8f, height %.3f",
                there[0], there[1], there[2]);
-    stand_on_earth(middle, out);
+    stand_on_earth(middle, there, out);
     return true;
 }
 
@@ -386,7 +379,9 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
                          "export the cameras again",
                          file));
     component = largest_component(&m);
-    result->up[2] = choose_frame(&m, component, what, &f);
+    result->on_earth = choose_frame(&m, component, what, &f, result->origin);
+    result->up[2] = result->on_earth;
+    result->gps_distance = NAN;
     CLN_TRY(add_views(file, &m, component, &f, result));
     if (result->view_count == 0)
         CLN_TRY(cln_fail(CLN_INPUT, "%s: all its aligned cameras are disabled; enable some", file));

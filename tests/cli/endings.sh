@@ -43,13 +43,16 @@ section_killed() {
     rm "$work/killed/checkpoint/latest" # which programs do not need
     expect "info without latest" 0 "" "$cln" info "$work/killed" --json
     check "it has the checkpoint all the same" number_above "$(json leaves)" 0
-    mkdir "$work/placed"
+    cp -r "$work/killed" "$work/placed"
     sed 's/"because": "/&metres from here, latitude -48.75, longitude 16.2, height 360.1, by GPS/' \
         "$work/killed/run.json" >"$work/placed/run.json"
     expect "info tells the place on the earth" 0 "" "$cln" info "$work/placed" --json
     check "it does" printed "latitude -48.75"
     expect "bugreport does not" 0 "" "$cln" bugreport "$work/placed" --no-test
     check "but how the scene was read" eval 'printed "metres from here, by GPS" && ! printed 16.2'
+    expect "nor does a copy" 0 "" "$cln" export "$work/placed" --copy "$work/placed copy"
+    check "in its run.json" eval 'grep -q "metres from here, by GPS" "$work/placed copy/run.json" &&
+        ! grep -q "latitude\|360\.1" "$work/placed copy/run.json"'
     expect "eval of a killed run" 0 "" "$cln" eval "$work/killed" --no-save-images
     check "its report has the state" grep -q "state other'>broken off<" "$work/killed/report.html"
     check "and the way on" grep -q "cl-nascent train --resume $work/killed</code> goes on" \

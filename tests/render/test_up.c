@@ -523,6 +523,50 @@ static void test_leaves_path(void **state)
     }
 }
 
+/* What cameras tell by themselves, and that they are asked where up is by GPS. */
+static void test_told(void **state)
+{
+    const double lean = 8 * DEGREE;
+    double up[3];
+    cln_up_told told;
+    shots s;
+
+    (void)state;
+    for (int seed = 0; seed < TRIES; seed++) {
+        begin(&s, (uint64_t)seed);
+        fly(&s, 6, 0, 5);
+        cln_up_tell(&s.scene, &told);
+        assert_int_equal(told.what, CLN_UP_TOLD);
+        assert_true(told.up[2] > cos(3 * DEGREE) && told.sd < 2 * DEGREE);
+        memcpy(s.scene.up, (const double[3]){0, 0, 1}, sizeof s.scene.up);
+        s.scene.up_by_gps = true;
+        assert_true(cln_up_of_cameras(&s.scene, up));
+        assert_true(up[2] > cos(3 * DEGREE));
+        memcpy(s.scene.up, (const double[3]){sin(lean), 0, cos(lean)}, sizeof s.scene.up);
+        assert_true(cln_up_of_cameras(&s.scene, up));
+        assert_true(up[2] > cos(3 * DEGREE));
+        s.scene.up_by_gps = false;
+        assert_true(cln_up_of_cameras(&s.scene, up));
+        assert_memory_equal(up, s.scene.up, sizeof up);
+        begin(&s, (uint64_t)seed); /* one way, which its cameras look along and down */
+        for (int k = 0; k < 20; k++)
+            shoot(&s, (const double[3]){k, 0, 50}, scatter(&s, 5), -70 + scatter(&s, 3),
+                  scatter(&s, 3));
+        cln_up_tell(&s.scene, &told);
+        assert_int_equal(told.what, CLN_UP_LEVEL);
+        assert_true(fabs(told.level[1]) > cos(3 * DEGREE) && told.rough[2] > 0.1);
+        memcpy(s.scene.up, (const double[3]){sin(lean), 0, cos(lean)}, sizeof s.scene.up);
+        s.scene.up_by_gps = true;
+        assert_true(cln_up_of_cameras(&s.scene, up));
+        assert_memory_equal(up, s.scene.up, sizeof up);
+    }
+    begin(&s, 1); /* held anyhow */
+    for (int k = 0; k < 12; k++)
+        shoot(&s, (const double[3]){k, 0, 0}, scatter(&s, 180), scatter(&s, 60), scatter(&s, 90));
+    cln_up_tell(&s.scene, &told);
+    assert_int_equal(told.what, CLN_UP_UNTOLD);
+}
+
 int test_group_up(void)
 {
     const struct CMUnitTest tests[] = {
@@ -531,7 +575,8 @@ int test_group_up(void)
         cmocka_unit_test(test_at_axis),     cmocka_unit_test(test_given),
         cmocka_unit_test(test_turned_over), cmocka_unit_test(test_texts),
         cmocka_unit_test(test_phone),       cmocka_unit_test(test_shapes),
-        cmocka_unit_test(test_any_frame),   cmocka_unit_test(test_leaves_path)};
+        cmocka_unit_test(test_any_frame),   cmocka_unit_test(test_leaves_path),
+        cmocka_unit_test(test_told)};
 
     return cmocka_run_group_tests_name("up", tests, NULL, NULL);
 }

@@ -118,17 +118,16 @@ static void test_gps(void **state)
         const char *halves;
         int below;
         double want[3];
-    } cases[] = {{"NE", 0, {41.1251, 73.5, 1234.5}},
-                 {"SW", 1, {-41.1251, -73.5, -1234.5}},
+    } cases[] = {{"NE", 0, {41.1251, 73.5, 1234.5}},   {"SW", 1, {-41.1251, -73.5, -1234.5}},
                  {"NW", 2, {41.1251, -73.5, 1234.5}}, /* EXIF 3.0: over the ellipsoid */
-                 {"NE", 3, {41.1251, 73.5, -1234.5}},
-                 {"N?", 0, {41.1251, NAN, 1234.5}}};
+                 {"NE", 3, {41.1251, 73.5, -1234.5}},  {"ne", 0, {41.1251, 73.5, 1234.5}},
+                 {"sw", 0, {-41.1251, -73.5, 1234.5}}, {"N?", 0, {41.1251, NAN, 1234.5}}};
     static const struct {
         int row, column;
         uint32_t value;
         int told; /* bits of what is left */
     } damaged[] = {{0, 0, 91, 6}, {3, 0, 181, 5}, {0, 1, 0, 6},         {2, 1, 0, 6},
-                   {5, 1, 0, 5},  {6, 1, 0, 3},   {6, 0, 4294967200, 3}};
+                   {5, 1, 0, 7},  {6, 1, 0, 3},   {6, 0, 4294967200, 3}};
     uint8_t data[GPS_BYTES];
 
     (void)state;
@@ -158,6 +157,21 @@ static void test_gps(void **state)
                    (const uint32_t[7][2]){{0, 1}, {0, 1}, {0, 1}, {0, 1}, {0, 1}, {0, 1}, {5, 1}},
                    0);
     assert_true(isnan(cln_exif_read_tiff(data, sizeof data).gps[0])); /* no reception */
+    exif_write_gps(data, true, "NE",
+                   (const uint32_t[7][2]){{41, 1}, {0, 0}, {0, 0}, {0, 0}, {0, 1}, {0, 1}, {5, 1}},
+                   0);
+    assert_near(cln_exif_read_tiff(data, sizeof data).gps[0], 41, 0);
+    assert_true(isnan(cln_exif_read_tiff(data, sizeof data).gps[1])); /* no degrees */
+    for (int type = 3; type <= 4; type++) /* a whole number for an altitude */
+        for (int little = 0; little < 2; little++) {
+            uint8_t *entry = data + GPS_AT + 2 + 12 * 5;
+
+            exif_write_gps(data, little, "NE", position, 1);
+            exif_number(entry + 2, 2, little, (uint32_t)type);
+            memset(entry + 8, 0, 4);
+            exif_number(entry + 8, type == 3 ? 2 : 4, little, 321);
+            assert_near(cln_exif_read_tiff(data, sizeof data).gps[2], -321, 0);
+        }
     assert_true(isnan(cln_exif_read(NULL, 0).gps[2]));
 }
 

@@ -39,30 +39,42 @@ static void test_file(void **state)
                                          "1 2 3\n",
                                          "# cl-nascent: x",
                                          "# cl-nascent: x\n1 2\n",
+                                         "# cl-nascent: x\n1",
+                                         "# cl-nascent: x\n1 2",
+                                         "# cl-nascent: x\n1 ",
+                                         "# cl-nascent: x\n1 2 3x",
                                          "# cl-nascent: x\n91 2 3\n",
                                          "# cl-nascent: x\n1 2 nan\n",
                                          "# cl-nascent: x\n1,2,3\n",
                                          "# another: x\n1 2 3\n"};
-    double origin[3] = {-33.123456784, 151.000000006, 71.2344}, got[3];
+    double origin[3] = {-33.123456784, 151.000000006, 71.2344}, got[3], distance = 0;
     const char *path = scratch_path(*state, "origin.txt");
 
     assert_false(cln_origin_is_there(*state));
-    assert_false(cln_origin_read(*state, got));
+    assert_false(cln_origin_read(*state, got, &distance));
     cln_origin_round(origin);
     assert_near(origin[1], 151.00000001, 1e-12);
-    assert_int_equal(cln_origin_write(*state, origin), CLN_OK);
+    assert_int_equal(cln_origin_write(*state, origin, 1.2344), CLN_OK);
     assert_true(cln_origin_is_there(*state));
-    assert_true(cln_origin_read(*state, got));
+    assert_true(cln_origin_read(*state, got, &distance));
     for (int a = 0; a < 3; a++)
         assert_near(got[a], origin[a], 0);
+    assert_near(distance, 1.234, 0);
     for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
         scratch_put(path, others[i], strlen(others[i]));
-        assert_false(cln_origin_read(*state, got));
+        assert_false(cln_origin_read(*state, got, &distance));
         assert_string_equal(cln_error_text(), "");
     }
     scratch_put(path, "# cl-nascent: x\r\n1 -2 3.5\r\n", 28);
-    assert_true(cln_origin_read(*state, got));
+    assert_true(cln_origin_read(*state, got, &distance));
     assert_near(got[1], -2, 0);
+    assert_true(isnan(distance));
+    scratch_put(path, "# cl-nascent: x\n1 2 3", 21); /* as of older programs, or cut off */
+    assert_true(cln_origin_read(*state, got, &distance));
+    assert_true(got[2] == 3 && isnan(distance));
+    scratch_put(path, "# cl-nascent: x\n1 2 3\n0.5", 25);
+    assert_true(cln_origin_read(*state, got, &distance));
+    assert_near(distance, 0.5, 0);
 }
 
 /* Models in both kinds of files: places of cameras, words and up. */
@@ -82,9 +94,11 @@ static void test_model(void **state)
         format_colmap(model, binary, cameras, NULL, NULL, 0);
         for (int there = 0; there < 2; there++) {
             cln_scene *scene = NULL;
+            json_t *about = NULL, *place = NULL;
+            char *text = NULL;
 
             if (there)
-                assert_int_equal(cln_origin_write(model, origin), CLN_OK);
+                assert_int_equal(cln_origin_write(model, origin, 0.84), CLN_OK);
             assert_int_equal(
                 cln_scene_load(&(cln_scene_desc){.path = folder, .config = plain()}, &scene),
                 CLN_OK);
@@ -94,6 +108,22 @@ static void test_model(void **state)
                          "latitude 48.75000000, longitude 16.20000000, height 360.081"),
                 there);
             assert_near(scene->up[2], there, 0);
+            assert_int_equal(scene->up_by_gps, there);
+            assert_int_equal(cln_scene_describe(scene, &about), CLN_OK);
+            place = json_object_get(about, "origin");
+            assert_int_equal(place != NULL, there);
+            assert_near(json_real_value(json_object_get(place, "height")), there ? 360.081 : 0, 0);
+            assert_near(json_real_value(json_object_get(place, "gps_distance")), there ? 0.84 : 0,
+                        0);
+            assert_int_equal(cln_origin_hide(about), CLN_OK);
+            assert_null(json_object_get(about, "origin"));
+            text = json_dumps(about, 0);
+            assert_null(strstr(text, "360.081"));
+            assert_null(strstr(text, "48.75"));
+            assert_int_equal(!!strstr(text, "by the photos' GPS (half of them within 0.84 m)"),
+                             there);
+            free(text);
+            json_decref(about);
             cln_scene_free(scene);
         }
         assert_int_equal(cln_colmap_places(model, &names, &at), CLN_OK);

@@ -76,6 +76,7 @@ int test_group_metashape(void);
 int test_group_phones(void);
 int test_group_deviation(void);
 int test_group_moved(void);
+
 int test_group_placing(void);
 int test_group_model(void);
 int test_group_needs(void);
@@ -130,6 +131,7 @@ int test_group_space(void);
 int test_group_sight_rays(void);
 int test_group_sights(void);
 int test_group_silhouette(void);
+int test_group_similarity(void);
 int test_group_splat(void);
 int test_group_standing(void);
 int test_group_step(void);

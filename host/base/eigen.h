@@ -1,0 +1,11 @@
+/* Eigenvalues of small symmetric matrices. */
+#ifndef CLN_EIGEN_H
+#define CLN_EIGEN_H
+
+enum { CLN_EIGEN_MOST = 4 };
+
+/* Of matrix [n][n], n of 2 to CLN_EIGEN_MOST: value [n] ascending, and rows of vector [n][n] that
+ * are their unit vectors, by Jacobi's turns. */
+void cln_eigen(int n, const double *matrix, double *value, double *vector);
+
+#endif
