@@ -37,11 +37,6 @@ static const char SIZE[] = "--Mapper.min_model_size";
 static const char BLOCK[] = "--ExhaustiveMatching.block_size";
 /* A file with the names of the photos to take, from which one run makes one camera. */
 static const char LIST[] = "--image_list_path";
-/* Of model_aligner: a list of places, whether these are degrees, what the frame is to be. */
-static const char PLACES[] = "--ref_images_path", IS_GPS[] = "--ref_is_gps";
-static const char ALIGNMENT[] = "--alignment_type", ROBUST[] = "--robust_alignment";
-/* Metres from its place with which a camera counts in an alignment, to places that all fit. */
-static const char APART[] = "0.1";
 /* The focal length that a photo without one in its EXIF data begins with, over its longest side.
  * COLMAP's 1.2 is an angle of 48 degrees by a fisheye's model, which has 0.3 to 0.5: of 25 drawn
  * photos of 173 pixels it ended at 177 and 180, from 0.4 on at 174 and 175. */
@@ -217,26 +212,14 @@ static void learn_version(const char *line, void *user)
 
     if (sscanf(line, "COLMAP %d.%d", &major, &minor) == 2)
         c->spheres = major > 4 || (major == 4 && minor >= 1);
-}
-
-static void learn_alignment(const char *line, void *user)
-{
-    static const char *const apart[] = {"--robust_alignment_max_error", /* to 3.8 */
-                                        "--alignment_max_error"};
-    cln_colmap *c = user;
-
-    c->lists_places = c->lists_places || strstr(line, PLACES);
-    c->gps_told = c->gps_told || strstr(line, IS_GPS);
-    c->aligns_to = c->aligns_to || strstr(line, ALIGNMENT);
-    for (int i = 0; i < 2; i++)
-        c->apart = strstr(line, apart[i]) ? apart[i] : c->apart;
+    if (major > 0)
+        c->by_matrix = major < 3 || (major == 3 && minor <= 8);
 }
 
 void cln_colmap_ask(cln_colmap *c)
 {
     static const char *const commands[] = {"feature_extractor", "exhaustive_matcher", "mapper"};
     const cln_command_watch watch = {learn_names, NULL, c, NULL};
-    const cln_command_watch aligner = {learn_alignment, NULL, c, NULL};
     const cln_command_watch version = {learn_version, NULL, c, NULL};
 
     c->extraction = "--SiftExtraction.use_gpu";
@@ -246,10 +229,6 @@ void cln_colmap_ask(cln_colmap *c)
             CLN_OK)
             cln_clear_error(); /* some versions end help with another code than 0 */
     if (cln_command_run((const char *const[]){"colmap", "help", NULL}, &version) != CLN_OK)
-        cln_clear_error();
-    if (c->desc->gps &&
-        cln_command_run((const char *const[]){"colmap", "model_aligner", "-h", NULL}, &aligner) !=
-            CLN_OK)
         cln_clear_error();
 }
 
@@ -576,25 +555,40 @@ done:
     return st;
 }
 
-cln_status cln_colmap_align(cln_colmap *c, const char *model, const char *places, const char *out)
+cln_status cln_colmap_transform(cln_colmap *c, const char *model, const cln_similarity *by,
+                                bool by_matrix, const char *out)
 {
-    const char *argv[24] = {"colmap", "model_aligner", "--input_path", model, "--output_path",
-                            out,      PLACES,          places};
-    const char *const more[][2] = {{c->gps_told ? IS_GPS : NULL, "0"},
-                                   {c->aligns_to ? ALIGNMENT : NULL, "custom"},
-                                   {c->apart && strstr(c->apart, "robust") ? ROBUST : NULL, "1"},
-                                   {c->apart, APART}};
-    int n = 8;
+    cln_status st = CLN_OK;
+    char *path = NULL, text[512];
+    double pose[12] = {0}, q[4];
+    int bytes = 0;
 
-    if (!c->lists_places)
-        return cln_fail(CLN_FAILED, "the COLMAP that is installed cannot place a scene "
-                                    "(model_aligner); install version 3.7 or newer");
-    for (size_t i = 0; i < sizeof more / sizeof *more; i++)
-        if (more[i][0]) {
-            argv[n++] = more[i][0];
-            argv[n++] = more[i][1];
-        }
-    return run(c, "poses: place by GPS", argv);
+    CLN_TRY(cln_path_join(&path, c->desc->out, "colmap.transform"));
+    for (int k = 0; k < 9; k++)
+        pose[4 * (k / 3) + k % 3] = by->turn[k];
+    cln_pose_quaternion(pose, q);
+    for (int k = 0; k < 3 && by_matrix; k++)
+        bytes += cln_format(text + bytes, sizeof text - (size_t)bytes, "%.17g %.17g %.17g %.17g\n",
+                            by->scale * by->turn[3 * k], by->scale * by->turn[3 * k + 1],
+                            by->scale * by->turn[3 * k + 2], by->shift[k]);
+    if (!by_matrix)
+        bytes =
+            cln_format(text, sizeof text, "%.17g %.17g %.17g %.17g %.17g %.17g %.17g %.17g\n",
+                       by->scale, q[0], q[1], q[2], q[3], by->shift[0], by->shift[1], by->shift[2]);
+    CLN_TRY(cln_write_file(path, text, (size_t)bytes));
+    CLN_TRY(run(c, "poses: place by GPS",
+                (const char *const[]){"colmap", "model_transformer", "--input_path", model,
+                                      "--output_path", out, "--transform_path", path, NULL}));
+done:
+    if (st == CLN_FAILED && strstr(cln_error_text(), "not recognized")) {
+        cln_clear_error();
+        st = cln_fail(CLN_FAILED, "the COLMAP that is installed cannot place a scene "
+                                  "(model_transformer); install version 3.8 or newer");
+    }
+    if (path)
+        (void)unlink(path);
+    free(path);
+    return st;
 }
 
 static int remove_one(const char *path, const struct stat *info, int kind, struct FTW *where)

@@ -9,6 +9,7 @@
 #include "scene/dataset.h"
 #include "scene/lens.h"
 #include "scene/scene.h"
+#include "scene/similarity.h"
 
 enum { CLN_POSES_LEAST = 3 }; /* photos that poses can be found of */
 
@@ -40,12 +41,10 @@ typedef struct cln_colmap {
                                    it has no such option */
     cln_colmap_room room;
     bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
-    bool lists_places, gps_told; /* model_aligner takes a list of places; and whether of degrees */
-    bool aligns_to;              /* to what, by --alignment_type */
-    const char *apart;           /* its option for how far off the ones that count may be */
-    bool spheres;                /* it has a camera model of panoramas (4.1 and newer) */
-    bool guesses;                /* it takes a focal length to begin with, without EXIF data */
-    int focal_lengths;           /* photos with one by EXIF data, in pixels between these: */
+    bool by_matrix;            /* model_transformer reads a matrix (to 3.8), not a quaternion */
+    bool spheres;              /* it has a camera model of panoramas (4.1 and newer) */
+    bool guesses;              /* it takes a focal length to begin with, without EXIF data */
+    int focal_lengths;         /* photos with one by EXIF data, in pixels between these: */
     double focal_least, focal_most;
     int unread; /* photos that it could not read; the first of them: */
     char unread_name[128];
@@ -75,10 +74,11 @@ cln_status cln_colmap_match(cln_colmap *c, bool ordered);
 /* Finds poses; the largest model is sparse/0 of the scene's folder then. */
 cln_status cln_colmap_map(cln_colmap *c);
 
-/* Turns, scales and moves a model to places of its cameras, a file of lines "NAME x y z", into a
- * folder that is there; cln_colmap_ask learnt how, if desc->gps. CLN_FAILED, too, if this COLMAP
- * cannot. */
-cln_status cln_colmap_align(cln_colmap *c, const char *model, const char *places, const char *out);
+/* Turns, scales and moves a model into a folder that is there. by_matrix: how it is told; a COLMAP
+ * that reads it otherwise makes something else of the model, or fails. CLN_FAILED, too, if this
+ * COLMAP cannot. */
+cln_status cln_colmap_transform(cln_colmap *c, const char *model, const cln_similarity *by,
+                                bool by_matrix, const char *out);
 
 /* Removes a folder of models that an earlier attempt left, if it is there. CLN_OUTPUT. */
 cln_status cln_colmap_remove(const char *folder);

@@ -1,9 +1,8 @@
-/* Places a model on the earth. See photo_gps.h. The similarity is found here (place_turn.h);
- * COLMAP's model_aligner applies it, by a list of names and the places that it brings cameras to:
- * by the positions themselves it would take one of the turns that a third of them fit. */
+/* Places a model on the earth. See photo_gps.h. The similarity is found here (place_turn.h), and
+ * COLMAP's model_transformer applies it: its model_aligner would take one of the turns that a third
+ * of the positions fit. */
 #include "api/photo_gps.h"
 
-#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -13,7 +12,6 @@
 #include <unistd.h>
 
 #include "api/place_turn.h"
-#include "base/eigen.h"
 #include "base/files.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -31,17 +29,8 @@ static const double LEAST = 10;
 static const double TURN_MOST = 10, LENGTH_MOST = 0.15;
 /* Of the cameras' largest distance: what COLMAP's result may be from what it was asked for. */
 static const double DONE = 1e-3;
-/* Metres from a line, whose places are told to micrometres. */
-static const double THIN = 2e-3;
 
 /* ---- positions ---- */
-
-static bool has_blank(const char *name)
-{
-    while (*name && !isspace((unsigned char)*name))
-        name++;
-    return *name != 0;
-}
 
 cln_status cln_photo_gps_read(const char *folder, const cln_names *photos, cln_photo_gps *out)
 {
@@ -69,10 +58,6 @@ cln_status cln_photo_gps_read(const char *folder, const cln_names *photos, cln_p
             out->at[i][0] = NAN;
         else
             out->count++;
-        if (!isnan(out->at[i][0]) && has_blank(photos->name[i])) {
-            out->at[i][0] = NAN;
-            out->unnamed++;
-        }
     }
 done:
     free(path);
@@ -87,22 +72,15 @@ void cln_photo_gps_free(cln_photo_gps *gps)
 
 cln_status cln_photo_gps_check(const cln_photo_gps *gps, const char *folder, int photos)
 {
-    char names[160] = "";
-
-    if (gps->count - gps->unnamed >= CLN_POSES_LEAST)
+    if (gps->count >= CLN_POSES_LEAST)
         return CLN_OK;
-    if (gps->unnamed)
-        snprintf(names, sizeof names,
-                 "; %d more with a space in the name cannot be used, as COLMAP reads a list of "
-                 "names: rename %s",
-                 gps->unnamed, cln_plural(gps->unnamed, "it", "them"));
     return cln_fail(
         CLN_INPUT,
         "%s: --gps: %d of %d photos have a GPS position (latitude and longitude in EXIF "
-        "data, %d of them an altitude), and three are needed%s. Give the photos as the "
+        "data, %d of them an altitude), and three are needed. Give the photos as the "
         "camera wrote them, as programs that change or send photos may drop it, or "
         "leave --gps out",
-        folder, gps->level - gps->unnamed, photos, gps->high, names);
+        folder, gps->level, photos, gps->high);
 }
 
 /* Of the largest distance from the first place: half of what they are apart at least. */
@@ -148,8 +126,7 @@ bool cln_photo_gps_wide(const cln_photo_gps *gps, int photos)
     bool wide = false;
     int count = 0;
 
-    if (gps->count == gps->unnamed ||
-        cln_alloc(&at, (size_t)photos, sizeof *at, "positions") != CLN_OK)
+    if (gps->count == 0 || cln_alloc(&at, (size_t)photos, sizeof *at, "positions") != CLN_OK)
         return false;
     for (int i = 0; i < photos; i++)
         if (!isnan(gps->at[i][0])) {
@@ -214,44 +191,6 @@ done:
     return st;
 }
 
-/* The places that the similarity brings the cameras to, for model_aligner. */
-static cln_status write_list(const cameras *m, const cln_similarity *to, const char *path)
-{
-    cln_status st = CLN_OK;
-    cln_atomic_file *file = NULL;
-    char line[128];
-
-    CLN_TRY(cln_atomic_open(path, &file));
-    for (int i = 0; i < m->count; i++) {
-        const char *name = m->names.name[m->which[i]];
-        double at[3];
-
-        cln_similarity_apply(to, m->at[m->which[i]], at);
-        cln_format(line, sizeof line, " %.6f %.6f %.6f\n", at[0], at[1], at[2]);
-        CLN_TRY(cln_atomic_write(file, name, strlen(name)));
-        CLN_TRY(cln_atomic_write(file, line, strlen(line)));
-    }
-    CLN_TRY(cln_atomic_commit(&file));
-done:
-    cln_atomic_abandon(file);
-    return st;
-}
-
-/* Root of the mean square of the distances from the line that places are nearest to. */
-static double width(int count, double (*at)[3])
-{
-    double middle[3] = {0}, square[9] = {0}, value[3], axis[9];
-
-    for (int i = 0; i < count; i++)
-        for (int a = 0; a < 3; a++)
-            middle[a] += at[i][a] / count;
-    for (int i = 0; i < count; i++)
-        for (int k = 0; k < 9; k++)
-            square[k] += (at[i][k / 3] - middle[k / 3]) * (at[i][k % 3] - middle[k % 3]) / count;
-    cln_eigen(3, square, value, axis);
-    return sqrt(fmax(value[0] + value[1], 0));
-}
-
 /* How far the middle one of the cameras is from its position; fails if they are not where they were
  * to be brought. */
 static cln_status measure(const cameras *before, const cln_similarity *to, const cameras *after,
@@ -260,6 +199,8 @@ static cln_status measure(const cameras *before, const cln_similarity *to, const
     cln_status st = CLN_OK;
     double *apart = NULL, (*at)[3] = NULL, most = 0;
 
+    if (after->count != before->count)
+        CLN_TRY(cln_fail(CLN_FAILED, "COLMAP wrote %d of %d cameras", after->count, before->count));
     CLN_TRY(cln_alloc(&apart, (size_t)after->count, sizeof *apart, "cameras"));
     CLN_TRY(cln_alloc(&at, (size_t)after->count, sizeof *at, "cameras"));
     for (int i = 0; i < after->count; i++) {
@@ -278,9 +219,6 @@ static cln_status measure(const cameras *before, const cln_similarity *to, const
     }
     cln_reals_sort(apart, after->count);
     *distance = apart[after->count / 2];
-    if (!(width(after->count, at) > THIN))
-        CLN_TRY(cln_fail(CLN_FAILED, "the cameras stand on one line exactly, about which COLMAP's "
-                                     "model_aligner turns a scene anyhow"));
     if (!(most <= DONE * reach(after->count, at) + DONE))
         CLN_TRY(
             cln_fail(CLN_FAILED, "COLMAP left cameras up to %.3g m from where they belong", most));
@@ -353,13 +291,39 @@ static void tell_difference(const cln_place_turn *turn)
                  turn->apart, turn->by_gps, turn->drift);
 }
 
-/* From `model` to the folder `made`. *fits: it is to be taken. */
-static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_told *told,
-                       const char *model, const char *made, const char *list,
-                       cln_poses_result *result, bool *fits)
+/* Applies it, told as this COLMAP's version reads it, else in the other way: versions that nobody
+ * knows are seen by what they make of it. */
+static cln_status apply(cln_colmap *c, const cln_photo_gps *gps, const char *model,
+                        const char *made, const cameras *before, const cln_similarity *to,
+                        const double origin[3], double *distance)
 {
     cln_status st = CLN_OK;
-    cameras before = {0}, after = {0};
+
+    for (int way = 0; way < 2; way++) {
+        cameras after = {0};
+
+        if (way == 1 && st != CLN_FAILED)
+            break;
+        cln_clear_error();
+        st = cln_colmap_remove(made);
+        st = st == CLN_OK ? cln_make_dirs(made) : st;
+        st = st == CLN_OK ? cln_colmap_transform(c, model, to, c->by_matrix == (way == 0), made)
+                          : st;
+        st = st == CLN_OK ? read_cameras(c, gps, made, &after) : st;
+        for (int i = 0; i < after.count; i++)
+            cln_origin_local(origin, after.place[i], after.place[i]);
+        st = st == CLN_OK ? measure(before, to, &after, gps->flat, distance) : st;
+        free_cameras(&after);
+    }
+    return st;
+}
+
+/* From `model` to the folder `made`. *fits: it is to be taken. */
+static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_told *told,
+                       const char *model, const char *made, cln_poses_result *result, bool *fits)
+{
+    cln_status st = CLN_OK;
+    cameras before = {0};
     double origin[3], (*from)[3] = NULL;
     cln_place_turn turn;
 
@@ -395,23 +359,13 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
         CLN_TRY(cln_place_turn_find(before.count, from, before.place, told, &turn));
     if (!take_doubt(&turn, result))
         goto done;
-    CLN_TRY(write_list(&before, &turn.to, list));
-    CLN_TRY(cln_make_dirs(made));
-    CLN_TRY(cln_colmap_align(c, model, list, made));
-    CLN_TRY(read_cameras(c, gps, made, &after));
-    if (after.count != before.count)
-        CLN_TRY(cln_fail(CLN_FAILED, "%s: COLMAP wrote %d of %d cameras", made, after.count,
-                         before.count));
-    for (int i = 0; i < after.count; i++)
-        cln_origin_local(origin, after.place[i], after.place[i]);
-    CLN_TRY(measure(&before, &turn.to, &after, gps->flat, &result->gps_distance));
+    CLN_TRY(apply(c, gps, model, made, &before, &turn.to, origin, &result->gps_distance));
     tell_difference(&turn);
     CLN_TRY(cln_origin_write(made, origin, result->gps_distance));
     memcpy(result->origin, origin, sizeof origin);
     *fits = true;
 done:
     free_cameras(&before);
-    free_cameras(&after);
     free(from);
     return st;
 }
@@ -421,15 +375,14 @@ cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, const cl
 {
     cln_status st = CLN_OK;
     cln_up_told told;
-    char *model = NULL, *made = NULL, *list = NULL;
+    char *model = NULL, *made = NULL;
     bool fits = false;
 
     CLN_TRY(cln_path_join(&model, c->desc->out, "sparse/0"));
     CLN_TRY(cln_path_join(&made, c->desc->out, "sparse.gps"));
-    CLN_TRY(cln_path_join(&list, c->desc->out, "colmap.places"));
     CLN_TRY(cln_colmap_remove(made));
     cln_up_tell(scene, &told);
-    st = make(c, gps, &told, model, made, list, result, &fits);
+    st = make(c, gps, &told, model, made, result, &fits);
     if (st == CLN_FAILED || st == CLN_INPUT) {
         cln_warn("--gps: %s" STAYS, cln_error_text());
         cln_clear_error();
@@ -443,10 +396,7 @@ cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, const cl
 done:
     if (!result->placed)
         result->gps_distance = result->up_sd = result->north_sd = result->length_sd = 0;
-    if (list)
-        (void)unlink(list);
     free(model);
     free(made);
-    free(list);
     return st;
 }

@@ -7,10 +7,9 @@
 #include "api/colmap.h"
 
 typedef struct cln_photo_gps {
-    int count;   /* photos with latitude, longitude and altitude; if flat, with the first two */
-    int unnamed; /* of these, ones with a blank in the name, which COLMAP cannot read here */
-    int level;   /* photos with latitude and longitude, and ones with an altitude beside them: */
-    int high;    /* where these are too few, altitudes are 0: */
+    int count; /* photos with latitude, longitude and altitude; if flat, with the first two */
+    int level; /* photos with latitude and longitude, and ones with an altitude beside them: */
+    int high;  /* where these are too few, altitudes are 0: */
     bool flat;
     double (*at)[3]; /* [photo] these three, degrees and metres; NAN where it cannot be used */
 } cln_photo_gps;
