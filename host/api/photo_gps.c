@@ -291,30 +291,23 @@ static void tell_difference(const cln_place_turn *turn)
                  turn->apart, turn->by_gps, turn->drift);
 }
 
-/* Applies it, told as this COLMAP's version reads it, else in the other way: versions that nobody
- * knows are seen by what they make of it. */
+/* Has COLMAP apply it. *distance: as measure. */
 static cln_status apply(cln_colmap *c, const cln_photo_gps *gps, const char *model,
                         const char *made, const cameras *before, const cln_similarity *to,
-                        const double origin[3], double *distance)
+                        bool by_matrix, const double origin[3], double *distance)
 {
     cln_status st = CLN_OK;
+    cameras after = {0};
 
-    for (int way = 0; way < 2; way++) {
-        cameras after = {0};
-
-        if (way == 1 && st != CLN_FAILED)
-            break;
-        cln_clear_error();
-        st = cln_colmap_remove(made);
-        st = st == CLN_OK ? cln_make_dirs(made) : st;
-        st = st == CLN_OK ? cln_colmap_transform(c, model, to, c->by_matrix == (way == 0), made)
-                          : st;
-        st = st == CLN_OK ? read_cameras(c, gps, made, &after) : st;
-        for (int i = 0; i < after.count; i++)
-            cln_origin_local(origin, after.place[i], after.place[i]);
-        st = st == CLN_OK ? measure(before, to, &after, gps->flat, distance) : st;
-        free_cameras(&after);
-    }
+    CLN_TRY(cln_colmap_remove(made));
+    CLN_TRY(cln_make_dirs(made));
+    CLN_TRY(cln_colmap_transform(c, model, to, by_matrix, made));
+    CLN_TRY(read_cameras(c, gps, made, &after));
+    for (int i = 0; i < after.count; i++)
+        cln_origin_local(origin, after.place[i], after.place[i]);
+    CLN_TRY(measure(before, to, &after, gps->flat, distance));
+done:
+    free_cameras(&after);
     return st;
 }
 
@@ -324,6 +317,7 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
 {
     cln_status st = CLN_OK;
     cameras before = {0};
+    char *why = NULL;
     double origin[3], (*from)[3] = NULL;
     cln_place_turn turn;
 
@@ -359,13 +353,24 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
         CLN_TRY(cln_place_turn_find(before.count, from, before.place, told, &turn));
     if (!take_doubt(&turn, result))
         goto done;
-    CLN_TRY(apply(c, gps, model, made, &before, &turn.to, origin, &result->gps_distance));
+    st = apply(c, gps, model, made, &before, &turn.to, c->by_matrix, origin, &result->gps_distance);
+    if (st == CLN_FAILED && (why = strdup(cln_error_text()))) { /* a version that is not known */
+        cln_clear_error();
+        st = apply(c, gps, model, made, &before, &turn.to, !c->by_matrix, origin,
+                   &result->gps_distance);
+        if (st == CLN_FAILED) {
+            cln_clear_error();
+            st = cln_fail(CLN_FAILED, "%s", why);
+        }
+    }
+    CLN_TRY(st);
     tell_difference(&turn);
     CLN_TRY(cln_origin_write(made, origin, result->gps_distance));
     memcpy(result->origin, origin, sizeof origin);
     *fits = true;
 done:
     free_cameras(&before);
+    free(why);
     free(from);
     return st;
 }
