@@ -667,7 +667,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"report r", "'report'|RUN/report.html"},
         {"xyzzyplugh", "unknown command 'xyzzyplugh'"},
         {"ren", "unknown command 'ren'; did you mean 'render'?"},
-        {"orbit", "unknown command 'orbit'; --orbit is an option: `cl-nascent help render`"},
+        {"orbit", "unknown command 'orbit'; --orbit is an option: `cl-nascent help --orbit` tells"},
         {"resume", "train --resume RUN"},
         {"help rendre", "did you mean 'render'"},
         {"-v train s", "-v|after the command"},
