@@ -153,10 +153,11 @@ static cln_status tell_renamed(const cln_scene *scene, char **likely)
         goto done;
     free(*likely);
     *likely = NULL;
-    CLN_TRY(cln_asprintf(likely,
-                         "; %s has %d image%s of other names: if photos were renamed, give them "
-                         "these names back, or find poses anew",
-                         folder, others, cln_plural(others, "", "s")));
+    CLN_TRY(
+        cln_asprintf(likely,
+                     "; restore %s, or, if photos were renamed (%s has %d of other names), give "
+                     "them these names back",
+                     cln_plural(scene->missing, "it", "them"), folder, others));
 done:
     cln_dataset_free_names(&names);
     free(folder);

@@ -248,7 +248,7 @@ section_edited() {
     for i in "$work/renamed/images/"*; do
         mv "$i" "${i%/*}/2026 ${i##*/}"
     done
-    expect "photos that were renamed" 3 "~14.images.of.other.names:.*renamed" \
+    expect "photos that were renamed" 3 "~renamed..*has.14.of.other.names.*names.back" \
         "$cln" info "$work/renamed"
     mkdir -p "$s/images/@eaDir/frame_00001.png"
     cp "$s/images/frame_00001.png" "$s/images/@eaDir/frame_00001.png/SYNOPHOTO_THUMB_M.png"
