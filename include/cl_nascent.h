@@ -326,7 +326,8 @@ typedef struct cln_eval_desc {
     bool fast;         /* fewer samples: less time, a little more error */
     bool seams;        /* also jumps between leaves at surfaces, of up to 16 training views */
     bool save_images;  /* renders, truths, errors and pictures of the tree */
-    const char *out;   /* the folder to write to; NULL = RUN/eval, and the report is renewed */
+    const char *out;   /* the folder to write to, of no run or frames (CLN_USAGE); NULL = RUN/eval,
+                          and the report is renewed */
     cln_device_desc device;
     cln_callbacks callbacks;
     const char *views; /* only views of the split with these photos' names, with commas between: a

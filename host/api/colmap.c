@@ -21,9 +21,9 @@
 #include "io/progress.h"
 #include "scene/reader.h"
 
-#define UNREAD                                                                          \
-    "versions before 4 read no PNG of 16 bits; ImageMagick's `mogrify -depth 8 *.png` " \
-    "makes 8 of them, as training does"
+#define UNREAD                                                                                \
+    "versions before 4 read no PNG of 16 bits; ImageMagick's `mogrify -path FOLDER -depth 8 " \
+    "*.png` writes copies of 8, as training makes of them"
 
 enum { PLAIN = 30, FEW = 120, MANY = 200, NEXT = 12, MODELS = 64 };
 enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
@@ -210,10 +210,10 @@ static void learn_version(const char *line, void *user)
     cln_colmap *c = user;
     int major = 0, minor = 0;
 
-    if (sscanf(line, "COLMAP %d.%d", &major, &minor) == 2)
-        c->spheres = major > 4 || (major == 4 && minor >= 1);
-    if (major > 0)
-        c->by_matrix = major < 3 || (major == 3 && minor <= 8);
+    if (sscanf(line, "COLMAP %d.%d", &major, &minor) != 2)
+        return;
+    c->spheres = major > 4 || (major == 4 && minor >= 1);
+    c->by_matrix = major < 3 || (major == 3 && minor <= 8);
 }
 
 void cln_colmap_ask(cln_colmap *c)

@@ -25,17 +25,6 @@ static void turned(const cln_similarity *s, const double v[3], double out[3])
         out[k] = cln_dot(s->turn + (size_t)3 * k, v);
 }
 
-static void invert(const double m[9], double out[9])
-{
-    double value[3], axis[3][3];
-
-    cln_eigen(3, m, value, axis[0]);
-    memset(out, 0, 9 * sizeof *out);
-    for (int e = 0; e < 3; e++)
-        for (int k = 0; k < 9; k++)
-            out[k] += axis[e][k / 3] * axis[e][k % 3] / fmax(value[e], 1e-30);
-}
-
 /* The rotation vector that is missing for what cameras tell, and in *sharp how well each part of it
  * is told: [x, y] by rows, 1 / radians^2 times sd^2. */
 static void missing(const cln_similarity *s, const cln_up_told *told, double out[3],
@@ -115,7 +104,7 @@ static void agree(const double known[9], const cln_up_told *told, const cln_simi
             sum[k] = known[k] + sharp[k];
             right[k / 3] += sharp[k] * (left[k % 3] + by[k % 3]);
         }
-        invert(sum, covariance);
+        cln_eigen_invert(sum, 0, covariance);
         for (int k = 0; k < 3; k++)
             by[k] = cln_dot(covariance + (size_t)3 * k, right);
         *s = *first;
@@ -184,7 +173,7 @@ cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
 
         for (int k = 0; k < 9 && out->differ; k++) /* as they drift, they are off by all of it */
             covariance[k] += worse * way[k / 3] * way[k % 3];
-        invert(covariance, known);
+        cln_eigen_invert(covariance, 0, known);
         first = out->to;
         agree(known, told, &first, &out->to, covariance);
         CLN_TRY(cln_similarity_fit_level(count, from, to, &out->to));

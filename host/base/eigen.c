@@ -52,3 +52,15 @@ void cln_eigen(int n, const double *matrix, double *value, double *vector)
         memcpy(vector + (size_t)rank * n, v[i], (size_t)n * sizeof *vector);
     }
 }
+
+void cln_eigen_invert(const double m[9], double least, double out[9])
+{
+    double value[3], axis[3][3];
+
+    cln_eigen(3, m, value, axis[0]);
+    memset(out, 0, 9 * sizeof *out);
+    for (int e = 0; e < 3; e++)
+        for (int k = 0; k < 9; k++)
+            out[k] +=
+                axis[e][k / 3] * axis[e][k % 3] / fmax(value[e], fmax(least * value[2], 1e-30));
+}

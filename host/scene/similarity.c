@@ -283,18 +283,6 @@ done:
     return st;
 }
 
-/* The inverse of a symmetric matrix, whose eigenvalues count as `least` of the largest at least. */
-static void invert(const double m[9], double least, double out[9])
-{
-    double value[3], axis[3][3];
-
-    cln_eigen(3, m, value, axis[0]);
-    memset(out, 0, 9 * sizeof *out);
-    for (int e = 0; e < 3; e++)
-        for (int k = 0; k < 9; k++)
-            out[k] += axis[e][k / 3] * axis[e][k % 3] / fmax(value[e], least * value[2]);
-}
-
 cln_status cln_similarity_judge(int count, double (*from)[3], double (*to)[3],
                                 const cln_similarity *s, cln_similarity_doubt *out)
 {
@@ -349,7 +337,7 @@ cln_status cln_similarity_judge(int count, double (*from)[3], double (*to)[3],
         tells[c] += more;
         noise[c] += more * (out->apart[0] * out->apart[0] + 1e-12);
     }
-    invert(tells, 1e-15, inverse);
+    cln_eigen_invert(tells, 1e-15, inverse);
     multiply(inverse, noise, noise);
     multiply(noise, inverse, out->turn);
 done:

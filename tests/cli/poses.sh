@@ -206,7 +206,7 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
     cp "$work/panoramas/1.png" "$work/panoramas/4.png"
     expect "a few beside panoramas, and a newer COLMAP" 3 "~4.of.7.photos.*of.its.own" \
         env STAND_IN=newer PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of both"
-    expect "photos that COLMAP cannot read" 3 "~24.of.24.photos.*r_000.png ~mogrify.-depth.8" \
+    expect "photos that COLMAP cannot read" 3 "~24.of.24.photos.*r_000.png ~mogrify.-path" \
         env STAND_IN=deep PATH="$path" "$cln" poses "$work/photos/train" -o "$work/of deep ones"
     cp -r "$work/photos/train" "$work/photos/some"
     cp "$work/photos/some/r_003.png" "$work/photos/some/deep.png"
