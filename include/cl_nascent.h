@@ -625,6 +625,9 @@ typedef struct cln_poses_desc {
     bool gps;           /* turn, scale and move the scene by the GPS positions in the photos' EXIF
                            data: metres, x east, y north, z up. Poses that are in out/sparse/0 are
                            placed as they are, also again, by photos of the same names */
+    const char *masks;  /* a folder with masks, called as training takes them beside photos, or one
+                           picture for all: black is not looked at. They become out/masks. NULL =
+                           none */
     cln_callbacks callbacks;
 } cln_poses_desc;
 

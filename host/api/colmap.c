@@ -37,6 +37,8 @@ static const char SIZE[] = "--Mapper.min_model_size";
 static const char BLOCK[] = "--ExhaustiveMatching.block_size";
 /* A file with the names of the photos to take, from which one run makes one camera. */
 static const char LIST[] = "--image_list_path";
+/* A folder with PHOTO.png for each photo: black pixels give no features. */
+static const char MASKS[] = "--ImageReader.mask_path";
 /* The focal length that a photo without one in its EXIF data begins with, over its longest side.
  * COLMAP's 1.2 is an angle of 48 degrees by a fisheye's model, which has 0.3 to 0.5: of 25 drawn
  * photos of 173 pixels it ended at 177 and 180, from 0.4 on at 174 and 175. */
@@ -298,6 +300,7 @@ static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char
     const bool guess = c->lens && c->guesses && cln_lens_is_fisheye(c->lens->lens);
     const char *const more[][2] = {{list ? LIST : NULL, list},
                                    {guess ? GUESS : NULL, FISHEYE},
+                                   {c->masks ? MASKS : NULL, c->masks},
                                    {c->room.threads ? c->threads : NULL, threads},
                                    {c->room.side ? c->side : NULL, side}};
     int n = 12;

@@ -32,6 +32,7 @@ typedef struct cln_colmap {
     const cln_colmap_model *lens; /* of the cameras; NULL: by the number of photos */
     cln_names photos;             /* in `images`, by name */
     char *images, *database;      /* their folder; the features and matches */
+    char *masks;                  /* the folder of IMAGE.png, black in which is no feature; NULL */
     char *sparse;                 /* the folder of the models, until one is chosen */
     char *log_path;
     FILE *log;

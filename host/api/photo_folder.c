@@ -234,7 +234,7 @@ done:
 
 /* Links or copies a photo, not the symbolic link that it may be; one that is there already must be
  * the same. */
-static cln_status copy_file(const char *from, const char *to)
+cln_status cln_photos_link_file(const char *from, const char *to)
 {
     cln_status st = CLN_OK;
     char *data = NULL, *there = NULL;
@@ -318,7 +318,7 @@ cln_status cln_photos_check_out(const char *photos, const char *out)
     dir = within ? NULL : opendir(out);
     for (struct dirent *entry = dir ? readdir(dir) : NULL; entry; entry = readdir(dir))
         if (entry->d_name[0] != '.' && strcmp(entry->d_name, "images") != 0 &&
-            (!*other || strcmp(entry->d_name, other) < 0))
+            strcmp(entry->d_name, "masks") != 0 && (!*other || strcmp(entry->d_name, other) < 0))
             snprintf(other, sizeof other, "%s", entry->d_name);
     if (*other)
         CLN_TRY(cln_fail(CLN_OUTPUT,
@@ -357,7 +357,7 @@ cln_status cln_photos_link(const char *folder, const char *images)
         *slash = 0;
         CLN_TRY(cln_make_dirs(to));
         *slash = '/';
-        CLN_TRY(copy_file(from, to));
+        CLN_TRY(cln_photos_link_file(from, to));
     }
 done:
     cln_dataset_free_names(&photos);

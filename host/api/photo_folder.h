@@ -14,7 +14,7 @@ bool cln_photos_are_video(const char *path);
 bool cln_photos_were_framed(const char *log);
 
 /* Whether a scene may be made in the folder `out`: CLN_OUTPUT if it has things of no earlier
- * attempt beside images, unless the photos, a folder or a video, are directly in it. */
+ * attempt beside images and masks, unless the photos, a folder or a video, are directly in it. */
 cln_status cln_photos_check_out(const char *photos, const char *out);
 
 typedef struct cln_film {
@@ -36,5 +36,8 @@ cln_status cln_photos_take_frames(const cln_poses_desc *desc, const cln_film *fi
 /* Links or copies the photos in a folder to the folder `images`, unless it is the same. CLN_OUTPUT
  * if that has other photos, or another one of a name. */
 cln_status cln_photos_link(const char *folder, const char *images);
+
+/* The same of one file, of which `to` is the new name. */
+cln_status cln_photos_link_file(const char *from, const char *to);
 
 #endif

@@ -3,6 +3,7 @@
  *
  *   SCENE/images/       hard links to the photos (copies on another disk), or the video's frames
  *                       (photo_folder.c)
+ *   SCENE/masks/        likewise the photos' masks, if some were given (photo_masks.c)
  *   SCENE/sparse/0/     the largest model, which readers take; by GPS, if asked for (photo_gps.c)
  *   SCENE/colmap.db     COLMAP's features and matches, and colmap.stamp, of which photos they are
  *   SCENE/colmap.log    every command with its output
@@ -32,6 +33,7 @@
 #include "api/colmap.h"
 #include "api/photo_folder.h"
 #include "api/photo_gps.h"
+#include "api/photo_masks.h"
 #include "cl_nascent.h"
 #include "io/command.h"
 #include "io/disk.h"
@@ -330,6 +332,13 @@ static cln_status check_folder(work *w)
                          "%s: --gps: a video's frames have no GPS positions; leave it out, or give "
                          "a folder of photos that have them",
                          w->desc->photos));
+    if (w->desc->masks && w->posed)
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--mask-path: %s has poses already, which masks do not change; leave it "
+                         "out",
+                         out));
+    if (w->desc->masks)
+        CLN_TRY(cln_photo_masks_check(w->desc->masks));
     if (cln_is_dir(w->desc->photos))
         CLN_TRY(check_photos(w->desc->photos, w->posed ? NULL : out, w->desc->gps));
     CLN_TRY(cln_disk_check(out, 0, ""));
@@ -350,36 +359,56 @@ done:
     return st;
 }
 
-/* A digest of what features and matches are of: the photos, and what was asked for. */
-static cln_status tell_photos(const work *w, char text[CLN_DIGEST_TEXT])
+/* Names and sizes of files; timed: when they were written, too. */
+static cln_status add_files(const char *folder, const cln_names *names, bool timed, uint64_t *d)
 {
     cln_status st = CLN_OK;
-    const cln_colmap *c = &w->colmap;
-    const bool frames = cln_photos_are_video(w->desc->photos); /* files are written anew */
-    uint64_t d = CLN_DIGEST_START;
     char *path = NULL, *line = NULL;
 
-    CLN_TRY(cln_asprintf(&line, "%s %s", c->lens ? c->lens->name : "auto",
-                         w->desc->match ? w->desc->match : "auto"));
-    d = cln_digest(d, line, strlen(line) + 1);
-    for (int i = 0; i < c->photos.count; i++) {
+    for (int i = 0; i < names->count; i++) {
         struct stat info = {0};
 
         free(path);
         free(line);
         path = line = NULL;
-        CLN_TRY(cln_path_join(&path, c->images, c->photos.name[i]));
+        CLN_TRY(cln_path_join(&path, folder, names->name[i]));
         if (stat(path, &info) != 0)
             CLN_TRY(cln_fail(CLN_INPUT, "%s: %s", path, strerror(errno)));
-        CLN_TRY(cln_asprintf(&line, "%s %lld %lld.%09ld", c->photos.name[i],
-                             (long long)info.st_size, frames ? 0 : (long long)info.st_mtim.tv_sec,
-                             frames ? 0 : info.st_mtim.tv_nsec));
-        d = cln_digest(d, line, strlen(line) + 1);
+        CLN_TRY(cln_asprintf(&line, "%s %lld %lld.%09ld", names->name[i], (long long)info.st_size,
+                             timed ? (long long)info.st_mtim.tv_sec : 0,
+                             timed ? info.st_mtim.tv_nsec : 0));
+        *d = cln_digest(*d, line, strlen(line) + 1);
     }
-    cln_digest_text(d, text);
 done:
     free(path);
     free(line);
+    return st;
+}
+
+/* A digest of what features and matches are of: the photos, their masks, and what was asked for. */
+static cln_status tell_photos(const work *w, char text[CLN_DIGEST_TEXT])
+{
+    cln_status st = CLN_OK;
+    const cln_colmap *c = &w->colmap;
+    uint64_t d = CLN_DIGEST_START;
+    char *line = NULL, *masks = NULL;
+    cln_names names = {0};
+
+    CLN_TRY(cln_asprintf(&line, "%s %s", c->lens ? c->lens->name : "auto",
+                         w->desc->match ? w->desc->match : "auto"));
+    d = cln_digest(d, line, strlen(line) + 1);
+    /* frames are written anew */
+    CLN_TRY(add_files(c->images, &c->photos, !cln_photos_are_video(w->desc->photos), &d));
+    if (w->desc->masks) {
+        CLN_TRY(cln_path_join(&masks, w->desc->out, "masks"));
+        CLN_TRY(cln_dataset_images(masks, &names));
+        CLN_TRY(add_files(masks, &names, true, &d));
+    }
+    cln_digest_text(d, text);
+done:
+    free(line);
+    free(masks);
+    cln_dataset_free_names(&names);
     return st;
 }
 
@@ -467,6 +496,8 @@ static cln_status set_up(work *w)
     /* before the log, which means an attempt was here */
     if (!w->posed && !cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_photos_link(w->desc->photos, c->images));
+    if (w->desc->masks)
+        CLN_TRY(cln_photo_masks_link(w->desc->masks, w->desc->out));
     CLN_TRY(cln_colmap_remove(c->sparse));        /* it would be taken for this attempt's */
     framed = cln_photos_were_framed(c->log_path); /* by the log that is written over now */
     c->log = fopen(c->log_path, w->posed ? "a" : "w");
@@ -581,8 +612,12 @@ static cln_status find_poses(work *w)
     cln_status st = CLN_OK;
 
     cln_colmap_warn_many(c, ordered);
+    if (w->desc->masks)
+        CLN_TRY(cln_photo_masks_write(c, &c->masks));
     st = cln_colmap_features(c);
     w->result->focal_lengths = c->focal_lengths;
+    if (c->masks)
+        (void)cln_colmap_remove(c->masks);
     CLN_TRY(st);
     CLN_TRY(cln_colmap_match(c, ordered));
     CLN_TRY(cln_colmap_map(c));
@@ -626,6 +661,7 @@ done:
     free(w.colmap.images);
     free(w.colmap.database);
     free(w.colmap.sparse);
+    free(w.colmap.masks);
     free(w.colmap.log_path);
     return st;
 }

@@ -18,6 +18,7 @@ cln_status cln_cmd_poses(const cln_options *options)
                            .match = options->match,
                            .lens = options->lens,
                            .gps = options->gps,
+                           .masks = options->mask_path,
                            .frames = options->frames};
     char quoted[CLN_QUOTED_BYTES];
 

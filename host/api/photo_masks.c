@@ -1,0 +1,90 @@
+/* Masks of photos for COLMAP. See photo_masks.h. */
+#include "api/photo_masks.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include "api/photo_folder.h"
+#include "base/files.h"
+#include "base/log.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "io/image.h"
+
+cln_status cln_photo_masks_check(const char *masks)
+{
+    cln_status st = CLN_OK;
+    cln_names names = {0};
+
+    if (cln_is_file(masks)) {
+        CLN_TRY(cln_image_check_ends(masks));
+        goto done;
+    }
+    if (!cln_is_dir(masks))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--mask-path %s: it is not there; give a folder of masks, or one picture "
+                         "for all photos",
+                         masks));
+    CLN_TRY(cln_dataset_images(masks, &names));
+    if (names.count == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--mask-path %s: has no PNG or JPEG file; masks are called as the photos, "
+                         "with any ending, or with .png behind (IMG_1.jpg.png)",
+                         masks));
+done:
+    cln_dataset_free_names(&names);
+    return st;
+}
+
+cln_status cln_photo_masks_link(const char *masks, const char *out)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL, *file = NULL;
+    const char *dot = strrchr(masks, '.');
+    cln_names names = {0};
+
+    CLN_TRY(cln_path_join(&folder, out, "masks"));
+    CLN_TRY(cln_make_dirs(folder));
+    if (cln_is_dir(masks)) {
+        CLN_TRY(cln_photos_link(masks, folder));
+        goto done;
+    }
+    /* called like no photo, it is that of all */
+    CLN_TRY(cln_asprintf(&file, "%s/of_all_photos%s", folder, dot ? dot : ".png"));
+    CLN_TRY(cln_dataset_images(folder, &names));
+    if (names.count > (cln_is_file(file) ? 1 : 0))
+        CLN_TRY(cln_fail(CLN_OUTPUT,
+                         "%s: has masks already; give that folder, or an empty one with -o",
+                         folder));
+    CLN_TRY(cln_photos_link_file(masks, file));
+done:
+    cln_dataset_free_names(&names);
+    free(folder);
+    free(file);
+    return st;
+}
+
+cln_status cln_photo_masks_write(const cln_colmap *c, char **folder)
+{
+    cln_status st = CLN_OK;
+    cln_black_masks masks = {0};
+
+    CLN_TRY(cln_path_join(folder, c->desc->out, "colmap.masks"));
+    CLN_TRY(cln_colmap_remove(*folder));
+    CLN_TRY(cln_dataset_write_black(c->desc->out, c->images, &c->photos, *folder,
+                                    &c->desc->callbacks, &masks));
+    if (masks.count == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--mask-path %s: none of its pictures is the mask of a photo; they are "
+                         "called as the photos, with any ending, or with .png behind "
+                         "(IMG_1.jpg.png), and have their shape",
+                         c->desc->masks));
+    cln_info("masks: of %d of %d photos; COLMAP looks at nothing where they are black, %.3g %% of "
+             "their pixels",
+             masks.count, c->photos.count, 100 * masks.black);
+    if (masks.black > 0.9)
+        cln_warn("--mask-path %s: leaves few pixels to find poses by; if white is what does not "
+                 "count, turn the masks over (mogrify -negate, of ImageMagick)",
+                 c->desc->masks);
+done:
+    return st;
+}

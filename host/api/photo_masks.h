@@ -1,0 +1,20 @@
+/* Masks of the photos whose poses are to be found: COLMAP looks for no features where they are
+ * black. They become the scene's, in its folder masks, where readers find them (scene/masks.c). */
+#ifndef CLN_PHOTO_MASKS_H
+#define CLN_PHOTO_MASKS_H
+
+#include "api/colmap.h"
+
+/* Whether `masks` is a PNG or JPEG file, of all photos, or a folder with such. CLN_INPUT. */
+cln_status cln_photo_masks_check(const char *masks);
+
+/* Links or copies them to the folder `masks` of the scene `out`, unless they are there. CLN_OUTPUT
+ * if that has others. */
+cln_status cln_photo_masks_link(const char *masks, const char *out);
+
+/* Writes those of c->photos as COLMAP reads them to a new folder, *folder, which the caller frees,
+ * and says how many there are. CLN_INPUT if none is any photo's; CLN_OUTPUT, CLN_MEMORY, CLN_SIGINT,
+ * CLN_SIGTERM. */
+cln_status cln_photo_masks_write(const cln_colmap *c, char **folder);
+
+#endif
