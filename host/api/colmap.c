@@ -279,8 +279,10 @@ static void fit_memory(cln_colmap *c, const cln_photo_cameras *cameras)
 }
 
 /* Finds the features of photos that a camera took, or of all, each with a camera of its own. list:
- * their names, NULL for all. A few photos cannot tell four parameters of a lens. */
-static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char *list)
+ * their names, NULL for all; lens: NULL for one by their number, as a few photos cannot tell four
+ * parameters of a lens. */
+static cln_status extract(cln_colmap *c, int photos, const cln_colmap_model *lens, bool one_camera,
+                          const char *list)
 {
     char threads[16], side[16];
     const char *argv[32] = {"colmap",
@@ -290,14 +292,14 @@ static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char
                             "--image_path",
                             c->images,
                             "--ImageReader.camera_model",
-                            c->lens          ? c->lens->name
+                            lens             ? lens->name
                             : photos < PLAIN ? "SIMPLE_RADIAL"
                                              : "OPENCV",
                             "--ImageReader.single_camera",
                             one_camera ? "1" : "0",
                             c->extraction,
                             "0"};
-    const bool guess = c->lens && c->guesses && cln_lens_is_fisheye(c->lens->lens);
+    const bool guess = lens && c->guesses && cln_lens_is_fisheye(lens->lens);
     const char *const more[][2] = {{list ? LIST : NULL, list},
                                    {guess ? GUESS : NULL, FISHEYE},
                                    {c->masks ? MASKS : NULL, c->masks},
@@ -319,12 +321,15 @@ static cln_status extract(cln_colmap *c, int photos, bool one_camera, const char
 static cln_status extract_by_camera(cln_colmap *c, const cln_photo_cameras *cameras)
 {
     cln_status st = CLN_OK;
+    const cln_colmap_model *sphere =
+        c->mixed ? &cln_colmap_models[CLN_COLMAP_EQUIRECTANGULAR] : NULL;
     char *list = NULL;
 
     CLN_TRY(cln_path_join(&list, c->desc->out, "colmap.photos"));
     for (int k = 0; k < cameras->count; k++) {
         CLN_TRY(cln_photo_cameras_list(cameras, &c->photos, k, list));
-        CLN_TRY(extract(c, cameras->photos[k], true, list));
+        CLN_TRY(extract(c, cameras->photos[k], cameras->sphere[k] && !c->lens ? sphere : c->lens,
+                        true, list));
         c->before += cameras->photos[k];
     }
 done:
@@ -352,34 +357,90 @@ static cln_status tell_unread(const cln_colmap *c)
     return CLN_OK;
 }
 
-/* Photos that look like panoramas of the whole sphere, where no lens was given. */
-static cln_status take_panoramas(cln_colmap *c, int panoramas, bool *taken)
+/* One kind of lens for all photos, or a run for each camera? */
+static bool takes_lists(const cln_colmap *c, const cln_photo_cameras *cameras)
 {
-    const int all = c->photos.count;
+    return cameras->count <= CAMERAS && c->lists && cln_photo_cameras_listable(&c->photos);
+}
+
+#define ORDINARY "; if these are ordinary photos, --lens SIMPLE_RADIAL says so"
+
+/* Pictures that look like panoramas and of which COLMAP would find wrong poses without a word. */
+static cln_status refuse_like_panoramas(const cln_colmap *c, const cln_photo_cameras *cameras)
+{
+    cln_status st = CLN_OK;
+    char *path = NULL;
+    bool circles = false;
+
+    if (cameras->cuts)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: %d of %d photos ('%s') are panoramas, by their XMP data, of which a "
+                         "part is cut off: fill them up to 2 : 1 (exiftool shows how much is "
+                         "missing where: GPano:CroppedArea...), and give --mask-path with what was "
+                         "filled in black",
+                         c->desc->photos, cameras->cuts, c->photos.count,
+                         c->photos.name[cameras->cut]));
+    if (cameras->guessed < 0)
+        goto done;
+    CLN_TRY(cln_path_join(&path, c->images, c->photos.name[cameras->guessed]));
+    CLN_TRY(cln_photo_has_circles(path, &circles));
+    if (circles)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: '%s' has two circles of fisheye lenses side by side, as cameras that "
+                         "see all around write before their pictures are put together: do that by "
+                         "the camera's own program first, or by ffmpeg (man cl-nascent, "
+                         "EXAMPLES)" ORDINARY,
+                         c->desc->photos, c->photos.name[cameras->guessed]));
+done:
+    free(path);
+    return st;
+}
+
+/* Photos that are panoramas of the whole sphere, where no lens was given. A few of 2 : 1 among
+ * others may have been cut so. */
+static cln_status take_panoramas(cln_colmap *c, cln_photo_cameras *cameras, bool *taken)
+{
+    cln_status st = CLN_OK;
+    const int all = c->photos.count, panoramas = cameras->panoramas, few = 3;
+    const char *by = cameras->told == panoramas ? "panoramas of the whole sphere, by their XMP data"
+                                                : "2 : 1, as panoramas of the whole sphere are";
 
     *taken = false;
-    if (c->lens || 2 * panoramas <= all)
+    if (c->lens)
         return CLN_OK;
-    if (c->spheres && panoramas < all)
-        return cln_fail(CLN_INPUT,
-                        "%d of %d photos are 2 : 1, as panoramas of the whole sphere are, beside "
-                        "others: find the poses of each kind in a folder of its own; if these are "
-                        "ordinary photos, --lens SIMPLE_RADIAL says so",
-                        panoramas, all);
+    if (!cameras->told && panoramas < few && 2 * panoramas <= all) {
+        for (int k = 0; k < cameras->count; k++)
+            cameras->sphere[k] = false;
+        return cameras->cuts ? refuse_like_panoramas(c, cameras) : CLN_OK;
+    }
+    CLN_TRY(refuse_like_panoramas(c, cameras));
+    if (panoramas == 0)
+        goto done;
     if (!c->spheres)
-        return cln_fail(CLN_INPUT,
-                        "%d of %d photos are 2 : 1, as panoramas of the whole sphere are, of which "
-                        "this COLMAP finds no poses: install version 4.1 or newer, or find the "
-                        "poses of panoramas by OpenSfM or Metashape, which `train` reads, or cut "
-                        "them into pictures of 90 degrees; if these are ordinary photos, --lens "
-                        "SIMPLE_RADIAL says so",
-                        panoramas, all);
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%d of %d photos are %s, of which this COLMAP finds no poses: install "
+                         "version 4.1 or newer, or find the poses of panoramas by OpenSfM or "
+                         "Metashape, which `train` reads, or cut them into pictures of 90 degrees "
+                         "(man cl-nascent, EXAMPLES)" ORDINARY,
+                         panoramas, all, by));
+    if (panoramas < all && !takes_lists(c, cameras))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%d of %d photos are %s, beside others of many sizes: find the poses of "
+                         "each kind in a folder of its own" ORDINARY,
+                         panoramas, all, by));
     *taken = true;
+    if (panoramas < all) {
+        c->mixed = true;
+        cln_info("lens: %s of %d photos, as they are %s; of ordinary ones give --lens "
+                 "SIMPLE_RADIAL",
+                 cln_colmap_models[CLN_COLMAP_EQUIRECTANGULAR].name, panoramas, by);
+        goto done;
+    }
     c->lens = &cln_colmap_models[CLN_COLMAP_EQUIRECTANGULAR];
-    cln_info("lens: %s, as the photos are 2 : 1, as panoramas of the whole sphere are; of ordinary "
-             "ones give --lens SIMPLE_RADIAL",
-             c->lens->name);
-    return CLN_OK;
+    cln_info("lens: %s, as the photos are %s; of ordinary ones give --lens SIMPLE_RADIAL",
+             c->lens->name, by);
+done:
+    return st;
 }
 
 cln_status cln_colmap_features(cln_colmap *c)
@@ -394,16 +455,16 @@ cln_status cln_colmap_features(cln_colmap *c)
                !cameras.lengths ? "sizes"
                : cameras.sizes  ? "sizes and focal lengths by EXIF, or none"
                                 : "focal lengths by EXIF, or none");
-    CLN_TRY(take_panoramas(c, cameras.panoramas, &taken));
+    CLN_TRY(take_panoramas(c, &cameras, &taken));
     fit_memory(c, &cameras);
     if (c->lens && !taken)
         cln_info("lens: %s, as given by --lens", c->lens->name);
     if (cameras.count == 1) {
         cln_info("%d photos, all of one size: one camera", c->photos.count);
-        CLN_TRY(extract(c, c->photos.count, true, NULL));
-    } else if (cameras.count > CAMERAS || !c->lists || !cln_photo_cameras_listable(&c->photos)) {
+        CLN_TRY(extract(c, c->photos.count, c->lens, true, NULL));
+    } else if (!takes_lists(c, &cameras)) {
         cln_info("%d photos, %s: a camera for each photo", c->photos.count, several);
-        CLN_TRY(extract(c, c->photos.count, false, NULL));
+        CLN_TRY(extract(c, c->photos.count, c->lens, false, NULL));
     } else {
         cln_info("%d photos, %s: %d cameras", c->photos.count, several, cameras.count);
         CLN_TRY(extract_by_camera(c, &cameras));
@@ -618,20 +679,22 @@ cln_status cln_colmap_remove(const char *folder)
 void cln_colmap_say_focal_length(const cln_scene *scene)
 {
     double least = INFINITY, most = 0;
-    bool one_width = true;
+    int width = 0; /* of all, or -1 */
     char focal[RANGE], wide[64] = "";
 
-    if (scene->view_count == 0 || scene->views[0].camera.lens == CLN_LENS_EQUIRECTANGULAR)
-        return;
     for (int i = 0; i < scene->view_count; i++) {
         const cln_view *view = &scene->views[i];
         const double pixels = view->camera.fx * view->file_width / view->camera.width;
 
+        if (view->camera.lens == CLN_LENS_EQUIRECTANGULAR) /* it has none */
+            continue;
         least = fmin(least, pixels);
         most = fmax(most, pixels);
-        one_width &= view->file_width == scene->views[0].file_width;
+        width = width == 0 || width == view->file_width ? view->file_width : -1;
     }
-    if (one_width)
-        cln_format(wide, sizeof wide, ", of photos %d pixels wide", scene->views[0].file_width);
+    if (width == 0)
+        return;
+    if (width > 0)
+        cln_format(wide, sizeof wide, ", of photos %d pixels wide", width);
     cln_info("COLMAP's focal length: %s pixels%s", range(least, most, focal), wide);
 }

@@ -13,8 +13,10 @@
 
 enum { CLN_POSES_LEAST = 3 }; /* photos that poses can be found of */
 
-#define CLN_POSES_ADVICE \
-    "Take more, at most 20 degrees apart, sharp, of something with texture that does not move"
+#define CLN_POSES_ADVICE                                                                         \
+    "Take more, at most 20 degrees apart, sharp, of something with texture that does not move; " \
+    "of "                                                                                        \
+    "a thing on a turntable, give --mask-path"
 
 /* How features are looked for. */
 typedef struct cln_colmap_room {
@@ -44,6 +46,7 @@ typedef struct cln_colmap {
     bool sized, blocks, lists; /* it takes a model's least size; a block's size; lists of photos */
     bool by_matrix;            /* model_transformer reads a matrix (to 3.8), not a quaternion */
     bool spheres;              /* it has a camera model of panoramas (4.1 and newer) */
+    bool mixed;                /* cameras of panoramas have that beside others */
     bool guesses;              /* it takes a focal length to begin with, without EXIF data */
     int focal_lengths;         /* photos with one by EXIF data, in pixels between these: */
     double focal_least, focal_most;

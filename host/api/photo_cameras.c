@@ -11,6 +11,30 @@
 
 static const double ALIKE = 1.02; /* times: EXIF data are rounded */
 
+/* mm: those of cameras that see all around have 1.0 to 1.4, or more behind a large sensor, those of
+ * phones 1.5 and more; on 35 mm film a lens of one picture that is no fisheye has 10 and more. */
+static const double SHORTEST = 1.45, SHORTEST_FILM = 10;
+
+static bool is_double(const cln_image_head *head)
+{
+    return head->width == 2 * head->height;
+}
+
+/* Is it cut, by what it says of itself, or by its shape? */
+static bool is_cut(const cln_image_head *head)
+{
+    return head->panorama == CLN_PANORAMA_CUT ||
+           (head->panorama == CLN_PANORAMA_WHOLE && abs(head->width - 2 * head->height) > 2);
+}
+
+static bool is_sphere(const cln_image_head *head)
+{
+    if (head->panorama != CLN_PANORAMA_UNTOLD)
+        return !is_cut(head);
+    return is_double(head) &&
+           (head->focal_film > 0 ? head->focal_film < SHORTEST_FILM : head->focal < SHORTEST);
+}
+
 /* A camera's size and focal length are those of its first photo. On 35 mm film, the length tells
  * what was cut off, too, but programs that change photos may drop it. */
 static bool took(const cln_image_head *first, const cln_image_head *photo)
@@ -19,7 +43,8 @@ static bool took(const cln_image_head *first, const cln_image_head *photo)
     const double a = film ? first->focal_film : first->focal;
     const double b = film ? photo->focal_film : photo->focal;
 
-    if (first->width != photo->width || first->height != photo->height)
+    if (first->width != photo->width || first->height != photo->height ||
+        is_sphere(first) != is_sphere(photo))
         return false;
     if (!film && (!(a > 0) || !(b > 0))) /* they cannot be compared: both without any? */
         return fmax(first->focal, first->focal_film) == 0 &&
@@ -27,8 +52,17 @@ static bool took(const cln_image_head *first, const cln_image_head *photo)
     return fmax(a, b) <= ALIKE * fmin(a, b);
 }
 
-/* mm: those of cameras that see all around have 1.0 to 1.4, those of phones 1.5 and more. */
-static const double SHORTEST = 1.45;
+static void add_panorama(cln_photo_cameras *out, const cln_image_head *head, int photo)
+{
+    if (is_cut(head) && out->cuts++ == 0)
+        out->cut = photo;
+    if (!is_sphere(head))
+        return;
+    out->panoramas++;
+    out->told += head->panorama != CLN_PANORAMA_UNTOLD;
+    if (head->panorama == CLN_PANORAMA_UNTOLD && out->guessed < 0)
+        out->guessed = photo;
+}
 
 cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
                                   cln_photo_cameras *out)
@@ -38,7 +72,8 @@ cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
     cln_image_head head, *first = NULL; /* [camera] */
     char *path = NULL;
 
-    *out = (cln_photo_cameras){0};
+    *out = (cln_photo_cameras){.guessed = -1};
+    CLN_TRY(cln_alloc(&out->sphere, most, sizeof *out->sphere, "photos"));
     CLN_TRY(cln_alloc(&out->camera, most, sizeof *out->camera, "photos"));
     CLN_TRY(cln_alloc(&out->photos, most, sizeof *out->photos, "photos"));
     CLN_TRY(cln_alloc(&first, most, sizeof *first, "photos"));
@@ -57,12 +92,13 @@ cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
                     out->lengths = true;
                 else
                     out->sizes = true;
+            out->sphere[out->count] = is_sphere(&head);
             first[out->count++] = head;
         }
         out->longest = head.width > out->longest ? head.width : out->longest;
         out->longest = head.height > out->longest ? head.height : out->longest;
         out->pixels = fmax(out->pixels, (double)head.width * head.height);
-        out->panoramas += head.width == 2 * head.height && head.focal < SHORTEST;
+        add_panorama(out, &head, i);
         out->camera[i] = camera;
         out->photos[camera]++;
     }
@@ -72,10 +108,57 @@ done:
     return st;
 }
 
+/* The largest value, or the mean, of a patch about a place of a picture, (x, y) of its sides. */
+static void look(const uint8_t *pixels, int width, int height, int channels, double x, double y,
+                 int *largest, double *mean)
+{
+    const int r = height / 50 > 1 ? height / 50 : 1;
+    const int column = (int)(x * width), row = (int)(y * height);
+    int64_t sum = 0, count = 0;
+
+    for (int v = row - r; v <= row + r; v++)
+        for (int u = column - r; u <= column + r; u++)
+            for (int k = 0; k < 3 && u >= 0 && u < width && v >= 0 && v < height; k++) {
+                const int value =
+                    pixels[((size_t)v * (size_t)width + (size_t)u) * (size_t)channels + (size_t)k];
+
+                *largest = value > *largest ? value : *largest;
+                sum += value;
+                count++;
+            }
+    *mean = count ? (double)sum / (double)count : 0;
+}
+
+cln_status cln_photo_has_circles(const char *path, bool *circles)
+{
+    const double edge = 0.02, high = 0.12; /* outside of a circle there, within it in the middle */
+    const int black = 24;
+    cln_status st = CLN_OK;
+    int width = 0, height = 0, channels = 0, outside = 0, any = 0;
+    double mean = 0, least = 255;
+    uint8_t *pixels = NULL;
+
+    CLN_TRY(cln_image_load(path, &width, &height, &channels, &pixels));
+    for (int half = 0; half < 2; half++)
+        for (int up = 0; up < 2; up++) {
+            const double y = up ? high : 1 - high, x = 0.5 * half;
+
+            look(pixels, width, height, channels, x + edge / 2, y, &outside, &mean);
+            look(pixels, width, height, channels, x + 0.5 - edge / 2, y, &outside, &mean);
+            look(pixels, width, height, channels, x + 0.25, y, &any, &mean);
+            least = fmin(least, mean);
+        }
+    *circles = outside < black && least > 2 * black;
+done:
+    free(pixels);
+    return st;
+}
+
 void cln_photo_cameras_free(cln_photo_cameras *cameras)
 {
     free(cameras->camera);
     free(cameras->photos);
+    free(cameras->sphere);
     *cameras = (cln_photo_cameras){0};
 }
 

@@ -11,7 +11,11 @@ typedef struct cln_photo_cameras {
     int *photos;         /* [camera] how many photos it has */
     int longest;         /* side of any photo, in pixels */
     double pixels;       /* of the largest photo */
-    int panoramas;       /* photos of 2 : 1, of no focal length that a lens of one picture has */
+    bool *sphere;        /* [camera] its photos are panoramas of the whole sphere: by XMP data, or
+                            by 2 : 1 and no focal length that a lens of one picture has */
+    int panoramas, told; /* photos of such cameras; of these, by XMP data */
+    int cuts, cut;       /* panoramas of a part of the sphere, by XMP data; the first: a photo */
+    int guessed;         /* the first panorama that is one by its shape: a photo; -1: none */
     bool sizes, lengths; /* photos differ in size; those of one size in focal length */
 } cln_photo_cameras;
 
@@ -21,6 +25,10 @@ typedef struct cln_photo_cameras {
 cln_status cln_photo_cameras_find(const char *folder, const cln_names *photos,
                                   cln_photo_cameras *out);
 void cln_photo_cameras_free(cln_photo_cameras *cameras);
+
+/* Has an image of 2 : 1 two round pictures side by side on black, as fisheye lenses on both sides
+ * of a camera make them? CLN_INPUT, CLN_MEMORY. */
+cln_status cln_photo_has_circles(const char *path, bool *circles);
 
 /* Whether every name can be a line of a list as COLMAP reads it. */
 bool cln_photo_cameras_listable(const cln_names *photos);

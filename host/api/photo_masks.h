@@ -13,8 +13,8 @@ cln_status cln_photo_masks_check(const char *masks);
 cln_status cln_photo_masks_link(const char *masks, const char *out);
 
 /* Writes those of c->photos as COLMAP reads them to a new folder, *folder, which the caller frees,
- * and says how many there are. CLN_INPUT if none is any photo's; CLN_OUTPUT, CLN_MEMORY, CLN_SIGINT,
- * CLN_SIGTERM. */
+ * and says how many there are. CLN_INPUT if none is any photo's; CLN_OUTPUT, CLN_MEMORY,
+ * CLN_SIGINT, CLN_SIGTERM. */
 cln_status cln_photo_masks_write(const cln_colmap *c, char **folder);
 
 #endif

@@ -327,6 +327,13 @@ static cln_status check_folder(work *w)
             CLN_INPUT,
             "%s: neither a folder of photos nor a video; give one of these (an archive: unpack it)",
             w->desc->photos));
+    if (cln_photos_are_video(w->desc->photos) && !w->colmap.lens &&
+        strcasecmp(strrchr(w->desc->photos, '.'), ".insv") == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: a video of a camera that sees all around, before its two pictures "
+                         "are put together; let Insta360's own program make a panorama video of "
+                         "it (--lens OPENCV_FISHEYE takes it as it is)",
+                         w->desc->photos));
     if (w->desc->gps && cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_fail(CLN_USAGE,
                          "%s: --gps: a video's frames have no GPS positions; leave it out, or give "

@@ -145,7 +145,7 @@ const cln_arg cln_args[] = {
          "north, z up"),
     TEXT(CLN_POSES, "mask-path", mask_path, "PATH",
          "a folder of masks, or one picture for all photos: what is black is not looked at, as a "
-         "turntable's backdrop, a tripod, a logo; copied to SCENE/masks, where training reads them"),
+         "turntable's backdrop, a tripod, a logo; copied to SCENE/masks, where training finds it"),
     INT(CLN_POSES, "frames", frames, "N", 3, 10000,
         "frames to take from a video; all, if it has fewer", .standard = "150"),
     WORD(CLN_TRAIN | CLN_TUNE | CLN_CHECK_SCENE | CLN_INFO, "preset", preset, CLN_PRESETS,

@@ -22,6 +22,7 @@
 #include "base/memory.h"
 #include "io/colour.h"
 #include "io/exif.h"
+#include "io/xmp.h"
 
 enum {
     FILE_MAX_BYTES = 1 << 30,
@@ -85,6 +86,7 @@ typedef struct header {
     int64_t width, height;
     int channels;
     cln_exif exif;
+    cln_panorama panorama;
     cln_colour_mark colour;
     bool png, cut;
     bool deep; /* 16 bits a value */
@@ -104,6 +106,12 @@ static void add_exif(header *head, cln_exif found)
     if (isnan(head->exif.gps[0]) || isnan(head->exif.gps[1]))
         memcpy(head->exif.gps, found.gps, sizeof head->exif.gps);
     head->colour.adobe = !head->png && (head->colour.adobe || found.adobe); /* DCF has no PNG */
+}
+
+static void add_xmp(header *head, cln_panorama found)
+{
+    if (head->panorama == CLN_PANORAMA_UNTOLD)
+        head->panorama = found;
 }
 
 static uint32_t big_endian(const uint8_t *p, int bytes)
@@ -197,6 +205,8 @@ static void walk_png(const uint8_t *data, size_t bytes, bool whole, header *head
         }
         if (!memcmp(type, "eXIf", 4))
             add_exif(head, cln_exif_read_tiff(type + 4, length));
+        if (!memcmp(type, "iTXt", 4))
+            add_xmp(head, cln_xmp_read_chunk(type + 4, length));
         if (!pixels)
             add_colour_chunk(head, type, length);
         /* Capital first letter: critical chunk. A bad text chunk or profile harms no pixel. */
@@ -295,8 +305,10 @@ static void walk_jpeg(const uint8_t *data, size_t bytes, bool whole, header *hea
             if (!whole)
                 return;
         }
-        if (marker == 0xE1)
+        if (marker == 0xE1) {
             add_exif(head, cln_exif_read(data + at + 2, length - 2));
+            add_xmp(head, cln_xmp_read_segment(data + at + 2, length - 2));
+        }
         if (marker == 0xE2)
             add_icc(head, data + at + 2, length - 2);
         if (marker == 0xC4 && !huffman_tables_fit(data + at + 2, length - 2)) {
@@ -399,6 +411,7 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
                             .orientation = head.exif.orientation,
                             .focal = head.exif.focal,
                             .focal_film = head.exif.focal_film,
+                            .panorama = head.panorama,
                             .jpeg = !head.png,
                             .deep_grey = head.deep && head.grey};
     memcpy(out->gps, head.exif.gps, sizeof out->gps);

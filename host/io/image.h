@@ -8,6 +8,7 @@
 #include <stdint.h>
 #include "base/status.h"
 #include "io/colour.h"
+#include "io/xmp.h"
 
 enum { CLN_IMAGE_MAX_SIDE = 1 << 17, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 
@@ -16,10 +17,11 @@ cln_status cln_image_info(const char *path, int *width, int *height, int *channe
 
 /* The same, and what EXIF data tell (io/exif.h): how viewers turn it (1: as it is), which decoding
  * does not do, focal lengths (mm; 0: none), and the place by GPS (degrees and metres; NAN:
- * none). */
+ * none); and what XMP data tell (io/xmp.h). */
 typedef struct cln_image_head {
     int width, height, channels, orientation;
     double focal, focal_film, gps[3];
+    cln_panorama panorama;
     bool jpeg;      /* else PNG */
     bool deep_grey; /* grey of 16 bits a value, as sensors' depths are */
     cln_colour_kind colour;

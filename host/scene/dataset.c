@@ -81,9 +81,9 @@ typedef enum { IMAGES, UNREAD, VIDEOS, FOLDERS } listed;
 
 bool cln_dataset_is_unread(const char *name)
 {
-    static const char *const endings[] = {"tif", "tiff", "webp", "heic", "heif", "avif",
-                                          "bmp", "gif",  "exr",  "dng",  "cr2",  "cr3",
-                                          "nef", "arw",  "raf",  "orf",  "rw2",  "jp2"};
+    static const char *const endings[] = {"tif", "tiff", "webp", "heic", "heif", "avif", "bmp",
+                                          "gif", "exr",  "dng",  "cr2",  "cr3",  "nef",  "arw",
+                                          "raf", "orf",  "rw2",  "jp2",  "insp"};
     const char *dot = strrchr(name, '.');
 
     for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
@@ -111,6 +111,8 @@ const char *cln_dataset_converter(const char *name)
 
     if (dot && (!strcasecmp(dot, ".heic") || !strcasecmp(dot, ".heif")))
         return " (heif-convert does; a phone set to \"Most Compatible\" takes JPEG)";
+    if (dot && !strcasecmp(dot, ".insp"))
+        return " of 2 : 1 (Insta360's own program puts its two circles together)";
     return "";
 }
 

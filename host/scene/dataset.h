@@ -70,8 +70,8 @@ cln_status cln_dataset_views(const char *where, const char *folder, const cln_na
  * there is none of them; the caller frees it. */
 cln_status cln_dataset_image_folder(const char *base, char **out);
 
-/* masks_black.c: writes the masks that readers find of these images, in the scene or beside them, to
- * OUT/NAME.png: grey, as large as the image is stored, 0 where the mask is black. CLN_INPUT,
+/* masks_black.c: writes the masks that readers find of these images, in the scene or beside them,
+ * to OUT/NAME.png: grey, as large as the image is stored, 0 where the mask is black. CLN_INPUT,
  * CLN_OUTPUT, CLN_MEMORY, CLN_SIGINT, CLN_SIGTERM. */
 typedef struct cln_black_masks {
     int count;    /* images with a mask */

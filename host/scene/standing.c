@@ -413,7 +413,8 @@ cln_status cln_scene_write_standing(const cln_scene *scene, const char *path)
                 : "%s: nothing was found that stands still in its photos, or in what masks leave "
                   "of them, "
                   "so there is no mask to write; draw one if something does that changes, "
-                  "as the digits of a clock",
+                  "as the digits of a clock, or a person who carries the camera (man cl-nascent, "
+                  "EXAMPLES: nadir.png)",
             scene->path));
     CLN_TRY(cln_alloc(&mask, (size_t)found.width * (size_t)found.height, 1, "mask"));
     reach = (int)fmax(1, round(WIDER * fmax(found.width, found.height)));

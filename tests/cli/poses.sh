@@ -201,11 +201,29 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
     expect "photos that are as wide go on" 3 "~lens:.SIMPLE_RADIAL matching" env PATH="$path" \
         "$cln" poses "$work/panoramas" -o "$work/of wide ones" --lens SIMPLE_RADIAL --progress none
     cp "$work/photos/train/"r_00{1,2,3}.png "$work/panoramas"
-    expect "half of them go on" 3 "matching" env PATH="$path" "$cln" poses "$work/panoramas" \
-        -o "$work/of some" --progress none
-    cp "$work/panoramas/1.png" "$work/panoramas/4.png"
-    expect "a few beside panoramas, and a newer COLMAP" 3 "~4.of.7.photos.*of.its.own" \
-        env STAND_IN=newer PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of both"
+    expect "beside others" 3 "~3.of.6.photos.are.2.:.1" env PATH="$path" "$cln" poses \
+        "$work/panoramas" -o "$work/of some" --progress none
+    expect "which a newer COLMAP takes, with a lens of their own (the stand-in has one for all)" 3 \
+        "~lens:.EQUIRECTANGULAR.of.3.photos ~2.cameras" env STAND_IN=newer PATH="$path" "$cln" \
+        poses "$work/panoramas" -o "$work/of both" --progress none
+    for how in EQUIRECTANGULAR SIMPLE_RADIAL; do
+        check "of two cameras: $how" grep -q "camera_model $how" "$work/of both/colmap.log"
+    done
+    rm "$work/panoramas/3.png"
+    expect "two of 2 : 1 among five may be ordinary ones" 3 "~2.cameras ~matching" env \
+        PATH="$path" "$cln" poses "$work/panoramas" -o "$work/of few" --progress none
+    for i in 1 2 5; do # the same, and behind its header XMP data that say what it is
+        { head -c 33 "$work/panoramas/1.png" &&
+            printf '\0\0\0\74iTXtXML:com.adobe.xmp\0\0\0\0\0%s%s' \
+                GPano:ProjectionType=\"equirectangular\" XXXX
+            tail -c +34 "$work/panoramas/1.png"; } >"$work/x"
+        mv "$work/x" "$work/panoramas/told$i.png"
+    done
+    expect "ones that say what they are count" 3 "~5.of.8.photos" env PATH="$path" "$cln" \
+        poses "$work/panoramas" -o "$work/of told ones" --progress none
+    : >"$work/x.insv"
+    expect "a video of two fisheyes" 3 "~insv:.*put.together" env PATH="$path" "$cln" poses \
+        "$work/x.insv" -o "$work/of x"
     expect "photos that COLMAP cannot read" 3 "~24.of.24.photos.*r_000.png ~mogrify.-path" \
         env STAND_IN=deep PATH="$path" "$cln" poses "$work/photos/train" -o "$work/of deep ones"
     cp -r "$work/photos/train" "$work/photos/some"
@@ -384,6 +402,47 @@ film_poses() {
 
 # Copies of photos need room on another disk; on their own they are the same files. A file system of
 # 12 MiB, and 24 photos of 1 MiB, whose ends are holes.
+# Masks: COLMAP gets them as it wants them, training as they are.
+section_masks() {
+    local path=$work/bin:$PATH
+    [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
+    mkdir -p "$work/bin"
+    cp tests/support/colmap "$work/bin/colmap"
+    cp -r "$work/photos/train" "$work/cut out" # alpha is their own mask
+    expect "masks, a folder of" 0 "~masks:.of.24.of.24.photos" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/masked" --mask-path "$work/cut out" --progress none
+    check "COLMAP is told where they are" \
+        grep -q -- "--ImageReader.mask_path .*/masked/colmap.masks" "$work/masked/colmap.log"
+    check "what it got is not kept, what was given is" eval \
+        '[ ! -e "$work/masked/colmap.masks" ] && [ -e "$work/masked/masks/r_003.png" ]'
+    expect "training finds them" 0 "" "$cln" info "$work/masked"
+    check "all of them" printed "23 of them with a mask"
+    rm -r "$work/masked/sparse"
+    expect "the same again goes on" 0 "~goes.on.with.the.features" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/masked" --mask-path "$work/cut out" --progress none
+    rm -r "$work/masked/sparse"
+    touch -d "2001-01-01" "$work/masked/masks/r_003.png"
+    expect "not with other masks" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
+        -o "$work/masked" --mask-path "$work/cut out" --progress none
+    check "features are found anew" not_said "goes on with"
+    expect "one for all" 0 "~masks:.of.24.of.24" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out/r_003.png" \
+        --progress none
+    check "is called like none" [ -e "$work/masked 2/masks/of_all_photos.png" ]
+    mkdir "$work/moved" "$work/no masks"
+    cp "$work/cut out/r_003.png" "$work/moved/x1.png"
+    cp "$work/cut out/r_004.png" "$work/moved/x2.png"
+    expect "masks that are called otherwise" 3 "~none.of.its.pictures.*jpg.png" env \
+        PATH="$path" "$cln" poses "$work/photos/train" -o "$work/masked 3" \
+        --mask-path "$work/moved" --progress none
+    check "before COLMAP begins" eval '! grep -q feature_extractor "$work/masked 3/colmap.log"'
+    expect "no masks" 3 "~no.masks:.has.no.PNG" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/masked 4" --mask-path "$work/no masks"
+    expect "masks that are not there" 3 "~--mask-path.*not.there" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/masked 4" --mask-path "$work/nowhere"
+    check "nothing is written" [ ! -e "$work/masked 4" ]
+}
+
 section_room() {
     local path=$work/bin:$PATH in
     [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
@@ -579,4 +638,4 @@ section_gps() {
         "$work/film.mp4" -o "$work/unplaced" --gps
 }
 
-run_sections "photos interrupted room gps" "$@"
+run_sections "photos masks interrupted room gps" "$@"

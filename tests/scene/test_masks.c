@@ -1,10 +1,13 @@
 /* Masks of datasets: NeuS's, and those that transforms JSON names. test_cutout.c tests which masks
  * are of an object, test_placing.c those that a dataset does not name. */
 #include "unit.h"
+#include "exif_fixture.h"
 #include "format_fixture.h"
+#include "near.h"
 #include "outcome.h"
 #include "phone_fixture.h"
 #include "report/scene_page.h"
+#include "scene/dataset.h"
 #include "tests.h"
 
 /* A mask that is white from column `from` to the right, of 16 x 12 pixels. */
@@ -411,6 +414,78 @@ static void test_masks_of_other_sizes(void **state)
     }
 }
 
+/* The pixels of a mask that was written for COLMAP. */
+static uint8_t *black_mask(const char *path, int width, int height)
+{
+    int wide = 0, high = 0, channels = 0;
+    uint8_t *pixels = NULL;
+
+    assert_int_equal(cln_image_load(path, &wide, &high, &channels, &pixels), CLN_OK);
+    assert_int_equal(wide, width);
+    assert_int_equal(high, height);
+    for (int i = 0; i < width * height; i++)
+        pixels[i] = pixels[channels * i];
+    return pixels;
+}
+
+/* Masks for COLMAP are as large as stored photos: one of half the size, one that was drawn on a
+ * turned photo, one whose alpha cuts away, in a folder; a photo without one has none. */
+static void test_black_masks(void **state)
+{
+    enum { W = FORMAT_WIDTH, H = FORMAT_HEIGHT };
+    const char *folder = *state, *images = scratch_path(folder, "images");
+    uint8_t pixels[W * H * 4] = {0}, *jpeg = NULL, *mask = NULL;
+    cln_names names = {0};
+    cln_black_masks found = {0};
+    size_t bytes = 0;
+
+    put_folder(folder, "images");
+    put_folder(folder, "images/in");
+    put_folder(folder, "masks");
+    put_folder(folder, "masks/in");
+    assert_int_equal(cln_image_write_png(scratch_path(images, "a.png"), W, H, 3, pixels), CLN_OK);
+    assert_int_equal(cln_image_write_png(scratch_path(images, "d.png"), W, H, 3, pixels), CLN_OK);
+    assert_int_equal(cln_image_write_png(scratch_path(images, "in/c.png"), W, H, 3, pixels),
+                     CLN_OK);
+    jpeg = exif_jpeg(W, H, pixels, 6, &bytes); /* shown with its left side above */
+    assert_non_null(jpeg);
+    scratch_put(scratch_path(images, "b.jpg"), (const char *)jpeg, bytes);
+    free(jpeg);
+    for (int i = 0; i < W / 2 * H / 2; i++)
+        pixels[i] = i % (W / 2) < 3 ? 0 : 200;
+    assert_int_equal(
+        cln_image_write_png(scratch_path(folder, "masks/a.png.png"), W / 2, H / 2, 1, pixels),
+        CLN_OK);
+    for (int i = 0; i < W * H; i++)
+        pixels[i] = i / H < 4 ? 0 : 200; /* its upper rows */
+    assert_int_equal(cln_image_write_png(scratch_path(folder, "masks/b.png"), H, W, 1, pixels),
+                     CLN_OK);
+    for (int i = 0; i < W * H; i++)
+        memcpy(pixels + 4 * i, (uint8_t[]){255, 255, 255, i % W < 2 ? 0 : 255}, 4);
+    assert_int_equal(cln_image_write_png(scratch_path(folder, "masks/in/c.png"), W, H, 4, pixels),
+                     CLN_OK);
+    assert_int_equal(cln_dataset_images(images, &names), CLN_OK);
+    assert_int_equal(cln_dataset_write_black(folder, images, &names, scratch_path(folder, "out"),
+                                             &(cln_callbacks){0}, &found),
+                     CLN_OK);
+    assert_int_equal(found.count, 3);
+    assert_near(found.black, (6 + 4 + 2) / 3.0 / W, 1e-9);
+    assert_false(cln_has_file(folder, "out/d.png.png"));
+    for (int k = 0; k < 3; k++) {
+        static const struct {
+            const char *name;
+            int black; /* columns on the left */
+        } cases[] = {{"out/a.png.png", 6}, {"out/b.jpg.png", 4}, {"out/in/c.png.png", 2}};
+
+        mask = black_mask(scratch_path(folder, cases[k].name), W, H);
+        for (int i = 0; i < W * H; i++)
+            if (mask[i] != (i % W < cases[k].black ? 0 : 255))
+                fail_msg("%s: column %d, row %d: %d", cases[k].name, i % W, i / W, mask[i]);
+        free(mask);
+    }
+    cln_dataset_free_names(&names);
+}
+
 static void test_broken_masks(void **state)
 {
     static const struct {
@@ -475,6 +550,7 @@ int test_group_masks(void)
         cmocka_unit_test_setup_teardown(test_unread_alpha, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_jpeg_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_masks_of_other_sizes, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_black_masks, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_broken_masks, scratch_make, scratch_remove),
     };
 

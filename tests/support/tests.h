@@ -92,6 +92,7 @@ int test_group_gradient(void);
 int test_group_named(void);
 int test_group_normals(void);
 int test_group_painter(void);
+int test_group_photo_cameras(void);
 int test_group_painter_pictures(void);
 int test_group_pictures(void);
 int test_group_plan(void);
@@ -152,6 +153,7 @@ int test_group_up(void);
 int test_group_view_request(void);
 int test_group_units(void);
 int test_group_watch(void);
+int test_group_xmp(void);
 
 /* The table, in the files' order; ends with a NULL name. */
 typedef struct test_group {

@@ -1,0 +1,167 @@
+/* Which photos are panoramas, by what they say of themselves and by their shape, and which are two
+ * circles side by side (api/photo_cameras.h). Oracle: how they were made. */
+#include "unit.h"
+#include <math.h>
+#include "api/photo_cameras.h"
+#include "io/image.h"
+#include "scratch.h"
+#include "tests.h"
+
+enum { WIDTH = 400, HEIGHT = 200 };
+
+/* EXIF data of a focal length, on 35 mm film if `film`; then, if xmp, XMP data. */
+static void put_photo(const char *path, int width, int height, int mm, bool film, const char *xmp)
+{
+    static const char name[] = "http://ns.adobe.com/xap/1.0/";
+    uint8_t *pixels = calloc((size_t)(width * height), 3), *jpeg = NULL, head[512] = {0};
+    /* a TIFF with a directory that has the place of another, with the focal length */
+    uint8_t tiff[70] = {'I', 'I', 42, 0, 8,  0, 0, 0, 1, 0, 0x69, 0x87, 4, 0,
+                        1,   0,   0,  0, 26, 0, 0, 0, 0, 0, 0,    0,    1, 0};
+    size_t bytes = 0, used = 0, length = 0;
+    char *all = NULL;
+
+    assert_non_null(pixels);
+    assert_int_equal(cln_image_encode_jpeg(width, height, 3, pixels, 80, &jpeg, &bytes), CLN_OK);
+    if (mm) {
+        const uint8_t of_film[12] = {0x05, 0xA4, 3, 0, 1, 0, 0, 0, (uint8_t)mm};
+        const uint8_t of_lens[12] = {0x0A, 0x92, 5, 0, 1, 0, 0, 0, 50};
+
+        memcpy(tiff + 28, film ? of_film : of_lens, 12);
+        tiff[50] = (uint8_t)mm;
+        tiff[54] = 1;
+        memcpy(head,
+               "\xFF\xE1\0\x4E"
+               "Exif\0\0",
+               10);
+        memcpy(head + 10, tiff, sizeof tiff);
+        used = 80;
+    }
+    if (xmp) {
+        length = sizeof name + strlen(xmp);
+        memcpy(head + used, "\xFF\xE1", 2);
+        head[used + 3] = (uint8_t)(length + 2);
+        memcpy(head + used + 4, name, sizeof name);
+        memcpy(head + used + 4 + sizeof name, xmp, strlen(xmp));
+        used += 4 + length;
+    }
+    all = malloc(bytes + used);
+    assert_non_null(all);
+    memcpy(all, jpeg, 2);
+    memcpy(all + 2, head, used);
+    memcpy(all + 2 + used, jpeg + 2, bytes - 2);
+    scratch_put(path, all, bytes + used);
+    free(all);
+    free(jpeg);
+    free(pixels);
+}
+
+static void find(const char *folder, cln_names *names, cln_photo_cameras *out)
+{
+    assert_int_equal(cln_dataset_images(folder, names), CLN_OK);
+    assert_int_equal(cln_photo_cameras_find(folder, names, out), CLN_OK);
+}
+
+#define SPHERE "GPano:ProjectionType=\"equirectangular\""
+#define PART   " GPano:FullPanoHeightPixels=\"9\" GPano:CroppedAreaImageHeightPixels=\"5\""
+
+static void test_panoramas(void **state)
+{
+    static const struct {
+        int width, height, mm;
+        bool film;
+        const char *xmp;
+        bool sphere, told, cut;
+    } cases[] = {
+        {64, 32, 0, false, NULL, true, false, false},
+        {64, 32, 1, false, NULL, true, false, false},  /* as such cameras have */
+        {64, 32, 3, false, NULL, false, false, false}, /* as phones have */
+        {64, 32, 7, true, NULL, true, false, false},   /* no lens of one picture, on film */
+        {64, 32, 26, true, NULL, false, false, false},
+        {64, 33, 0, false, NULL, false, false, false},
+        {64, 32, 3, false, SPHERE, true, true, false}, /* a large sensor's */
+        {64, 32, 26, true, SPHERE, true, true, false},
+        {64, 32, 0, false, SPHERE PART, false, false, true},
+        {64, 20, 0, false, SPHERE, false, false, true}, /* by its shape */
+    };
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        cln_names names = {0};
+        cln_photo_cameras found = {0};
+
+        put_photo(scratch_path(*state, "a.jpg"), cases[i].width, cases[i].height, cases[i].mm,
+                  cases[i].film, cases[i].xmp);
+        find(*state, &names, &found);
+        if (found.sphere[0] != cases[i].sphere || found.panoramas != cases[i].sphere ||
+            found.told != cases[i].told || found.cuts != cases[i].cut ||
+            found.guessed != (cases[i].sphere && !cases[i].told ? 0 : -1))
+            fail_msg("case %zu", i);
+        cln_photo_cameras_free(&found);
+        cln_dataset_free_names(&names);
+    }
+}
+
+/* Panoramas beside photos of their size are another camera's. */
+static void test_mix(void **state)
+{
+    cln_names names = {0};
+    cln_photo_cameras found = {0};
+
+    put_photo(scratch_path(*state, "a.jpg"), 64, 32, 3, false, NULL);
+    put_photo(scratch_path(*state, "b.jpg"), 64, 32, 3, false, SPHERE);
+    put_photo(scratch_path(*state, "c.jpg"), 64, 32, 3, false, NULL);
+    put_photo(scratch_path(*state, "d.jpg"), 64, 32, 3, false, SPHERE PART);
+    find(*state, &names, &found);
+    assert_int_equal(found.count, 2);
+    assert_int_equal(found.camera[2], found.camera[0]);
+    assert_true(found.camera[1] != found.camera[0] && found.sphere[found.camera[1]]);
+    assert_false(found.sphere[found.camera[0]]);
+    assert_int_equal(found.panoramas, 1);
+    assert_int_equal(found.cuts, 1);
+    assert_int_equal(found.cut, 3);
+    cln_photo_cameras_free(&found);
+    cln_dataset_free_names(&names);
+}
+
+/* Two circles of radius `radius` (of the height) on black; else a picture all over, in which rows
+ * to `bar` and from its other side are black. */
+static bool has_circles(const char *path, double radius, double bar)
+{
+    uint8_t *pixels = malloc((size_t)WIDTH * HEIGHT);
+    bool circles = false;
+
+    assert_non_null(pixels);
+    for (int y = 0; y < HEIGHT; y++)
+        for (int x = 0; x < WIDTH; x++) {
+            const double u = (x % HEIGHT + 0.5) / HEIGHT - 0.5, v = (y + 0.5) / HEIGHT - 0.5;
+            const bool in = radius > 0 ? hypot(u, v) < radius : fabs(v) < 0.5 - bar;
+
+            pixels[y * WIDTH + x] = (uint8_t)(in ? 100 + (x * 7 + y * 13) % 60 : 4);
+        }
+    assert_int_equal(cln_image_write_png(path, WIDTH, HEIGHT, 1, pixels), CLN_OK);
+    assert_int_equal(cln_photo_has_circles(path, &circles), CLN_OK);
+    free(pixels);
+    return circles;
+}
+
+static void test_circles(void **state)
+{
+    const char *path = scratch_path(*state, "a.png");
+
+    assert_true(has_circles(path, 0.5, 0));
+    assert_true(has_circles(path, 0.45, 0));
+    assert_false(has_circles(path, 0, 0));
+    assert_false(has_circles(path, 0, 0.05));
+    assert_false(has_circles(path, 0, 0.2)); /* what was cut off is black */
+    assert_false(has_circles(path, 0, 0.5));
+    assert_false(has_circles(path, 1, 0));
+}
+
+int test_group_photo_cameras(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(test_panoramas, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_mix, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_circles, scratch_make, scratch_remove)};
+
+    return cmocka_run_group_tests_name("photo_cameras", tests, NULL, NULL);
+}
