@@ -54,8 +54,7 @@ static const struct {
      "its name must end in .json; Windows hides endings that an editor appended: rename it, "
      "without "
      "its .txt"},
-    {" json ", "\"sfm_data_version\"", "a scene of OpenMVG",
-     "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read"},
+    {" json ", "\"sfm_data_version\"", "a scene of OpenMVG", CLN_OPENMVG},
 };
 
 #define GIVE_SCENE                                                                      \

@@ -20,6 +20,7 @@
 #include "base/text.h"
 #include "scene/build.h"
 #include "scene/dataset.h"
+#include "scene/found.h"
 #include "scene/moved.h"
 #include "scene/placing.h"
 #include "scene/transforms.h"
@@ -41,11 +42,7 @@ static cln_status read_frames(const char *folder, const char *file, const json_t
                      "it is called reconstruction.json",
                      file));
     if (json_object_get(root, "sfm_data_version"))
-        CLN_TRY(
-            cln_fail(CLN_INPUT,
-                     "%s: a scene of OpenMVG; openMVG_main_openMVG2Colmap writes COLMAP's files "
-                     "of it, which are read",
-                     file));
+        CLN_TRY(cln_fail(CLN_INPUT, "%s: a scene of OpenMVG; " CLN_OPENMVG, file));
     if (!json_is_object(root))
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: not a JSON object with frames; give the file that has them", file));
