@@ -483,6 +483,29 @@ done:
     return st;
 }
 
+/* Masks in the scene, or beside the photos, that nobody spoke of. */
+static cln_status tell_masks(const work *w)
+{
+    cln_status st = CLN_OK;
+    char *at[2] = {NULL}, quoted[CLN_QUOTED_BYTES];
+    const char *found = NULL;
+
+    CLN_TRY(cln_path_join(&at[0], w->desc->out, "masks"));
+    CLN_TRY(cln_path_join(&at[1], w->desc->photos, "../masks"));
+    for (int i = 0; i < 2 && !found; i++)
+        found = cln_is_dir(at[i]) ? at[i] : NULL;
+    if (found) {
+        cln_shell_quote(found, quoted, sizeof quoted);
+        cln_info("%s: is not looked at to find poses; with --mask-path %s what is black there is "
+                 "left out",
+                 found, quoted);
+    }
+done:
+    free(at[0]);
+    free(at[1]);
+    return st;
+}
+
 static cln_status set_up(work *w)
 {
     cln_status st = CLN_OK;
@@ -524,6 +547,8 @@ static cln_status set_up(work *w)
                  w->desc->out, w->posed, w->desc->photos);
     else
         CLN_TRY(keep_features(w));
+    if (!w->posed && !w->desc->masks)
+        CLN_TRY(tell_masks(w));
 done:
     return st;
 }

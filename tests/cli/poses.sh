@@ -429,6 +429,10 @@ section_masks() {
         "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out/r_003.png" \
         --progress none
     check "is called like none" [ -e "$work/masked 2/masks/of_all_photos.png" ]
+    cp -r "$work/cut out" "$work/photos/masks"
+    expect "masks beside the photos, of which nothing is said" 0 "~masks:.is.not.*--mask-path" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/unmasked" --progress none
+    rm -r "$work/photos/masks"
     mkdir "$work/moved" "$work/no masks"
     cp "$work/cut out/r_003.png" "$work/moved/x1.png"
     cp "$work/cut out/r_004.png" "$work/moved/x2.png"
