@@ -534,13 +534,94 @@ cln_status cln_colmap_match(cln_colmap *c, bool ordered)
                                      c->matching, "0", c->blocks ? BLOCK : NULL, block, NULL});
 }
 
+static int by_bytes(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+/* Are the photos of a model all in another one, too? It is a beginning that was given up. */
+static cln_status is_within(const char *model, const char *other, bool *within)
+{
+    cln_status st = CLN_OK;
+    cln_names names[2] = {{0}};
+    double(*at[2])[3] = {NULL};
+    const char *const folders[2] = {model, other};
+
+    *within = true;
+    for (int k = 0; k < 2; k++)
+        CLN_TRY(cln_colmap_places(folders[k], &names[k], &at[k]));
+    qsort(names[1].name, (size_t)names[1].count, sizeof *names[1].name, by_bytes);
+    for (int i = 0; i < names[0].count && *within; i++)
+        *within = bsearch(&names[0].name[i], names[1].name, (size_t)names[1].count,
+                          sizeof *names[1].name, by_bytes) != NULL;
+done:
+    for (int k = 0; k < 2; k++) {
+        cln_dataset_free_names(&names[k]);
+        free(at[k]);
+    }
+    return st;
+}
+
+/* Removes models whose photos are all in model 0; fills counts[] of the others, [0] of that one. */
+static cln_status drop_beginnings(const cln_colmap *c, const char *first, int counts[MODELS])
+{
+    cln_status st = CLN_OK;
+    char *model = NULL, name[16];
+    bool within = false;
+
+    counts[0] = cln_colmap_images(first);
+    for (int i = 1; i < MODELS; i++) {
+        free(model);
+        model = NULL;
+        snprintf(name, sizeof name, "%d", i);
+        CLN_TRY(cln_path_join(&model, c->sparse, name));
+        counts[i] = cln_colmap_images(model);
+        if (counts[i] <= 0)
+            continue;
+        st = is_within(model, first, &within);
+        if (st == CLN_INPUT) { /* it cannot be read: what reads the scene says so */
+            cln_clear_error();
+            within = false;
+            st = CLN_OK;
+        }
+        CLN_TRY(st);
+        if (!within)
+            continue;
+        CLN_TRY(cln_colmap_remove(model));
+        counts[i] = 0;
+    }
+done:
+    free(model);
+    return st;
+}
+
+/* Groups of photos that share nothing with each other. */
+static void tell_groups(const cln_colmap *c, const int counts[MODELS])
+{
+    char text[128] = "";
+    size_t used = 0;
+    int groups = 0;
+
+    for (int i = 0; i < MODELS; i++)
+        if (counts[i] > 0) {
+            groups++;
+            if (used < sizeof text - 1)
+                used += (size_t)snprintf(text + used, sizeof text - used, "%s%d", used ? ", " : "",
+                                         counts[i]);
+        }
+    if (groups > 1)
+        cln_warn("the photos fall into %d groups of %s photos, and each has some that no other "
+                 "has: the largest is used. Where they show two things, each group is a scene of "
+                 "its own: %s/sparse/1",
+                 groups, text, c->desc->out);
+}
+
 /* COLMAP writes a model for each group of photos that overlap: the largest becomes number 0. */
 static cln_status choose_model(cln_colmap *c)
 {
     cln_status st = CLN_OK;
-    char *model[2] = {0}, *kept = NULL, *final = NULL, most_text[64] = "", counts[128] = "";
-    int best = -1, most = 0, models = 0;
-    size_t used = 0;
+    char *model[2] = {0}, *kept = NULL, *final = NULL, most_text[64] = "";
+    int best = -1, most = 0, counts[MODELS];
 
     for (int i = 0; i < MODELS; i++) {
         char name[16];
@@ -551,10 +632,6 @@ static cln_status choose_model(cln_colmap *c)
         model[0] = NULL;
         CLN_TRY(cln_path_join(&model[0], c->sparse, name));
         count = cln_colmap_images(model[0]);
-        models += count > 0;
-        if (count > 0 && used < sizeof counts - 1)
-            used += (size_t)snprintf(counts + used, sizeof counts - used, "%s%d", used ? ", " : "",
-                                     count);
         if (count > most) {
             most = count;
             best = i;
@@ -570,10 +647,6 @@ static cln_status choose_model(cln_colmap *c)
                          c->desc->photos, most_text,
                          c->lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
                          c->log_path));
-    if (models > 1)
-        cln_warn("the photos fall into %d groups that share nothing, of %s photos: the largest is "
-                 "used. Where they show two things, each group is a scene of its own: %s/sparse/1",
-                 models, counts, c->desc->out);
     if (best > 0) {
         char name[16];
 
@@ -586,6 +659,11 @@ static cln_status choose_model(cln_colmap *c)
         if (rename(model[0], kept) || rename(model[1], model[0]) || rename(kept, model[1]))
             CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", c->sparse, strerror(errno)));
     }
+    free(model[0]);
+    model[0] = NULL;
+    CLN_TRY(cln_path_join(&model[0], c->sparse, "0"));
+    CLN_TRY(drop_beginnings(c, model[0], counts));
+    tell_groups(c, counts);
     CLN_TRY(cln_path_join(&final, c->desc->out, "sparse"));
     if (rename(c->sparse, final))
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", final, strerror(errno)));

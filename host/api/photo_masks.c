@@ -65,26 +65,37 @@ done:
 
 cln_status cln_photo_masks_write(const cln_colmap *c, char **folder)
 {
+    const char *given = c->desc->masks;
     cln_status st = CLN_OK;
     cln_black_masks masks = {0};
+    char *out = NULL;
 
-    CLN_TRY(cln_path_join(folder, c->desc->out, "colmap.masks"));
-    CLN_TRY(cln_colmap_remove(*folder));
-    CLN_TRY(cln_dataset_write_black(c->desc->out, c->images, &c->photos, *folder,
+    *folder = NULL;
+    CLN_TRY(cln_path_join(&out, c->desc->out, "colmap.masks"));
+    CLN_TRY(cln_colmap_remove(out));
+    CLN_TRY(cln_dataset_write_black(given ? c->desc->out : NULL, c->images, &c->photos, out,
                                     &c->desc->callbacks, &masks));
-    if (masks.count == 0)
+    if (given && masks.count == 0)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "--mask-path %s: none of its pictures is the mask of a photo; they are "
                          "called as the photos, with any ending, or with .png behind "
                          "(IMG_1.jpg.png), and have their shape",
-                         c->desc->masks));
-    cln_info("masks: of %d of %d photos; COLMAP looks at nothing where they are black, %.3g %% of "
-             "their pixels",
-             masks.count, c->photos.count, 100 * masks.black);
-    if (masks.black > 0.9)
-        cln_warn("--mask-path %s: leaves few pixels to find poses by; if white is what does not "
-                 "count, turn the masks over (mogrify -negate, of ImageMagick)",
-                 c->desc->masks);
+                         given));
+    if (masks.count)
+        cln_info("masks: of %d of %d photos; COLMAP looks at nothing where they are black",
+                 masks.count, c->photos.count);
+    if (masks.cut)
+        cln_info("alpha: COLMAP looks at nothing that it cuts away, in %d of %d photos", masks.cut,
+                 c->photos.count);
+    if (given && masks.black > 0.9)
+        cln_warn("--mask-path %s: leaves %.3g %% of the photos to find poses by; if white is what "
+                 "does not count, turn the masks over (mogrify -negate, of ImageMagick)",
+                 given, 100 - 100 * masks.black);
+    if (masks.written) {
+        *folder = out;
+        out = NULL;
+    }
 done:
+    free(out);
     return st;
 }

@@ -1,5 +1,5 @@
-/* Masks of the photos whose poses are to be found: COLMAP looks for no features where they are
- * black. They become the scene's, in its folder masks, where readers find them (scene/masks.c). */
+/* Masks of the photos whose poses are to be found, given or their own alpha: COLMAP looks for no
+ * features where they are black. Those that are given become the scene's, in its folder masks, where readers find them (scene/masks.c). */
 #ifndef CLN_PHOTO_MASKS_H
 #define CLN_PHOTO_MASKS_H
 
@@ -12,9 +12,10 @@ cln_status cln_photo_masks_check(const char *masks);
  * if that has others. */
 cln_status cln_photo_masks_link(const char *masks, const char *out);
 
-/* Writes those of c->photos as COLMAP reads them to a new folder, *folder, which the caller frees,
- * and says how many there are. CLN_INPUT if none is any photo's; CLN_OUTPUT, CLN_MEMORY,
- * CLN_SIGINT, CLN_SIGTERM. */
+/* Writes those of c->photos, and what their own alpha cuts away, as COLMAP reads them to a new
+ * folder, *folder, which the caller frees (NULL: there is nothing), and says how many there are.
+ * CLN_INPUT if masks were given and none is any photo's; CLN_OUTPUT, CLN_MEMORY, CLN_SIGINT,
+ * CLN_SIGTERM. */
 cln_status cln_photo_masks_write(const cln_colmap *c, char **folder);
 
 #endif

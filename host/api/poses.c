@@ -40,6 +40,7 @@
 #include "io/image.h"
 #include "scene/dataset.h"
 #include "scene/found.h"
+#include "scene/inspect.h"
 #include "scene/origin.h"
 #include "scene/reader.h"
 
@@ -559,6 +560,7 @@ static cln_status count_registered(work *w, bool places)
     cln_status st = CLN_OK;
     cln_settings *settings = NULL;
     cln_scene *scene = NULL;
+    int stands = 0;
 
     CLN_TRY(cln_settings_create(NULL, &settings));
     CLN_TRY(cln_settings_set(settings, "format", "colmap"));
@@ -574,6 +576,9 @@ static cln_status count_registered(work *w, bool places)
                  w->desc->photos, scene->view_count, w->result->photos,
                  w->colmap.lens ? "" : "; of a fisheye, give --lens OPENCV_FISHEYE, too",
                  w->colmap.log_path);
+    stands = cln_scene_few_stands(scene);
+    if (stands > 0)
+        cln_warn("%s: " CLN_STANDS_ADVICE, w->desc->photos, scene->view_count, stands);
     cln_colmap_say_focal_length(scene);
     if (places)
         CLN_TRY(cln_photo_gps_place(&w->colmap, &w->gps, scene, w->result));
@@ -644,8 +649,7 @@ static cln_status find_poses(work *w)
     cln_status st = CLN_OK;
 
     cln_colmap_warn_many(c, ordered);
-    if (w->desc->masks)
-        CLN_TRY(cln_photo_masks_write(c, &c->masks));
+    CLN_TRY(cln_photo_masks_write(c, &c->masks));
     st = cln_colmap_features(c);
     w->result->focal_lengths = c->focal_lengths;
     if (c->masks)

@@ -70,12 +70,13 @@ cln_status cln_dataset_views(const char *where, const char *folder, const cln_na
  * there is none of them; the caller frees it. */
 cln_status cln_dataset_image_folder(const char *base, char **out);
 
-/* masks_black.c: writes the masks that readers find of these images, in the scene or beside them,
- * to OUT/NAME.png: grey, as large as the image is stored, 0 where the mask is black. CLN_INPUT,
- * CLN_OUTPUT, CLN_MEMORY, CLN_SIGINT, CLN_SIGTERM. */
+/* masks_black.c: writes, for each of these images that has a mask (as readers find it in `scene` or
+ * beside them; NULL: not looked for) or alpha that cuts something away, OUT/NAME.png: grey, as large
+ * as the image is stored, 0 where the mask is black or nothing is. CLN_INPUT, CLN_OUTPUT,
+ * CLN_MEMORY, CLN_SIGINT, CLN_SIGTERM. */
 typedef struct cln_black_masks {
-    int count;    /* images with a mask */
-    double black; /* share of their pixels, in the mean */
+    int written, count, cut; /* images; with a mask; whose alpha cuts away */
+    double black;            /* share of black in what was written, in the mean */
 } cln_black_masks;
 cln_status cln_dataset_write_black(const char *scene, const char *images, const cln_names *names,
                                    const char *out, const cln_callbacks *callbacks,

@@ -29,6 +29,13 @@ cln_status cln_scene_place_cube(cln_scene *scene, const cln_config *config,
 #define CLN_STILL_EFFECT                                                                         \
     "It would be learnt as fog around the object: mask all but the object (--masks), or cut it " \
     "out as alpha"
+/* Of the number of views, and of their poses by cln_scene_few_stands. */
+#define CLN_STANDS_ADVICE                                                                          \
+    "%d photos were taken from %d places alone, looking the same way from each: if a thing was "   \
+    "turned before a camera that stood still, these are the poses of what stood still behind it, " \
+    "and the thing becomes a smear: cut it out (alpha, or masks by poses --mask-path) and find "   \
+    "poses anew; of copies and exposures of one picture leave one"
+
 #define CLN_STILL_ADVICE                                                                           \
     "the photos' borders are the same in all of them, although the cameras turn: a backdrop that " \
     "stands still while the object turns before a camera. " CLN_STILL_EFFECT

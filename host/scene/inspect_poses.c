@@ -361,6 +361,7 @@ cln_status cln_inspect_poses(cln_inspection *in)
     const cln_agreement *a = &in->agreement;
     const cln_reading *reading = &cln_readings[a->reading];
     const double exact = a->strict_share / a->reading_share;
+    const int stands = cln_scene_few_stands(in->scene);
     double marks = NAN;
     bool thin = false;
     verdict judged = RIGHT;
@@ -385,6 +386,9 @@ cln_status cln_inspect_poses(cln_inspection *in)
                         100 * a->still_share);
     else if (in->scene->still)
         cln_found_fault(in->findings, "backdrop", true, NULL, "%s", CLN_STILL_ADVICE);
+    if (stands > 0)
+        cln_found_fault(in->findings, "places", true, NULL, CLN_STANDS_ADVICE,
+                        in->scene->view_count, stands);
     in->posed = judged == RIGHT;
     if (isnan(a->share))
         soften_axes(in);

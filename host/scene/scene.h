@@ -303,6 +303,11 @@ cln_status cln_scene_take_box(cln_scene *scene, const char *bbox);
 double cln_scene_cube_share(const cln_scene *scene);
 double cln_scene_spread(const cln_scene *scene);
 
+/* stands.c: how many poses the views have that differ by a hundredth of how far they stand apart,
+ * or by a degree, if these are at most half as many as views, and five, or less than a third; 0 if
+ * there are more, or fewer than nine views. */
+int cln_scene_few_stands(const cln_scene *scene);
+
 /* Of photos that were read: does alpha, or a mask that is alpha, show nothing in some, or is it
  * nowhere above a few of 255, as if labels of 0 and 1 were given as alpha? A sentence about it. */
 enum { CLN_EMPTY_BYTES = 1280 };

@@ -172,7 +172,7 @@ section_photos() {
     expect "a fisheye's lens, in small letters" 0 "~lens:.OPENCV_FISHEYE" env PATH="$path" "$cln" \
         poses "$work/photos/train" -o "$work/fisheye" --lens opencv_fisheye --progress none
     check "is the cameras', and begins with a fisheye's focal length" grep -q -- "camera_model \
-OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
+OPENCV_FISHEYE .*default_focal_length_factor 0\.4 " "$work/fisheye/colmap.log"
     expect "undistorted photos" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
         -o "$work/pinhole" --lens PINHOLE --progress none
     check "begin with COLMAP's own" eval '! grep -q factor "$work/pinhole/colmap.log" &&
@@ -259,7 +259,11 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4$" "$work/fisheye/colmap.log"
         poses "$work/photos/train" -o "$work/parts" --progress none --json
     check "that there are parts is said on the way" said "one start led to 23 of 24 photos"
     check "poses of two parts: the larger one's photos" [ "$(json registered)" = 21 ]
-    check "how many photos each has is told" said "of 2, 21 photos"
+    check "how many photos each has is told" said "of 21, 2 photos"
+    expect "a beginning that was given up is no part" 0 "~registered.photos.23/24" env \
+        PATH="$path" STAND_IN=begun "$cln" poses "$work/photos/train" -o "$work/begun anew" \
+        --progress line
+    check "nor is it kept" eval '[ ! -e "$work/begun anew/sparse/1" ] && ! said groups'
     expect "a smaller model beside it is no fault" 0 "" "$cln" info "$work/parts"
     check "but it is told" said "1 other model beside it is not read"
     mv "$work/parts/sparse/0" "$work/parts/aside"
@@ -429,6 +433,11 @@ section_masks() {
         "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out/r_003.png" \
         --progress none
     check "is called like none" [ -e "$work/masked 2/masks/of_all_photos.png" ]
+    expect "photos with alpha, without masks" 0 "~alpha:.*of.24.photos" env \
+        PATH="$path" "$cln" poses "$work/cut out" -o "$work/by alpha" --progress none
+    check "what it cuts away is not looked at" \
+        grep -q -- "--ImageReader.mask_path .*/by alpha/colmap.masks" "$work/by alpha/colmap.log"
+    check "it makes no masks of the scene" [ ! -e "$work/by alpha/masks" ]
     cp -r "$work/cut out" "$work/photos/masks"
     expect "masks beside the photos, of which nothing is said" 0 "~masks:.is.not.*--mask-path" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/unmasked" --progress none

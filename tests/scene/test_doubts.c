@@ -308,6 +308,48 @@ static void test_points(void **state)
     assert_true(c.scene.before_share == 0);
 }
 
+/* A thing that was turned before a camera at a few places; not those of a walk, with some twice. */
+static void few_stands_are_told(void **state)
+{
+    static const struct {
+        int places, views, stands;
+        double off; /* of every second camera from its place, of 1 between places */
+    } cases[] = {{3, 24, 3, 0}, {3, 24, 3, 0.004}, {3, 24, 6, 0.1},
+                 {5, 24, 5, 0}, {8, 24, 0, 0}, /* three of each, as exposures */
+                 {7, 24, 7, 0}, {24, 24, 0, 0},    {3, 8, 0, 0}};
+
+    (void)state;
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        cln_view views[CAMERAS] = {{0}};
+        cln_scene scene = {.views = views, .view_count = cases[k].views};
+
+        for (int i = 0; i < cases[k].views; i++) {
+            double *m = views[i].camera.c2w;
+
+            m[0] = m[5] = m[10] = 1;
+            m[3] = i % cases[k].places;
+            m[7] = cases[k].off * (i % 2);
+        }
+        if (cln_scene_few_stands(&scene) != cases[k].stands)
+            fail_msg("case %zu: %d", k, cln_scene_few_stands(&scene));
+    }
+    {
+        cln_view views[CAMERAS] = {{0}}; /* turned about at three places, as panoramas are taken */
+        cln_scene scene = {.views = views, .view_count = CAMERAS};
+
+        for (int i = 0; i < CAMERAS; i++) {
+            double *m = views[i].camera.c2w, angle = 0.3 * i;
+
+            m[0] = m[10] = cos(angle);
+            m[2] = sin(angle);
+            m[8] = -sin(angle);
+            m[5] = 1;
+            m[3] = i % 3;
+        }
+        assert_int_equal(cln_scene_few_stands(&scene), 0);
+    }
+}
+
 static void test_planted_faults(void **state)
 {
     const double degrees[] = {360, 60};
@@ -376,13 +418,10 @@ static void multiplied_colours_are_told(void **state)
 int test_group_doubts(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_amid),
-        cmocka_unit_test(test_sound_captures),
-        cmocka_unit_test(a_guess_is_told),
-        cmocka_unit_test(few_around_are_told),
-        cmocka_unit_test(test_points),
-        cmocka_unit_test(test_planted_faults),
-        cmocka_unit_test(multiplied_colours_are_told),
+        cmocka_unit_test(test_amid),           cmocka_unit_test(test_sound_captures),
+        cmocka_unit_test(a_guess_is_told),     cmocka_unit_test(few_around_are_told),
+        cmocka_unit_test(test_points),         cmocka_unit_test(few_stands_are_told),
+        cmocka_unit_test(test_planted_faults), cmocka_unit_test(multiplied_colours_are_told),
     };
 
     return cmocka_run_group_tests_name("doubts", tests, NULL, NULL);

@@ -429,7 +429,8 @@ static uint8_t *black_mask(const char *path, int width, int height)
 }
 
 /* Masks for COLMAP are as large as stored photos: one of half the size, one that was drawn on a
- * turned photo, one whose alpha cuts away, in a folder; a photo without one has none. */
+ * turned photo, one whose alpha cuts away, in a folder; a photo without one has none. So is what
+ * photos' own alpha cuts away, if it is anything. */
 static void test_black_masks(void **state)
 {
     enum { W = FORMAT_WIDTH, H = FORMAT_HEIGHT };
@@ -464,18 +465,29 @@ static void test_black_masks(void **state)
         memcpy(pixels + 4 * i, (uint8_t[]){255, 255, 255, i % W < 2 ? 0 : 255}, 4);
     assert_int_equal(cln_image_write_png(scratch_path(folder, "masks/in/c.png"), W, H, 4, pixels),
                      CLN_OK);
+    for (int i = 0; i < W * H; i++)
+        memcpy(pixels + 4 * i, (uint8_t[]){9, 9, 9, i % W < 5 ? 100 : 130}, 4);
+    assert_int_equal(cln_image_write_png(scratch_path(images, "e.png"), W, H, 4, pixels), CLN_OK);
+    memset(pixels, 200, sizeof pixels);
+    assert_int_equal(cln_image_write_png(scratch_path(images, "f.png"), W, H, 4, pixels), CLN_OK);
     assert_int_equal(cln_dataset_images(images, &names), CLN_OK);
     assert_int_equal(cln_dataset_write_black(folder, images, &names, scratch_path(folder, "out"),
                                              &(cln_callbacks){0}, &found),
                      CLN_OK);
     assert_int_equal(found.count, 3);
-    assert_near(found.black, (6 + 4 + 2) / 3.0 / W, 1e-9);
+    assert_int_equal(found.cut, 1);
+    assert_int_equal(found.written, 4);
+    assert_near(found.black, (6 + 4 + 2 + 5) / 4.0 / W, 1e-9);
     assert_false(cln_has_file(folder, "out/d.png.png"));
-    for (int k = 0; k < 3; k++) {
+    assert_false(cln_has_file(folder, "out/f.png.png"));
+    for (int k = 0; k < 4; k++) {
         static const struct {
             const char *name;
             int black; /* columns on the left */
-        } cases[] = {{"out/a.png.png", 6}, {"out/b.jpg.png", 4}, {"out/in/c.png.png", 2}};
+        } cases[] = {{"out/a.png.png", 6},
+                     {"out/b.jpg.png", 4},
+                     {"out/in/c.png.png", 2},
+                     {"out/e.png.png", 5}};
 
         mask = black_mask(scratch_path(folder, cases[k].name), W, H);
         for (int i = 0; i < W * H; i++)
@@ -483,6 +495,11 @@ static void test_black_masks(void **state)
                 fail_msg("%s: column %d, row %d: %d", cases[k].name, i % W, i / W, mask[i]);
         free(mask);
     }
+    assert_int_equal(cln_dataset_write_black(NULL, images, &names, scratch_path(folder, "out 2"),
+                                             &(cln_callbacks){0}, &found),
+                     CLN_OK);
+    assert_int_equal(found.count, 0); /* masks were not asked for */
+    assert_int_equal(found.written, 1);
     cln_dataset_free_names(&names);
 }
 
