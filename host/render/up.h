@@ -11,6 +11,10 @@
  * degrees of that of cameras which tell it. */
 bool cln_up_of_cameras(const cln_scene *scene, double up[3]);
 
+/* How far up and back must tell a side: flights that look down do by 0.25, and a quarter of the
+ * photos upside down leaves more. */
+#define CLN_UP_UNSURE 0.15
+
 /* What the training cameras alone tell as ones that are held level: */
 typedef enum cln_up_what {
     CLN_UP_UNTOLD,
@@ -20,9 +24,10 @@ typedef enum cln_up_what {
 typedef struct cln_up_told {
     cln_up_what what;
     double up[3], level[3]; /* unit */
-    double rough[3];        /* not below the horizon: mean of the pictures' up and of what is behind
-                               them */
     double sd;              /* radians, of up or level */
+    /* Above the horizon: mean of the pictures' up and, weighed less, of what is behind them. Less
+     * than CLN_UP_UNSURE above or below it tells no side. */
+    double rough[3];
 } cln_up_told;
 void cln_up_tell(const cln_scene *scene, cln_up_told *out);
 
