@@ -117,6 +117,11 @@ bool cln_origin_is_there(const char *folder)
     return cln_has_file(folder, NAME);
 }
 
+bool cln_origin_is_named(const char *name)
+{
+    return strcmp(name, NAME) == 0;
+}
+
 bool cln_origin_read(const char *folder, double origin[3], double *distance)
 {
     const double most[3] = {90, 180, 100e3};

@@ -30,6 +30,7 @@ cln_status cln_origin_write(const char *folder, const double origin[3], double d
  * told. */
 bool cln_origin_read(const char *folder, double origin[3], double *distance);
 bool cln_origin_is_there(const char *folder);
+bool cln_origin_is_named(const char *name); /* a file, in its folder */
 
 /* Takes the place out of what a run or scene says of its dataset. CLN_MEMORY. */
 cln_status cln_origin_hide(json_t *dataset);

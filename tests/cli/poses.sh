@@ -475,7 +475,7 @@ with_gps() {
 
 # Photos on a circle of 40 m, whose heights are 1 m higher and lower than those of their cameras.
 section_gps() {
-    local path=$work/bin:$PATH i how first
+    local path=$work/bin:$PATH i how first s
     [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
     mkdir -p "$work/bin" "$work/flight" "$work/line" "$work/spot" "$work/flat" \
         "$work/two of them" "$work/spaced"
@@ -531,6 +531,31 @@ section_gps() {
         -o "$work/flown" --gps --progress none
     check "in the same place" eval \
         'head -n 2 "$work/flown/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
+    cp -r "$work/flown" "$work/worked on"
+    s=$work/worked\ on
+    for how in project.ini points3D.ply images.txt cameras.txt; do
+        echo "$how" >"$s/sparse/0/$how"
+    done
+    mkdir "$s/sparse/0/lists" "$s/sparse.before"
+    touch "$s/sparse/0/lists/train.txt"
+    echo "another program's" >"$s/sparse/0/origin.txt"
+    expect "placed with files of others beside the model" 0 "~0.holds.2.files.*make.it.anew" env \
+        PATH="$path" "$cln" poses "$work/flight" -o "$s" --gps --progress none
+    check "these stay" [ "$(cd "$s/sparse/0" && cat project.ini points3D.ply && ls lists)" = \
+        $'project.ini\npoints3D.ply\ntrain.txt' ]
+    check "text of the model before, and another's file of that name, are kept aside" eval \
+        '[ "$(cd "$s" && echo sparse*)" = "sparse sparse.before sparse.before.2" ] &&
+            [ "$(cd "$s/sparse.before.2" && echo *)" = "cameras.txt images.txt origin.txt" ] &&
+            grep -q "another program" "$s/sparse.before.2/origin.txt" &&
+            said "sparse.before.2 now"'
+    check "beside the model that is placed" eval \
+        'head -n 2 "$s/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
+    mkdir "$s/sparse.gps" # as of one that was killed between
+    touch "$s/sparse.gps/images.bin" "$s/sparse.gps/depth_params.json"
+    expect "after one that was interrupted" 0 "" env PATH="$path" "$cln" poses "$work/flight" \
+        -o "$s" --gps --progress none
+    check "files of others are not lost, either" eval \
+        '[ -e "$s/sparse/0/depth_params.json" ] && [ ! -e "$s/sparse.gps" ]'
     expect "poses of photos without, which are told how" 7 "~has.poses.already.*--gps.places" \
         env PATH="$path" "$cln" poses "$work/flight" -o "$work/flown" --progress none
     expect "poses of photos without GPS" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
