@@ -298,12 +298,13 @@ static cln_status move_one(leftover *l, const char *name)
 {
     cln_status st = CLN_OK;
     char *from = NULL, *to = NULL;
-    double origin[3], distance = 0;
+    double origin[3];
+    cln_origin_doubt doubt;
     struct stat info;
     const bool place = cln_origin_is_named(name);
 
     CLN_TRY(cln_path_join(&from, l->made, name));
-    if (is_model(name, ".bin") || (place && cln_origin_read(l->made, origin, &distance))) {
+    if (is_model(name, ".bin") || (place && cln_origin_read(l->made, origin, &doubt))) {
         if (unlink(from) != 0)
             CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", from, strerror(errno)));
         goto done;
@@ -386,8 +387,13 @@ static bool take_doubt(const cln_place_turn *turn, cln_poses_result *result)
     return false;
 }
 
-static void tell_difference(const cln_place_turn *turn)
+static void tell_difference(const cln_place_turn *turn, const cln_up_told *told)
 {
+    char theirs[96] = "";
+
+    if (told->what == CLN_UP_TOLD)
+        cln_format(theirs, sizeof theirs, "=%.3f,%.3f,%.3f", cln_dot(turn->to.turn, told->up),
+                   cln_dot(turn->to.turn + 3, told->up), cln_dot(turn->to.turn + 6, told->up));
     if (!turn->differ)
         return;
     if (turn->theirs)
@@ -400,9 +406,8 @@ static void tell_difference(const cln_place_turn *turn)
     else
         cln_warn("--gps: by the cameras, if they are held level, up is %.1f degrees from where GPS "
                  "has it, which tells it to about %.1f and is taken, as %.2g m from end to end are "
-                 "more than heights drift; if GPS is wrong, give --up to render and export (render "
-                 "--map tells the cameras')",
-                 turn->apart, turn->by_gps, turn->drift);
+                 "more than heights drift; if GPS is wrong, give --up%s to render and export",
+                 turn->apart, turn->by_gps, turn->drift, theirs);
 }
 
 /* Has COLMAP apply it. *distance: as measure. */
@@ -478,8 +483,8 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
         }
     }
     CLN_TRY(st);
-    tell_difference(&turn);
-    CLN_TRY(cln_origin_write(made, origin, result->gps_distance));
+    tell_difference(&turn, told);
+    CLN_TRY(cln_origin_write(made, origin, (cln_origin_doubt){result->gps_distance, turn.up}));
     memcpy(result->origin, origin, sizeof origin);
     *fits = true;
 done:

@@ -48,7 +48,7 @@ typedef struct cln_reader_result {
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
     bool beyond;         /* its photos show what lies around, too: a shell */
     double up[3];        /* unit, where its format has a fixed one (gravity); all 0: it does not */
-    bool up_by_gps;      /* that is as good as GPS was */
+    bool up_by_gps;      /* that is as good as GPS was: level cameras did not count */
     bool on_earth;       /* its frame is metres east, north and up from: */
     double origin[3];    /* latitude, longitude, height (origin.h) */
     double gps_distance; /* of the middle one of the cameras, metres; NAN: not told */

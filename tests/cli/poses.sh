@@ -478,7 +478,7 @@ section_gps() {
     local path=$work/bin:$PATH i how first s
     [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
     mkdir -p "$work/bin" "$work/flight" "$work/line" "$work/spot" "$work/flat" \
-        "$work/two of them" "$work/spaced"
+        "$work/two of them" "$work/spaced" "$work/rtk"
     cp tests/support/colmap "$work/bin/colmap"
     for ((i = 0; i < 24; i++)); do
         how=$(printf "r_%03d.png" $i)
@@ -490,6 +490,8 @@ section_gps() {
         with_gps "$work/photos/train/$how" "$work/spaced/a $how" "$lat" "$lon" "$alt"
         with_gps "$work/photos/train/$how" "$work/line/$how" -33.5 "$first" "$alt"
         with_gps "$work/photos/train/$how" "$work/flat/$how" "$lat" "$lon" none
+        with_gps "$work/photos/train/$how" "$work/rtk/$how" "$lat" "$lon" \
+            "$(perl -e 'printf "%.3f", 70 + 5.62 * sin($ARGV[0] * atan2(1, 1) / 3)' $i)"
         with_gps "$work/photos/train/$how" "$work/spot/$how" -33.5 151.25 "$alt"
         if ((i < 2)); then
             cp "$work/flight/$how" "$work/two of them"
@@ -584,6 +586,14 @@ section_gps() {
         PATH="$path" "$cln" poses "$work/flat" -o "$work/flattened" --gps --progress none --json
     check "the height is 0" [ "$(json origin.height)" = 0 ]
     check "and how it fits" eval '[[ $(json origin.gps_distance) =~ ^0.0 ]]'
+    expect "heights that fit, and cameras that lean by 8 degrees: GPS" 0 \
+        "~8.0.degrees.from.where.GPS.*is.taken.*give.--up=.*0.99..to.render" env PATH="$path" \
+        "$cln" poses "$work/rtk" -o "$work/leaning" --gps --progress none
+    expect "which is up in what is made of it, too" 0 "" "$cln" train "$work/leaning" \
+        -o "$work/leaning run" --steps 1 --progress none
+    check "z, not the cameras'" [ "$(perl -0777 -ne \
+        'print join ",", $1 =~ /[-0-9.]+/g if /"up": \[([^]]*)\]/' \
+        "$work/leaning run/run.json")" = 0.0,0.0,1.0 ]
     expect "positions along a line, of photos from a circle" 0 "~north.to.*degrees|too.little" \
         env PATH="$path" "$cln" poses "$work/line" -o "$work/lined" --gps --progress none --json
     check "COLMAP is not asked to" eval '[ "$(json origin)" = null ] &&
