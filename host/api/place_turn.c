@@ -230,11 +230,10 @@ cln_status cln_place_turn_flat(int count, double (*from)[3], double (*to)[3],
         height += flat[i][2] / count;
         flat[i][2] = 0;
     }
-    CLN_TRY(cln_similarity_fit(count, flat, to, &out->to));
-    CLN_TRY(cln_similarity_fit_level(count, flat, to, &out->to));
+    CLN_TRY(cln_similarity_fit_flat(count, flat, to, &out->to));
     CLN_TRY(cln_similarity_judge(count, flat, to, &out->to, &doubt));
     out->up = told->sd / DEGREE;
-    out->north = out->to.turn[8] > 0 ? doubt.north / DEGREE : INFINITY; /* a mirror image */
+    out->north = doubt.north / DEGREE;
     out->length = doubt.scale;
     out->used = doubt.count;
     out->to.shift[2] = -out->to.scale * height;

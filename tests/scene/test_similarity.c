@@ -280,6 +280,37 @@ static void test_flat(void **state)
     }
 }
 
+/* Along a straight line noise may fit better turned over; a mirror image of a wide one fits not. */
+static void test_flat_line(void **state)
+{
+    (void)state;
+    for (int seed = 1; seed <= 20; seed++) {
+        cln_up_told told;
+        cln_place_turn turn;
+        double left[3];
+        flight f;
+
+        begin(&f, (uint64_t)seed);
+        for (int i = 0; i < MOST; i++) {
+            add(&f, -150 + 300.0 * i / (MOST - 1), seed % 2 ? 0 : 0.3 * scatter(&f), 0, 3, 0);
+            f.place[i][2] = 0;
+        }
+        told = tell(&f, CLN_UP_TOLD, EAST, 0);
+        assert_int_equal(cln_place_turn_flat(f.count, f.at, f.place, &told, &turn), CLN_OK);
+        turn_left(&f, &turn.to, left);
+        assert_true(turn.north < 1 && turn.length < 0.02);
+        assert_near(hypot(left[0], left[1]), 0, 1e-6);
+        assert_near(left[2], 0, 2);
+        fly_grid(&f, (uint64_t)seed, 1, 0);
+        for (int i = 0; i < MOST; i++)
+            f.place[i][2] = 0;
+        told = tell(&f, CLN_UP_TOLD, EAST, 180);
+        assert_int_equal(cln_place_turn_flat(f.count, f.at, f.place, &told, &turn), CLN_OK);
+        if (turn.north <= 10 && turn.length <= 0.15)
+            fail_msg("a mirror image: north to %g, length to %g", turn.north, turn.length);
+    }
+}
+
 /* A straight flight leaves the roll about it open: cameras across it that are level close it, and
  * those along it do not. */
 static void test_line(void **state)
@@ -355,7 +386,7 @@ int test_group_similarity(void)
         cmocka_unit_test(test_eigen),         cmocka_unit_test(test_wrong_places),
         cmocka_unit_test(test_doubt),         cmocka_unit_test(test_up),
         cmocka_unit_test(test_line),          cmocka_unit_test(test_flat),
-        cmocka_unit_test(test_climbing_line),
+        cmocka_unit_test(test_climbing_line), cmocka_unit_test(test_flat_line),
     };
 
     return cmocka_run_group_tests_name("similarity", tests, NULL, NULL);
