@@ -437,8 +437,9 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
     cln_status st = CLN_OK;
     cameras before = {0};
     char *why = NULL;
-    double origin[3], (*from)[3] = NULL;
+    double origin[3], last[3], (*from)[3] = NULL;
     cln_place_turn turn;
+    cln_origin_doubt doubt;
 
     CLN_TRY(read_cameras(c, gps, model, &before));
     if (before.count < CLN_POSES_LEAST) {
@@ -484,6 +485,10 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
     }
     CLN_TRY(st);
     tell_difference(&turn, told);
+    if (cln_origin_read(model, last, &doubt) && 2 * before.count < before.names.count)
+        cln_warn("--gps: placed again, but by the positions of %d of %d cameras alone; the same "
+                 "command on a folder with all their photos places it better",
+                 before.count, before.names.count);
     CLN_TRY(cln_origin_write(made, origin, (cln_origin_doubt){result->gps_distance, turn.up}));
     memcpy(result->origin, origin, sizeof origin);
     *fits = true;

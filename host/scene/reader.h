@@ -90,6 +90,10 @@ extern const cln_reader cln_reader_record3d;   /* reader_record3d.c */
  * have gigabytes; 0 if there is none. */
 int cln_colmap_images(const char *folder);
 
+/* reader_colmap.c: the folder of the model that is read of a scene; *folder: NULL if there is none.
+ * The caller frees it. CLN_MEMORY. */
+cln_status cln_colmap_read_from(const char *scene, char **folder);
+
 /* reader_colmap.c: the names and places of the cameras of the model in a folder, [image], in its
  * own frame and unit. CLN_INPUT, CLN_MEMORY. The caller frees both, also after a failure. */
 struct cln_names;

@@ -51,6 +51,15 @@ static int find_place(const char *path, const char **missing)
     return PLACES;
 }
 
+cln_status cln_colmap_read_from(const char *scene, char **folder)
+{
+    const char *missing = NULL;
+    const int place = find_place(scene, &missing);
+
+    *folder = NULL;
+    return place < PLACES ? place_folder(scene, place, folder) : CLN_OK;
+}
+
 /* Finds the folder that `path` is in, from its text if that is enough, else from the whole path of
  * it. The caller frees *out. */
 static cln_status parent(const char *path, char **out)

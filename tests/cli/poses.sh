@@ -558,6 +558,16 @@ section_gps() {
         -o "$s" --gps --progress none
     check "files of others are not lost, either" eval \
         '[ -e "$s/sparse/0/depth_params.json" ] && [ ! -e "$s/sparse.gps" ]'
+    mkdir -p "$work/few"
+    cp "$work/flight"/r_00[0369].png "$work/flight/r_012.png" "$work/flight/r_016.png" "$work/few"
+    expect "placed again by some of the photos" 0 "~by.the.positions.of.5.of.23.cameras.alone" env \
+        PATH="$path" "$cln" poses "$work/few" -o "$s" --gps --progress none --json
+    check "of which so many have a pose" [ "$(json photos) $(json registered)" = "6 6" ]
+    cp "$s/sparse/0"/*.bin "$s/sparse"
+    cp "$s/sparse/0/images.bin" "$work/images once.bin"
+    expect "where readers take another model" 7 "~--gps.places.sparse/0.*is.in.*sparse;.move" env \
+        PATH="$path" "$cln" poses "$work/flight" -o "$s" --gps --progress none
+    check "nothing is placed" cmp "$s/sparse/0/images.bin" "$work/images once.bin"
     expect "poses of photos without, which are told how" 7 "~has.poses.already.*--gps.places" \
         env PATH="$path" "$cln" poses "$work/flight" -o "$work/flown" --progress none
     expect "poses of photos without GPS" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
