@@ -7,8 +7,8 @@
 /* A unit vector in the scene's frame: an axis exactly, if it is within 0.1 degrees of one; z if the
  * cameras do not tell. False if it may as well be the opposite: photos that show the scene one way
  * up and the other, as of an object that was turned over, cancel out; then it is that of the
- * first. Where the scene's format has a fixed one, it is that; one by GPS alone only if it is within
- * 2 degrees of that of cameras which tell it. */
+ * first. Where the scene's format has a fixed one, it is that; one by GPS alone only if it is
+ * within 2 degrees of that of cameras which tell it. */
 bool cln_up_of_cameras(const cln_scene *scene, double up[3]);
 
 /* How far up and back must tell a side: flights that look down do by 0.25, and a quarter of the
