@@ -3,12 +3,14 @@
  * of the positions fit. */
 #include "api/photo_gps.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "api/place_turn.h"
@@ -253,6 +255,119 @@ done:
     return st;
 }
 
+/* Moves what the folder of the model before, `made` now, has beside the model. */
+typedef struct leftover {
+    const char *made, *model;
+    char *aside;     /* what would be of the model before; NULL: there is no such file yet */
+    const char *out; /* the scene */
+    int stay;        /* files that are with the new model; the first of them: */
+    char *first;
+} leftover;
+
+static bool is_model(const char *name, const char *ending)
+{
+    static const char *const files[] = {"cameras", "images", "points3D", "rigs", "frames"};
+
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        const size_t length = strlen(files[i]);
+
+        if (strncmp(name, files[i], length) == 0 && strcmp(name + length, ending) == 0)
+            return true;
+    }
+    return false;
+}
+
+/* The folder of files that cannot stay: a new one each time. */
+static cln_status make_aside(leftover *l)
+{
+    cln_status st = CLN_OK;
+    struct stat info;
+
+    CLN_TRY(cln_path_join(&l->aside, l->out, "sparse.before"));
+    for (int i = 2; lstat(l->aside, &info) == 0; i++) {
+        free(l->aside);
+        l->aside = NULL;
+        CLN_TRY(cln_asprintf(&l->aside, "%s/sparse.before.%d", l->out, i));
+    }
+    CLN_TRY(cln_make_dirs(l->aside));
+done:
+    return st;
+}
+
+static cln_status move_one(leftover *l, const char *name)
+{
+    cln_status st = CLN_OK;
+    char *from = NULL, *to = NULL;
+    double origin[3];
+    cln_origin_doubt doubt;
+    struct stat info;
+    const bool place = cln_origin_is_named(name);
+
+    CLN_TRY(cln_path_join(&from, l->made, name));
+    if (is_model(name, ".bin") || (place && cln_origin_read(l->made, origin, &doubt))) {
+        if (unlink(from) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", from, strerror(errno)));
+        goto done;
+    }
+    CLN_TRY(cln_path_join(&to, l->model, name));
+    if (is_model(name, ".txt") || place || lstat(to, &info) == 0) {
+        free(to);
+        to = NULL;
+        if (!l->aside)
+            CLN_TRY(make_aside(l));
+        CLN_TRY(cln_path_join(&to, l->aside, name));
+    } else if (strcmp(name, "project.ini") != 0 && l->stay++ == 0) { /* the mapper's, of no frame */
+        CLN_TRY(cln_strdup(&l->first, name));
+    }
+    if (rename(from, to) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: cannot be moved to %s: %s", from, to, strerror(errno)));
+done:
+    free(from);
+    free(to);
+    return st;
+}
+
+/* Removes `made`, the model before; what is not of it goes to `model`, text files of a model to a
+ * folder of their own. After an attempt that was interrupted, too. */
+static cln_status settle(const char *out, const char *made, const char *model)
+{
+    cln_status st = CLN_OK;
+    leftover l = {.made = made, .model = model, .out = out};
+    struct stat info;
+    DIR *dir = NULL;
+
+    if (lstat(made, &info) != 0)
+        return CLN_OK;
+    if (S_ISLNK(info.st_mode)) { /* the folder that it points to is another's */
+        if (unlink(made) != 0)
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", made, strerror(errno)));
+        goto done;
+    }
+    dir = opendir(made);
+    if (!dir)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", made, strerror(errno)));
+    for (struct dirent *entry = readdir(dir); entry; entry = readdir(dir))
+        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0)
+            CLN_TRY(move_one(&l, entry->d_name));
+    if (rmdir(made) != 0)
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", made, strerror(errno)));
+    if (l.aside)
+        cln_warn("--gps: COLMAP writes the placed model as binary files; those that %s had as text "
+                 "are in %s now, as they were",
+                 model, l.aside);
+    if (l.stay)
+        cln_warn("--gps: %s holds %d file%s that COLMAP does not turn (the first is '%s'), and "
+                 "that stay%s as %s: what has coordinates is of the frame before, so make it anew",
+                 model, l.stay, cln_plural(l.stay, "", "s"), l.first, cln_plural(l.stay, "s", ""),
+                 cln_plural(l.stay, "it is", "they are"));
+done:
+    if (dir)
+        closedir(dir);
+    free(l.aside);
+    free(l.first);
+    return st;
+}
+
 #define STAYS "; the scene stays as it was"
 
 /* "up is known to about 0.4 degrees, ...": result's, and whether that is enough. */
@@ -272,8 +387,13 @@ static bool take_doubt(const cln_place_turn *turn, cln_poses_result *result)
     return false;
 }
 
-static void tell_difference(const cln_place_turn *turn)
+static void tell_difference(const cln_place_turn *turn, const cln_up_told *told)
 {
+    char theirs[96] = "";
+
+    if (told->what == CLN_UP_TOLD)
+        cln_format(theirs, sizeof theirs, "=%.3f,%.3f,%.3f", cln_dot(turn->to.turn, told->up),
+                   cln_dot(turn->to.turn + 3, told->up), cln_dot(turn->to.turn + 6, told->up));
     if (!turn->differ)
         return;
     if (turn->theirs)
@@ -286,9 +406,8 @@ static void tell_difference(const cln_place_turn *turn)
     else
         cln_warn("--gps: by the cameras, if they are held level, up is %.1f degrees from where GPS "
                  "has it, which tells it to about %.1f and is taken, as %.2g m from end to end are "
-                 "more than heights drift; if GPS is wrong, give --up to render and export (render "
-                 "--map tells the cameras')",
-                 turn->apart, turn->by_gps, turn->drift);
+                 "more than heights drift; if GPS is wrong, give --up%s to render and export",
+                 turn->apart, turn->by_gps, turn->drift, theirs);
 }
 
 /* Has COLMAP apply it. *distance: as measure. */
@@ -318,8 +437,9 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
     cln_status st = CLN_OK;
     cameras before = {0};
     char *why = NULL;
-    double origin[3], (*from)[3] = NULL;
+    double origin[3], last[3], (*from)[3] = NULL;
     cln_place_turn turn;
+    cln_origin_doubt doubt;
 
     CLN_TRY(read_cameras(c, gps, model, &before));
     if (before.count < CLN_POSES_LEAST) {
@@ -364,8 +484,12 @@ static cln_status make(cln_colmap *c, const cln_photo_gps *gps, const cln_up_tol
         }
     }
     CLN_TRY(st);
-    tell_difference(&turn);
-    CLN_TRY(cln_origin_write(made, origin, result->gps_distance));
+    tell_difference(&turn, told);
+    if (cln_origin_read(model, last, &doubt) && 2 * before.count < before.names.count)
+        cln_warn("--gps: placed again, but by the positions of %d of %d cameras alone; the same "
+                 "command on a folder with all their photos places it better",
+                 before.count, before.names.count);
+    CLN_TRY(cln_origin_write(made, origin, (cln_origin_doubt){result->gps_distance, turn.up}));
     memcpy(result->origin, origin, sizeof origin);
     *fits = true;
 done:
@@ -385,7 +509,7 @@ cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, const cl
 
     CLN_TRY(cln_path_join(&model, c->desc->out, "sparse/0"));
     CLN_TRY(cln_path_join(&made, c->desc->out, "sparse.gps"));
-    CLN_TRY(cln_colmap_remove(made));
+    CLN_TRY(settle(c->desc->out, made, model));
     cln_up_tell(scene, &told);
     st = make(c, gps, &told, model, made, result, &fits);
     if (st == CLN_FAILED || st == CLN_INPUT) {
@@ -397,7 +521,7 @@ cln_status cln_photo_gps_place(cln_colmap *c, const cln_photo_gps *gps, const cl
     if (fits)
         CLN_TRY(exchange(made, model));
     result->placed = fits;
-    CLN_TRY(cln_colmap_remove(made));
+    CLN_TRY(fits ? settle(c->desc->out, made, model) : cln_colmap_remove(made));
 done:
     if (!result->placed)
         result->gps_distance = result->up_sd = result->north_sd = result->length_sd = 0;

@@ -12,7 +12,9 @@
 
 static const double DEGREE = M_PI / 180;
 static const double LOOSE = 10; /* degrees: a turn that GPS knows no better is begun anew */
-static const double STEP = 5;
+/* Degrees apart of turns that are others; degrees and standard deviations of lean by which two fit
+ * alike. */
+static const double OTHER = 30, LIKE = 10, LIKE_SIGMAS = 5;
 /* Degrees and standard deviations by which two ups differ; metres that heights by GPS, the
  * barometer's most often, drift during a flight, beside as many of these; metres off of RTK, whose
  * do not. */
@@ -63,30 +65,55 @@ static double length(const double v[3])
     return sqrt(cln_dot(v, v));
 }
 
-/* Positions along a line leave the turn about it open: that by which cameras stand best. */
-static void begin_anew(const double covariance[9], const cln_up_told *told, cln_similarity *s)
+/* How far, in radians, the scene stands from what cameras tell. *above: how far their rough up is
+ * above the horizon. */
+static double lean_of(const cln_similarity *s, const cln_up_told *told, double *above)
 {
+    double left[3], sharp[9], rough[3];
+
+    missing(s, told, left, sharp);
+    turned(s, told->what == CLN_UP_TOLD ? told->up : told->rough, rough);
+    *above = rough[2];
+    return length(left) + (rough[2] < 0 ? M_PI : 0);
+}
+
+/* Positions along a line leave the turn about it open: that by which cameras stand best. False if
+ * these do not tell it, either: a level line fits half a turn about a steep flight as well, and any
+ * turn about one along it. */
+static bool begin_anew(const double covariance[9], const cln_up_told *told, cln_similarity *s)
+{
+    enum { TURNS = 72 };
     const cln_similarity first = *s;
-    double value[3], axis[3][3], least = INFINITY;
+    double value[3], axis[3][3], lean[TURNS], best_above = 0;
+    int best = 0;
 
     cln_eigen(3, covariance, value, axis[0]);
-    if (told->what == CLN_UP_UNTOLD || sqrt(value[2]) < LOOSE * DEGREE)
-        return;
-    for (double angle = 0; angle < 360; angle += STEP) {
+    if (sqrt(value[2]) < LOOSE * DEGREE)
+        return true;
+    for (int i = 0; i < TURNS; i++) {
         cln_similarity other = first;
-        double by[3], left[3], sharp[9], rough[3], lean = 0;
+        double by[3], above = 0;
 
         for (int k = 0; k < 3; k++)
-            by[k] = angle * DEGREE * axis[2][k];
+            by[k] = 2 * M_PI * i / TURNS * axis[2][k];
         cln_similarity_turn(&other, by);
-        missing(&other, told, left, sharp);
-        turned(&other, told->what == CLN_UP_TOLD ? told->up : told->rough, rough);
-        lean = length(left) + (rough[2] < 0 ? M_PI : 0);
-        if (lean < least) {
-            least = lean;
+        lean[i] = lean_of(&other, told, &above);
+        if (i == 0 || lean[i] < lean[best]) {
+            best = i;
+            best_above = above;
             *s = other;
         }
     }
+    if (told->what == CLN_UP_TOLD)
+        return true;
+    for (int i = 0; i < TURNS; i++) {
+        const int apart = abs(i - best);
+        const bool other = 360 * apart >= OTHER * TURNS && 360 * (TURNS - apart) >= OTHER * TURNS;
+
+        if (other && lean[i] - lean[best] < LIKE * DEGREE + LIKE_SIGMAS * told->sd)
+            return false;
+    }
+    return fabs(best_above) >= CLN_UP_UNSURE;
 }
 
 /* The rotation vector, in radians, that both agree on best. known: of positions, 1 / radians^2. */
@@ -157,17 +184,16 @@ cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
     cln_similarity first;
     cln_similarity_doubt doubt;
     double known[9], covariance[9], way[3] = {0};
-    bool both = false;
+    bool tells = told->what != CLN_UP_UNTOLD, both = false;
 
     *out = (cln_place_turn){0};
     CLN_TRY(cln_similarity_fit(count, from, to, &out->to));
     CLN_TRY(cln_similarity_judge(count, from, to, &out->to, &doubt));
     memcpy(covariance, doubt.turn, sizeof covariance);
-    if (told->what != CLN_UP_UNTOLD) {
-        begin_anew(doubt.turn, told, &out->to);
+    tells = tells && begin_anew(doubt.turn, told, &out->to);
+    if (tells)
         compare(count, from, &doubt, told, out, way);
-    }
-    both = told->what != CLN_UP_UNTOLD && (!out->differ || out->theirs);
+    both = tells && (!out->differ || out->theirs);
     if (both) {
         const double worse = pow(out->apart * DEGREE, 2) - pow(out->by_gps * DEGREE, 2);
 
@@ -180,7 +206,7 @@ cln_status cln_place_turn_find(int count, double (*from)[3], double (*to)[3],
     }
     out->up = up_of(covariance);
     CLN_TRY(cln_similarity_judge(count, from, to, &out->to, &doubt));
-    out->north = (both ? doubt.north : sqrt(fmax(covariance[8], 0))) / DEGREE;
+    out->north = sqrt(fmax(covariance[8], 0)) / DEGREE;
     out->length = doubt.scale;
     out->used = doubt.count;
 done:
@@ -204,11 +230,10 @@ cln_status cln_place_turn_flat(int count, double (*from)[3], double (*to)[3],
         height += flat[i][2] / count;
         flat[i][2] = 0;
     }
-    CLN_TRY(cln_similarity_fit(count, flat, to, &out->to));
-    CLN_TRY(cln_similarity_fit_level(count, flat, to, &out->to));
+    CLN_TRY(cln_similarity_fit_flat(count, flat, to, &out->to));
     CLN_TRY(cln_similarity_judge(count, flat, to, &out->to, &doubt));
     out->up = told->sd / DEGREE;
-    out->north = out->to.turn[8] > 0 ? doubt.north / DEGREE : INFINITY; /* a mirror image */
+    out->north = doubt.north / DEGREE;
     out->length = doubt.scale;
     out->used = doubt.count;
     out->to.shift[2] = -out->to.scale * height;

@@ -294,12 +294,22 @@ done:
 static cln_status find_posed(const char *out, int *posed)
 {
     cln_status st = CLN_OK;
-    char *model = NULL;
+    char *model = NULL, *read = NULL;
 
     CLN_TRY(cln_path_join(&model, out, "sparse/0"));
     *posed = cln_colmap_images(model);
+    if (*posed)
+        CLN_TRY(cln_colmap_read_from(out, &read));
+    if (read && !cln_is_same_file(read, model))
+        CLN_TRY(
+            cln_fail(CLN_OUTPUT,
+                     "%s: --gps places sparse/0, but the model that is read of this scene is in "
+                     "%s; move one of the two out of the scene, or give a folder with the one "
+                     "as sparse/0",
+                     out, read));
 done:
     free(model);
+    free(read);
     return st;
 }
 
@@ -554,6 +564,28 @@ done:
     return st;
 }
 
+/* Photos of the folder with a pose by the model that is there. */
+static cln_status count_posed(const work *w, int *registered)
+{
+    cln_status st = CLN_OK;
+    const cln_names *photos = &w->colmap.photos;
+    cln_names names = {0};
+    char *model = NULL;
+    double(*at)[3] = NULL;
+
+    *registered = 0;
+    CLN_TRY(cln_path_join(&model, w->desc->out, "sparse/0"));
+    CLN_TRY(cln_colmap_places(model, &names, &at));
+    for (int i = 0; i < names.count; i++)
+        *registered += bsearch(&names.name[i], photos->name, (size_t)photos->count,
+                               sizeof *photos->name, by_name) != NULL;
+done:
+    cln_dataset_free_names(&names);
+    free(model);
+    free(at);
+    return st;
+}
+
 /* Reads the scene as train will, which warns of photos without a pose; places it. */
 static cln_status count_registered(work *w, bool places)
 {
@@ -569,6 +601,8 @@ static cln_status count_registered(work *w, bool places)
         &(cln_scene_desc){.path = w->desc->out, .config = &settings->config, .unseen = true},
         &scene));
     w->result->registered = scene->view_count;
+    if (w->posed)
+        CLN_TRY(count_posed(w, &w->result->registered));
     if (2 * scene->view_count <= w->result->photos)
         cln_warn("%s: COLMAP found poses of %d of %d photos alone, and of so few they are often "
                  "wrong: the others show too little in common with these. " CLN_POSES_ADVICE

@@ -39,7 +39,7 @@ CLN_EXPORT_LIST(X)
  * has it, for the comment of a file whose numbers are so; the caller frees it. */
 cln_status cln_export_comment(const cln_export_job *job, const char *what, char **text);
 
-/* CLN_INTERRUPTED where the caller asked to stop: asked before a file is begun. */
+/* CLN_SIGINT or CLN_SIGTERM where the caller asked to stop: asked before a file is begun. */
 cln_status cln_export_poll(const cln_callbacks *callbacks);
 
 /* Returns whether the file's name has this ending (".obj"), in upper or lower case. */

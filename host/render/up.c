@@ -26,10 +26,6 @@ static const double FEWER = 0.25; /* of the cameras face back, of a flight to an
  * over until cameras look up by 76 degrees, a flight not until they look back by 14. */
 static const double DOWN = 0.25;
 
-/* How far up and back must tell a side: flights that look down do by 0.25, and a quarter of the
- * photos upside down leaves more. */
-static const double UNSURE = 0.15;
-
 /* Radians that cameras which are held level all lean by; of the mean square of sines, one for each
  * photo, that is too much for level ones (10 degrees); so few tell nothing. */
 static const double LEVELLED = 0.0174533, ASKEW = 0.03;
@@ -147,7 +143,7 @@ static bool off_plane(const cln_scene *scene, int count, const facing *f, const 
                       double out[3])
 {
     double side = cln_dot(axis, f->up) + DOWN * cln_dot(axis, f->back);
-    bool sure = fabs(side) >= UNSURE;
+    bool sure = fabs(side) >= CLN_UP_UNSURE;
     int most = 0; /* along the axis, less those against it */
 
     for (int i = 0; i < count && !sure; i++)
@@ -185,7 +181,7 @@ static bool estimate(const cln_scene *scene, cln_up_told *out)
 
     face(scene, count, &f);
     for (int a = 0; a < 3; a++)
-        out->rough[a] = f.up[a] + f.back[a];
+        out->rough[a] = f.up[a] + DOWN * f.back[a];
     cln_eigen(3, f.across[0], value, axis[0]);
     line = value[1] < THIN * value[2];
     if (line) {
@@ -198,7 +194,7 @@ static bool estimate(const cln_scene *scene, cln_up_told *out)
     }
     balanced = balanced && found;
     if (!found) {
-        sure = length(f.up) >= UNSURE; /* by itself */
+        sure = length(f.up) >= CLN_UP_UNSURE; /* by itself */
         off_plane(scene, count, &f, axis[0], up);
         if (cln_dot(f.up, up) < 0) /* a strip would lean to the nadir by mere scatter */
             for (int a = 0; a < 3; a++)

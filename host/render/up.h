@@ -7,9 +7,13 @@
 /* A unit vector in the scene's frame: an axis exactly, if it is within 0.1 degrees of one; z if the
  * cameras do not tell. False if it may as well be the opposite: photos that show the scene one way
  * up and the other, as of an object that was turned over, cancel out; then it is that of the
- * first. Where the scene's format has a fixed one, it is that; one by GPS only if it is within 2
- * degrees of that of cameras which tell it. */
+ * first. Where the scene's format has a fixed one, it is that; one by GPS alone only if it is
+ * within 2 degrees of that of cameras which tell it. */
 bool cln_up_of_cameras(const cln_scene *scene, double up[3]);
+
+/* How far up and back must tell a side: flights that look down do by 0.25, and a quarter of the
+ * photos upside down leaves more. */
+#define CLN_UP_UNSURE 0.15
 
 /* What the training cameras alone tell as ones that are held level: */
 typedef enum cln_up_what {
@@ -20,9 +24,10 @@ typedef enum cln_up_what {
 typedef struct cln_up_told {
     cln_up_what what;
     double up[3], level[3]; /* unit */
-    double rough[3];        /* not below the horizon: mean of the pictures' up and of what is behind
-                               them */
     double sd;              /* radians, of up or level */
+    /* Above the horizon: mean of the pictures' up and, weighed less, of what is behind them. Less
+     * than CLN_UP_UNSURE above or below it tells no side. */
+    double rough[3];
 } cln_up_told;
 void cln_up_tell(const cln_scene *scene, cln_up_told *out);
 

@@ -1,4 +1,4 @@
-/* See origin.h. The file is one line of words and one of three numbers, and one of one number. */
+/* See origin.h. The file is one line of words and one of three numbers, and two of one number. */
 #include "scene/origin.h"
 
 #include <math.h>
@@ -75,7 +75,7 @@ void cln_origin_round(double origin[3])
         origin[a] = a < 2 ? round(origin[a] * 1e8) / 1e8 : round(origin[a] * 1e3) / 1e3;
 }
 
-cln_status cln_origin_write(const char *folder, const double origin[3], double distance)
+cln_status cln_origin_write(const char *folder, const double origin[3], cln_origin_doubt doubt)
 {
     cln_status st = CLN_OK;
     char *path = NULL, text[512];
@@ -85,8 +85,10 @@ cln_status cln_origin_write(const char *folder, const double origin[3], double d
         text, sizeof text,
         "%scoordinates of this model are metres east, north and up from this latitude and "
         "longitude (degrees, WGS 84) and height (metres); half of the cameras are within as many "
-        "metres of their GPS positions as the last line says\n%.8f %.8f %.3f\n%.3f\n",
-        FIRST, origin[0], origin[1], origin[2], distance);
+        "metres of their GPS positions as the third line says, and up is known to as many degrees "
+        "as "
+        "the last says\n%.8f %.8f %.3f\n%.3f\n%.2f\n",
+        FIRST, origin[0], origin[1], origin[2], doubt.distance, doubt.up);
     CLN_TRY(cln_write_file(path, text, strlen(text)));
 done:
     free(path);
@@ -117,7 +119,12 @@ bool cln_origin_is_there(const char *folder)
     return cln_has_file(folder, NAME);
 }
 
-bool cln_origin_read(const char *folder, double origin[3], double *distance)
+bool cln_origin_is_named(const char *name)
+{
+    return strcmp(name, NAME) == 0;
+}
+
+bool cln_origin_read(const char *folder, double origin[3], cln_origin_doubt *doubt)
 {
     const double most[3] = {90, 180, 100e3};
     char *path = NULL, *text = NULL;
@@ -133,10 +140,15 @@ bool cln_origin_read(const char *folder, double origin[3], double *distance)
            fabs(origin[read]) <= most[read] &&
            (*at == ' ' || (read == 2 && (*at == 0 || *at == '\n' || *at == '\r'))))
         read++;
-    *distance = NAN;
     at = read == 3 ? strchr(at, '\n') : NULL;
-    if (at && !(cln_number_read(at + 1, distance, &at) && *distance >= 0))
-        *distance = NAN;
+    for (int i = 0; i < 2; i++) {
+        double *to = i ? &doubt->up : &doubt->distance;
+        const bool is = at && cln_number_read(at + 1, to, &at) && *to >= 0;
+
+        if (!is)
+            *to = NAN;
+        at = is ? strchr(at, '\n') : NULL;
+    }
     cln_clear_error();
     free(path);
     free(text);

@@ -22,14 +22,19 @@ void cln_origin_of_centred(const double at[3], double place[3]);
 /* Rounds to what the file has of it: 1e-8 degrees, a millimetre. */
 void cln_origin_round(double origin[3]);
 
-/* Writes the folder's file. distance: of the middle one of the cameras from its GPS position,
- * metres. CLN_OUTPUT, CLN_MEMORY. */
-cln_status cln_origin_write(const char *folder, const double origin[3], double distance);
+/* What the file says beside the origin; NAN: it does not. */
+typedef struct cln_origin_doubt {
+    double distance; /* of the middle one of the cameras from its GPS position, metres */
+    double up; /* standard deviation, degrees, where level cameras counted beside GPS already */
+} cln_origin_doubt;
 
-/* Reads it; false if there is none, or it is another program's. *distance: NAN if it is not
- * told. */
-bool cln_origin_read(const char *folder, double origin[3], double *distance);
+/* Writes the folder's file. CLN_OUTPUT, CLN_MEMORY. */
+cln_status cln_origin_write(const char *folder, const double origin[3], cln_origin_doubt doubt);
+
+/* Reads it; false if there is none, or it is another program's. */
+bool cln_origin_read(const char *folder, double origin[3], cln_origin_doubt *doubt);
 bool cln_origin_is_there(const char *folder);
+bool cln_origin_is_named(const char *name); /* a file, in its folder */
 
 /* Takes the place out of what a run or scene says of its dataset. CLN_MEMORY. */
 cln_status cln_origin_hide(json_t *dataset);

@@ -48,7 +48,7 @@ typedef struct cln_reader_result {
     bool forward;        /* a format of forward-facing scenes: NDC, if the cameras look one way */
     bool beyond;         /* its photos show what lies around, too: a shell */
     double up[3];        /* unit, where its format has a fixed one (gravity); all 0: it does not */
-    bool up_by_gps;      /* that is as good as GPS was */
+    bool up_by_gps;      /* that is as good as GPS was: level cameras did not count */
     bool on_earth;       /* its frame is metres east, north and up from: */
     double origin[3];    /* latitude, longitude, height (origin.h) */
     double gps_distance; /* of the middle one of the cameras, metres; NAN: not told */
@@ -89,6 +89,10 @@ extern const cln_reader cln_reader_record3d;   /* reader_record3d.c */
 /* colmap_model.c: number of images of the model in a folder, by its first bytes, as its file may
  * have gigabytes; 0 if there is none. */
 int cln_colmap_images(const char *folder);
+
+/* reader_colmap.c: the folder of the model that is read of a scene; *folder: NULL if there is none.
+ * The caller frees it. CLN_MEMORY. */
+cln_status cln_colmap_read_from(const char *scene, char **folder);
 
 /* reader_colmap.c: the names and places of the cameras of the model in a folder, [image], in its
  * own frame and unit. CLN_INPUT, CLN_MEMORY. The caller frees both, also after a failure. */

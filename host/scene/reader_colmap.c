@@ -51,6 +51,15 @@ static int find_place(const char *path, const char **missing)
     return PLACES;
 }
 
+cln_status cln_colmap_read_from(const char *scene, char **folder)
+{
+    const char *missing = NULL;
+    const int place = find_place(scene, &missing);
+
+    *folder = NULL;
+    return place < PLACES ? place_folder(scene, place, folder) : CLN_OK;
+}
+
 /* Finds the folder that `path` is in, from its text if that is enough, else from the whole path of
  * it. The caller frees *out. */
 static cln_status parent(const char *path, char **out)
@@ -324,6 +333,7 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     const char *missing = NULL;
     const int place = find_place(path, &missing);
     char *folder = NULL, *images = NULL, masks[64], earth[256] = "", within[64] = "";
+    cln_origin_doubt doubt;
     double origin[3];
 
     CLN_TRY(place_folder(path, place, &folder));
@@ -336,9 +346,11 @@ static cln_status read_scene(const char *path, cln_reader_result *result)
     result->stored_poses = true;
     result->dialect = "COLMAP";
     cln_dataset_tell_masks(result, masks);
-    if (cln_origin_read(folder, origin, &result->gps_distance)) {
+    if (cln_origin_read(folder, origin, &doubt)) {
         result->up[2] = 1;
-        result->up_by_gps = result->on_earth = true;
+        result->up_by_gps = isnan(doubt.up);
+        result->on_earth = true;
+        result->gps_distance = doubt.distance;
         memcpy(result->origin, origin, sizeof origin);
         if (!isnan(result->gps_distance))
             cln_format(within, sizeof within, " (half of them within %.2f m)",

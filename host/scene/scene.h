@@ -161,7 +161,7 @@ typedef struct cln_scene {
     char *split_rule;    /* how views were split, a phrase */
     bool has_splits;     /* the dataset named the splits */
     double up[3];        /* unit, as its format has it; all 0: its cameras tell (render/up.h) */
-    bool up_by_gps;      /* they may tell it better */
+    bool up_by_gps;      /* alone: they may tell it better */
     bool on_earth;       /* its frame is metres east, north and up from: */
     double origin[3];    /* latitude, longitude, height (origin.h) */
     double gps_distance; /* of the middle one of the cameras, metres; NAN: not told */

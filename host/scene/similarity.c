@@ -217,8 +217,8 @@ static double cost(int count, double (*from)[3], double (*to)[3], const cln_simi
 }
 
 /* By three of them, of which half of all are nearest. */
-static void begin(int count, double (*from)[3], double (*to)[3], double *sorted, double *weight,
-                  cln_similarity *out)
+static void begin(int count, double (*from)[3], double (*to)[3], bool level, double *sorted,
+                  double *weight, cln_similarity *out)
 {
     double least = INFINITY;
 
@@ -231,7 +231,7 @@ static void begin(int count, double (*from)[3], double (*to)[3], double *sorted,
         memset(weight, 0, (size_t)count * sizeof *weight);
         for (int k = 0; k < 3; k++)
             weight[(int)fmin(u[k] * count, count - 1)] = 1;
-        if (!solve(count, from, to, weight, false, &s))
+        if (!solve(count, from, to, weight, level, &s))
             continue;
         middle = middle_off(count, from, to, &s, sorted);
         if (middle < least) {
@@ -241,7 +241,8 @@ static void begin(int count, double (*from)[3], double (*to)[3], double *sorted,
     }
 }
 
-cln_status cln_similarity_fit(int count, double (*from)[3], double (*to)[3], cln_similarity *out)
+static cln_status fit(int count, double (*from)[3], double (*to)[3], bool level,
+                      cln_similarity *out)
 {
     const cln_similarity none = {.scale = 1, .turn = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     cln_similarity by_half = none;
@@ -251,12 +252,12 @@ cln_status cln_similarity_fit(int count, double (*from)[3], double (*to)[3], cln
     *out = none;
     CLN_TRY(cln_alloc(&sorted, (size_t)count + 1, sizeof *sorted, "places"));
     CLN_TRY(cln_alloc(&weight, (size_t)count + 1, sizeof *weight, "places"));
-    begin(count, from, to, sorted, weight, &by_half);
-    refine(count, from, to, false, sorted, weight, &by_half);
+    begin(count, from, to, level, sorted, weight, &by_half);
+    refine(count, from, to, level, sorted, weight, &by_half);
     for (int i = 0; i < count; i++)
         weight[i] = 1;
-    (void)solve(count, from, to, weight, false, out);
-    refine(count, from, to, false, sorted, weight, out);
+    (void)solve(count, from, to, weight, level, out);
+    refine(count, from, to, level, sorted, weight, out);
     /* one camera aside of a line, which tells the turn about it, is in no half that counts */
     edge = TUKEY * fmax(LEAST, fmin(middle_off(count, from, to, &by_half, sorted),
                                     middle_off(count, from, to, out, sorted)));
@@ -266,6 +267,17 @@ done:
     free(sorted);
     free(weight);
     return st;
+}
+
+cln_status cln_similarity_fit(int count, double (*from)[3], double (*to)[3], cln_similarity *out)
+{
+    return fit(count, from, to, false, out);
+}
+
+cln_status cln_similarity_fit_flat(int count, double (*from)[3], double (*to)[3],
+                                   cln_similarity *out)
+{
+    return fit(count, from, to, true, out);
 }
 
 cln_status cln_similarity_fit_level(int count, double (*from)[3], double (*to)[3],

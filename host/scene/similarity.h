@@ -32,6 +32,10 @@ typedef struct cln_similarity_doubt {
  * whichever ends better; a function of the numbers alone. CLN_MEMORY. */
 cln_status cln_similarity_fit(int count, double (*from)[3], double (*to)[3], cln_similarity *out);
 
+/* Likewise with turns about z alone: those of a plane are not turned over. CLN_MEMORY. */
+cln_status cln_similarity_fit_flat(int count, double (*from)[3], double (*to)[3],
+                                   cln_similarity *out);
+
 /* Fits again from *s on: turns about z, scale and shift alone. CLN_MEMORY. */
 cln_status cln_similarity_fit_level(int count, double (*from)[3], double (*to)[3],
                                     cln_similarity *s);

@@ -547,10 +547,10 @@ with_gps() {
 
 # Photos on a circle of 40 m, whose heights are 1 m higher and lower than those of their cameras.
 section_gps() {
-    local path=$work/bin:$PATH i how first
+    local path=$work/bin:$PATH i how first s
     [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
     mkdir -p "$work/bin" "$work/flight" "$work/line" "$work/spot" "$work/flat" \
-        "$work/two of them" "$work/spaced"
+        "$work/two of them" "$work/spaced" "$work/rtk"
     cp tests/support/colmap "$work/bin/colmap"
     for ((i = 0; i < 24; i++)); do
         how=$(printf "r_%03d.png" $i)
@@ -562,6 +562,8 @@ section_gps() {
         with_gps "$work/photos/train/$how" "$work/spaced/a $how" "$lat" "$lon" "$alt"
         with_gps "$work/photos/train/$how" "$work/line/$how" -33.5 "$first" "$alt"
         with_gps "$work/photos/train/$how" "$work/flat/$how" "$lat" "$lon" none
+        with_gps "$work/photos/train/$how" "$work/rtk/$how" "$lat" "$lon" \
+            "$(perl -e 'printf "%.3f", 70 + 5.62 * sin($ARGV[0] * atan2(1, 1) / 3)' $i)"
         with_gps "$work/photos/train/$how" "$work/spot/$how" -33.5 151.25 "$alt"
         if ((i < 2)); then
             cp "$work/flight/$how" "$work/two of them"
@@ -603,6 +605,41 @@ section_gps() {
         -o "$work/flown" --gps --progress none
     check "in the same place" eval \
         'head -n 2 "$work/flown/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
+    cp -r "$work/flown" "$work/worked on"
+    s=$work/worked\ on
+    for how in project.ini points3D.ply images.txt cameras.txt; do
+        echo "$how" >"$s/sparse/0/$how"
+    done
+    mkdir "$s/sparse/0/lists" "$s/sparse.before"
+    touch "$s/sparse/0/lists/train.txt"
+    echo "another program's" >"$s/sparse/0/origin.txt"
+    expect "placed with files of others beside the model" 0 "~0.holds.2.files.*make.it.anew" env \
+        PATH="$path" "$cln" poses "$work/flight" -o "$s" --gps --progress none
+    check "these stay" [ "$(cd "$s/sparse/0" && cat project.ini points3D.ply && ls lists)" = \
+        $'project.ini\npoints3D.ply\ntrain.txt' ]
+    check "text of the model before, and another's file of that name, are kept aside" eval \
+        '[ "$(cd "$s" && echo sparse*)" = "sparse sparse.before sparse.before.2" ] &&
+            [ "$(cd "$s/sparse.before.2" && echo *)" = "cameras.txt images.txt origin.txt" ] &&
+            grep -q "another program" "$s/sparse.before.2/origin.txt" &&
+            said "sparse.before.2 now"'
+    check "beside the model that is placed" eval \
+        'head -n 2 "$s/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
+    mkdir "$s/sparse.gps" # as of one that was killed between
+    touch "$s/sparse.gps/images.bin" "$s/sparse.gps/depth_params.json"
+    expect "after one that was interrupted" 0 "" env PATH="$path" "$cln" poses "$work/flight" \
+        -o "$s" --gps --progress none
+    check "files of others are not lost, either" eval \
+        '[ -e "$s/sparse/0/depth_params.json" ] && [ ! -e "$s/sparse.gps" ]'
+    mkdir -p "$work/few"
+    cp "$work/flight"/r_00[0369].png "$work/flight/r_012.png" "$work/flight/r_016.png" "$work/few"
+    expect "placed again by some of the photos" 0 "~by.the.positions.of.5.of.23.cameras.alone" env \
+        PATH="$path" "$cln" poses "$work/few" -o "$s" --gps --progress none --json
+    check "of which so many have a pose" [ "$(json photos) $(json registered)" = "6 6" ]
+    cp "$s/sparse/0"/*.bin "$s/sparse"
+    cp "$s/sparse/0/images.bin" "$work/images once.bin"
+    expect "where readers take another model" 7 "~--gps.places.sparse/0.*is.in.*sparse;.move" env \
+        PATH="$path" "$cln" poses "$work/flight" -o "$s" --gps --progress none
+    check "nothing is placed" cmp "$s/sparse/0/images.bin" "$work/images once.bin"
     expect "poses of photos without, which are told how" 7 "~has.poses.already.*--gps.places" \
         env PATH="$path" "$cln" poses "$work/flight" -o "$work/flown" --progress none
     expect "poses of photos without GPS" 0 "" env PATH="$path" "$cln" poses "$work/photos/train" \
@@ -631,6 +668,14 @@ section_gps() {
         PATH="$path" "$cln" poses "$work/flat" -o "$work/flattened" --gps --progress none --json
     check "the height is 0" [ "$(json origin.height)" = 0 ]
     check "and how it fits" eval '[[ $(json origin.gps_distance) =~ ^0.0 ]]'
+    expect "heights that fit, and cameras that lean by 8 degrees: GPS" 0 \
+        "~8.0.degrees.from.where.GPS.*is.taken.*give.--up=.*0.99..to.render" env PATH="$path" \
+        "$cln" poses "$work/rtk" -o "$work/leaning" --gps --progress none
+    expect "which is up in what is made of it, too" 0 "" "$cln" train "$work/leaning" \
+        -o "$work/leaning run" --steps 1 --progress none
+    check "z, not the cameras'" [ "$(perl -0777 -ne \
+        'print join ",", $1 =~ /[-0-9.]+/g if /"up": \[([^]]*)\]/' \
+        "$work/leaning run/run.json")" = 0.0,0.0,1.0 ]
     expect "positions along a line, of photos from a circle" 0 "~north.to.*degrees|too.little" \
         env PATH="$path" "$cln" poses "$work/line" -o "$work/lined" --gps --progress none --json
     check "COLMAP is not asked to" eval '[ "$(json origin)" = null ] &&

@@ -4,8 +4,9 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include "draws.h"
+#include "api/place_turn.h"
 #include "base/log.h"
+#include "draws.h"
 #include "render/frames.h"
 #include "render/orbit.h"
 #include "scene/vectors.h"
@@ -567,6 +568,52 @@ static void test_told(void **state)
     assert_int_equal(told.what, CLN_UP_UNTOLD);
 }
 
+/* Along one line, which climbs, with cameras that look along it: by GPS and their level x axes they
+ * are placed as they stand, or not at all, as where half a turn about the line fits as well. */
+static void test_placed_line(void **state)
+{
+    enum { LINE = 30 };
+    static const struct {
+        double pitch, climb;
+        bool taken;
+    } lines[] = {{-90, 0, true},   {-60, 0, true},   {0, 0, true},    {50, 0, true},
+                 {60, 0, true},    {66, 0, true},    {72, 0, false},  {-60, 20, true},
+                 {-60, 50, false}, {-30, 60, false}, {-20, 70, false}};
+
+    (void)state;
+    for (size_t l = 0; l < sizeof lines / sizeof *lines; l++)
+        for (int seed = 0; seed < TRIES; seed++) {
+            const double c = cos(lines[l].climb * DEGREE), e = sin(lines[l].climb * DEGREE);
+            double from[LINE][3], to[LINE][3];
+            cln_place_turn turn;
+            cln_up_told told;
+            bool taken = false;
+            shots s;
+
+            begin(&s, (uint64_t)seed);
+            for (int k = 0; k < LINE; k++) {
+                const double along = -100 + 200.0 * k / (LINE - 1);
+                const double at[3] = {along * c, scatter(&s, 0.5), along * e + scatter(&s, 0.5)};
+
+                shoot(&s, at, scatter(&s, 4), lines[l].pitch + scatter(&s, 4), scatter(&s, 2));
+                memcpy(from[k], at, sizeof at);
+                for (int a = 0; a < 3; a++)
+                    to[k][a] = at[a] + scatter(&s, 3.5);
+            }
+            cln_up_tell(&s.scene, &told);
+            assert_int_equal(told.what, CLN_UP_LEVEL);
+            assert_int_equal(cln_place_turn_find(LINE, from, to, &told, &turn), CLN_OK);
+            taken = turn.up < 10 && turn.north < 10;
+            if (taken != lines[l].taken)
+                fail_msg("pitch %g, climb %g, seed %d: up to %g, north to %g", lines[l].pitch,
+                         lines[l].climb, seed, turn.up, turn.north);
+            if (taken) {
+                assert_true(turn.to.turn[8] > cos(6 * DEGREE));
+                assert_true(fabs(atan2(turn.to.turn[3], turn.to.turn[0])) < 6 * DEGREE);
+            }
+        }
+}
+
 int test_group_up(void)
 {
     const struct CMUnitTest tests[] = {
@@ -576,7 +623,7 @@ int test_group_up(void)
         cmocka_unit_test(test_turned_over), cmocka_unit_test(test_texts),
         cmocka_unit_test(test_phone),       cmocka_unit_test(test_shapes),
         cmocka_unit_test(test_any_frame),   cmocka_unit_test(test_leaves_path),
-        cmocka_unit_test(test_told)};
+        cmocka_unit_test(test_told),        cmocka_unit_test(test_placed_line)};
 
     return cmocka_run_group_tests_name("up", tests, NULL, NULL);
 }

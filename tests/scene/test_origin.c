@@ -47,34 +47,37 @@ static void test_file(void **state)
                                          "# cl-nascent: x\n1 2 nan\n",
                                          "# cl-nascent: x\n1,2,3\n",
                                          "# another: x\n1 2 3\n"};
-    double origin[3] = {-33.123456784, 151.000000006, 71.2344}, got[3], distance = 0;
+    double origin[3] = {-33.123456784, 151.000000006, 71.2344}, got[3];
+    cln_origin_doubt doubt;
     const char *path = scratch_path(*state, "origin.txt");
 
     assert_false(cln_origin_is_there(*state));
-    assert_false(cln_origin_read(*state, got, &distance));
+    assert_false(cln_origin_read(*state, got, &doubt));
     cln_origin_round(origin);
     assert_near(origin[1], 151.00000001, 1e-12);
-    assert_int_equal(cln_origin_write(*state, origin, 1.2344), CLN_OK);
+    assert_int_equal(cln_origin_write(*state, origin, (cln_origin_doubt){1.2344, 0.568}), CLN_OK);
     assert_true(cln_origin_is_there(*state));
-    assert_true(cln_origin_read(*state, got, &distance));
+    assert_true(cln_origin_read(*state, got, &doubt));
     for (int a = 0; a < 3; a++)
         assert_near(got[a], origin[a], 0);
-    assert_near(distance, 1.234, 0);
+    assert_near(doubt.distance, 1.234, 0);
+    assert_near(doubt.up, 0.57, 0);
     for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
         scratch_put(path, others[i], strlen(others[i]));
-        assert_false(cln_origin_read(*state, got, &distance));
+        assert_false(cln_origin_read(*state, got, &doubt));
         assert_string_equal(cln_error_text(), "");
     }
     scratch_put(path, "# cl-nascent: x\r\n1 -2 3.5\r\n", 28);
-    assert_true(cln_origin_read(*state, got, &distance));
+    assert_true(cln_origin_read(*state, got, &doubt));
     assert_near(got[1], -2, 0);
-    assert_true(isnan(distance));
+    assert_true(isnan(doubt.distance));
     scratch_put(path, "# cl-nascent: x\n1 2 3", 21); /* as of older programs, or cut off */
-    assert_true(cln_origin_read(*state, got, &distance));
-    assert_true(got[2] == 3 && isnan(distance));
+    assert_true(cln_origin_read(*state, got, &doubt));
+    assert_true(got[2] == 3 && isnan(doubt.distance));
     scratch_put(path, "# cl-nascent: x\n1 2 3\n0.5", 25);
-    assert_true(cln_origin_read(*state, got, &distance));
-    assert_near(distance, 0.5, 0);
+    assert_true(cln_origin_read(*state, got, &doubt));
+    assert_near(doubt.distance, 0.5, 0);
+    assert_true(isnan(doubt.up));
 }
 
 /* Models in both kinds of files: places of cameras, words and up. */
@@ -92,13 +95,15 @@ static void test_model(void **state)
 
         format_images(scratch_path(folder, "images"), 1);
         format_colmap(model, binary, cameras, NULL, NULL, 0);
-        for (int there = 0; there < 2; there++) {
+        for (int how = 0; how < 3; how++) { /* without, as of older programs, with cameras' up */
+            const cln_origin_doubt doubt = {0.84, how == 2 ? 0.3 : NAN};
+            const bool there = how > 0;
             cln_scene *scene = NULL;
             json_t *about = NULL, *place = NULL;
             char *text = NULL;
 
             if (there)
-                assert_int_equal(cln_origin_write(model, origin, 0.84), CLN_OK);
+                assert_int_equal(cln_origin_write(model, origin, doubt), CLN_OK);
             assert_int_equal(
                 cln_scene_load(&(cln_scene_desc){.path = folder, .config = plain()}, &scene),
                 CLN_OK);
@@ -108,7 +113,7 @@ static void test_model(void **state)
                          "latitude 48.75000000, longitude 16.20000000, height 360.081"),
                 there);
             assert_near(scene->up[2], there, 0);
-            assert_int_equal(scene->up_by_gps, there);
+            assert_int_equal(scene->up_by_gps, how == 1);
             assert_int_equal(cln_scene_describe(scene, &about), CLN_OK);
             place = json_object_get(about, "origin");
             assert_int_equal(place != NULL, there);

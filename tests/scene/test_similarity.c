@@ -280,6 +280,37 @@ static void test_flat(void **state)
     }
 }
 
+/* Along a straight line noise may fit better turned over; a mirror image of a wide one fits not. */
+static void test_flat_line(void **state)
+{
+    (void)state;
+    for (int seed = 1; seed <= 20; seed++) {
+        cln_up_told told;
+        cln_place_turn turn;
+        double left[3];
+        flight f;
+
+        begin(&f, (uint64_t)seed);
+        for (int i = 0; i < MOST; i++) {
+            add(&f, -150 + 300.0 * i / (MOST - 1), seed % 2 ? 0 : 0.3 * scatter(&f), 0, 3, 0);
+            f.place[i][2] = 0;
+        }
+        told = tell(&f, CLN_UP_TOLD, EAST, 0);
+        assert_int_equal(cln_place_turn_flat(f.count, f.at, f.place, &told, &turn), CLN_OK);
+        turn_left(&f, &turn.to, left);
+        assert_true(turn.north < 1 && turn.length < 0.02);
+        assert_near(hypot(left[0], left[1]), 0, 1e-6);
+        assert_near(left[2], 0, 2);
+        fly_grid(&f, (uint64_t)seed, 1, 0);
+        for (int i = 0; i < MOST; i++)
+            f.place[i][2] = 0;
+        told = tell(&f, CLN_UP_TOLD, EAST, 180);
+        assert_int_equal(cln_place_turn_flat(f.count, f.at, f.place, &told, &turn), CLN_OK);
+        if (turn.north <= 10 && turn.length <= 0.15)
+            fail_msg("a mirror image: north to %g, length to %g", turn.north, turn.length);
+    }
+}
+
 /* A straight flight leaves the roll about it open: cameras across it that are level close it, and
  * those along it do not. */
 static void test_line(void **state)
@@ -313,12 +344,49 @@ static void test_line(void **state)
     }
 }
 
+/* Level x axes along a line that climbs do not tell the turn about it, nor away from it: such a
+ * flight is not placed, or one that is wide enough as well as is said. */
+static void test_climbing_line(void **state)
+{
+    static const double slopes[] = {0.1, 0.3, 1, 2}, widths[] = {0.3, 3};
+    int taken[2] = {0};
+
+    (void)state;
+    for (int how = 0; how < 8; how++)
+        for (int seed = 1; seed <= 10; seed++) {
+            const double slope = slopes[how / 2], long_one = hypot(1, slope);
+            cln_up_told told;
+            cln_place_turn turn;
+            double left[3];
+            flight f;
+
+            begin(&f, (uint64_t)seed);
+            for (int i = 0; i < 30; i++) {
+                const double along = (-100 + 200.0 * i / 29) / long_one;
+
+                add(&f, along, widths[how % 2] * scatter(&f), along * slope + 0.3 * scatter(&f),
+                    1.5, 3);
+            }
+            told = tell(&f, CLN_UP_LEVEL, EAST, 0);
+            assert_int_equal(cln_place_turn_find(f.count, f.at, f.place, &told, &turn), CLN_OK);
+            if (!(turn.up <= 10 && turn.north <= 10))
+                continue;
+            taken[how % 2]++;
+            turn_left(&f, &turn.to, left);
+            if (!(hypot(left[0], left[1]) < 5 * turn.up && fabs(left[2]) < 5 * turn.north))
+                fail_msg("slope %g, seed %d: off by %g, %g, %g, and up to %g, north to %g are said",
+                         slope, seed, left[0], left[1], left[2], turn.up, turn.north);
+        }
+    assert_true(taken[0] == 0 && taken[1] > 0);
+}
+
 int test_group_similarity(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_eigen), cmocka_unit_test(test_wrong_places),
-        cmocka_unit_test(test_doubt), cmocka_unit_test(test_up),
-        cmocka_unit_test(test_line),  cmocka_unit_test(test_flat),
+        cmocka_unit_test(test_eigen),         cmocka_unit_test(test_wrong_places),
+        cmocka_unit_test(test_doubt),         cmocka_unit_test(test_up),
+        cmocka_unit_test(test_line),          cmocka_unit_test(test_flat),
+        cmocka_unit_test(test_climbing_line), cmocka_unit_test(test_flat_line),
     };
 
     return cmocka_run_group_tests_name("similarity", tests, NULL, NULL);
