@@ -7,6 +7,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "render/named.h"
 #include "render/open_run.h"
 #include "render/recorded.h"
@@ -236,16 +237,34 @@ static void warn_of_path(const cln_render_desc *desc, const cln_scene *scene)
     cln_scene_free(kept);
 }
 
+/* Does another size stretch a whole sphere, which is neither 2 : 1 then nor of the shape that it
+ * had, to a pixel? */
+static bool is_stretched(const cln_camera *own, const cln_camera *resized)
+{
+    const double height = (double)resized->width * own->height / own->width;
+
+    return cln_camera_spans_sphere(own) && fabs(resized->height - height) > 1 &&
+           fabs(resized->height - 0.5 * resized->width) > 1;
+}
+
 /* Gives the frames desc's width and height. */
 static cln_status resize(const cln_render_desc *desc, cln_frames *frames)
 {
     cln_status st = CLN_OK;
+    int stretched = 0;
 
     for (int i = 0; i < frames->count; i++) {
         const cln_camera own = frames->frame[i].camera;
 
         CLN_TRY(cln_orbit_resize(&own, desc->width, desc->height, &frames->frame[i].camera));
+        stretched += is_stretched(&own, &frames->frame[i].camera);
     }
+    if (stretched > 0 && !(desc->fov > 0)) /* which makes plain pictures of them */
+        cln_warn("--width, --height: %d %s, of another shape than %d x %d, to which the whole "
+                 "sphere is stretched; give one of the two alone or, for plain pictures of a part "
+                 "of it, %s--fov 90",
+                 stretched, cln_plural(stretched, "pose is a panorama's", "poses are panoramas'"),
+                 desc->width, desc->height, desc->interpolate > 0 ? "" : "--interpolate FRAMES ");
 done:
     return st;
 }
