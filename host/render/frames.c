@@ -220,20 +220,37 @@ done:
     return st;
 }
 
+/* Are most training photos panoramas? */
+static bool shows_all_around(const cln_scene *scene)
+{
+    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    int spheres = 0;
+
+    for (int i = 0; i < count; i++)
+        spheres += cln_scene_training_view(scene, i)->camera.lens == CLN_LENS_EQUIRECTANGULAR;
+    return 2 * spheres > count;
+}
+
 /* Around what they look at, or about their middle, cameras along a path leave it: what was filmed
- * within walls would be seen from behind them. */
+ * within walls would be seen from behind them. Panoramas look at nothing. */
 static void warn_of_path(const cln_render_desc *desc, const cln_scene *scene)
 {
+    const char *way = is_orbit(desc) ? "orbit" : "spiral";
     cln_scene *kept = NULL;
 
     if (!scene && desc->run && cln_recorded_cameras(desc->run, &kept) != CLN_OK)
         cln_clear_error(); /* a sentence less */
     scene = scene ? scene : kept;
-    if (scene && cln_scene_is_path(scene))
+    if (scene && shows_all_around(scene))
+        cln_warn("--%s: the training photos are panoramas, which show what is around them, not "
+                 "what is in their midst; this leads about the midst, maybe through walls. A film "
+                 "from place to place: --split train --interpolate 300 --fov 90",
+                 way);
+    else if (scene && cln_scene_is_path(scene))
         cln_warn("--%s: the training cameras stand along a path and look along it; this leaves it, "
                  "to where no photo was taken, maybe behind walls. A film along the path: --split "
                  "train --interpolate",
-                 is_orbit(desc) ? "orbit" : "spiral");
+                 way);
     cln_scene_free(kept);
 }
 

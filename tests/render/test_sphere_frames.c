@@ -1,4 +1,5 @@
-/* Frames of panoramas: whole spheres in pictures of another shape, which is told. No device. */
+/* Frames of panoramas: whole spheres in pictures of another shape, and orbits about their midst,
+ * both of which are told. No device. */
 #include "unit.h"
 #include <math.h>
 #include <stdio.h>
@@ -91,9 +92,35 @@ static void test_another_shape(void **state)
     }
 }
 
+/* An orbit and a spiral about the midst of panoramas are told of; not those of photos. */
+static void test_no_midst(void **state)
+{
+    const cln_render_desc rows[] = {{.orbit_frames = 2, .orbit_elevation = NAN},
+                                    {.spiral_frames = 2, .orbit_elevation = NAN}};
+
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        const bool spheres = i / 2;
+        cln_frames f = {0};
+        char text[512] = "", want[64];
+        walk w;
+
+        begin(&w, 80, 40, spheres);
+        cln_log_set_sink(keep_warning, text);
+        assert_int_equal(cln_frames_make(&rows[i % 2], &w.scene, NULL, &f), CLN_OK);
+        cln_log_set_sink(NULL, NULL);
+        snprintf(want, sizeof want, "--%s: the training photos are panoramas",
+                 i % 2 ? "spiral" : "orbit");
+        assert_int_equal(strstr(text, want) != NULL, spheres);
+        assert_int_equal(strstr(text, "--interpolate 300 --fov 90") != NULL, spheres);
+        cln_frames_free(&f);
+    }
+}
+
 int test_group_sphere_frames(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_another_shape)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_another_shape),
+                                       cmocka_unit_test(test_no_midst)};
 
     return cmocka_run_group_tests_name("sphere_frames", tests, NULL, NULL);
 }
