@@ -7,6 +7,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "render/named.h"
 #include "render/open_run.h"
 #include "render/recorded.h"
@@ -219,33 +220,68 @@ done:
     return st;
 }
 
+/* Are most training photos panoramas? */
+static bool shows_all_around(const cln_scene *scene)
+{
+    const int count = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    int spheres = 0;
+
+    for (int i = 0; i < count; i++)
+        spheres += cln_scene_training_view(scene, i)->camera.lens == CLN_LENS_EQUIRECTANGULAR;
+    return 2 * spheres > count;
+}
+
 /* Around what they look at, or about their middle, cameras along a path leave it: what was filmed
- * within walls would be seen from behind them. */
+ * within walls would be seen from behind them. Panoramas look at nothing. */
 static void warn_of_path(const cln_render_desc *desc, const cln_scene *scene)
 {
+    const char *way = is_orbit(desc) ? "orbit" : "spiral";
     cln_scene *kept = NULL;
 
     if (!scene && desc->run && cln_recorded_cameras(desc->run, &kept) != CLN_OK)
         cln_clear_error(); /* a sentence less */
     scene = scene ? scene : kept;
-    if (scene && cln_scene_is_path(scene))
+    if (scene && shows_all_around(scene))
+        cln_warn("--%s: the training photos are panoramas, which show what is around them, not "
+                 "what is in their midst; this leads about the midst, maybe through walls. A film "
+                 "from place to place: --split train --interpolate 300 --fov 90",
+                 way);
+    else if (scene && cln_scene_is_path(scene))
         cln_warn("--%s: the training cameras stand along a path and look along it; this leaves it, "
                  "to where no photo was taken, maybe behind walls. A film along the path: --split "
                  "train --interpolate",
-                 is_orbit(desc) ? "orbit" : "spiral");
+                 way);
     cln_scene_free(kept);
+}
+
+/* Does another size stretch a whole sphere, which is neither 2 : 1 then nor of the shape that it
+ * had, to a pixel? */
+static bool is_stretched(const cln_camera *own, const cln_camera *resized)
+{
+    const double height = (double)resized->width * own->height / own->width;
+
+    return cln_camera_spans_sphere(own) && fabs(resized->height - height) > 1 &&
+           fabs(resized->height - 0.5 * resized->width) > 1;
 }
 
 /* Gives the frames desc's width and height. */
 static cln_status resize(const cln_render_desc *desc, cln_frames *frames)
 {
     cln_status st = CLN_OK;
+    int stretched = 0;
 
     for (int i = 0; i < frames->count; i++) {
         const cln_camera own = frames->frame[i].camera;
 
         CLN_TRY(cln_orbit_resize(&own, desc->width, desc->height, &frames->frame[i].camera));
+        stretched += is_stretched(&own, &frames->frame[i].camera);
     }
+    if (stretched > 0 && !(desc->fov > 0)) /* which makes plain pictures of them */
+        cln_warn("--width, --height: %d %s, of another shape than %d x %d, to which the whole "
+                 "sphere is stretched; give one of the two alone or, for plain pictures of a part "
+                 "of it, %s--fov 90",
+                 stretched, cln_plural(stretched, "pose is a panorama's", "poses are panoramas'"),
+                 desc->width, desc->height, desc->interpolate > 0 ? "" : "--interpolate FRAMES ");
 done:
     return st;
 }

@@ -189,7 +189,8 @@ static cln_status bad_line(const cln_cursor *c, const char *form)
                     c->line, form);
 }
 
-static bool parse_camera(char *line, cln_colmap_camera *camera, double size[2])
+/* *name: what the model is called, if it is not known. */
+static bool parse_camera(char *line, cln_colmap_camera *camera, double size[2], const char **name)
 {
     double id = 0;
     char *word = NULL;
@@ -200,12 +201,29 @@ static bool parse_camera(char *line, cln_colmap_camera *camera, double size[2])
     for (int i = 0; i < CLN_COLMAP_MODELS; i++)
         if (!strcmp(cln_colmap_models[i].name, word))
             camera->model = &cln_colmap_models[i];
-    if (!camera->model || !cln_field_number(&line, &size[0]) || !cln_field_number(&line, &size[1]))
+    if (!cln_field_number(&line, &size[0]) || !cln_field_number(&line, &size[1]))
+        return false;
+    *name = camera->model ? NULL : word;
+    if (!camera->model)
         return false;
     for (int i = 0; i < camera->model->count; i++)
         if (!cln_field_number(&line, &camera->params[i]))
             return false;
     return !cln_field_word(&line, &word);
+}
+
+/* A line that cannot be parsed; name: NULL, or a model that is not known, as a panorama's in
+ * SphereSfM and in branches of COLMAP, whose directions are those of COLMAP's. */
+static cln_status bad_camera(const cln_cursor *c, uint32_t id, const char *name,
+                             const double size[2])
+{
+    if (name && (strcmp(name, "SPHERE") == 0 || strcmp(name, "SPHERICAL") == 0))
+        return cln_fail(CLN_INPUT,
+                        "%s: line %d: %s is no camera model of COLMAP; that of a panorama is "
+                        "EQUIRECTANGULAR: make the line \"%u EQUIRECTANGULAR %.9g %.9g %.9g %.9g\"",
+                        c->path, c->line, name, id, size[0], size[1], size[0], size[1]);
+    return bad_line(c, "id, one of COLMAP's camera models, width, height and the model's "
+                       "parameters");
 }
 
 static cln_status parse_cameras(cln_cursor *c, cln_colmap *out)
@@ -214,13 +232,13 @@ static cln_status parse_cameras(cln_cursor *c, cln_colmap *out)
 
     for (char *line = NULL; (line = data_line(c));) {
         double size[2] = {0};
+        const char *name = NULL;
 
         if (out->camera_count >= CLN_MAX_VIEWS)
             CLN_TRY(too_many(c->path, CLN_MAX_VIEWS + 1, "cameras", CLN_MAX_VIEWS));
         CLN_TRY(cln_grow(&out->cameras, out->camera_count, sizeof *out->cameras, "cameras"));
-        if (!parse_camera(line, &out->cameras[out->camera_count], size))
-            CLN_TRY(bad_line(c, "id, one of COLMAP's camera models, width, height and the model's "
-                                "parameters"));
+        if (!parse_camera(line, &out->cameras[out->camera_count], size, &name))
+            CLN_TRY(bad_camera(c, out->cameras[out->camera_count].id, name, size));
         CLN_TRY(set_size(c->path, size[0], size[1], &out->cameras[out->camera_count]));
         out->camera_count++;
     }
