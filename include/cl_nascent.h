@@ -282,6 +282,7 @@ typedef struct cln_eval_image {
                  stored, are to be turned by to be seen as people see the photo; 1: as they are */
     int file_width, file_height, downscale; /* of the photo's file, which was divided by so much */
     bool apart; /* no ray of it meets the cube, or, with a shell, the box that was given */
+    bool empty; /* it is not apart, and its render shows nothing: no opacity above 1/4 */
 } cln_eval_image;
 
 /* Changes of the field over a small step: of the colour (mean over channels), and of the alpha of a

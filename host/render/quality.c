@@ -22,7 +22,8 @@
 #include "io/run_folder.h"
 #include "scene/dealt.h"
 
-static const double MOST = 0.93; /* of the pixels, without those that are farthest off */
+static const float SHOWN = 0.25f; /* the least opacity that shows something */
+static const double MOST = 0.93;  /* of the pixels, without those that are farthest off */
 
 enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
 
@@ -235,6 +236,17 @@ static void measure_opacity(const cln_view *view, const uint8_t *kept, const cln
         image->opaque_air = (double)opaque / (double)air;
 }
 
+/* Is there next to nothing in all of its pixels that count? */
+static bool is_empty(const cln_picture *picture, const uint8_t *kept)
+{
+    const size_t pixels = (size_t)picture->width * (size_t)picture->height;
+
+    for (size_t i = 0; i < pixels; i++)
+        if ((!kept || kept[i]) && picture->opacity[i] > SHOWN)
+            return false;
+    return true;
+}
+
 /* The PSNR of the picture times a gain for each channel. lit: a picture for its own use. */
 static double psnr_at(const float gain[3], const cln_picture *picture, const float *truth,
                       const uint8_t *kept, float *lit)
@@ -285,6 +297,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     }
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
+    image->empty = !image->apart && is_empty(picture, kept);
     CLN_TRY(cln_odd_depth(picture, &image->depth));
     if (isfinite(image->depth))
         image->depth = cln_space_depth_to_scene(&scene->space, (float)image->depth);
@@ -476,6 +489,8 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
             json_object_set_new(one, "partly", json_true());
         if (one && e->apart)
             json_object_set_new(one, "apart", json_true());
+        if (one && e->empty)
+            json_object_set_new(one, "empty", json_true());
         if (one && e->turn > 1)
             json_object_set_new(one, "turn", json_integer(e->turn));
         json_array_append_new(images, one);
