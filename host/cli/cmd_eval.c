@@ -147,6 +147,27 @@ static void print_partly(const cln_eval_result *r)
                partly.count, r->count, cln_plural(partly.count, "s", ""), partly.text);
 }
 
+/* Views that fit worse than the others. */
+static void print_off(const cln_eval_result *r)
+{
+    const cln_listed off = list_views(r, offsetof(cln_eval_image, off));
+    const bool held_out = strcmp(r->split, "train") != 0;
+    double worst = INFINITY;
+
+    for (int i = 0; i < r->count; i++)
+        if (r->images[i].off)
+            worst = fmin(worst, r->images[i].psnr);
+    if (off.count)
+        printf("%d of %d photos fit%s far worse than the others, down to %.1f dB (%s): %s may be "
+               "wrong, as of a camera that was bumped or exchanged, or the mask, or the photo is "
+               "blurred, or things moved then%s. Look at NAME.error.png, train with "
+               "--refine-poses, or leave %s out\n",
+               off.count, r->count, cln_plural(off.count, "s", ""), worst, off.text,
+               cln_plural(off.count, "its pose", "their poses"),
+               held_out ? "; of a held-out photo, few others may show the same" : "",
+               cln_plural(off.count, "it", "them"));
+}
+
 /* Photos that were divided: figures of them do not compare with those of whole ones. */
 static void print_sizes(const cln_eval_result *r)
 {
@@ -200,6 +221,7 @@ static void print_table(const cln_eval_result *r, bool exposure)
     print_empty(r);
     print_hidden(r);
     print_partly(r);
+    print_off(r);
     if (isfinite(r->opacity_error)) {
         printf("opacity: RMS error %.4f", r->opacity_error);
         if (isfinite(r->opaque_air))
