@@ -261,7 +261,7 @@ typedef struct cln_eval_image {
     char *file; /* of its pictures: FILE.png, FILE.truth.png, FILE.error.png */
     int width, height;
     /* PSNRs in dB: psnr_u8 of the render rounded to 8 bits, psnr_fitted after an affine fit of its
-     * colours to the photo's. ssim: NAN if no 11 x 11 pixels all count. mse: of colours in 0..1.
+     * colours to the photo's, NAN where that has one colour alone. ssim: NAN if no 11 x 11 pixels all count. mse: of colours in 0..1.
      * seconds: to render it. */
     double psnr, psnr_u8, ssim, mse, seconds;
     double psnr_fitted;
@@ -282,6 +282,9 @@ typedef struct cln_eval_image {
                  stored, are to be turned by to be seen as people see the photo; 1: as they are */
     int file_width, file_height, downscale; /* of the photo's file, which was divided by so much */
     bool apart; /* no ray of it meets the cube, or, with a shell, the box that was given */
+    bool empty; /* it is not apart, and its render shows nothing: no opacity above 1/4 */
+    bool off;   /* of 8 images and more, its PSNR is far below the others', fitted or not, and it is
+                 not hidden: its pose, its photo or what stood there is likely another */
 } cln_eval_image;
 
 /* Changes of the field over a small step: of the colour (mean over channels), and of the alpha of a

@@ -748,6 +748,7 @@ static cln_status prepare(cln_trainer *t)
     t->device->callbacks = &callbacks;
     CLN_TRY(check_files(t, &config));
     if (!t->desc->resume) {
+        CLN_TRY(cln_scene_check_shown(t->scene));
         CLN_TRY(choose_box(t, &config));
         choose_by_photos(t, &config);
         CLN_TRY(cln_found_anew_tell(t->scene, t->desc->settings));

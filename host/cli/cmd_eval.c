@@ -114,6 +114,27 @@ static void print_hidden(const cln_eval_result *r)
                hidden.count, r->count, cln_plural(hidden.count, "is", "are"), depth, hidden.text);
 }
 
+/* Are all that are in the mean empty? Then a PSNR tells how little the photos show. */
+static bool shows_nothing(const cln_eval_result *r)
+{
+    return list_views(r, offsetof(cln_eval_image, empty)).count == r->count - r->apart &&
+           r->apart < r->count;
+}
+
+static void print_empty(const cln_eval_result *r)
+{
+    const cln_listed empty = list_views(r, offsetof(cln_eval_image, empty));
+
+    if (shows_nothing(r))
+        puts("the renders show nothing: nothing was learnt, and the figures tell only how little "
+             "of the photos is not background (see what `cl-nascent check` says of them, and "
+             "whether --bbox is around the object)");
+    else if (empty.count)
+        printf("%d of %d renders %s nothing, so their figures tell only how little of these photos "
+               "is not background (%s)\n",
+               empty.count, r->count, cln_plural(empty.count, "shows", "show"), empty.text);
+}
+
 /* Views of which a small part is off. */
 static void print_partly(const cln_eval_result *r)
 {
@@ -124,6 +145,27 @@ static void print_partly(const cln_eval_result *r)
                "its pixels (%s): something that moved, or that few photos show (NAME.error.png)? "
                "Masks take it out\n",
                partly.count, r->count, cln_plural(partly.count, "s", ""), partly.text);
+}
+
+/* Views that fit worse than the others. */
+static void print_off(const cln_eval_result *r)
+{
+    const cln_listed off = list_views(r, offsetof(cln_eval_image, off));
+    const bool held_out = strcmp(r->split, "train") != 0;
+    double worst = INFINITY;
+
+    for (int i = 0; i < r->count; i++)
+        if (r->images[i].off)
+            worst = fmin(worst, r->images[i].psnr);
+    if (off.count)
+        printf("%d of %d photos fit%s far worse than the others, down to %.1f dB (%s): %s may be "
+               "wrong, as of a camera that was bumped or exchanged, or the mask, or the photo is "
+               "blurred, or things moved then%s. Look at NAME.error.png, train with "
+               "--refine-poses, or leave %s out\n",
+               off.count, r->count, cln_plural(off.count, "s", ""), worst, off.text,
+               cln_plural(off.count, "its pose", "their poses"),
+               held_out ? "; of a held-out photo, few others may show the same" : "",
+               cln_plural(off.count, "it", "them"));
 }
 
 /* Photos that were divided: figures of them do not compare with those of whole ones. */
@@ -176,8 +218,10 @@ static void print_table(const cln_eval_result *r, bool exposure)
     if (r->seams.measured)
         print_seams(&r->seams);
     print_fitted(r, exposure);
+    print_empty(r);
     print_hidden(r);
     print_partly(r);
+    print_off(r);
     if (isfinite(r->opacity_error)) {
         printf("opacity: RMS error %.4f", r->opacity_error);
         if (isfinite(r->opaque_air))
@@ -232,6 +276,12 @@ cln_status cln_cmd_eval(const cln_options *options)
     if (!(result.psnr >= options->min_psnr))
         CLN_TRY(cln_fail(CLN_THRESHOLD, "%s: mean PSNR %.2f dB is below --min-psnr %g",
                          options->operand, result.psnr, options->min_psnr));
+    if (options->min_psnr > 0 && shows_nothing(&result))
+        CLN_TRY(cln_fail(CLN_THRESHOLD,
+                         "%s: the renders show nothing, so their mean PSNR of %.2f dB does not "
+                         "count for --min-psnr; nothing was learnt, or nothing is in these photos: "
+                         "see what `cl-nascent check` says of them",
+                         options->operand, result.psnr));
 done:
     cln_console_close(&console);
     cln_eval_free(&result);

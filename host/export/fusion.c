@@ -279,11 +279,11 @@ static cln_status render(cln_open_run *opened, const cln_camera *cameras,
     }
     cln_render_release(&opened->pipeline);
     if (views == 0)
-        CLN_TRY(
-            cln_fail(CLN_INPUT,
-                     "%s: no training view shows anything opaque, so there is no surface; train "
-                     "it longer",
-                     opened->run));
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no training view shows anything opaque, so there is no surface; if a "
+                         "longer training changes nothing, see what `cl-nascent check` says of its "
+                         "photos, and whether --bbox is around the object",
+                         opened->run));
     cln_floats_sort(pixels, (size_t)views);
     f->pixel = pixels[views / 2];
     f->faint = shown > 0 ? (double)faint / (double)shown : 0;

@@ -10,8 +10,8 @@
  * are not. CLN_MEMORY. */
 cln_status cln_odd_depth(const cln_picture *picture, double *depth);
 
-/* Fills fitted_gain of the result, `hidden` and `partly` of its images; their PSNRs and depths are
- * there. */
+/* Fills fitted_gain of the result, `hidden`, `partly` and `off` of its images; their PSNRs and
+ * depths are there, and which are apart. */
 cln_status cln_odd_views(cln_eval_result *result);
 
 #endif

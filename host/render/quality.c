@@ -22,7 +22,8 @@
 #include "io/run_folder.h"
 #include "scene/dealt.h"
 
-static const double MOST = 0.93; /* of the pixels, without those that are farthest off */
+static const float SHOWN = 0.25f; /* the least opacity that shows something */
+static const double MOST = 0.93;  /* of the pixels, without those that are farthest off */
 
 enum { TREE_VIEWS = 2 }; /* views with pictures of the tree, evenly chosen */
 
@@ -235,6 +236,32 @@ static void measure_opacity(const cln_view *view, const uint8_t *kept, const cln
         image->opaque_air = (double)opaque / (double)air;
 }
 
+/* Is there next to nothing in all of its pixels that count? */
+static bool is_empty(const cln_picture *picture, const uint8_t *kept)
+{
+    const size_t pixels = (size_t)picture->width * (size_t)picture->height;
+
+    for (size_t i = 0; i < pixels; i++)
+        if ((!kept || kept[i]) && picture->opacity[i] > SHOWN)
+            return false;
+    return true;
+}
+
+/* Are all pixels that count of one colour? */
+static bool is_plain(const float *rgb, const uint8_t *kept, size_t pixels)
+{
+    const float *first = NULL;
+
+    for (size_t i = 0; i < pixels; i++) {
+        if (kept && !kept[i])
+            continue;
+        if (first && memcmp(first, rgb + 3 * i, 3 * sizeof *rgb) != 0)
+            return false;
+        first = rgb + 3 * i;
+    }
+    return true;
+}
+
 /* The PSNR of the picture times a gain for each channel. lit: a picture for its own use. */
 static double psnr_at(const float gain[3], const cln_picture *picture, const float *truth,
                       const uint8_t *kept, float *lit)
@@ -277,7 +304,10 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     image->mse = cln_image_mse(width, height, kept, picture->rgb, truth);
     image->psnr = cln_psnr(image->mse);
     image->psnr_u8 = cln_psnr(cln_image_mse(width, height, kept, rounded, truth));
-    image->psnr_fitted = cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
+    image->psnr_fitted =
+        is_plain(truth, kept, pixels)
+            ? NAN /* any render fits that */
+            : cln_psnr(cln_image_fitted_mse(width, height, kept, picture->rgb, truth));
     image->psnr_most = NAN;
     if (!scene->has_alpha) {
         CLN_TRY(cln_image_most_mse(width, height, kept, picture->rgb, truth, MOST, &mse));
@@ -285,6 +315,7 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
     }
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
     measure_opacity(v, kept, picture, image);
+    image->empty = !image->apart && is_empty(picture, kept);
     CLN_TRY(cln_odd_depth(picture, &image->depth));
     if (isfinite(image->depth))
         image->depth = cln_space_depth_to_scene(&scene->space, (float)image->depth);
@@ -389,12 +420,12 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
             continue;
         result->psnr += image->psnr / counted;
         result->psnr_u8 += image->psnr_u8 / counted;
-        result->psnr_fitted += image->psnr_fitted / counted;
         result->mse += image->mse / counted;
         result->seconds += image->seconds / counted;
     }
     CLN_TRY(cln_odd_views(result));
     result->psnr_of_mean_mse = cln_psnr(result->mse);
+    result->psnr_fitted = mean_of(result, offsetof(cln_eval_image, psnr_fitted));
     result->psnr_exposed = mean_of(result, offsetof(cln_eval_image, psnr_exposed));
     result->ssim = mean_of(result, offsetof(cln_eval_image, ssim));
     result->opacity_error = mean_of(result, offsetof(cln_eval_image, opacity_error));
@@ -476,6 +507,10 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
             json_object_set_new(one, "partly", json_true());
         if (one && e->apart)
             json_object_set_new(one, "apart", json_true());
+        if (one && e->empty)
+            json_object_set_new(one, "empty", json_true());
+        if (one && e->off)
+            json_object_set_new(one, "off", json_true());
         if (one && e->turn > 1)
             json_object_set_new(one, "turn", json_integer(e->turn));
         json_array_append_new(images, one);

@@ -372,7 +372,9 @@ void cln_scene_tell_doubts(const cln_scene *scene, json_t *findings)
             scene->before_share <= 0.5 ? ", and most sparse points lie behind the cameras" : "",
             of_transforms(scene) ? ": in a transforms file they are OpenGL's (y up, z backwards); "
                                    "if this one has OpenCV's (y down, z forward), negate the "
-                                   "second and third column of each matrix"
+                                   "second and third column of each matrix; if it is world to "
+                                   "camera, as solvePnP and calibrateCamera have it, invert each "
+                                   "before that"
                                  : ", or the poses are camera to world where the format has world "
                                    "to camera: export them again");
     if (scene->cube_share < CUBE_SHARE_MIN)

@@ -262,7 +262,7 @@ static int levels_left(const char *path)
 
 static void tell_deep(const cln_scene *scene, const cln_view *first, int count)
 {
-    enum { FEW = 128 };
+    enum { FEW = 100 }; /* of an object before black, stretched, there were 120 */
     const int levels = levels_left(first->path);
     char few[320] = "";
 

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 #include "base/text.h"
+#include "ranks/ranks.h"
 
 static const float STRONG = 6;       /* gradients that count, of 255 */
 enum { ONE_COLOUR = 10, SIDE = 64 }; /* levels, at most; pixels of a side looked at */
@@ -106,6 +107,67 @@ bool cln_scene_has_blank(const cln_scene *scene, char text[CLN_BLANK_BYTES])
              cln_plural(blank.count, "it teaches", "they teach"));
     return blank.count > 0 &&
            2 * blank.count <= scene->view_count; /* of more, it is what they are to show */
+}
+
+/* Widens the range of colours, [3] negated lowest and [3] highest levels, by the view's pixels that
+ * count, until it is wider than one colour. */
+static void add_colours(const cln_view *view, double range[6])
+{
+    for (int y = 0; y < view->camera.height; y++)
+        for (int x = 0; x < view->camera.width; x++) {
+            uint8_t p[4];
+
+            if (!cln_view_keeps(view, x, y))
+                continue;
+            cln_view_bytes(view, x, y, p);
+            for (int c = 0; c < 3; c++) {
+                range[c] = fmax(range[c], -p[c]);
+                range[3 + c] = fmax(range[3 + c], p[c]);
+                if (range[c] + range[3 + c] > ONE_COLOUR)
+                    return;
+            }
+        }
+}
+
+cln_status cln_scene_check_shown(const cln_scene *scene)
+{
+    enum { ALPHA = 6, SHOWN, FOUND };
+    const int views = cln_scene_split_count(scene, CLN_SPLIT_TRAIN);
+    double found[FOUND] = {-256, -256, -256, 0, 0, 0, 0, 0}; /* of all ranks */
+
+    for (int i = 0; i < views; i++) {
+        const cln_view *view = cln_scene_training_view(scene, i);
+
+        if (!cln_view_is_loaded(view) || found[SHOWN] > 0)
+            continue;
+        if (view->channels == 4)
+            found[ALPHA] = 1;
+        if (view->channels == 4 ? view->most_alpha != 1 : scene->has_alpha || view->depth.depth)
+            found[SHOWN] = 1; /* depths tell a shape */
+        else if (view->channels != 4)
+            add_colours(view, found);
+        for (int c = 0; c < 3; c++)
+            if (found[c] + found[3 + c] > ONE_COLOUR)
+                found[SHOWN] = 1;
+    }
+    cln_ranks_largest(found, FOUND);
+    if (found[SHOWN] > 0)
+        return CLN_OK;
+    if (found[ALPHA] > 0)
+        return cln_fail(CLN_INPUT,
+                        "%s: alpha is 0 everywhere in all of %d training photos, so there is "
+                        "nothing to learn; make their masks anew, or leave alpha out of the photos",
+                        scene->folder, views);
+    for (int c = 0; c < 3; c++)
+        if (found[c] + found[3 + c] < 0 || found[c] + found[3 + c] > ONE_COLOUR)
+            return CLN_OK;
+    return cln_fail(CLN_INPUT,
+                    "%s: all of %d training photos show one colour alone (%.0f,%.0f,%.0f of 255, "
+                    "give or take %d), so there is nothing to learn; take them anew, or, if they "
+                    "are of 16 bits, stretch all from their lowest to their highest value first, "
+                    "(v - low) / (high - low)",
+                    scene->folder, views, (found[3] - found[0]) / 2, (found[4] - found[1]) / 2,
+                    (found[5] - found[2]) / 2, (ONE_COLOUR + 1) / 2);
 }
 
 double cln_photo_difference(const cln_photo *a, const cln_photo *b)

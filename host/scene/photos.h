@@ -22,6 +22,10 @@ enum { CLN_BLANK_BYTES = 1280 };
 bool cln_scene_has_blank(const cln_scene *scene, char text[CLN_BLANK_BYTES]);
 bool cln_photo_is_blank(const cln_view *view); /* is this one of them? */
 
+/* Do the training photos that were read show anything? CLN_INPUT if alpha is 0 everywhere in all of
+ * them, or they are of one colour and no depth images tell more. All ranks call it. */
+cln_status cln_scene_check_shown(const cln_scene *scene);
+
 /* Root mean square difference of two thumbnails; not below that of their means. */
 double cln_photo_difference(const cln_photo *a, const cln_photo *b);
 

@@ -23,8 +23,9 @@ enum {
     FITTED = 384,  /* spots of a camera that its step is fitted to */
     CHECKED = 192, /* and those that must agree */
     SPOTS = FITTED + CHECKED,
-    CHOICES = 4, /* draws for a spot: the one of most contrast counts */
-    TELLING = 24 /* spots that a step needs */
+    CHOICES = 4,      /* draws for a spot: the one of most contrast counts */
+    TELLING = 24,     /* spots that a step needs */
+    OUTLIER_VIEWS = 8 /* from which on one may stand out */
 };
 static const double FROM = 0.05;        /* of the budget: before, there is nothing to see */
 static const double DAMPING = 0.01;     /* of the normal equations' diagonal */
@@ -33,6 +34,8 @@ static const double LEAST_SCALE = 0.01; /* residuals below are noise */
 static const double SURE = 2;           /* standard errors by which a step must be better */
 static const double LEAST_COLOUR = 0.01, MOST_GAIN = 8;
 static const float LEAST_OPACITY = 0.02f;
+/* A camera stands out that was turned by so many times the median, and so many degrees. */
+static const double OUTLIER_TIMES = 6, OUTLIER_DEGREES = 0.03;
 
 static const int looks_x[CLN_SPOT_LOOKS] = {0, -1, 1, 0, 0};
 static const int looks_y[CLN_SPOT_LOOKS] = {0, 0, 0, -1, 1};
@@ -528,16 +531,51 @@ done:
     return st;
 }
 
+/* The degrees by which camera i was turned, and the way that it was moved. */
+static void get_motion(const cln_model *m, int i, double *angle, double *way)
+{
+    const float *w = m->motions[i];
+
+    *angle = sqrt((double)(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])) * 180 / M_PI;
+    *way = sqrt((double)(w[3] * w[3] + w[4] * w[4] + w[5] * w[5]));
+}
+
+int cln_refine_outlier(const cln_model *m, double *median)
+{
+    double *angles = NULL, most = 0;
+    int index = -1;
+
+    *median = NAN;
+    if (m->motion_views < OUTLIER_VIEWS ||
+        cln_alloc(&angles, (size_t)m->motion_views, sizeof *angles, "poses") != CLN_OK) {
+        cln_clear_error(); /* a sentence less */
+        return -1;
+    }
+    for (int i = 0; i < m->motion_views; i++) {
+        double way = 0;
+
+        get_motion(m, i, &angles[i], &way);
+        if (angles[i] > most) {
+            most = angles[i];
+            index = i;
+        }
+    }
+    cln_reals_sort(angles, m->motion_views);
+    *median = angles[m->motion_views / 2];
+    free(angles);
+    return most > OUTLIER_TIMES * *median && most > OUTLIER_DEGREES ? index : -1;
+}
+
 void cln_refine_say(const cln_trainer *t)
 {
     const cln_model *m = &t->model;
-    double turned = 0, moved = 0, most_turned = 0, most_moved = 0;
+    double turned = 0, moved = 0, most_turned = 0, most_moved = 0, median = 0;
+    const int outlier = cln_refine_outlier(m, &median);
 
     for (int i = 0; i < m->motion_views; i++) {
-        const float *w = m->motions[i];
-        const double angle = sqrt((double)(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])) * 180 / M_PI;
-        const double way = sqrt((double)(w[3] * w[3] + w[4] * w[4] + w[5] * w[5]));
+        double angle = 0, way = 0;
 
+        get_motion(m, i, &angle, &way);
         turned += angle / m->motion_views;
         moved += way / m->motion_views;
         most_turned = fmax(most_turned, angle);
@@ -550,4 +588,10 @@ void cln_refine_say(const cln_trainer *t)
         cln_info("poses: the training cameras were turned by %.3f degrees and moved by %.3g units "
                  "on average, at most %.3f and %.3g",
                  turned, moved, most_turned, most_moved);
+    if (outlier >= 0)
+        cln_info(
+            "poses: '%s' was turned by %.3f degrees, far more than the others (half of them by "
+            "%.3f at most): it may have been bumped, and be off by more than these steps "
+            "corrected; `cl-nascent eval --split all` shows how well it fits now",
+            cln_scene_training_view(t->scene, outlier)->name, most_turned, median);
 }

@@ -24,6 +24,10 @@ void cln_refine_free(cln_refine *refine); /* accepts a zeroed one */
  * the training views see. fraction: 0..1 of the budget. */
 cln_status cln_refine_poses(cln_trainer *t, double fraction);
 
+/* The camera that was turned far more than the others, an index of training views, or -1; median:
+ * degrees of all, NAN of too few. */
+int cln_refine_outlier(const cln_model *m, double *median);
+
 /* Tells how far the cameras are from their given poses. */
 void cln_refine_say(const cln_trainer *t);
 

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Scenes that are wrong, or look it: what `info` and `train` doubt, and what `check` finds. On tiny
 # generated scenes, with faults planted.
-#   tests/cli/check.sh [SECTION...]       sections: doubts nadir check parts plain
+#   tests/cli/check.sh [SECTION...]       sections: doubts nadir check parts plain shown
 #   BUILD=build/sanitize                   the programs to test
 set -u
 cd "$(dirname "$0")/../.." || exit 1
@@ -344,4 +344,28 @@ section_plain() {
     check "no focal length is a fault by so little" grep -q "^0 likely faults" "$work/out"
 }
 
-run_sections "doubts nadir check parts plain" "$@"
+# Photos that show nothing are refused, as masks that leave nothing are; and where nothing was learnt,
+# a high PSNR is no quality.
+section_shown() {
+    local s=$work/failed i
+    local clear=iVBORw0KGgoAAAANSUhEUgAAABAAAAAQCAYAAAAf8/9hAAAAE
+    local speck=${clear%E}FUlEQVR42mNgGAWjgAjwH4xGwTAHAMtyAf+SwrCbAAAAAElFTkSuQmCC
+    clear+=klEQVR42mNgGAWjYBSMAggAAAQQAAGvRYgsAAAAAElFTkSuQmCC
+    "$make_scene" "$s" --size 16 --train 8 --test 2 >/dev/null
+    for i in "$s"/t*/*.png; do
+        base64 -d <<<"$clear" >"$i"
+    done
+    expect "alpha is 0 everywhere" 3 "alpha is 0 everywhere ~make.their.masks" \
+        "$cln" train "$s" -o "$work/no run" "${small[@]}"
+    check "no run is begun" [ ! -e "$work/no run/run.json" ]
+    base64 -d <<<"$speck" >"$s/train/r_000.png" # one pixel is opaque
+    expect "alpha is 0 in most photos" 0 "~alpha.shows.nothing" \
+        "$cln" train "$s" -o "$work/run" "${small[@]}" --steps 60
+    expect "eval says that nothing was learnt" 0 "" "$cln" eval "$work/run"
+    check "in its last lines" grep -q "the renders show nothing" "$work/out"
+    expect "its high PSNR is not enough" 9 "~renders.show.nothing" \
+        "$cln" eval "$work/run" --min-psnr 10 --json
+    check "and each image has it" [ "$(json images.0.empty) $(json images.1.empty)" = "true true" ]
+}
+
+run_sections "doubts nadir check parts plain shown" "$@"

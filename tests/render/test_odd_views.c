@@ -84,6 +84,43 @@ static void test_partly(void **state)
         assert_false(images[i].partly);
 }
 
+/* Off are a few views far below the median of eight and more, after a fit of colours, too. */
+static void test_off(void **state)
+{
+    enum { MANY = 24 };
+    static const struct {
+        int count, low;                     /* views; those that are */
+        double below, fitted, spread, last; /* dB */
+        bool off;
+    } cases[] = {
+        {24, 1, 6, 6, 0, 32, true},    {24, 3, 6, 6, 0, 32, true},
+        {24, 1, 5, 6, 0, 32, false},   {24, 1, 6, 2, 0, 32, false}, /* its exposure differs */
+        {24, 7, 6, 6, 0, 32, false},                                /* of another kind */
+        {7, 1, 9, 9, 0, 32, false},    {8, 1, 9, 9, 0, 32, true},
+        {24, 1, 10, 10, 2, 32, false}, /* all are spread */
+        {24, 1, 6, 6, 0, NAN, true}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        cln_eval_image images[MANY] = {0};
+        cln_eval_result result = {.count = cases[i].count, .images = images};
+
+        for (int k = 0; k < result.count; k++) {
+            const bool low = k < cases[i].low;
+            const double psnr = 32 - k % 4 * cases[i].spread;
+
+            images[k] = (cln_eval_image){.psnr = low ? 32 - cases[i].below : psnr,
+                                         .psnr_fitted = low ? 32 - cases[i].fitted : psnr,
+                                         .depth = 2};
+        }
+        if (isnan(cases[i].last))
+            images[MANY - 1].psnr = images[MANY - 1].psnr_fitted = NAN;
+        assert_int_equal(cln_odd_views(&result), CLN_OK);
+        for (int k = 0; k < result.count; k++)
+            assert_int_equal(images[k].off, cases[i].off && k < cases[i].low);
+    }
+}
+
 /* The depth is the median of opaque pixels, if most are. */
 static void test_depth(void **state)
 {
@@ -102,9 +139,8 @@ static void test_depth(void **state)
 int test_group_odd_views(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_fitted_gain),
-        cmocka_unit_test(test_hidden),
-        cmocka_unit_test(test_partly),
+        cmocka_unit_test(test_fitted_gain), cmocka_unit_test(test_hidden),
+        cmocka_unit_test(test_partly),      cmocka_unit_test(test_off),
         cmocka_unit_test(test_depth),
     };
 

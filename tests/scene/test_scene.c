@@ -7,6 +7,7 @@
 #include "io/image.h"
 #include "near.h"
 #include "scene/build.h"
+#include "scene/photos.h"
 #include "scene_fixture.h"
 #include "tests.h"
 
@@ -518,6 +519,7 @@ static void test_empty_alpha(void **state)
         scene = load(folder, &config);
         assert_int_equal(cln_scene_is_empty(scene, text), i > 0);
         assert_true(strncmp(text, said[i], strlen(said[i])) == 0);
+        assert_int_equal(cln_scene_check_shown(scene), i == 3 ? CLN_INPUT : CLN_OK);
         cln_scene_free(scene);
     }
 }

@@ -180,11 +180,38 @@ static void test_blank(void **state)
     }
 }
 
+/* Photos that are of one colour in all are refused for training; not those of several, each of one
+ * alone, nor with depth images, nor where test photos alone are blank. */
+static void test_shown(void **state)
+{
+    static char depth[] = "depth.png";
+
+    (void)state;
+    for (int i = 0; i < 5; i++) {
+        photos *p = draw(NOTHING);
+
+        for (int v = 0; v < COUNT; v++) {
+            p->views[v].split = i == 4 && v < 6 ? CLN_SPLIT_TRAIN : CLN_SPLIT_TEST;
+            if (i < 4)
+                p->views[v].split = CLN_SPLIT_TRAIN;
+            if (i == 2 && v == 7)
+                p->views[v].depth.depth = depth;
+            for (int k = 0; k < WIDE * HIGH && (i < 4 || v >= 6); k++)
+                memset(p->pixels[v] + 3 * k, 3 + k % 5 + (i == 1 ? v : 0), 3);
+            if (i == 3) /* one pixel of one photo */
+                p->pixels[5][3 * WIDE * HIGH - 1] = 14;
+        }
+        assert_int_equal(cln_scene_check_shown(&p->scene), i == 0 ? CLN_INPUT : CLN_OK);
+        free(p);
+    }
+}
+
 int test_group_standing(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_found),
         cmocka_unit_test(test_blank),
+        cmocka_unit_test(test_shown),
         cmocka_unit_test_setup_teardown(test_mask, scratch_make, scratch_remove),
     };
 

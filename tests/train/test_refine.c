@@ -4,6 +4,7 @@
  * bits. */
 #include "unit.h"
 #include "base/rng.h"
+#include "near.h"
 #include "render/open_run.h"
 #include "run_fixture.h"
 #include "scene/motion.h"
@@ -462,13 +463,37 @@ static int setup(void **state)
     return 0;
 }
 
+/* The camera that was corrected far more than the others is named, of eight and more. */
+static void test_outlier(void **state)
+{
+    enum { CAMERAS = 9 };
+    static const struct {
+        int count, index;
+        float others, most; /* degrees */
+    } cases[] = {{9, 4, 0.01f, 0.2f},  {9, -1, 0.05f, 0.2f}, {9, -1, 0.001f, 0.02f},
+                 {7, -1, 0.01f, 0.2f}, {9, 4, 0, 0.2f},      {0, -1, 0, 0}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        float motions[CAMERAS][CLN_MOTION] = {{0}};
+        const cln_model model = {.motions = motions, .motion_views = cases[i].count};
+        double median = 0;
+
+        for (int k = 0; k < CAMERAS; k++)
+            motions[k][k % 3] = (k == 4 ? cases[i].most : cases[i].others) * (float)M_PI / 180;
+        assert_int_equal(cln_refine_outlier(&model, &median), cases[i].index);
+        if (cases[i].count == CAMERAS)
+            assert_near(median, (double)cases[i].others, 1e-6);
+    }
+}
+
 int test_group_refine(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_steps),       cmocka_unit_test(test_no_step),
-        cmocka_unit_test(test_given_spots), cmocka_unit_test(test_checked),
-        cmocka_unit_test(test_shaken),      cmocka_unit_test(test_resumed),
-        cmocka_unit_test(test_begins),
+        cmocka_unit_test(test_outlier), cmocka_unit_test(test_steps),
+        cmocka_unit_test(test_no_step), cmocka_unit_test(test_given_spots),
+        cmocka_unit_test(test_checked), cmocka_unit_test(test_shaken),
+        cmocka_unit_test(test_resumed), cmocka_unit_test(test_begins),
     };
 
     return cmocka_run_group_tests_name("refine", tests, setup, fixture_teardown);
