@@ -590,7 +590,8 @@ section_gps() {
     echo "bbox -1,-1,-1,1,1,1" >"$work/flown/cl-nascent.conf"
     expect "placed again" 0 "~which.are.placed" env PATH="$path" "$cln" poses "$work/flight" \
         -o "$work/flown" --gps --progress none
-    check "its cube is of another frame" grep -q "^  *the bbox in its cl-nascent.conf is" "$work/out"
+    check "its cube is of another frame" \
+        grep -q "^  *the bbox in its cl-nascent.conf is" "$work/out"
     rm "$work/flown/cl-nascent.conf"
     check "in the same place" eval \
         'head -n 2 "$work/flown/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
