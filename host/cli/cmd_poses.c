@@ -4,9 +4,33 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include "base/config.h"
+#include "base/log.h"
+#include "base/memory.h"
 #include "base/number.h"
+#include "base/settings.h"
 #include "base/text.h"
+#include "cli/conf.h"
 #include "cli/console.h"
+
+/* Does cl-nascent.conf beside the scene have a cube, which was told of the coordinates before? */
+static bool has_cube(const char *scene)
+{
+    bool *overridden = NULL, has = false;
+    cln_settings *settings = NULL;
+    char *said = NULL;
+
+    if (cln_alloc(&overridden, (size_t)cln_config_row_count, sizeof *overridden, scene) == CLN_OK &&
+        cln_settings_create(NULL, &settings) == CLN_OK &&
+        cln_conf_read(scene, overridden, true, settings, &said) == CLN_OK)
+        has = cln_settings_given(settings, cln_config_find("bbox"));
+    cln_clear_error(); /* train will say it */
+    cln_settings_free(settings);
+    free(overridden);
+    free(said);
+    return has;
+}
 
 cln_status cln_cmd_poses(const cln_options *options)
 {
@@ -56,6 +80,10 @@ cln_status cln_cmd_poses(const cln_options *options)
             "to %.2g %%\n",
             r.gps_distance, r.gps_used, fmax(r.up_sd, 0.01), fmax(r.north_sd, 0.01),
             fmax(100 * r.length_sd, 0.01));
+        if (has_cube(options->output))
+            printf(
+                "            the bbox in its cl-nascent.conf is of the coordinates before; give it "
+                "anew\n");
     }
     printf("next        cl-nascent check %s\n", quoted);
     printf("            cl-nascent train %s -o RUN --time-limit 10m\n", quoted);

@@ -118,7 +118,7 @@ static int poll_signals(void *user)
     cln_exit_watch(exit_watched);
     if (stop_signal) {
         if (!console->announced)
-            cln_info("%s: stopping; a second signal stops at once",
+            cln_info("%s: stopping; a second signal, after half a second, stops at once",
                      stop_signal == SIGINT    ? "interrupted"
                      : stop_signal == SIGHUP  ? "hung up"
                      : stop_signal == SIGXCPU ? "out of processor time"

@@ -304,8 +304,7 @@ cln_status cln_help_print_option(FILE *to, const cln_command *command, const cha
 
     for (int i = 0; i < SHOWN; i++)
         CLN_TRY(cln_config_preset(shown_presets[i], &presets[i]));
-    if (!cln_command_of_option(name) && strncmp(name, "no-", 3) == 0 &&
-        cln_command_of_option(name + 3)) {
+    if (strncmp(name, "no-", 3) == 0 && cln_command_of_option(name)) {
         name += 3;
         length -= 3;
     }

@@ -713,6 +713,15 @@ const char *cln_command_of_option(const char *name)
         if (cln_arg_find(&cln_commands[i], name, length) ||
             cln_row_find(&cln_commands[i], name, length))
             return cln_commands[i].name;
+    if (strncmp(name, "no-", 3) != 0)
+        return NULL;
+    for (int i = 0; i < cln_command_count; i++) {
+        const cln_arg *arg = cln_arg_find(&cln_commands[i], name + 3, length - 3);
+        const cln_config_row *row = cln_row_find(&cln_commands[i], name + 3, length - 3);
+
+        if (arg ? arg->negatable : row && cln_config_is_switch(row))
+            return cln_commands[i].name;
+    }
     return NULL;
 }
 

@@ -91,7 +91,8 @@ cln_status cln_fail_option(const cln_command *command, const char *name, size_t 
 cln_status cln_fail_output(void);
 cln_status cln_fail_command(const char *name);
 
-/* The first command that has this option, with or without dashes, perhaps =VALUE; NULL: none. */
+/* The first command that has this option, with or without dashes, perhaps =VALUE, or "no-" of a
+ * switch; NULL: none. */
 const char *cln_command_of_option(const char *name);
 
 /* Fails for an argument with dashes where the command belongs: says which command, or which of the

@@ -84,8 +84,10 @@ static void check_overlap(cln_inspection *in)
     double lone = 0, ties = 0;
     char names[512];
     double partners = 0;
+    bool over = false; /* then neighbours of sound photos have few ties that agree */
 
     for (int i = 0; i < in->scene->view_count; i++) {
+        over |= a->views[i].over;
         partners += a->looked_at ? (double)a->views[i].partners / a->looked_at : 0;
         if (a->views[i].looked_at && a->views[i].partners == 0 && !a->views[i].bad &&
             !a->views[i].over) {
@@ -96,7 +98,9 @@ static void check_overlap(cln_inspection *in)
     cln_inspect_measure(in, "mean_partners", a->looked_at ? partners : NAN);
     lone = (double)json_array_size(alone);
     cln_inspect_measure(in, "views_alone", lone);
-    if (in->posed && in->thin && lone > ALONE_DOUBT * a->looked_at) {
+    if (over)
+        json_array_clear(alone);
+    else if (in->posed && in->thin && lone > ALONE_DOUBT * a->looked_at) {
         cln_found_fault(in->findings, "overlap", false, json_incref(alone),
                         "a photo has %.0f mark%s (of most captures 100 or more), as haze, low "
                         "contrast or surfaces of one colour show few: too few to tell what "

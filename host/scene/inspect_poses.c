@@ -544,12 +544,14 @@ void cln_inspect_strays(cln_inspection *in)
                         "photos that show what others show, but not as seen from their poses: "
                         "%s; leave them out or find their poses again",
                         cln_findings_names(astray, names, sizeof names));
-    if (json_array_size(over))
+    if (json_array_size(over)) {
+        cln_findings_take_back(in->findings, "overlap"); /* by ties with these photos, too */
         cln_found_fault(in->findings, "upside down", true, json_incref(over),
                         "photos that lie upside down for their poses, as a program turned them by "
                         "180 degrees after these were found: %s; turn them back, or find poses "
                         "anew",
                         cln_findings_names(over, names, sizeof names));
+    }
     json_decref(astray);
     json_decref(over);
 }

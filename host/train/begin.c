@@ -35,8 +35,8 @@ static cln_status check_shape(const cln_config *saved, const cln_config *wanted)
                         row->option, row->option);
     return cln_fail(CLN_CHECKPOINT,
                     "--resume: the checkpoint has another --%s, which cannot change; leave it out, "
-                    "or give it to a new run: train SCENE -o NEW --settings-of RUN --%s ...",
-                    row->option, row->option);
+                    "or give it to a new run: train SCENE -o NEW --settings-of RUN --%s%s",
+                    row->option, row->option, cln_config_is_switch(row) ? "" : " ...");
 }
 
 /* Only a new run can take over a tree; a resumed one keeps what it began with. */

@@ -342,6 +342,8 @@ section_results() {
     check "the plain evaluation's file has no antialias" \
         eval '! grep -q antialias "$work/whole/eval/00000300-test.json"'
     expect "eval into a run" 2 "~holds.a.run.*of.its.own" "$cln" eval "$work/whole" -o "$work/whole"
+    mkdir "$work/framed" && echo "{}" >"$work/framed/render.json"
+    expect "or into frames" 2 "~holds.rendered.frames" "$cln" eval "$work/whole" -o "$work/framed"
     expect "eval --seams" 0 "" "$cln" eval "$work/whole" --seams --json -o "$work/seams"
     check "eval --seams has pairs" [ "$(json seams.across.pairs)" -gt 100 ]
     expect "eval --seams as a table" 0 "" "$cln" eval "$work/whole" --seams -o "$work/seams"

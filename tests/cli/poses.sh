@@ -596,13 +596,18 @@ section_gps() {
     check "how well it fits" grep -q "within [01].[0-9]* m of" "$work/out"
     check "and how well the turn is known" \
         grep -q "by 2[0-9] positions: up is known to about 0.[0-9]* degrees" "$work/out"
+    check "of a cube, nothing" eval '! grep -q bbox "$work/out"'
     expect "info tells the place" 0 "" "$cln" info "$work/flown" --json
     check "in words" grep -q "metres east, north and up from .*latitude -33.[45][09]" "$work/out"
     check "nothing is left over" [ "$(cd "$work/flown" && echo *) $(ls "$work/flown/sparse")" = \
         "colmap.db colmap.log colmap.stamp images sparse 0" ]
     head -n 2 "$work/flown/sparse/0/origin.txt" >"$work/origin once.txt"
+    echo "bbox -1,-1,-1,1,1,1" >"$work/flown/cl-nascent.conf"
     expect "placed again" 0 "~which.are.placed" env PATH="$path" "$cln" poses "$work/flight" \
         -o "$work/flown" --gps --progress none
+    check "its cube is of another frame" \
+        grep -q "^  *the bbox in its cl-nascent.conf is" "$work/out"
+    rm "$work/flown/cl-nascent.conf"
     check "in the same place" eval \
         'head -n 2 "$work/flown/sparse/0/origin.txt" | cmp - "$work/origin once.txt"'
     cp -r "$work/flown" "$work/worked on"

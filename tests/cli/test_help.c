@@ -284,12 +284,12 @@ static void second_stop_leaves_at_once(void **state)
         if (console.callbacks.interrupted(console.callbacks.user) != SIGINT)
             _exit(3);
         usleep(600000);
-        raise(SIGTERM);
+        raise(SIGXCPU); /* another than before, so that the end tells which of them it was */
         _exit(4);
     }
     assert_int_equal(waitpid(child, &status, 0), child);
     assert_true(WIFSIGNALED(status));
-    assert_int_equal(WTERMSIG(status), SIGTERM);
+    assert_int_equal(WTERMSIG(status), SIGXCPU);
 }
 
 /* The program's help: every command's name and purpose, with a space between them. */
@@ -329,6 +329,7 @@ static void help_tells_one_option(void **state)
         {NULL, "--output=x", "--output, of poses:", "--up"},
         {"eval", "--output", "(default RUN/eval)", "--output SCENE"},
         {"train", "--no-adaptive", "--[no-]adaptive", "--orbit"},
+        {NULL, "no-adaptive", "--[no-]adaptive", "--orbit"},
         {NULL, "--n1", "--n1, of train, check: --n1 N", "--n2"},
         {"train", "--t-min", "also --t-min", "--orbit"}};
     FILE *none = NULL;
@@ -347,8 +348,15 @@ static void help_tells_one_option(void **state)
     none = fopen("/dev/null", "w");
     assert_non_null(none);
     assert_fails(cln_help_print_option(none, NULL, "--orbitz"), CLN_USAGE, "no command");
+    assert_fails(cln_help_print_option(none, cln_command_find("render"), "--lr"), CLN_USAGE,
+                 "--lr is not an option of render");
     assert_fails(cln_help_print_option(none, cln_command_find("train"), "--orbit"), CLN_USAGE,
                  "only of render");
+    assert_fails(cln_help_print_option(none, cln_command_find("train"), "--no-width"), CLN_USAGE,
+                 "--width is not a switch");
+    assert_fails(cln_help_print_option(none, NULL, "--no-orbit"), CLN_USAGE, "no command");
+    assert_non_null(cln_command_of_option("no-adaptive"));
+    assert_null(cln_command_of_option("no-width"));
     fclose(none);
 }
 

@@ -335,11 +335,66 @@ static void test_nan(void **state)
     free(moments);
 }
 
+/* Equal moments are rounded by other bits in each leaf, at each of its steps, and of both kinds. */
+static void test_rounding(void **state)
+{
+    enum { ONE = 2, OTHER = 3 }; /* leaves of one slice */
+    const cln_config config = config_of(&cases[0], CLN_MOMENTS_BFLOAT16);
+    cln_pipeline *p = test_pipeline(&tune_sets[cases[0].set], &config, 0, false);
+    const size_t n = (size_t)p->net.params;
+    uint32_t begin[LEAVES], end[LEAVES], starts[LEAVES + 1];
+    const uint32_t slices = make_slices(p, begin, end, starts);
+    float *grads = test_alloc(slices * n, sizeof *grads);
+    uint16_t *moments[2][2]; /* [step][first, second] */
+    int leaves = 0, steps = 0, first_up = 0, second_up = 0;
+    cln_model model;
+
+    (void)state;
+    for (size_t i = 0; i < slices * n; i++)
+        grads[i] = 0.3f;
+    assert_ok(cln_model_create(&config, &model));
+    memset(model.params, 0, LEAVES * n * sizeof *model.params);
+    for (int step = 0; step < 2; step++) {
+        for (int s = 0; s < LEAVES; s++)
+            model.adam_steps[s] = step;
+        assert_ok(cln_pipeline_upload(p, &model, true));
+        assert_ok(cln_buffer_write(p->device, &p->begin, 0, begin, sizeof begin));
+        assert_ok(cln_buffer_write(p->device, &p->end, 0, end, sizeof end));
+        assert_ok(cln_buffer_write(p->device, &p->slice_starts, 0, starts, sizeof starts));
+        test_fill(p->device, &p->slices, NULL, slices * sizeof(cln_slice));
+        test_fill(p->device, &p->grads, grads, slices * n * sizeof *grads);
+        assert_ok(cln_stage_adam(p, LEAST, 0.01));
+        for (int k = 0; k < 2; k++) {
+            moments[step][k] = test_alloc(LEAVES * n, sizeof **moments[step]);
+            assert_ok(cln_buffer_read(p->device, k ? &p->adam_v : &p->adam_m, 0, moments[step][k],
+                                      LEAVES * n * sizeof **moments[step]));
+        }
+    }
+    for (size_t i = 0; i < n; i++) {
+        const size_t at = ONE * n + i;
+        const bool a = moments[0][0][at] % 2 == 0; /* 0.03: up, from an odd neighbour */
+        const bool b = moments[0][1][at] % 2 == 1; /* 9e-5: up, from an even one */
+
+        leaves += moments[0][0][at] != moments[0][0][OTHER * n + i];
+        steps += moments[0][0][at] != moments[1][0][at];
+        first_up += a && !b;
+        second_up += b && !a;
+    }
+    /* of chances of 3/4: 3/8 of all differ, 3/16 go either way */
+    assert_true(leaves > (int)n / 4 && steps > (int)n / 4);
+    assert_true(first_up > (int)n / 10 && second_up > (int)n / 10);
+    for (int i = 0; i < 4; i++)
+        free(moments[i / 2][i % 2]);
+    cln_model_free(&model);
+    free(grads);
+}
+
 int test_group_adam(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_updates),
         cmocka_unit_test(test_nan),
+        cmocka_unit_test(test_rounding),
     };
 
     test_wanted = CLN_PROGRAM_BIT(adam);

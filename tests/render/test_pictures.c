@@ -428,6 +428,26 @@ static void test_edges_alone(void **state)
     }
 }
 
+/* A pixel that differs from all around it: these are at an edge, too, on all sides. */
+static void test_edges_around(void **state)
+{
+    enum { ACROSS = 5 };
+    float rgb[3 * ACROSS * ACROSS] = {0}, opacity[ACROSS * ACROSS], depth[ACROSS * ACROSS];
+    const cln_picture picture = {
+        .width = ACROSS, .height = ACROSS, .rgb = rgb, .opacity = opacity, .depth = depth};
+    cln_antialias edges;
+
+    (void)state;
+    for (int k = 0; k < ACROSS * ACROSS; k++)
+        opacity[k] = depth[k] = 1;
+    rgb[3 * (2 * ACROSS + 2)] = 1;
+    assert_int_equal(cln_antialias_find(&picture, 2, 1024, &edges), CLN_OK);
+    assert_int_equal(edges.count, 9);
+    for (int k = 0; k < 9; k++)
+        assert_int_equal(edges.pixels[k], (1 + k / 3) * ACROSS + 1 + k % 3);
+    cln_antialias_free(&edges);
+}
+
 /* Does the scene's ray pass through the box, made larger by `margin`? */
 static bool meets(const double box[6], double margin, const double o[3], const double d[3])
 {
@@ -806,6 +826,7 @@ int test_group_pictures(void)
         cmocka_unit_test(test_wide),
         cmocka_unit_test_teardown(test_antialias, show_all_of_whole),
         cmocka_unit_test(test_edges_alone),
+        cmocka_unit_test(test_edges_around),
         cmocka_unit_test(test_viewer_edges),
         cmocka_unit_test(test_viewer_turns),
         cmocka_unit_test(test_fast),

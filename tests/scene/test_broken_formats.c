@@ -272,7 +272,7 @@ static void put_llff(const char *folder)
 /* Rows of 17 doubles, after a header of 10 + 61 bytes. */
 static void test_llff(void **state)
 {
-    static const double nan_value = NAN, zero = 0, huge = 1e300, seven = 7;
+    static const double nan_value = NAN, zero = 0, huge = 1e300, seven = 7, below = -1;
     enum { HEADER = 10 + 61 };
     static const struct {
         int number; /* in the first row */
@@ -285,6 +285,7 @@ static void test_llff(void **state)
         {14, &zero, {"'view_00.png'", "fl_x = 0"}},
         {1, &seven, {"'view_00.png'", "not rigid"}},
         {15, &seven, {"row 1", "depths 7 and 6 are not"}},
+        {15, &below, {"row 1", "depths -1 and 6 are not"}},
     };
     const char *folder = *state, *file = scratch_path(folder, "poses_bounds.npy");
 

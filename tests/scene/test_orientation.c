@@ -157,6 +157,19 @@ static void test_gps(void **state)
                    (const uint32_t[7][2]){{0, 1}, {0, 1}, {0, 1}, {0, 1}, {0, 1}, {0, 1}, {5, 1}},
                    0);
     assert_true(isnan(cln_exif_read_tiff(data, sizeof data).gps[0])); /* no reception */
+    for (int zero = 0; zero < 2; zero++) { /* on the equator, at Greenwich */
+        uint32_t values[7][2];
+        cln_exif got;
+
+        memcpy(values, position, sizeof values);
+        for (int i = 0; i < 3; i++)
+            values[3 * zero + i][0] = 0;
+        values[5][1] = 1;
+        exif_write_gps(data, true, "NE", values, 0);
+        got = cln_exif_read_tiff(data, sizeof data);
+        assert_near(got.gps[zero], 0, 0);
+        assert_true(got.gps[1 - zero] > 40);
+    }
     exif_write_gps(data, true, "NE",
                    (const uint32_t[7][2]){{41, 1}, {0, 0}, {0, 0}, {0, 0}, {0, 1}, {0, 1}, {5, 1}},
                    0);

@@ -74,6 +74,9 @@ static void test_file(void **state)
     scratch_put(path, "# cl-nascent: x\n1 2 3", 21); /* as of older programs, or cut off */
     assert_true(cln_origin_read(*state, got, &doubt));
     assert_true(got[2] == 3 && isnan(doubt.distance));
+    scratch_put(path, "# cl-nascent: x\n1 2 3\n-0.5", 26); /* no distance */
+    assert_true(cln_origin_read(*state, got, &doubt));
+    assert_true(isnan(doubt.distance));
     scratch_put(path, "# cl-nascent: x\n1 2 3\n0.5", 25);
     assert_true(cln_origin_read(*state, got, &doubt));
     assert_near(doubt.distance, 0.5, 0);
@@ -83,13 +86,13 @@ static void test_file(void **state)
 /* Models in both kinds of files: places of cameras, words and up. */
 static void test_model(void **state)
 {
-    const double origin[3] = {48.75, 16.2, 360.081};
     cln_camera cameras[FORMAT_VIEWS];
 
     format_cameras(cameras);
     for (int binary = 0; binary < 2; binary++) {
         const char *folder = scratch_path(*state, binary ? "a" : "b");
         const char *model = scratch_path(folder, "sparse/0");
+        const double origin[3] = {48.75, 16.2, binary ? 360.081 : -12.345}; /* below the sea */
         cln_names names = {0};
         double(*at)[3] = NULL;
 
@@ -109,21 +112,23 @@ static void test_model(void **state)
                 CLN_OK);
             assert_int_equal(
                 !!strstr(scene->because,
-                         "metres east, north and up from the middle of the cameras, "
-                         "latitude 48.75000000, longitude 16.20000000, height 360.081"),
+                         binary ? "metres east, north and up from the middle of the cameras, "
+                                  "latitude 48.75000000, longitude 16.20000000, height 360.081"
+                                : "latitude 48.75000000, longitude 16.20000000, height -12.345"),
                 there);
             assert_near(scene->up[2], there, 0);
             assert_int_equal(scene->up_by_gps, how == 1);
             assert_int_equal(cln_scene_describe(scene, &about), CLN_OK);
             place = json_object_get(about, "origin");
             assert_int_equal(place != NULL, there);
-            assert_near(json_real_value(json_object_get(place, "height")), there ? 360.081 : 0, 0);
+            assert_near(json_real_value(json_object_get(place, "height")), there ? origin[2] : 0,
+                        0);
             assert_near(json_real_value(json_object_get(place, "gps_distance")), there ? 0.84 : 0,
                         0);
             assert_int_equal(cln_origin_hide(about), CLN_OK);
             assert_null(json_object_get(about, "origin"));
             text = json_dumps(about, 0);
-            assert_null(strstr(text, "360.081"));
+            assert_null(strstr(text, binary ? "360.081" : "12.345"));
             assert_null(strstr(text, "48.75"));
             assert_int_equal(!!strstr(text, "by the photos' GPS (half of them within 0.84 m)"),
                              there);

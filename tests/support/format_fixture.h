@@ -496,7 +496,7 @@ static inline void format_zip_end(format_zip *z)
  * (1, 2, 3). */
 static inline void format_neus(const char *folder, const cln_camera *cameras, bool deflate)
 {
-    static const double scale_mat[16] = {2, 0, 0, 1, 0, 2, 0, 2, 0, 0, 2, 3, 0, 0, 0, 1};
+    static const double scale_mat[16] = {0, 2, 0, 1, 0, 0, 2, 2, 2, 0, 0, 3, 0, 0, 0, 1};
     format_zip z = {.file = format_open(folder, "cameras_sphere.npz"), .deflate = deflate};
 
     z.directory = open_memstream(&z.entries, &z.entry_bytes);
@@ -646,7 +646,9 @@ static inline void format_opensfm(const char *folder, const cln_camera *cameras,
                     c->k2);
             continue;
         }
-        fprintf(f, "\"focal_x\": %.17g, \"focal_y\": %.17g, ", c->fx / longest, c->fy / longest);
+        fprintf(f, "\"focal_x\": %.17g, ", c->fx / longest);
+        if (c->fy != c->fx)
+            fprintf(f, "\"focal_y\": %.17g, ", c->fy / longest);
         fprintf(f, "\"c_x\": %.17g, \"c_y\": %.17g, ", (c->cx - 0.5 * c->width) / longest,
                 (c->cy - 0.5 * c->height) / longest);
         fprintf(f, "\"k1\": %.17g, \"k2\": %.17g, \"p1\": %.17g, \"p2\": %.17g, \"k3\": 0.0}",

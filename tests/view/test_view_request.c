@@ -337,6 +337,8 @@ static void only_its_own_page_may_ask(void **state)
         {"10.0.0.2:7007", NULL, NULL, false, false},
         {"localhost:7007", "http://localhost:7008", NULL, false, false},
         {"localhost:7007", "http://evil.example", NULL, false, false},
+        {"localhost:8000", "http://localhost:8000.evil.example", NULL, false, false},
+        {"localhost", "http://localhost.evil.example", NULL, false, false},
         {"localhost:7007", "null", NULL, false, false},
         {"localhost:7007", NULL, "cross-site", false, false},
         {"localhost:7007", NULL, "same-site", false, false},
@@ -352,6 +354,8 @@ static void only_its_own_page_may_ask(void **state)
         {"", NULL, NULL, true, false},
     };
 
+    const char open[8] = "[::1"; /* and no byte behind it that would be refused */
+
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         const char *reason = NULL;
@@ -363,7 +367,13 @@ static void only_its_own_page_may_ask(void **state)
                      allowed ? "allowed" : reason);
     }
     assert_true(cln_ask_same_token("0123abcd", "0123abcd"));
-    assert_false(cln_ask_same_token("0123abce", "0123abcd"));
+    assert_false(cln_ask_allowed(open, NULL, NULL, false, &(const char *){NULL}));
+    for (int i = 0; i < 8; i++) { /* a wrong digit at any place */
+        char given[] = "0123abcd";
+
+        given[i] ^= 1;
+        assert_false(cln_ask_same_token(given, "0123abcd"));
+    }
     assert_false(cln_ask_same_token("0123abc", "0123abcd"));
     assert_false(cln_ask_same_token("", "0123abcd"));
     assert_false(cln_ask_same_token(NULL, "0123abcd"));
