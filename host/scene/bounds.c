@@ -197,10 +197,11 @@ static cln_status of_points(const evidence *e, cln_space *space, char **because)
     keep_box(e->scene, low, high);
     CLN_TRY(
         cln_asprintf(because,
-                     "around the %d %s and what the images show there, without outliers; --bbox "
+                     "around the %d %s%s and what the images show there, without outliers; --bbox "
                      "sets a tighter one",
-                     e->result->point_count,
-                     e->result->depth_points ? "points of depth images" : "sparse points"));
+                     e->result->point_count - e->result->dropped_count,
+                     e->result->depth_points ? "points of depth images" : "sparse points",
+                     e->result->dropped_count ? " that masks do not drop" : ""));
 done:
     return st;
 }

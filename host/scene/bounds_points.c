@@ -112,6 +112,11 @@ done:
     return st;
 }
 
+static bool counts(const cln_reader_result *result, int i, int least)
+{
+    return result->points[i].views >= least && !(result->dropped && result->dropped[i]);
+}
+
 /* Of the points that three images show, or of all where these are few: every n-th, so that there
  * are at most MOST_POINTS. Returns their number. */
 static int choose_points(const cln_reader_result *result, const cln_point **out)
@@ -119,13 +124,13 @@ static int choose_points(const cln_reader_result *result, const cln_point **out)
     int sure = 0, met = 0, count = 0, least = 3;
 
     for (int i = 0; i < result->point_count; i++)
-        sure += result->points[i].views >= least;
+        sure += counts(result, i, least);
     if (sure < LEAST_POINTS) {
         least = 0;
-        sure = result->point_count;
+        sure = result->point_count - result->dropped_count;
     }
     for (int i = 0; i < result->point_count; i++)
-        if (result->points[i].views >= least && met++ % (sure / MOST_POINTS + 1) == 0)
+        if (counts(result, i, least) && met++ % (sure / MOST_POINTS + 1) == 0)
             out[count++] = &result->points[i];
     return count;
 }
@@ -138,7 +143,7 @@ cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_resu
     double *values = NULL;
     int count = 0;
 
-    *found = result->point_count >= LEAST_POINTS;
+    *found = result->point_count - result->dropped_count >= LEAST_POINTS;
     if (!*found)
         return CLN_OK;
     CLN_TRY(cln_alloc(&points, MOST_POINTS, sizeof *points, "points"));

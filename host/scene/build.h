@@ -135,6 +135,13 @@ cln_status cln_scene_find_forward(const cln_scene *scene, const cln_reader_resul
                                   cln_space *space, char **because,
                                   char refused[CLN_REFUSED_BYTES]);
 
+/* points_dropped.c: marks the points that masks drop in all photos in which they were found, and
+ * counts them. Once views have their sizes and kept pixels; CLN_MEMORY. */
+cln_status cln_scene_drop_points(const cln_scene *scene, cln_reader_result *result);
+
+/* images.c: reads the view's mask into its `kept` and `masked`. CLN_INPUT. */
+cln_status cln_view_read_mask(cln_view *view);
+
 /* bounds_points.c: the box of the reader's points and of what the training images show there;
  * *found = false if there are too few of them. */
 cln_status cln_scene_box_of_points(const cln_scene *scene, const cln_reader_result *result,

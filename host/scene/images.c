@@ -652,6 +652,11 @@ done:
     return st;
 }
 
+cln_status cln_view_read_mask(cln_view *view)
+{
+    return add_mask(view, true, NULL);
+}
+
 /* cln_view.most_alpha of pixels of four channels. */
 static int most_alpha(const uint8_t *pixels, size_t count)
 {

@@ -425,6 +425,7 @@ static cln_status build(const cln_scene_desc *desc, cln_scene *scene, cln_reader
     CLN_TRY(cln_scene_find_kept(scene));
     if (learns_depths(desc) || result->depth_points)
         CLN_TRY(cln_scene_check_depths(scene, result, desc->callbacks));
+    CLN_TRY(cln_scene_drop_points(scene, result));
     CLN_TRY(cln_scene_find_bounds(scene, result, desc->config));
     if (!desc->unseen)
         CLN_TRY(cln_scene_check_seen(scene));
@@ -458,6 +459,7 @@ static cln_status load(const cln_scene_desc *desc, cln_scene **out)
 done:
     free_views(result.views, result.view_count);
     free(result.points);
+    free(result.dropped);
     free(result.observations);
     free(result.bounds_rule);
     free(result.because);

@@ -41,6 +41,8 @@ typedef struct cln_reader_result {
     double box[6]; /* minimum and maximum */
     int point_count;
     cln_point *points;
+    bool *dropped; /* [point_count] by masks (points_dropped.c); NULL = none */
+    int dropped_count;
     bool depth_points;         /* these are of depth images */
     int depth_images;          /* that were looked at, also if they have no point */
     int64_t observation_count; /* 0 = not given */

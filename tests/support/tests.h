@@ -131,6 +131,7 @@ int test_group_shell_rays(void);
 int test_group_side_by_side(void);
 int test_group_space(void);
 int test_group_sight_rays(void);
+int test_group_points_dropped(void);
 int test_group_sights(void);
 int test_group_silhouette(void);
 int test_group_similarity(void);
