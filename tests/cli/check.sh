@@ -344,7 +344,7 @@ section_plain() {
     check "no focal length is a fault by so little" grep -q "^0 likely faults" "$work/out"
 }
 
-# Photos that show nothing are refused, as masks that leave nothing are; and where nothing was learnt,
+# Photos that show nothing are refused, as masks that leave nothing are; where nothing was learnt,
 # a high PSNR is no quality.
 section_shown() {
     local s=$work/failed i
