@@ -261,8 +261,8 @@ typedef struct cln_eval_image {
     char *file; /* of its pictures: FILE.png, FILE.truth.png, FILE.error.png */
     int width, height;
     /* PSNRs in dB: psnr_u8 of the render rounded to 8 bits, psnr_fitted after an affine fit of its
-     * colours to the photo's, NAN where that has one colour alone. ssim: NAN if no 11 x 11 pixels all count. mse: of colours in 0..1.
-     * seconds: to render it. */
+     * colours to the photo's, NAN where that has one colour alone. ssim: NAN if no 11 x 11 pixels
+     * all count. mse: of colours in 0..1. seconds: to render it. */
     double psnr, psnr_u8, ssim, mse, seconds;
     double psnr_fitted;
     /* PSNR of the render times the photo's exposure as photos before and after it tell it; a

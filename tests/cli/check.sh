@@ -344,7 +344,7 @@ section_plain() {
     check "no focal length is a fault by so little" grep -q "^0 likely faults" "$work/out"
 }
 
-# Photos that show nothing are refused, as masks that leave nothing are; and where nothing was learnt,
+# Photos that show nothing are refused, as masks that leave nothing are; where nothing was learnt,
 # a high PSNR is no quality.
 section_shown() {
     local s=$work/failed i
@@ -366,6 +366,7 @@ section_shown() {
     expect "its high PSNR is not enough" 9 "~renders.show.nothing" \
         "$cln" eval "$work/run" --min-psnr 10 --json
     check "and each image has it" [ "$(json images.0.empty) $(json images.1.empty)" = "true true" ]
+    check "photos of one colour are not fitted" grep -q '"psnr_fitted": null' "$work/out"
 }
 
 run_sections "doubts nadir check parts plain shown" "$@"
