@@ -71,8 +71,8 @@ cln_status cln_dataset_views(const char *where, const char *folder, const cln_na
 cln_status cln_dataset_image_folder(const char *base, char **out);
 
 /* masks_black.c: writes, for each of these images that has a mask (as readers find it in `scene` or
- * beside them; NULL: not looked for) or alpha that cuts something away, OUT/NAME.png: grey, as large
- * as the image is stored, 0 where the mask is black or nothing is. CLN_INPUT, CLN_OUTPUT,
+ * beside them; NULL: not looked for) or alpha that cuts something away, OUT/NAME.png: grey, as
+ * large as the image is stored, 0 where the mask is black or nothing is. CLN_INPUT, CLN_OUTPUT,
  * CLN_MEMORY, CLN_SIGINT, CLN_SIGTERM. */
 typedef struct cln_black_masks {
     int written, count, cut; /* images; with a mask; whose alpha cuts away */

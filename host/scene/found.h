@@ -18,7 +18,7 @@ bool cln_found_run(const char *path);
  * with the path, which the caller frees. */
 cln_status cln_found_no_run(const char *path, bool (*is_scene)(const char *path), char **what);
 
-/* What to do with a scene of OpenMVG: its exporter knows neither panoramas nor lenses of Brown's. */
+/* What to do with a scene of OpenMVG: its exporter knows no panoramas and no lenses of Brown's. */
 #define CLN_OPENMVG                                                                          \
     "openMVG_main_openMVG2Colmap writes COLMAP's files of it, which are read (of panoramas " \
     "openMVG_main_openMVGSpherical2Cubic first, of cameras by Brown's model "                \
