@@ -1,5 +1,6 @@
 /* Masks of the photos whose poses are to be found, given or their own alpha: COLMAP looks for no
- * features where they are black. Given ones become the scene's, in its folder masks, where readers find them (scene/masks.c). */
+ * features where they are black. Given ones become the scene's, in its folder masks, where readers
+ * find them (scene/masks.c). */
 #ifndef CLN_PHOTO_MASKS_H
 #define CLN_PHOTO_MASKS_H
 
