@@ -298,6 +298,8 @@ static cln_status parse_letters(parser *p, const char *argument)
 
         if (!arg)
             return fail_letters(p->out->command, argument, *letter);
+        if (valued && letter[1] == '=') /* as behind a long name */
+            letter++;
         CLN_TRY(apply_arg(p, arg, valued && letter[1] ? letter + 1 : NULL));
         if (valued && letter[1] && access(argument, F_OK) == 0)
             p->dashed = argument;
@@ -308,10 +310,38 @@ done:
     return st;
 }
 
+/* Length of a dash or a minus sign (U+2010 to U+2015, U+2212) that text begins with, or 0. */
+static size_t dash_length(const char *text)
+{
+    const unsigned char *c = (const unsigned char *)text;
+
+    return (c[0] == 0xE2 && c[1] == 0x80 && c[2] >= 0x90 && c[2] <= 0x95) ||
+                   (c[0] == 0xE2 && c[1] == 0x88 && c[2] == 0x92)
+               ? 3
+               : 0;
+}
+
+/* An option whose hyphens a page, a letter or a word processor made to a dash. */
+static cln_status check_dash(const char *argument)
+{
+    const char *name = argument;
+
+    if (dash_length(argument) == 0 || access(argument, F_OK) == 0)
+        return CLN_OK;
+    while (*name == '-' || dash_length(name))
+        name += *name == '-' ? 1 : dash_length(name);
+    return cln_fail(CLN_USAGE,
+                    "'%s' begins with a dash, not with hyphens, as text that was copied from a "
+                    "page does: type %s%s",
+                    argument, name[0] && (!name[1] || name[1] == '=') ? "-" : "--", name);
+}
+
 static cln_status parse_operand(parser *p, const char *argument)
 {
     const cln_command *command = p->out->command;
 
+    if (check_dash(argument) != CLN_OK)
+        return CLN_USAGE;
     if (!command->operand)
         return cln_fail(CLN_USAGE, "unexpected argument '%s': %s takes only options", argument,
                         command->name);
