@@ -255,7 +255,7 @@ done:
     return st;
 }
 
-/* Moves what the folder of the model before, `made` now, has beside the model. */
+/* What the folder of the model before has beside the model, and where it goes. */
 typedef struct leftover {
     const char *made, *model;
     char *aside;     /* what would be of the model before; NULL: there is no such file yet */
