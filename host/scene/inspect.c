@@ -29,6 +29,8 @@ static const double EXPOSURE_RANGE = 0.6, EXPOSURE_RANGE_CUT = 0.8;
 static const double EXPOSURE_TREND = 2;  /* a jump over those around it */
 static const double FITTING_SHARE = 0.8; /* of ties that agree: poses are right beyond doubt */
 static const double INSIDE_LEAST = 0.5, SPAN_LEAST = 0.12; /* points in the cube: share, span */
+/* A room may be so large beside a cube about what cameras look at: share of points in it, span. */
+static const double ROOM_INSIDE = 0.25, ROOM_SPAN = 5;
 /* Degrees of a field of view: photos have more; as long lenses that marks can confirm have. */
 static const double FOV_LEAST = 5, FOV_SURE = 0.3;
 static const double FOLD_DOUBT = 0.05, ALONE_DOUBT = 0.25;
@@ -333,7 +335,7 @@ static void judge_cube(cln_inspection *in, double inside, double low[3], double 
 {
     const cln_space *space = &in->scene->space;
     double span = 0, shown[6];
-    char box[CLN_BOX_BYTES], advice[CLN_BOX_BYTES + 64] = "";
+    char box[CLN_BOX_BYTES], advice[CLN_BOX_BYTES + 80] = "";
     bool tighter = true; /* the box is smaller than the cube, on all axes */
     /* of a thing that cameras stand around, smooth parts have no marks: a head, legs, a rim */
     const double more = is_around(in->scene, low, high) ? 1.0 / 3 : 0; /* half, with a tenth */
@@ -362,6 +364,10 @@ static void judge_cube(cln_inspection *in, double inside, double low[3], double 
     else if (!space->shell || in->scene->outwards || in->scene->in_parallel)
         snprintf(advice, sizeof advice, ". A box around all of that: %s--bbox=%s",
                  space->shell ? "--space shell " : "", box);
+    else if (inside < ROOM_INSIDE && span < ROOM_SPAN)
+        snprintf(advice, sizeof advice,
+                 ". If that is a room, the box around it may be better: --space shell --bbox=%s",
+                 box);
     if (inside < INSIDE_LEAST && !space->shell)
         cln_found_fault(in->findings, "cube", true, NULL,
                         "the cube (half side %g; %s) holds only %.0f%% of what the photos show. "

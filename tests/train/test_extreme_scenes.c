@@ -12,7 +12,8 @@
 
 enum { FEW = 20, PIXELS = 512 };
 
-typedef enum paint { BALL, BLACK, CLEAR } paint;
+/* DARK, FAINT: but for a bright pixel. */
+typedef enum paint { BALL, BLACK, CLEAR, DARK, FAINT } paint;
 
 typedef struct extreme {
     const char *name;
@@ -30,8 +31,10 @@ static const extreme extremes[] = {
     {"of one row", 100000, 1, 2, BALL, false, false, 1, 0, NULL},
     {"one photo", SIDE, SIDE, 1, BALL, false, false, 1, 0, NULL},
     {"the same photo twice", SIDE, SIDE, 2, BALL, true, false, 1, 0, NULL},
-    {"all black", SIDE, SIDE, 6, BLACK, false, false, 1, 0, NULL},
-    {"all transparent", SIDE, SIDE, 6, CLEAR, false, false, 1, 0, NULL},
+    {"all black", SIDE, SIDE, 6, BLACK, false, false, 1, 0, "one colour alone"},
+    {"all transparent", SIDE, SIDE, 6, CLEAR, false, false, 1, 0, "alpha is 0 everywhere"},
+    {"black but for a pixel", SIDE, SIDE, 6, DARK, false, false, 1, 0, NULL},
+    {"transparent but for a pixel", SIDE, SIDE, 6, FAINT, false, false, 1, 0, NULL},
     {"cameras in one place", SIDE, SIDE, 6, BALL, false, true, 1, 0, NULL},
     {"learning rates x 100", SIDE, SIDE, 6, BALL, false, false, 100, 0, NULL},
     {"very many samples a ray", SIDE, SIDE, 6, BALL, false, false, 1, 256, NULL},
@@ -48,7 +51,9 @@ static void paint_photo(const extreme *e, double m[3][4], double focal, uint8_t 
         double d[3], b = 0, c = -1, root = 0;
 
         memset(rgba + 4 * i, 0, 4);
-        rgba[4 * i + 3] = e->paint == CLEAR ? 0 : 255;
+        rgba[4 * i + 3] = e->paint == CLEAR || e->paint == FAINT ? 0 : 255;
+        if (i == 0 && (e->paint == DARK || e->paint == FAINT))
+            memset(rgba, 255, 4);
         if (e->paint != BALL)
             continue;
         for (int a = 0; a < 3; a++) {
