@@ -541,6 +541,8 @@ static const char *name_elsewhere(const cln_command *command, const char *name)
                 {"path", "interpolate"},
                 {"trajectory", "orbit"},
                 {"traj", "orbit"},
+                {"masks", "mask-path"},
+                {"mask-dir", "mask-path"},
                 {"size", "width"},
                 {"resolution", "width"},
                 {"res", "width"},
@@ -605,6 +607,7 @@ cln_status cln_fail_output(void)
 /* Fails for an option of other commands: `bits` says whose. */
 static cln_status fail_of_others(const cln_command *command, const char *name, unsigned bits)
 {
+    const char *here = name_elsewhere(command, name);
     char owners[128] = "";
 
     if (strcmp(name, "scene") == 0 && command->operand && strstr(command->operand, "SCENE"))
@@ -622,8 +625,8 @@ static cln_status fail_of_others(const cln_command *command, const char *name, u
             snprintf(owners + used, sizeof owners - used, "%s%s", used ? ", " : "",
                      cln_commands[i].name);
     }
-    return cln_fail(CLN_USAGE, "--%s is not an option of %s, only of %s", name, command->name,
-                    owners);
+    return cln_fail(CLN_USAGE, "--%s is not an option of %s, only of %s%s%s%s", name, command->name,
+                    owners, here ? "; did you mean --" : "", here ? here : "", here ? "?" : "");
 }
 
 /* The command's option that a name resembles by at most so many edits, NULL without one; off: the

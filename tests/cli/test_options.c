@@ -739,6 +739,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"render r --poses f.json --split test", "--poses and --split cannot be combined"},
         {"render r --spiral --interpolate", "--interpolate cannot be combined with --spiral"},
         {"train s -o r --tree", "did you mean --tree-from"},
+        {"poses p -o s --masks m", "only of train|did you mean --mask-path?"},
         {"train s -o r –steps 5", "'–steps' begins with a dash|type --steps"},
         {"train s —–o r", "type -o"},
         {"eval r −-json", "type --json"},
