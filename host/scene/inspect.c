@@ -103,11 +103,12 @@ static void check_overlap(cln_inspection *in)
     if (over)
         json_array_clear(alone);
     else if (in->posed && in->thin && lone > ALONE_DOUBT * a->looked_at) {
-        cln_found_fault(in->findings, "overlap", false, json_incref(alone),
-                        "a photo has %.0f mark%s (of most captures 100 or more), as haze, low "
-                        "contrast or surfaces of one colour show few: too few to tell what "
-                        "neighbours share. A short training tells whether there are enough photos",
-                        in->marks, cln_plural(in->marks, "", "s"));
+        cln_found_fault(
+            in->findings, "overlap", false, json_incref(alone),
+            "a photo has %.0f mark%s (of most captures 100 or more), as dark photos, "
+            "haze, low contrast or surfaces of one colour show few: too few to tell "
+            "what neighbours share. A short training tells whether there are enough photos",
+            in->marks, cln_plural(in->marks, "", "s"));
     } else if (in->posed && !isnan(a->share) && lone > ALONE_DOUBT * a->looked_at &&
                ties * a->looked_at >= ALONE_TIES * lone * 2 * a->pairs) {
         cln_findings_take_back(in->findings, "overlap"); /* it does overlap */

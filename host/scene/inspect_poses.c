@@ -131,11 +131,10 @@ static void tell_unclear(cln_inspection *in, double exact, double marks, bool th
     char few[160] = "";
 
     if (thin)
-        snprintf(
-            few, sizeof few,
-            "a photo has %.0f mark%s (of most captures 100 or more), as surfaces of one colour "
-            "show few, and a pair of neighbours shares %.2g; ",
-            marks, cln_plural(marks, "", "s"), (double)a->tie_count / a->pairs);
+        snprintf(few, sizeof few,
+                 "a photo has %.0f mark%s (of most captures 100 or more), as dark photos and "
+                 "surfaces of one colour show few, and a pair of neighbours shares %.2g; ",
+                 marks, cln_plural(marks, "", "s"), (double)a->tie_count / a->pairs);
     cln_found_fault(in->findings, "poses", false, NULL,
                     "too little to tell whether the photos fit their poses: %sof %d marks that two "
                     "photos share, %.0f%% lie where both poses put them, and %.0f%% of these "
