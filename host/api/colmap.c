@@ -534,11 +534,6 @@ cln_status cln_colmap_match(cln_colmap *c, bool ordered)
                                      c->matching, "0", c->blocks ? BLOCK : NULL, block, NULL});
 }
 
-static int by_bytes(const void *a, const void *b)
-{
-    return strcmp(*(char *const *)a, *(char *const *)b);
-}
-
 /* Are the photos of a model all in another one, too? It is a beginning that was given up. */
 static cln_status is_within(const char *model, const char *other, bool *within)
 {
@@ -550,10 +545,9 @@ static cln_status is_within(const char *model, const char *other, bool *within)
     *within = true;
     for (int k = 0; k < 2; k++)
         CLN_TRY(cln_colmap_places(folders[k], &names[k], &at[k]));
-    qsort(names[1].name, (size_t)names[1].count, sizeof *names[1].name, by_bytes);
+    cln_dataset_sort_names(&names[1]);
     for (int i = 0; i < names[0].count && *within; i++)
-        *within = bsearch(&names[0].name[i], names[1].name, (size_t)names[1].count,
-                          sizeof *names[1].name, by_bytes) != NULL;
+        *within = cln_dataset_has_name(&names[1], names[0].name[i]);
 done:
     for (int k = 0; k < 2; k++) {
         cln_dataset_free_names(&names[k]);
@@ -595,25 +589,25 @@ done:
     return st;
 }
 
-/* Groups of photos that share nothing with each other. */
+/* Groups of photos that do not hang together. */
 static void tell_groups(const cln_colmap *c, const int counts[MODELS])
 {
     char text[128] = "";
     size_t used = 0;
-    int groups = 0;
+    int groups = 0, second = 0;
 
     for (int i = 0; i < MODELS; i++)
         if (counts[i] > 0) {
             groups++;
+            second = second ? second : i;
             if (used < sizeof text - 1)
                 used += (size_t)snprintf(text + used, sizeof text - used, "%s%d", used ? ", " : "",
                                          counts[i]);
         }
     if (groups > 1)
-        cln_warn("the photos fall into %d groups of %s photos, and each has some that no other "
-                 "has: the largest is used. Where they show two things, each group is a scene of "
-                 "its own: %s/sparse/1",
-                 groups, text, c->desc->out);
+        cln_warn("the photos fall into %d groups of %s photos: the largest is used. Where they "
+                 "show two things, each group is a scene of its own: %s/sparse/%d",
+                 groups, text, c->desc->out, second);
 }
 
 /* COLMAP writes a model for each group of photos that overlap: the largest becomes number 0. */

@@ -254,18 +254,6 @@ done:
     return st;
 }
 
-static int by_bytes(const void *name, const void *other)
-{
-    return strcmp(name, *(const char *const *)other);
-}
-
-/* Of names in the order of cln_dataset_images. */
-static bool has_name(const cln_names *names, const char *name)
-{
-    return names->count &&
-           bsearch(name, names->name, (size_t)names->count, sizeof *names->name, by_bytes) != NULL;
-}
-
 /* COLMAP would match what an earlier attempt left in the scene, too. */
 static cln_status refuse_others(const char *from, const char *images, const cln_names *photos)
 {
@@ -274,7 +262,7 @@ static cln_status refuse_others(const char *from, const char *images, const cln_
 
     CLN_TRY(cln_dataset_images(images, &there));
     for (int i = 0; i < there.count; i++)
-        if (!has_name(photos, there.name[i]))
+        if (!cln_dataset_has_name(photos, there.name[i]))
             CLN_TRY(cln_fail(CLN_OUTPUT,
                              "%s/%s: is none of the photos in %s, and would be matched with them; "
                              "give an empty folder with -o",

@@ -175,12 +175,23 @@ static int by_bytes(const void *a, const void *b)
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
+void cln_dataset_sort_names(cln_names *names)
+{
+    if (names->count)
+        qsort(names->name, (size_t)names->count, sizeof *names->name, by_bytes);
+}
+
+bool cln_dataset_has_name(const cln_names *names, const char *name)
+{
+    return names->count &&
+           bsearch(&name, names->name, (size_t)names->count, sizeof *names->name, by_bytes) != NULL;
+}
+
 static cln_status list_sorted(const char *folder, listed wanted, cln_names *out)
 {
     const cln_status st = list(folder, "", 0, wanted, out);
 
-    if (out->count)
-        qsort(out->name, (size_t)out->count, sizeof *out->name, by_bytes);
+    cln_dataset_sort_names(out);
     return st;
 }
 

@@ -29,6 +29,9 @@ typedef struct cln_names {
     char **name; /* [count] */
 } cln_names;
 cln_status cln_dataset_images(const char *folder, cln_names *out);
+/* Orders names so; whether ordered ones have a name. */
+void cln_dataset_sort_names(cln_names *names);
+bool cln_dataset_has_name(const cln_names *names, const char *name);
 cln_status cln_dataset_videos(const char *folder, cln_names *out);  /* likewise */
 cln_status cln_dataset_folders(const char *folder, cln_names *out); /* of the folders in it */
 /* The images in no order; shallow: not of the folders in it. */

@@ -1,10 +1,9 @@
 /* At how many places do the cameras stand? A thing that is turned before a camera on a tripod has
  * as many poses as the tripod had places, where structure from motion held on to what stood still
- * behind it. See build.h. */
+ * behind it. See scene.h. */
 #include <math.h>
 #include <stdlib.h>
 #include "base/memory.h"
-#include "scene/build.h"
 #include "scene/scene.h"
 
 enum { LEAST = 9, MOST = 5000, FEW = 5 };

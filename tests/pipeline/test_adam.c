@@ -60,6 +60,20 @@ static uint32_t make_slices(const cln_pipeline *p, uint32_t begin[LEAVES], uint3
     return slices;
 }
 
+/* Puts them, and their gradients, on the device. */
+static void put_slices(cln_pipeline *p, const uint32_t begin[LEAVES], const uint32_t end[LEAVES],
+                       const uint32_t starts[LEAVES + 1], const float *grads)
+{
+    const size_t slices = starts[LEAVES];
+
+    assert_ok(cln_buffer_write(p->device, &p->begin, 0, begin, LEAVES * sizeof *begin));
+    assert_ok(cln_buffer_write(p->device, &p->end, 0, end, LEAVES * sizeof *end));
+    assert_ok(
+        cln_buffer_write(p->device, &p->slice_starts, 0, starts, (LEAVES + 1) * sizeof *starts));
+    test_fill(p->device, &p->slices, NULL, slices * sizeof(cln_slice));
+    test_fill(p->device, &p->grads, grads, slices * (size_t)p->net.params * sizeof *grads);
+}
+
 /* Stored moments, float or bfloat16, as double. */
 static double *widen_moments(const cln_config *config, const void *moments, size_t n)
 {
@@ -258,11 +272,7 @@ static void check_case(const adam_case *c, int moments)
         float **bytes = pass ? &second : &first;
 
         assert_ok(cln_pipeline_upload(p, &model, true));
-        assert_ok(cln_buffer_write(p->device, &p->begin, 0, begin, sizeof begin));
-        assert_ok(cln_buffer_write(p->device, &p->end, 0, end, sizeof end));
-        assert_ok(cln_buffer_write(p->device, &p->slice_starts, 0, starts, sizeof starts));
-        test_fill(p->device, &p->slices, NULL, slices * sizeof(cln_slice));
-        test_fill(p->device, &p->grads, grads, slices * n * sizeof *grads);
+        put_slices(p, begin, end, starts, grads);
         if (!p->tune.leaf)
             check_transposed(p);
         for (int step = 0; step < 2; step++) {
@@ -316,11 +326,7 @@ static void test_nan(void **state)
         ((unsigned char *)grads)[4 * i + 3] = i % 2 ? 0xFF : 0x7F;
     assert_ok(cln_model_create(&config, &model));
     assert_ok(cln_pipeline_upload(p, &model, true));
-    assert_ok(cln_buffer_write(p->device, &p->begin, 0, begin, sizeof begin));
-    assert_ok(cln_buffer_write(p->device, &p->end, 0, end, sizeof end));
-    assert_ok(cln_buffer_write(p->device, &p->slice_starts, 0, starts, sizeof starts));
-    test_fill(p->device, &p->slices, NULL, slices * sizeof(cln_slice));
-    test_fill(p->device, &p->grads, grads, slices * n * sizeof *grads);
+    put_slices(p, begin, end, starts, grads);
     assert_ok(cln_stage_adam(p, LEAST, 0.01));
     for (int second = 0; second < 2; second++) {
         assert_ok(cln_buffer_read(p->device, second ? &p->adam_v : &p->adam_m, 0, moments,
@@ -358,11 +364,7 @@ static void test_rounding(void **state)
         for (int s = 0; s < LEAVES; s++)
             model.adam_steps[s] = step;
         assert_ok(cln_pipeline_upload(p, &model, true));
-        assert_ok(cln_buffer_write(p->device, &p->begin, 0, begin, sizeof begin));
-        assert_ok(cln_buffer_write(p->device, &p->end, 0, end, sizeof end));
-        assert_ok(cln_buffer_write(p->device, &p->slice_starts, 0, starts, sizeof starts));
-        test_fill(p->device, &p->slices, NULL, slices * sizeof(cln_slice));
-        test_fill(p->device, &p->grads, grads, slices * n * sizeof *grads);
+        put_slices(p, begin, end, starts, grads);
         assert_ok(cln_stage_adam(p, LEAST, 0.01));
         for (int k = 0; k < 2; k++) {
             moments[step][k] = test_alloc(LEAVES * n, sizeof **moments[step]);
