@@ -835,6 +835,7 @@ static cln_status train(const cln_train_desc *desc, cln_train_result *result)
                      .saved_step = -1};
     const char *state = "failed";
 
+    cln_warned_open(&t.warned);
     st = prepare(&t);
     if (st == CLN_SIGINT || st == CLN_SIGTERM) {
         cln_clear_error();
@@ -881,6 +882,7 @@ done:
                      (long long)t.model.step);
     }
     json_decref(t.run);
+    cln_warned_close(&t.warned);
     free(t.eval_folder);
     free(t.eval_views);
     free(t.results);

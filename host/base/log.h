@@ -16,6 +16,18 @@ void cln_log_set_sink(cln_log_sink *sink, void *user);
 cln_log_sink cln_log_stderr;
 void cln_log_use_colour(bool on);
 
+/* What is warned of between open and close, for documents: the first of it, without the word
+ * "warning", as UTF-8, the same only once; whatever level and sink are. The list that was opened
+ * last is closed first. */
+enum { CLN_WARNED_MOST = 64 };
+typedef struct cln_warned {
+    int count;
+    char *lines[CLN_WARNED_MOST];
+    struct cln_warned *outer;
+} cln_warned;
+void cln_warned_open(cln_warned *list);
+void cln_warned_close(cln_warned *list);
+
 void cln_log(cln_log_level level, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 #define cln_warn(...)  cln_log(CLN_LOG_WARN, __VA_ARGS__)
 #define cln_info(...)  cln_log(CLN_LOG_INFO, __VA_ARGS__)

@@ -111,9 +111,9 @@ done:
 static cln_status put_run(FILE *to, const char *run)
 {
     static const char *const keys[] = {
-        "version",       "state",     "started", "ended",   "command",         "device",
-        "tune",          "tune_from", "step",    "leaves",  "leaves_by_level", "params",
-        "train_seconds", "result",    "plan",    "left_out"};
+        "version",       "state",     "started", "ended",    "command",         "device",
+        "tune",          "tune_from", "step",    "leaves",   "leaves_by_level", "params",
+        "train_seconds", "result",    "plan",    "left_out", "warnings"};
     static const char *const paths[] = {"path", "folder", "cameras"};
     cln_status st = CLN_OK;
     char *text = NULL;

@@ -15,6 +15,7 @@
 #include "base/log.h"
 #include "base/text.h"
 #include "device/cache.h"
+#include "io/json.h"
 #include "ranks/ranks.h"
 
 /* A terminal that is closed sends SIGHUP, a soft limit of processor time SIGXCPU, Grid Engine
@@ -318,9 +319,20 @@ void cln_print_name(const char *name, int width)
     printf("%*s", width > own ? width - own : 0, "");
 }
 
+static cln_warned warned;
+
+void cln_warnings_keep(void)
+{
+    cln_warned_open(&warned);
+}
+
 cln_status cln_print_json(json_t *document)
 {
-    char *text = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
+    char *text = NULL;
+
+    if (document && !json_object_get(document, "warnings")) /* of a run: its training's */
+        cln_json_add_warned(document, &warned);
+    text = document ? json_dumps(document, JSON_INDENT(2) | JSON_REAL_PRECISION(17)) : NULL;
 
     json_decref(document);
     if (!text)

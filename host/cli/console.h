@@ -54,6 +54,9 @@ int cln_name_width(const char *name);
 /* One JSON document and a newline on standard output; takes the reference. */
 cln_status cln_print_json(json_t *document);
 
+/* From here on what is warned of is kept for cln_print_json. */
+void cln_warnings_keep(void);
+
 /* "%.2f", or "-" when not finite. */
 void cln_format_real(double value, int decimals, char out[32]);
 

@@ -95,6 +95,8 @@ int main(int argc, char **argv)
                : options.verbose > 0 ? CLN_LOG_DEBUG
                                      : CLN_LOG_INFO,
                cln_log_stderr, NULL);
+    if (options.json)
+        cln_warnings_keep();
     if (options.version)
         cln_version_print(stdout, options.verbose > 0);
     else if (options.help && options.help_preset)

@@ -43,6 +43,31 @@ const char *cln_json_text(const json_t *object, const char *key)
     return text ? text : "";
 }
 
+static bool has_text(const json_t *list, const char *text)
+{
+    for (size_t i = 0; i < json_array_size(list); i++) {
+        const char *other = json_string_value(json_array_get(list, i));
+
+        if (other && strcmp(other, text) == 0)
+            return true;
+    }
+    return false;
+}
+
+void cln_json_add_warned(json_t *document, const cln_warned *warned)
+{
+    json_t *list = json_object_get(document, "warnings");
+
+    if (!json_is_array(list)) {
+        json_object_set_new(document, "warnings", json_array());
+        list = json_object_get(document, "warnings");
+    }
+    for (int i = 0; i < warned->count; i++) {
+        if (!has_text(list, warned->lines[i]))
+            json_array_append_new(list, json_string(warned->lines[i]));
+    }
+}
+
 /* Index after the closing quote of the string literal that opens at `at`, or bytes. */
 static size_t skip_string(const char *text, size_t bytes, size_t at)
 {

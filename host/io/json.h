@@ -4,6 +4,7 @@
 
 #include <jansson.h>
 #include <stdbool.h>
+#include "base/log.h"
 #include "base/status.h"
 
 /* A real, or null if it is not finite. */
@@ -17,6 +18,10 @@ double cln_json_digits(float value);
  */
 double cln_json_number(const json_t *object, const char *key);
 const char *cln_json_text(const json_t *object, const char *key);
+
+/* The document's `warnings` (docs/formats.md): a list of texts, which gets those that it lacks.
+ * What no memory is left for is missing. */
+void cln_json_add_warned(json_t *document, const cln_warned *warned);
 
 /* Parses a file; with `relaxed`, // and block comments and trailing commas are allowed, as in
  * instant-ngp's files, and NaN and infinities become strings. CLN_INPUT: "path: line L column C:

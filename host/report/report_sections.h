@@ -18,6 +18,7 @@
     ROW("octree", "The octree", cln_report_tree, cln_report_has_tree) \
     ROW("stages", "Time per stage", cln_report_stages, cln_report_always) \
     ROW("ranks", "Processes", cln_report_ranks, cln_report_has_ranks) \
+    ROW("warnings", "Warnings", cln_report_warnings, cln_report_has_warnings) \
     ROW("left-out", "What was left out", cln_report_left_out, cln_report_has_left_out) \
     ROW("settings", "Settings", cln_report_settings, cln_report_has_settings) \
     ROW("machine", "Machine and data", cln_report_machine, cln_report_has_machine)

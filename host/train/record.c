@@ -307,6 +307,9 @@ cln_status cln_record_start(cln_trainer *t)
         json_object_set_new(t->run, "space_found", json_true());
     if (json_object_get(before, "held_back"))
         json_object_set(t->run, "held_back", json_object_get(before, "held_back"));
+    if (json_object_get(before, "warnings")) /* of the starts before */
+        json_object_set(t->run, "warnings", json_object_get(before, "warnings"));
+    cln_json_add_warned(t->run, &t->warned);
     CLN_TRY(cln_run_write(t->desc->run, t->run));
     CLN_TRY(cln_cameras_write(t->desc->run, t->scene, (const double(*)[12])t->refine.given));
 done:
@@ -369,6 +372,7 @@ static void put_result(const cln_trainer *t, const char *state, json_t *run)
             cln_json_whole(cln_record_host_peak(t)), "model_digest", digest));
     if (t->model.exposed)
         json_object_set_new(json_object_get(run, "result"), "exposed", json_true());
+    cln_json_add_warned(run, &t->warned);
 }
 
 /* The newest checkpoint's files under the names that they have in another run. */

@@ -5,6 +5,7 @@
 
 #include <jansson.h>
 #include "base/config.h"
+#include "base/log.h"
 #include "train/batch.h"
 #include "train/exposure.h"
 #include "pipeline/plan.h"
@@ -87,7 +88,8 @@ typedef struct cln_trainer {
     cln_points eval_at, save_at;
     double looked_seconds; /* training seconds when due points were last looked for */
 
-    json_t *run; /* run.json */
+    json_t *run;       /* run.json */
+    cln_warned warned; /* since this start */
     cln_metrics *metrics;
     struct { /* since the last row of metrics.jsonl of this process; what lasts: model.row */
         int steps;

@@ -159,6 +159,9 @@ section_doubtful() {
     pose_of_next "$work/shifted ones/train"
     expect "poses that are wrong: the next step" 0 "~warning:.test.views.are ~poses check" \
         "$cln" train "$work/shifted ones" -o "$work/wrong" "${learn[@]}" --steps 160 --json
+    check "its JSON has the warning" eval '[[ "$(json warnings.0)" == "test views are "* ]]'
+    check "the run keeps it" eval '"$cln" info "$work/wrong" --json | grep -q "\"test views are"'
+    check "and its report" grep -q "^<li>test views are" "$work/wrong/report.html"
     check "its command is quoted" said "\`cl-nascent check '$work/shifted ones'\`"
     check "the report says the same" grep -qF -- "$(advice "test views are .* look elsewhere")" \
         "$work/wrong/report.html"

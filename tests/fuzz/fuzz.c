@@ -27,6 +27,7 @@
 #include "report/report.h"
 #include "scene/cameras_file.h"
 #include "scene/dataset.h"
+#include "scene/origin.h"
 #include "view/request.h"
 
 int LLVMFuzzerInitialize(int *argc, char ***argv);
@@ -188,6 +189,9 @@ static void make_colmap(void)
     cameras[1].lens = CLN_LENS_OPENCV;
     make_photos("images");
     format_colmap("sparse/0", strcmp(chosen->name, "colmap") == 0, cameras, NULL, points, 2);
+    require(!cln_origin_write("sparse/0", (const double[3]){48.2, 16.37, 171},
+                              (cln_origin_doubt){.distance = 1.5, .up = 0.25}),
+            "origin.txt");
 }
 
 static void make_llff(void)
@@ -724,7 +728,8 @@ static const target targets[] = {
     {"blender", {"transforms_train.json", "transforms_test.json"}, make_blender, read_scene, 2},
     {"transforms", {"transforms.json"}, make_transforms, read_scene, 2},
     {"colmap",
-     {"sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin"},
+     {"sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin",
+      "sparse/0/origin.txt"},
      make_colmap,
      read_scene,
      2},

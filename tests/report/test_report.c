@@ -43,14 +43,15 @@ static void put_run_of(const char *run, const char *preset, const char *state, c
     put_json(
         run, "run.json",
         json_pack("{s:s s:s s:s s:s s:o s:{s:s s:f s:f s:i} s:{s:s s:{s:i s:i s:i}} s:s s:s s:[s] "
+                  "s:[s] "
                   "s:{s:i s:i s:i}}",
                   "schema", "cl-nascent.run/1", "version", "0.1.0", "command",
                   "cl-nascent train a<b -o run", "preset", preset, "config", settings, "device",
                   "name", "Some \"Device\" & Co", "global_mem", 8589934592.0, "max_alloc",
                   1073741824.0, "compute_units", 12, "dataset", "path", "scenes/pot", "splits",
                   "train", 90, "val", 0, "test", 10, "state", state, "started",
-                  "2025-01-02T03:04:05Z", "left_out", left_out, "plan", "parameters", 3145728,
-                  "images", 1048576, "limit", 8388608));
+                  "2025-01-02T03:04:05Z", "left_out", left_out, "warnings", "low <light>", "plan",
+                  "parameters", 3145728, "images", 1048576, "limit", 8388608));
 }
 
 static void put_run(const char *run, const char *state, const char *left_out)

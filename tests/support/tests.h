@@ -60,6 +60,7 @@ int test_group_inspect(void);
 int test_group_integer_program(void);
 int test_group_learning(void);
 int test_group_lens(void);
+int test_group_log(void);
 int test_group_marks(void);
 int test_group_map(void);
 int test_group_masks(void);
