@@ -285,6 +285,7 @@ typedef struct cln_eval_image {
     bool empty; /* it is not apart, and its render shows nothing: no opacity above 1/4 */
     bool off;   /* of 8 images and more, its PSNR is far below the others', fitted or not, and it is
                  not hidden: its pose, its photo or what stood there is likely another */
+    double lpips; /* NAN unless asked for */
 } cln_eval_image;
 
 /* Changes of the field over a small step: of the colour (mean over channels), and of the alpha of a
@@ -318,6 +319,8 @@ typedef struct cln_eval_result {
     char split[8];
     uint64_t scene_digest; /* of the scene that the views are of */
     int apart;             /* images that are, and count in no mean unless all are */
+    double lpips;          /* mean over images; NAN unless asked for */
+    char lpips_network[8]; /* "alex" or "vgg"; "" */
 } cln_eval_result;
 
 typedef struct cln_eval_desc {
@@ -338,6 +341,8 @@ typedef struct cln_eval_desc {
                           max_images says, which must be 0 with it */
     const float *background; /* [3] r, g, b in 0..1, sRGB, behind photos with alpha and renders;
                                 NULL = the run's own */
+    const char *lpips;       /* file of a network's weights (docs/formats.md), by which LPIPS is
+                                measured, too; NULL = not */
 } cln_eval_desc;
 
 /* Measures per-image and mean PSNR and SSIM; writes STEP-SPLIT.json, or STEP-SPLIT-COUNT.json for

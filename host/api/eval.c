@@ -204,6 +204,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     const char *name = cln_split_names[CLN_SPLIT_TEST];
     int *views = NULL, count = 0;
     char *place = NULL, over[16];
+    cln_lpips *lpips = NULL;
 
     cln_clear_error();
     CLN_TRY(cln_given("cln_eval", "result", result));
@@ -222,6 +223,11 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
         CLN_TRY(cln_fail(CLN_USAGE, "cln_eval: out is empty; give a folder, or NULL"));
     if (desc->out && writes)
         CLN_TRY(check_out(desc->out)); /* before photos are read */
+    if (desc->lpips && !cln_is_file(desc->lpips))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: no such file; LPIPS needs the weights of a network, which two lines "
+                         "of Python write (man cl-nascent, LPIPS)",
+                         desc->lpips));
     CLN_TRY(cln_device_check(&desc->device));
     CLN_TRY(cln_open_run_open(desc->run, desc->scene, pixels, &desc->callbacks, &opened));
     antialias = cln_open_run_antialias(&opened, desc->antialias);
@@ -251,8 +257,12 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     CLN_TRY(cln_open_run_start(&opened, &desc->device, opened.scene->lenses));
     opened.pipeline.antialias = antialias;
     CLN_TRY(cln_pipeline_scene(&opened.pipeline, opened.scene, &opened.model.space));
+    if (desc->lpips) {
+        CLN_TRY(cln_lpips_open(opened.device, desc->lpips, &lpips));
+        CLN_TRY(cln_quality_check_lpips(opened.scene, views, count, lpips));
+    }
     CLN_TRY(cln_quality_measure(&opened.pipeline, &opened.model, opened.scene, views, count,
-                                desc->save_images && writes ? place : NULL, &desc->callbacks,
+                                desc->save_images && writes ? place : NULL, lpips, &desc->callbacks,
                                 result));
     if (desc->seams)
         CLN_TRY(cln_seams_measure(&opened.pipeline, &opened.model, opened.scene, &desc->callbacks,
@@ -272,6 +282,7 @@ cln_status cln_eval(const cln_eval_desc *desc, cln_eval_result *result)
     if (st == CLN_OUTPUT && !desc->out)
         cln_note("writing the figures, which are complete, into the run (-o puts them elsewhere)");
 done:
+    cln_lpips_close(lpips);
     cln_open_run_close(&opened);
     free(views);
     free(place);

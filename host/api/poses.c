@@ -127,14 +127,21 @@ done:
     return st;
 }
 
-/* Those in formats that are not read, beside others, are told; a photo that is cut off, as copies
- * are, would be found after hours of COLMAP's work. */
+/* Those in formats that are not read, and videos, beside others, are told; a photo that is cut off,
+ * as copies are, would be found after hours of COLMAP's work. */
 static cln_status check_readable(const char *folder, const cln_names *photos)
 {
     cln_status st = CLN_OK;
     char *path = NULL, *unread = NULL, *first = NULL;
+    cln_names videos = {0};
     int others = 0, bad = 0;
 
+    CLN_TRY(cln_dataset_videos(folder, &videos));
+    if (videos.count)
+        cln_info("%s: the photos are taken, %d video%s beside them (the first is '%s') %s not; "
+                 "poses takes a video by itself",
+                 folder, videos.count, cln_plural(videos.count, "", "s"), videos.name[0],
+                 cln_plural(videos.count, "is", "are"));
     CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
     if (unread)
         cln_warn("%s: %d photo%s in formats that are not read %s left out (the first is '%s'); "
@@ -162,6 +169,7 @@ static cln_status check_readable(const char *folder, const cln_names *photos)
                      folder, bad, photos->count, cln_plural(bad, "it", "them"),
                      cln_plural(bad, "it", "them"), first));
 done:
+    cln_dataset_free_names(&videos);
     free(path);
     free(unread);
     free(first);

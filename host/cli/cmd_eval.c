@@ -1,4 +1,4 @@
-/* `cl-nascent eval`: PSNR and SSIM per image and in the mean, as a table or as the JSON document
+/* `cl-nascent eval`: PSNR, SSIM and LPIPS per image and in the mean, as a table or as the document
  * that is in RUN/eval/STEP-SPLIT.json. */
 #include "cli/commands.h"
 
@@ -17,15 +17,18 @@
  * which it does: of what hardly shows the scene any fit gains. */
 static const double EXPOSURE_HINT = 1, LEAST_FITTED = 18;
 
-static void print_row(int width, const char *name, double psnr, double ssim, double seconds,
-                      bool apart)
+/* `network` that LPIPS is by, or "". */
+static void print_row(int width, const char *name, const char *network, const double figures[3],
+                      double seconds, bool apart)
 {
-    char p[32], s[32];
+    char p[32], s[32], l[32];
 
-    cln_format_real(psnr, 2, p);
-    cln_format_real(ssim, 4, s);
+    cln_format_real(figures[0], 2, p);
+    cln_format_real(figures[1], 4, s);
+    cln_format_real(figures[2], 4, l);
     cln_print_name(name, width);
-    printf("  %6s  %6s  %7.2f%s\n", p, s, seconds, apart ? "  *" : "");
+    printf("  %6s  %6s%s%s  %7.2f%s\n", p, s, *network ? "  " : "", *network ? l : "", seconds,
+           apart ? "  *" : "");
 }
 
 static void print_jump(const char *where, const cln_eval_jump *jump)
@@ -202,11 +205,16 @@ static void print_table(const cln_eval_result *r, bool exposure)
 
         width = own > width ? own : width;
     }
-    printf("%-*s  %6s  %6s  %7s\n", width, "image", "PSNR", "SSIM", "seconds");
-    for (int i = 0; i < r->count; i++)
-        print_row(width, r->images[i].name, r->images[i].psnr, r->images[i].ssim,
-                  r->images[i].seconds, r->images[i].apart);
-    print_row(width, "mean", r->psnr, r->ssim, r->seconds, false);
+    printf("%-*s  %6s  %6s%s  %7s\n", width, "image", "PSNR", "SSIM",
+           *r->lpips_network ? "   LPIPS" : "", "seconds");
+    for (int i = 0; i < r->count; i++) {
+        const cln_eval_image *e = &r->images[i];
+
+        print_row(width, e->name, r->lpips_network, (const double[3]){e->psnr, e->ssim, e->lpips},
+                  e->seconds, e->apart);
+    }
+    print_row(width, "mean", r->lpips_network, (const double[3]){r->psnr, r->ssim, r->lpips},
+              r->seconds, false);
     putchar('\n');
     if (r->apart == r->count)
         puts("* none of the photos shows anything of the scene's cube, so their figures "
@@ -230,6 +238,8 @@ static void print_table(const cln_eval_result *r, bool exposure)
         putchar('\n');
     }
     print_sizes(r);
+    if (*r->lpips_network)
+        printf("LPIPS 0.1 by %s\n", strcmp(r->lpips_network, "alex") == 0 ? "AlexNet" : "VGG-16");
     printf("\n%d%s%s image%s%s at step %s, after %s of training; background %g,%g,%g; model %s\n",
            r->count, all ? "" : " ", all ? "" : r->split, cln_plural(r->count, "", "s"),
            all ? " of all splits" : "", step, duration, r->background[0], r->background[1],
@@ -252,6 +262,7 @@ cln_status cln_cmd_eval(const cln_options *options)
                           .antialias = options->antialias,
                           .fast = options->fast,
                           .seams = options->seams,
+                          .lpips = options->lpips,
                           .save_images = options->save_images,
                           .out = options->output,
                           .device = options->device};
@@ -269,7 +280,7 @@ cln_status cln_cmd_eval(const cln_options *options)
     if (options->json && cln_ranks_me() == 0)
         CLN_TRY(cln_eval_json(&result, &json));
     if (json)
-        puts(json);
+        CLN_TRY(cln_print_json(json_loads(json, 0, NULL)));
     else if (cln_ranks_me() == 0)
         print_table(&result, exposure);
     CLN_TRY(evaluated); /* an error of writing comes after the figures */

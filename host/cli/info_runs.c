@@ -32,6 +32,8 @@ static const struct {
     {"psnr_train", "PSNR train, of rays", REAL_2},
     {"psnr_test", "PSNR test", REAL_2},
     {"ssim", "SSIM test", REAL_4},
+    {"lpips_alex", "LPIPS test, AlexNet", REAL_4},
+    {"lpips_vgg", "LPIPS test, VGG-16", REAL_4},
     {"psnr_fitted", "PSNR test, fitted", REAL_2},
     {"psnr_exposed", "PSNR test, exposed", REAL_2},
     {"eval_views", "test views measured", COUNT},

@@ -204,6 +204,8 @@ const cln_arg cln_args[] = {
     FLAG(CLN_EVAL, "seams", seams,
          "also measure how much colour and alpha change at surfaces from leaf to leaf, and over "
          "the same step inside a leaf"),
+    TEXT(CLN_EVAL, "lpips", lpips, "FILE",
+         "also measure LPIPS, by the weights of AlexNet or VGG-16 in FILE (man cl-nascent, LPIPS)"),
     FLAG(CLN_EVAL | CLN_RENDER, "fast", fast, "fewer samples: less time, a little more error"),
     TEXT(CLN_EVAL | CLN_RENDER, "device-mem", device.device_mem, "SIZE",
          "device memory to stay under, bytes or 512M, 4G (0 = by the device)",

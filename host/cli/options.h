@@ -20,7 +20,7 @@ typedef struct cln_options {
         *progress, *color;
     const char *help_option; /* help: which alone is told; NULL = all of the command */
     const char *help_preset; /* help: whose values; NULL = an option's in several presets */
-    const char *dump_program, *match, *lens, *mask_path, *views;
+    const char *dump_program, *match, *lens, *mask_path, *views, *lpips;
     const char *box_colour;                /* export --octree: "level" or "error" */
     const char *export_what, *export_file; /* "mesh", FILE */
     cln_device_desc device;

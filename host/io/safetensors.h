@@ -46,6 +46,8 @@ typedef struct cln_safetensors cln_safetensors;
 /* Reads the whole file and checks structure (lengths, offsets in order and inside the file, dtypes,
  * shapes against byte counts, no overlap) and digest. CLN_CHECKPOINT names path and defect. */
 cln_status cln_safetensors_read(const char *path, cln_safetensors **out);
+/* The same of another program's file, which need not have a digest. CLN_INPUT. */
+cln_status cln_safetensors_read_foreign(const char *path, cln_safetensors **out);
 void cln_safetensors_free(cln_safetensors *file); /* accepts NULL */
 
 /* Is the file as long as its header says? What is in it is not looked at, which takes long. */

@@ -166,6 +166,24 @@ cln_status cln_quality_check(const cln_scene *scene, const int *views, int count
     return warn_windows(scene, views, count);
 }
 
+cln_status cln_quality_check_lpips(const cln_scene *scene, const int *views, int count,
+                                   const cln_lpips *lpips)
+{
+    const int least = cln_lpips_least(lpips);
+
+    for (int i = 0; i < count; i++) {
+        const cln_view *v = &scene->views[views[i]];
+
+        if (v->camera.width < least || v->camera.height < least)
+            return cln_fail(CLN_INPUT,
+                            "%s: '%s' has %d x %d pixels; for LPIPS it needs %d x %d; leave "
+                            "--lpips out",
+                            scene->folder, v->name, v->camera.width, v->camera.height, least,
+                            least);
+    }
+    return CLN_OK;
+}
+
 static cln_status write_picture(const char *folder, const char *name, const char *suffix, int width,
                                 int height, const float *rgb)
 {
@@ -275,7 +293,8 @@ static double psnr_at(const float gain[3], const cln_picture *picture, const flo
 
 /* gain: the photo's, as far as it is known; NULL = not. */
 static cln_status measure(const cln_scene *scene, int view, const cln_picture *picture,
-                          const float *gain, const char *folder, cln_eval_image *image)
+                          const float *gain, const char *folder, cln_lpips *lpips,
+                          cln_eval_image *image)
 {
     cln_status st = CLN_OK;
     cln_view photo, *v = &photo;
@@ -314,6 +333,9 @@ static cln_status measure(const cln_scene *scene, int view, const cln_picture *p
         image->psnr_most = cln_psnr(mse);
     }
     CLN_TRY(cln_image_ssim(width, height, kept, picture->rgb, truth, &image->ssim));
+    image->lpips = NAN;
+    if (lpips)
+        CLN_TRY(cln_lpips_measure(lpips, width, height, kept, picture->rgb, truth, &image->lpips));
     measure_opacity(v, kept, picture, image);
     image->empty = !image->apart && is_empty(picture, kept);
     CLN_TRY(cln_odd_depth(picture, &image->depth));
@@ -373,7 +395,7 @@ static double mean_of(const cln_eval_result *result, size_t member)
 }
 
 cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cln_scene *scene,
-                               const int *views, int count, const char *folder,
+                               const int *views, int count, const char *folder, cln_lpips *lpips,
                                const cln_callbacks *callbacks, cln_eval_result *result)
 {
     cln_status st = CLN_OK;
@@ -410,7 +432,8 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
         CLN_TRY(
             cln_render_view(p, views[i], scene->background, CLN_DEPTH_MEDIAN, callbacks, &picture));
         image->seconds = cln_now() - start;
-        st = measure(scene, views[i], &picture, gains ? gains[views[i]] : NULL, folder, image);
+        st = measure(scene, views[i], &picture, gains ? gains[views[i]] : NULL, folder, lpips,
+                     image);
         if (st == CLN_OK && tree)
             st = draw_tree(model, &scene->views[views[i]], i, count, &picture, folder, drawn);
         cln_picture_free(&picture);
@@ -428,6 +451,10 @@ cln_status cln_quality_measure(cln_pipeline *p, const cln_model *model, const cl
     result->psnr_fitted = mean_of(result, offsetof(cln_eval_image, psnr_fitted));
     result->psnr_exposed = mean_of(result, offsetof(cln_eval_image, psnr_exposed));
     result->ssim = mean_of(result, offsetof(cln_eval_image, ssim));
+    result->lpips = mean_of(result, offsetof(cln_eval_image, lpips));
+    if (lpips)
+        cln_format(result->lpips_network, sizeof result->lpips_network, "%s",
+                   cln_lpips_network(lpips));
     result->opacity_error = mean_of(result, offsetof(cln_eval_image, opacity_error));
     result->opaque_air = mean_of(result, offsetof(cln_eval_image, opaque_air));
     if (tree)
@@ -501,6 +528,8 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         json_object_set_new(one, "depth", cln_json_real(e->depth));
         if (one && e->hidden)
             json_object_set_new(one, "hidden", json_true());
+        if (one && isfinite(e->lpips))
+            json_object_set_new(one, "lpips", json_real(e->lpips));
         if (one && isfinite(e->psnr_most))
             json_object_set_new(one, "psnr_most", json_real(e->psnr_most));
         if (one && e->partly)
@@ -536,6 +565,11 @@ cln_status cln_quality_json(const cln_eval_result *r, json_t **out)
         json_object_set_new(*out, "scene_digest", json_string(digest));
     if (*out && r->apart > 0)
         json_object_set_new(*out, "apart", json_integer(r->apart));
+    if (*out && *r->lpips_network) {
+        json_object_set_new(json_object_get(*out, "mean"), "lpips", cln_json_real(r->lpips));
+        json_object_set_new(*out, "lpips",
+                            json_pack("{s:s, s:s}", "network", r->lpips_network, "version", "0.1"));
+    }
     if (*out && r->antialias > 1)
         json_object_set_new(*out, "antialias", json_integer(r->antialias));
     if (*out && r->fast)

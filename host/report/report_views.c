@@ -43,6 +43,18 @@ done:
     return st;
 }
 
+/* ", mean LPIPS ...", if it was measured. */
+static void put_lpips(FILE *to, const json_t *document)
+{
+    const char *network = cln_json_text(json_object_get(document, "lpips"), "network");
+
+    if (!*network)
+        return;
+    fputs(", mean LPIPS ", to);
+    cln_report_number(to, cln_json_number(json_object_get(document, "mean"), "lpips"), 4);
+    fputs(strcmp(network, "alex") == 0 ? " (AlexNet)" : " (VGG-16)", to);
+}
+
 static void put_list(FILE *to, const json_t *images)
 {
     int count = (int)json_array_size(images);
@@ -180,6 +192,7 @@ cln_status cln_report_views(FILE *to, const cln_report_data *data)
     cln_report_number(to, e->psnr, 2);
     fputs(" dB, mean SSIM ", to);
     cln_report_number(to, e->ssim, 4);
+    put_lpips(to, e->document);
     if (json_object_get(e->document, "apart"))
         fprintf(to, " (without %d that show nothing of the cube)",
                 (int)json_integer_value(json_object_get(e->document, "apart")));

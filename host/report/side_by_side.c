@@ -42,11 +42,12 @@ static const struct {
     const char *key;
     bool test; /* of test views */
     int quality;
-} rows[] = {{"step", false, 0},          {"seconds", false, 0},     {"cpu_seconds", false, 0},
-            {"leaves", false, 0},        {"psnr_train", false, 2},  {"psnr_test", true, 2},
-            {"ssim", true, 4},           {"psnr_fitted", true, 2},  {"psnr_exposed", true, 2},
-            {"eval_views", true, 0},     {"test_views", true, 0},   {"eval_step", true, 0},
-            {"seconds_a_view", true, 0}, {"device_peak", false, 0}, {"host_peak", false, 0}};
+} rows[] = {{"step", false, 0},        {"seconds", false, 0},     {"cpu_seconds", false, 0},
+            {"leaves", false, 0},      {"psnr_train", false, 2},  {"psnr_test", true, 2},
+            {"ssim", true, 4},         {"lpips_alex", true, 0},   {"lpips_vgg", true, 0},
+            {"psnr_fitted", true, 2},  {"psnr_exposed", true, 2}, {"eval_views", true, 0},
+            {"test_views", true, 0},   {"eval_step", true, 0},    {"seconds_a_view", true, 0},
+            {"device_peak", false, 0}, {"host_peak", false, 0}};
 enum { ROWS = sizeof rows / sizeof rows[0] };
 
 /* ---- reading ---- */
@@ -97,6 +98,7 @@ static void find_figures(side *s)
     const cln_report_rows *r = &s->data.rows;
     const json_t *result = json_object_get(s->data.run, "result"), *mean = NULL;
     const cln_report_eval *eval = choose_eval(s);
+    const char *network = NULL;
     const double tests = cln_json_number(json_object_get(s->dataset, "splits"), "test");
 
     for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++)
@@ -121,8 +123,11 @@ static void find_figures(side *s)
     if (!eval)
         return;
     mean = json_object_get(eval->document, "mean");
+    network = cln_json_text(json_object_get(eval->document, "lpips"), "network");
     put(s, "psnr_test", eval->psnr);
     put(s, "ssim", eval->ssim);
+    put(s, strcmp(network, "alex") == 0 ? "lpips_alex" : "lpips_vgg",
+        cln_json_number(mean, "lpips"));
     put(s, "psnr_fitted", cln_json_number(mean, "psnr_fitted"));
     put(s, "psnr_exposed", cln_json_number(mean, "psnr_exposed"));
     put(s, "seconds_a_view", cln_json_number(mean, "seconds"));

@@ -141,7 +141,7 @@ static cln_status evaluate(cln_trainer *t, const char *folder, bool *done)
         CLN_TRY(cln_pipeline_scene(&t->pipeline, t->scene, &t->model.space));
     }
     rendered = cln_quality_measure(&t->pipeline, &t->model, t->scene, t->eval_views, t->eval_count,
-                                   t->writes ? folder : NULL, &callbacks, &result);
+                                   t->writes ? folder : NULL, NULL, &callbacks, &result);
     if ((rendered == CLN_SIGINT || rendered == CLN_SIGTERM) && t->signal)
         cln_clear_error();
     else

@@ -67,9 +67,9 @@ section_photos() {
         "$work/a phone" -o "$work/posed"
     check "it can be typed" said "cl-nascent poses '$work/a phone/IMG_10.mov' -o SCENE"
     cp -r "$work/photos/train" "$work/mixed"
-    touch "$work/mixed/"{a.HEIC,b.webp}
-    expect "a few in such formats among others are told, too" 1 \
-        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap" \
+    touch "$work/mixed/"{a.HEIC,b.webp,walk.mov}
+    expect "a few in such formats, and a video, among others are told, too" 1 \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap ~1.video.*walk.mov'.is.not" \
         env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
     for how in r_004 r_007; do
         truncate -s 100 "$work/mixed/$how.png"

@@ -716,8 +716,8 @@ static void test_no_window(void **state)
         assert_ok(cln_quality_check(v.scene, views, count));
         cln_log_to(CLN_LOG_INFO, NULL, NULL);
         assert_int_equal(warnings, pass > 0);
-        assert_ok(
-            cln_quality_measure(&v.pipeline, NULL, v.scene, views, count, NULL, NULL, &result));
+        assert_ok(cln_quality_measure(&v.pipeline, NULL, v.scene, views, count, NULL, NULL, NULL,
+                                      &result));
         assert_true(isfinite(result.images[0].psnr) && isfinite(result.psnr));
         assert_ok(cln_quality_json(&result, &document));
         if (pass == 0) {
@@ -782,7 +782,8 @@ static void test_left_out(void **state)
     assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
     view = &v.scene->views[views[0]];
     v.scene->views[views[0]].kept = spots;
-    assert_ok(cln_quality_measure(&v.pipeline, NULL, v.scene, views, count, folder, NULL, &result));
+    assert_ok(
+        cln_quality_measure(&v.pipeline, NULL, v.scene, views, count, folder, NULL, NULL, &result));
     truth = read_eval(folder, view, ".truth.png");
     error = read_eval(folder, view, ".error.png");
     render = read_eval(folder, view, ".png");

@@ -62,6 +62,7 @@ int test_group_learning(void);
 int test_group_lens(void);
 int test_group_log(void);
 int test_group_marks(void);
+int test_group_lpips(void);
 int test_group_map(void);
 int test_group_masks(void);
 int test_group_measure(void);

@@ -285,7 +285,8 @@ static double psnr_of(cln_open_run *v, const int *views, int count)
     double psnr = 0;
 
     assert_ok(cln_pipeline_upload(&v->pipeline, &v->model, false));
-    assert_ok(cln_quality_measure(&v->pipeline, NULL, v->scene, views, count, NULL, NULL, &result));
+    assert_ok(
+        cln_quality_measure(&v->pipeline, NULL, v->scene, views, count, NULL, NULL, NULL, &result));
     psnr = result.psnr;
     cln_eval_free(&result);
     return psnr;
