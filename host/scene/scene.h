@@ -304,8 +304,8 @@ double cln_scene_cube_share(const cln_scene *scene);
 double cln_scene_spread(const cln_scene *scene);
 
 /* stands.c: how many poses the views have that differ by a hundredth of how far they stand apart,
- * or by a degree, if these are at most half as many as views, and five, or less than a third; 0 if
- * there are more, or fewer than nine views. */
+ * or by a degree, if these are at most half as many as views, and five, or less than a third and
+ * mostly far from each other (a film's are not); 0 if there are more, or fewer than nine views. */
 int cln_scene_few_stands(const cln_scene *scene);
 
 /* Of photos that were read: does alpha, or a mask that is alpha, show nothing in some, or is it

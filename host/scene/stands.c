@@ -8,6 +8,8 @@
 
 enum { LEAST = 9, MOST = 5000, FEW = 5 };
 static const double NEAR = 0.01, ALIKE = 0.99985; /* of how far they stand apart; cos 1 degree */
+static const double APART =
+    0.05; /* likewise: of stands; a film's frames follow each other closer */
 
 static double distance(const double a[12], const double b[12])
 {
@@ -21,6 +23,22 @@ static bool look_alike(const double a[12], const double b[12])
         if (a[k] * b[k] + a[4 + k] * b[4 + k] + a[8 + k] * b[8 + k] < ALIKE)
             return false;
     return true;
+}
+
+/* Does half of the stands have another one nearby, as along a film's way? */
+static bool follow_each_other(const cln_scene *scene, const int *stand, int stands, double apart)
+{
+    int close = 0;
+
+    for (int i = 0; i < stands; i++) {
+        bool has = false;
+
+        for (int k = 0; k < stands && !has; k++)
+            has = k != i && distance(scene->views[stand[i]].camera.c2w,
+                                     scene->views[stand[k]].camera.c2w) < apart;
+        close += has;
+    }
+    return 2 * close >= stands;
 }
 
 int cln_scene_few_stands(const cln_scene *scene)
@@ -50,6 +68,10 @@ int cln_scene_few_stands(const cln_scene *scene)
         if (k == stands)
             stand[stands++] = i;
     }
+    if (2 * stands > count ||
+        (stands > FEW &&
+         (3 * stands >= count || follow_each_other(scene, stand, stands, APART * far))))
+        stands = 0;
     free(stand);
-    return 2 * stands <= count && (stands <= FEW || 3 * stands < count) ? stands : 0;
+    return stands;
 }

@@ -350,6 +350,31 @@ static void few_stands_are_told(void **state)
     }
 }
 
+/* Frames of a film follow each other: along a line, and along a circle. */
+static void a_film_has_no_stands(void **state)
+{
+    enum { FRAMES = 2500 };
+    cln_view *views = calloc(FRAMES, sizeof *views);
+    cln_scene scene = {.views = views, .view_count = 700};
+
+    (void)state;
+    assert_non_null(views);
+    for (int i = 0; i < FRAMES; i++) {
+        double *m = views[i].camera.c2w;
+
+        m[0] = m[5] = m[10] = 1;
+        m[3] = i;
+    }
+    assert_int_equal(cln_scene_few_stands(&scene), 0);
+    scene.view_count = FRAMES;
+    for (int i = 0; i < FRAMES; i++) {
+        views[i].camera.c2w[3] = cos(2 * M_PI * i / FRAMES);
+        views[i].camera.c2w[7] = sin(2 * M_PI * i / FRAMES);
+    }
+    assert_int_equal(cln_scene_few_stands(&scene), 0);
+    free(views);
+}
+
 static void test_planted_faults(void **state)
 {
     const double degrees[] = {360, 60};
@@ -418,10 +443,15 @@ static void multiplied_colours_are_told(void **state)
 int test_group_doubts(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_amid),           cmocka_unit_test(test_sound_captures),
-        cmocka_unit_test(a_guess_is_told),     cmocka_unit_test(few_around_are_told),
-        cmocka_unit_test(test_points),         cmocka_unit_test(few_stands_are_told),
-        cmocka_unit_test(test_planted_faults), cmocka_unit_test(multiplied_colours_are_told),
+        cmocka_unit_test(test_amid),
+        cmocka_unit_test(test_sound_captures),
+        cmocka_unit_test(a_guess_is_told),
+        cmocka_unit_test(few_around_are_told),
+        cmocka_unit_test(test_points),
+        cmocka_unit_test(few_stands_are_told),
+        cmocka_unit_test(a_film_has_no_stands),
+        cmocka_unit_test(test_planted_faults),
+        cmocka_unit_test(multiplied_colours_are_told),
     };
 
     return cmocka_run_group_tests_name("doubts", tests, NULL, NULL);
