@@ -1,6 +1,7 @@
 /* The layers of LPIPS (host/render/lpips.h): convolutions, pools, and the comparison of two
- * pictures' features. Features are planes [channel][row][column] with a border of zeros; `row` and
- * `plane` are the floats of a row and of a channel, `border` the rows and columns of zeros.
+ * pictures' features. Features are [row][channel][column], as what a sum takes then lies on few
+ * pages, with a border of zeros; `row` and `line` are the floats of a row and of a channel's part of
+ * it, `border` the rows and columns of zeros.
  *
  *   lpips_convolve   out[n][y][x] = max(0, b[n] + sum in[k][s y + v][s x + u] w[n][k][v][u])
  *   lpips_pool       out[n][y][x] = max in[n][2 y + v][2 x + u]
@@ -16,7 +17,7 @@
 #define NT 4 /* channels, and */
 #define XV 3 /* vectors of a row, that a work-item keeps sums of */
 
-/* s = stride: a row of a plane has its columns x by x % s, those of one remainder are one part. A
+/* s = stride: a line has its columns x by x % s, those of one remainder are one part. A
  * group makes NT channels of LS XV VW pixels; groups that follow each other make other channels of
  * the same pixels, whose inputs caches keep. */
 __kernel __attribute__((reqd_work_group_size(LS, 1, 1))) void
@@ -24,13 +25,13 @@ lpips_convolve(const __global float *restrict in,
                const __global float *restrict w,    /* [n / NT][k][v][u][NT] */
                const __global float *restrict bias, /* [n] */
                __global float *restrict out, uint channels, uint inputs, uint size, uint stride,
-               uint row, uint plane, uint width, uint height, uint out_row, uint out_plane,
+               uint row, uint line, uint width, uint height, uint out_row, uint out_line,
                uint border)
 {
     const uint blocks = channels / NT, n = get_group_id(0) % blocks * NT;
     const uint tiles = (width + LS * XV * VW - 1) / (LS * XV * VW);
     const uint tile = get_group_id(0) / blocks % tiles, y = get_group_id(0) / blocks / tiles;
-    const uint x = tile * (LS * XV * VW) + get_local_id(0) * VW, part = row / stride;
+    const uint x = tile * (LS * XV * VW) + get_local_id(0) * VW, part = line / stride;
     const __global float *weights = w + (size_t)n * inputs * size * size;
     vf sums[NT][XV];
 
@@ -41,10 +42,10 @@ lpips_convolve(const __global float *restrict in,
             sums[i][j] = (vf)(bias[n + i]);
     for (uint k = 0; k < inputs; k++)
         for (uint v = 0; v < size; v++) {
-            const __global float *from = in + (size_t)k * plane + (y * stride + v) * row + x;
+            const __global float *at = in + (size_t)(y * stride + v) * row + k * line + x;
+            uint turn = 0; /* u % stride */
 
             for (uint u = 0; u < size; u++, weights += NT) {
-                const __global float *at = from + u % stride * part + u / stride;
                 vf values[XV];
 
                 UNROLL (j, XV)
@@ -52,12 +53,14 @@ lpips_convolve(const __global float *restrict in,
                 UNROLL (i, NT)
                     UNROLL (j, XV)
                         sums[i][j] = MAD((vf)(weights[i]), values[j], sums[i][j]);
+                at += ++turn < stride ? (int)part : 1 - (int)((stride - 1) * part);
+                turn = turn < stride ? turn : 0;
             }
         }
     UNROLL (i, NT)
         UNROLL (j, XV) {
             const uint first = x + j * LS * VW;
-            __global float *to = out + (size_t)(n + i) * out_plane + (y + border) * out_row +
+            __global float *to = out + (size_t)(y + border) * out_row + (n + i) * out_line +
                                  border + first;
             float lanes[VW];
 
@@ -71,10 +74,10 @@ lpips_convolve(const __global float *restrict in,
         }
 }
 
-/* Planes without a border in, of one with a border out; a work-item takes a pixel. */
+/* Of features without a border; a work-item takes a pixel. */
 __kernel void lpips_pool(const __global float *restrict in, __global float *restrict out,
-                         uint channels, uint size, uint row, uint plane, uint width, uint height,
-                         uint out_row, uint out_plane, uint border)
+                         uint channels, uint size, uint row, uint line, uint width, uint height,
+                         uint out_row, uint out_line, uint border)
 {
     const uint x = get_global_id(0) % width, y = get_global_id(0) / width % height;
     const uint n = get_global_id(0) / width / height;
@@ -84,24 +87,24 @@ __kernel void lpips_pool(const __global float *restrict in, __global float *rest
         return;
     for (uint v = 0; v < size; v++)
         for (uint u = 0; u < size; u++)
-            most = fmax(most, in[(size_t)n * plane + (2 * y + v) * row + 2 * x + u]);
-    out[(size_t)n * out_plane + (y + border) * out_row + border + x] = most;
+            most = fmax(most, in[(size_t)(2 * y + v) * row + n * line + 2 * x + u]);
+    out[(size_t)(y + border) * out_row + n * out_line + border + x] = most;
 }
 
 /* A work-item takes a pixel. */
 __kernel void lpips_compare(const __global float *restrict a, const __global float *restrict b,
                             const __global float *restrict lin, /* [n] */
-                            __global float *restrict out, uint channels, uint row, uint plane,
+                            __global float *restrict out, uint channels, uint row, uint line,
                             uint width, uint height, uint border)
 {
     const uint x = get_global_id(0) % width, y = get_global_id(0) / width;
-    const size_t at = (y + border) * row + border + x;
+    const size_t at = (size_t)(y + border) * row + border + x;
     float length_a = 0.0f, length_b = 0.0f, sum = 0.0f;
 
     if (y >= height)
         return;
     for (uint n = 0; n < channels; n++) {
-        const float p = a[(size_t)n * plane + at], q = b[(size_t)n * plane + at];
+        const float p = a[n * line + at], q = b[n * line + at];
 
         length_a += p * p;
         length_b += q * q;
@@ -109,8 +112,8 @@ __kernel void lpips_compare(const __global float *restrict a, const __global flo
     length_a = 1.0f / (sqrt(length_a) + 1e-10f);
     length_b = 1.0f / (sqrt(length_b) + 1e-10f);
     for (uint n = 0; n < channels; n++) {
-        const float p = a[(size_t)n * plane + at] * length_a;
-        const float q = b[(size_t)n * plane + at] * length_b;
+        const float p = a[n * line + at] * length_a;
+        const float q = b[n * line + at] * length_b;
         const float d = p - q;
 
         sum += lin[n] * (d * d);

@@ -64,25 +64,30 @@ struct cln_lpips {
     cln_buffer in[2], out[2], differences; /* [picture] */
 };
 
-/* Features: `channels` of height x width with a border of zeros; rows in `stride` parts. */
-typedef struct planes {
+/* [row][channel][column] with a border of zeros; a channel's line has `stride` parts. */
+typedef struct features {
     int channels, width, height, border, stride;
-    size_t row, plane; /* floats */
-} planes;
+    size_t row, line; /* floats */
+} features;
 
-static planes planes_of(int channels, int width, int height, int border, int stride)
+static features features_of(int channels, int width, int height, int border, int stride)
 {
-    planes p = {channels, width, height, border, stride, 0, 0};
+    features p = {channels, width, height, border, stride, 0, 0};
 
-    p.row = (size_t)stride * cln_groups((size_t)(width + 2 * border), (size_t)stride);
-    p.plane = p.row * (size_t)(height + 2 * border);
+    p.line = (size_t)stride * cln_groups((size_t)(width + 2 * border), (size_t)stride);
+    p.row = p.line * (size_t)channels;
     return p;
 }
 
-/* With what the last row's vectors, and those of the parts behind it, read beyond. */
-static size_t bytes_of(const cln_lpips *l, const planes *p)
+static size_t floats_of(const features *p)
 {
-    return ((size_t)p->channels * p->plane + (size_t)(l->ls * XV * l->vw) + p->row) * sizeof(float);
+    return p->row * (size_t)(p->height + 2 * p->border);
+}
+
+/* With what vectors of the last line's parts read beyond it. */
+static size_t bytes_of(const cln_lpips *l, const features *p)
+{
+    return (floats_of(p) + (size_t)(l->ls * XV * l->vw)) * sizeof(float);
 }
 
 /* ---- weights ---- */
@@ -243,42 +248,41 @@ int cln_lpips_least(const cln_lpips *l)
 /* ---- pictures ---- */
 
 /* A picture's colours, -1 to 1, less the mean of ImageNet's and over their deviation. */
-static cln_status put_picture(cln_lpips *l, const planes *p, const uint8_t *kept,
+static cln_status put_picture(cln_lpips *l, const features *p, const uint8_t *kept,
                               const float *picture, cln_buffer *to)
 {
     static const double shift[3] = {-0.030, -0.088, -0.188}, scale[3] = {0.458, 0.448, 0.450};
     cln_status st = CLN_OK;
-    const size_t part = p->row / (size_t)p->stride, stride = (size_t)p->stride;
+    const size_t part = p->line / (size_t)p->stride, stride = (size_t)p->stride;
     float *values = NULL;
 
-    CLN_TRY(cln_alloc(&values, 3 * p->plane, sizeof *values, "picture")); /* zeros */
+    CLN_TRY(cln_alloc(&values, floats_of(p), sizeof *values, "picture")); /* zeros */
     for (size_t c = 0; c < 3; c++)
         for (size_t y = 0; y < (size_t)p->height; y++)
             for (size_t x = 0; x < (size_t)p->width; x++) {
                 const size_t i = y * (size_t)p->width + x, column = x + (size_t)p->border;
                 const float value = kept && !kept[i] ? 0 : picture[3 * i + c];
 
-                values[c * p->plane + (y + (size_t)p->border) * p->row + column % stride * part +
+                values[c * p->line + (y + (size_t)p->border) * p->row + column % stride * part +
                        column / stride] =
                     (float)((2 * (double)fminf(fmaxf(value, 0), 1) - 1 - shift[c]) / scale[c]);
             }
     CLN_TRY(cln_buffer_reserve(l->device, to, bytes_of(l, p), "LPIPS's features"));
-    CLN_TRY(cln_buffer_write(l->device, to, 0, values, 3 * p->plane * sizeof *values));
+    CLN_TRY(cln_buffer_write(l->device, to, 0, values, floats_of(p) * sizeof *values));
 done:
     free(values);
     return st;
 }
 
 /* Makes room for features in l->out, with zeros where a border needs them. */
-static cln_status make_room(cln_lpips *l, const planes *p)
+static cln_status make_room(cln_lpips *l, const features *p)
 {
     cln_status st = CLN_OK;
 
     for (int i = 0; i < 2; i++) {
         CLN_TRY(cln_buffer_reserve(l->device, &l->out[i], bytes_of(l, p), "LPIPS's features"));
         if (p->border)
-            CLN_TRY(cln_buffer_zero(l->device, &l->out[i],
-                                    (size_t)p->channels * p->plane * sizeof(float)));
+            CLN_TRY(cln_buffer_zero(l->device, &l->out[i], floats_of(p) * sizeof(float)));
     }
 done:
     return st;
@@ -295,13 +299,13 @@ static void turn(cln_lpips *l)
     }
 }
 
-static cln_status pool(cln_lpips *l, int size, const planes *from, const planes *to)
+static cln_status pool(cln_lpips *l, int size, const features *from, const features *to)
 {
     cln_status st = CLN_OK;
     const cl_uint channels = (cl_uint)to->channels, across = (cl_uint)size;
-    const cl_uint row = (cl_uint)from->row, plane = (cl_uint)from->plane;
+    const cl_uint row = (cl_uint)from->row, line = (cl_uint)from->line;
     const cl_uint width = (cl_uint)to->width, height = (cl_uint)to->height;
-    const cl_uint out_row = (cl_uint)to->row, out_plane = (cl_uint)to->plane;
+    const cl_uint out_row = (cl_uint)to->row, out_line = (cl_uint)to->line;
     const cl_uint border = (cl_uint)to->border;
 
     CLN_TRY(make_room(l, to));
@@ -309,23 +313,23 @@ static cln_status pool(cln_lpips *l, int size, const planes *from, const planes 
         CLN_TRY(CLN_LAUNCH(l->device, l->pool, CLN_STAGE_OTHER,
                            cln_groups((size_t)channels * width * height, (size_t)l->wg),
                            (size_t)l->wg, CLN_ARG(l->in[i].mem), CLN_ARG(l->out[i].mem),
-                           CLN_ARG(channels), CLN_ARG(across), CLN_ARG(row), CLN_ARG(plane),
-                           CLN_ARG(width), CLN_ARG(height), CLN_ARG(out_row), CLN_ARG(out_plane),
+                           CLN_ARG(channels), CLN_ARG(across), CLN_ARG(row), CLN_ARG(line),
+                           CLN_ARG(width), CLN_ARG(height), CLN_ARG(out_row), CLN_ARG(out_line),
                            CLN_ARG(border)));
     turn(l);
 done:
     return st;
 }
 
-static cln_status convolve(cln_lpips *l, int number, const planes *from, const planes *to)
+static cln_status convolve(cln_lpips *l, int number, const features *from, const features *to)
 {
     cln_status st = CLN_OK;
     const layer *a = &l->net->layers[number];
     const cl_uint channels = (cl_uint)a->outputs, inputs = (cl_uint)from->channels;
     const cl_uint size = (cl_uint)a->size, stride = (cl_uint)a->stride;
-    const cl_uint row = (cl_uint)from->row, plane = (cl_uint)from->plane;
+    const cl_uint row = (cl_uint)from->row, line = (cl_uint)from->line;
     const cl_uint width = (cl_uint)to->width, height = (cl_uint)to->height;
-    const cl_uint out_row = (cl_uint)to->row, out_plane = (cl_uint)to->plane;
+    const cl_uint out_row = (cl_uint)to->row, out_line = (cl_uint)to->line;
     const cl_uint border = (cl_uint)to->border;
     const size_t tiles = cln_groups(width, (size_t)(l->ls * XV * l->vw));
 
@@ -335,20 +339,20 @@ static cln_status convolve(cln_lpips *l, int number, const planes *from, const p
                            (size_t)l->ls, CLN_ARG(l->in[i].mem), CLN_ARG(l->weights[number].mem),
                            CLN_ARG(l->biases[number].mem), CLN_ARG(l->out[i].mem),
                            CLN_ARG(channels), CLN_ARG(inputs), CLN_ARG(size), CLN_ARG(stride),
-                           CLN_ARG(row), CLN_ARG(plane), CLN_ARG(width), CLN_ARG(height),
-                           CLN_ARG(out_row), CLN_ARG(out_plane), CLN_ARG(border)));
+                           CLN_ARG(row), CLN_ARG(line), CLN_ARG(width), CLN_ARG(height),
+                           CLN_ARG(out_row), CLN_ARG(out_line), CLN_ARG(border)));
     turn(l);
 done:
     return st;
 }
 
 /* The mean of a slice's differences over its pixels. */
-static cln_status compare(cln_lpips *l, int slice, const planes *p, double *mean)
+static cln_status compare(cln_lpips *l, int slice, const features *p, double *mean)
 {
     cln_status st = CLN_OK;
     const size_t pixels = (size_t)p->width * (size_t)p->height;
     const cl_uint channels = (cl_uint)p->channels, row = (cl_uint)p->row;
-    const cl_uint plane = (cl_uint)p->plane, border = (cl_uint)p->border;
+    const cl_uint line = (cl_uint)p->line, border = (cl_uint)p->border;
     const cl_uint width = (cl_uint)p->width, height = (cl_uint)p->height;
     float *values = NULL;
 
@@ -358,7 +362,7 @@ static cln_status compare(cln_lpips *l, int slice, const planes *p, double *mean
     CLN_TRY(CLN_LAUNCH(l->device, l->compare, CLN_STAGE_OTHER, cln_groups(pixels, (size_t)l->wg),
                        (size_t)l->wg, CLN_ARG(l->in[0].mem), CLN_ARG(l->in[1].mem),
                        CLN_ARG(l->lins[slice].mem), CLN_ARG(l->differences.mem), CLN_ARG(channels),
-                       CLN_ARG(row), CLN_ARG(plane), CLN_ARG(width), CLN_ARG(height),
+                       CLN_ARG(row), CLN_ARG(line), CLN_ARG(width), CLN_ARG(height),
                        CLN_ARG(border)));
     CLN_TRY(cln_buffer_read(l->device, &l->differences, 0, values, pixels * sizeof *values));
     *mean = 0;
@@ -374,7 +378,7 @@ cln_status cln_lpips_measure(cln_lpips *l, int width, int height, const uint8_t 
 {
     cln_status st = CLN_OK;
     const network *net = l->net;
-    planes from = planes_of(3, width, height, net->layers[0].border, net->layers[0].stride);
+    features from = features_of(3, width, height, net->layers[0].border, net->layers[0].stride);
     double mean = 0;
 
     *distance = 0;
@@ -382,17 +386,17 @@ cln_status cln_lpips_measure(cln_lpips *l, int width, int height, const uint8_t 
     CLN_TRY(put_picture(l, &from, kept, b, &l->in[1]));
     for (int i = 0; i < net->count; i++) {
         const layer *at = &net->layers[i], *next = i + 1 < net->count ? at + 1 : NULL;
-        planes to;
+        features to;
 
         if (at->pool) {
-            to = planes_of(from.channels, (from.width - at->pool) / 2 + 1,
-                           (from.height - at->pool) / 2 + 1, at->border, 1);
+            to = features_of(from.channels, (from.width - at->pool) / 2 + 1,
+                             (from.height - at->pool) / 2 + 1, at->border, 1);
             CLN_TRY(pool(l, at->pool, &from, &to));
             from = to;
         }
-        to = planes_of(at->outputs, (from.width + 2 * at->border - at->size) / at->stride + 1,
-                       (from.height + 2 * at->border - at->size) / at->stride + 1,
-                       next && !next->pool ? next->border : 0, 1);
+        to = features_of(at->outputs, (from.width + 2 * at->border - at->size) / at->stride + 1,
+                         (from.height + 2 * at->border - at->size) / at->stride + 1,
+                         next && !next->pool ? next->border : 0, 1);
         CLN_TRY(convolve(l, i, &from, &to));
         from = to;
         if (!next || next->slice != at->slice) {
