@@ -740,7 +740,7 @@ cln_status cln_fail_command(const char *name)
         {"compare", "info RUN RUN compares runs"},
         {"report", "train and eval write RUN/report.html"},
         {"film", "render RUN --orbit -o FILE.mp4 makes one"},
-        {"video", "render RUN --orbit -o FILE.mp4 makes one"},
+        {"video", "render RUN --orbit -o FILE.mp4 makes one, poses VIDEO -o SCENE takes one"},
         {"viewer", "view RUN opens it in a browser"},
         {"test", "eval RUN measures its test views, selftest the device"}};
     const char *best = NULL;
