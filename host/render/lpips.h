@@ -1,5 +1,5 @@
 /* LPIPS (Zhang et al., "The unreasonable effectiveness of deep features as a perceptual metric",
- * CVPR 2018; method.md section 15), version 0.1: how far two pictures are apart for a network that
+ * CVPR 2018; method.md section 14), version 0.1: how far two pictures are apart for a network that
  * was trained to recognise things, AlexNet or VGG-16, whose weights a file has. Runs on the device
  * (kernels/lpips.cl). 0: alike; the larger, the farther. */
 #ifndef CLN_LPIPS_H

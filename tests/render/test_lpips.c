@@ -1,5 +1,5 @@
 /* LPIPS (render/lpips.h): weights drawn at random in files as the authors' package writes them,
- * pictures of odd sizes. Oracle: the networks layer by layer in float64, from method.md section 15.
+ * pictures of odd sizes. Oracle: the networks layer by layer in float64, from method.md section 14.
  * The published weights are not here; docs/results.md has a comparison with them. */
 #include "unit.h"
 #include <math.h>
