@@ -144,6 +144,9 @@ cln_status cln_listen_open(const char *address, int port, cln_listener *out)
     if (gethostname(out->own, sizeof out->own - 1) != 0)
         out->own[0] = 0;
     out->far = address != NULL;
+    out->loopback = at.any.sa_family == AF_INET
+                        ? ntohl(at.v4.sin_addr.s_addr) >> 24 == 127
+                        : memcmp(&at.v6.sin6_addr, &in6addr_loopback, sizeof in6addr_loopback) == 0;
     if (out->far)
         CLN_TRY(choose_token(out->token));
     if (strcmp(text, "0.0.0.0") == 0 || strcmp(text, "::") == 0) {

@@ -10,6 +10,7 @@ typedef struct cln_listener {
     int socket; /* -1 = none */
     int port;
     bool far;          /* an address was given: requests need the token */
+    bool loopback;     /* of this machine alone: others come by a proxy, all from one address */
     bool moved;        /* CLN_VIEW_PORT is taken, so that the port is another */
     char token[33];    /* "" without */
     char own[256];     /* this machine's name */

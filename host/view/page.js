@@ -89,7 +89,7 @@ let ended = false;
 let server = null;      /* the name of the one that the page is of */
 let left = false;       /* another one has its address */
 
-const gone = () => facts.training ? 'The training has ended, or the way to it is cut. ' +
+const gone = () => facts && facts.training ? 'The training has ended, or the way to it is cut. ' +
   `What it has made is shown by: cl-nascent view ${facts.run}` :
   'The viewer does not answer: it has ended, or the way to it is cut.';
 
@@ -192,9 +192,24 @@ function post(path, query, more) {
     {method: 'POST', headers: {'X-Viewer': viewer}, ...more});
 }
 
-/* The page stays as it is, for what was not saved, and asks for nothing any more. */
-function leave() {
+/* What the viewer says of a request that it refused; other programs answer for it, too, as a proxy
+ * behind which it has ended. */
+const refusal = async (answer) =>
+  answer.headers.has('X-Server') ? (await answer.text()).trim() : gone();
+
+/* Another viewer has the address. Of the same run it is this one, started again, and the page
+ * begins anew; else, or if there is something that was not saved, the page stays as it is and asks
+ * for nothing any more. */
+async function leave() {
+  if (left) return;
   left = true;
+  if (keyframes.length === 0 && !facts.training) {
+    const next = await fetch('facts').then((a) => a.json()).catch(() => ({}));
+    if (next.run === facts.run && !next.training) {
+      location.reload();
+      return;
+    }
+  }
   for (const id of ['pause', 'checkpoint', 'stop']) $(id).disabled = true;
   if (facts.training) $('training-state').textContent = 'ended';
   say(`This page is of ${facts.run}, whose viewer has ended; another one has its address. ` +
@@ -252,7 +267,7 @@ async function fetchPicture(now, ms, refining) {
   const answer = await ask('picture', {...cameraQuery(f), ms, edges, ...looks()}, viewer,
     abort.signal);
   if (answer.status === 409) return;
-  if (!answer.ok) throw Object.assign(new Error(), {refused: (await answer.text()).trim()});
+  if (!answer.ok) throw Object.assign(new Error(), {refused: await refusal(answer)});
   const bitmap = await createImageBitmap(await answer.blob());
   const [width, height, took, near, far, finer] =
     answer.headers.get('X-Picture').split(' ').map(Number);
@@ -323,7 +338,7 @@ async function savePicture() {
   try {
     const answer = await ask('picture', {...cameraQuery(frame()), ...looks(), edges: 1,
       format: 'png'}, viewer + '-s');
-    if (!answer.ok) throw new Error((await answer.text()).trim());
+    if (!answer.ok) throw new Error(await refusal(answer));
     download(await answer.blob(), `${facts.run.split('/').filter(Boolean).pop()}.png`);
     say('The screenshot is saved.');
   } catch (error) {
@@ -830,7 +845,7 @@ function openPanel(open = document.body.classList.contains('closed')) {
 
 async function begin() {
   const answer = await fetch('facts');
-  if (!answer.ok) throw new Error((await answer.text()).trim());
+  if (!answer.ok) throw new Error(await refusal(answer));
   facts = await answer.json();
   server = answer.headers.get('X-Server');
   document.title = `${facts.run} – cl-nascent`;
@@ -888,5 +903,28 @@ on('open-path', 'change', () => {
   $('open-path').value = '';
 });
 new ResizeObserver(() => { if (camera) touch(true); }).observe($('stage'));
-openPanel(innerWidth > 760);
-begin().catch((error) => say(error.message, true));
+/* What the address asks for behind #, as on a screen without a keyboard: panel=0 leaves the panel
+ * and its button out, size=2 is the picture's, idle=60 goes back to the start when nobody has moved
+ * for so many seconds. */
+const wish = new URLSearchParams(location.hash.slice(1));
+document.body.classList.toggle('alone', wish.get('panel') === '0');
+openPanel(innerWidth > 760 && wish.get('panel') !== '0');
+if ([...$('size').options].some((o) => o.value === wish.get('size')))
+  $('size').value = wish.get('size');
+if (wish.get('idle') > 0)
+  setInterval(() => {
+    const rest = performance.now() - moved > 1000 * wish.get('idle');
+    if (camera && rest && !playing && JSON.stringify(camera) !== JSON.stringify(home)) fly(home);
+  }, 1000);
+
+/* Until the viewer answers. */
+async function start() {
+  try {
+    await begin();
+    say('');
+  } catch (error) {
+    say(error instanceof TypeError ? gone() : error.message, true);
+    if (!camera) setTimeout(start, 1500);
+  }
+}
+start();

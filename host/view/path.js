@@ -386,7 +386,7 @@ let film = null; /* {name, cancelled} while it is made */
 
 async function posted(path, query) {
   const answer = await post(path, query);
-  if (!answer.ok) throw new Error((await answer.text()).trim());
+  if (!answer.ok) throw new Error(await refusal(answer));
   return answer.json();
 }
 

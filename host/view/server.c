@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/files.h"
 #include "base/memory.h"
 #include "base/number.h"
 #include "view/pages.h"
@@ -25,7 +26,7 @@
 enum {
     CONNECTIONS = 64,
     ONCE = 4,                 /* headers that a request has once, if at all */
-    OF_ADDRESS = 32,          /* of these, from one address: browsers have 6 each */
+    OF_ADDRESS = 32,          /* of these, from one address: browsers have 6 each; but by a proxy */
     HEADER_BYTES = 32 * 1024, /* of a connection, for a request's line and headers */
     HEAD_SECONDS = 10,        /* from connecting to the end of the first request's headers */
     SEND_SECONDS = 60,        /* for an answer, and from there to the next request */
@@ -79,6 +80,7 @@ struct cln_server {
     struct MHD_Daemon *daemon;
     double tended_at;     /* the painting thread's, as the next one */
     bool small_before;    /* the piece painted before was a small request */
+    bool photo_before;    /* the small request before was a photo */
     pthread_mutex_t lock; /* of all below */
     pthread_cond_t came;
     bool closing;
@@ -91,7 +93,7 @@ struct cln_server {
 
 static const char policy[] =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
 
 cln_status cln_serve_possible(void)
 {
@@ -355,7 +357,8 @@ static enum MHD_Result take_order(cln_server *s, struct MHD_Connection *connecti
 
 /* With a token in the address the browser gets it as a cookie, and the address without it: it is
  * then neither in the history nor on the screen. Without Path, the cookie is for the folder that
- * the browser opened, which a proxy may have put before ours. */
+ * the browser opened, which a proxy may have put before ours. Lax: a link on another site may lead
+ * here; what changes something is asked for by POST, which has no such cookie from there. */
 static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
 {
     struct MHD_Response *response =
@@ -364,7 +367,7 @@ static enum MHD_Result let_in(cln_server *s, struct MHD_Connection *connection)
 
     if (!response)
         return MHD_NO;
-    snprintf(text, sizeof text, "%s=%s; HttpOnly; SameSite=Strict", s->cookie, s->listener->token);
+    snprintf(text, sizeof text, "%s=%s; HttpOnly; SameSite=Lax", s->cookie, s->listener->token);
     MHD_add_response_header(response, "Set-Cookie", text);
     MHD_add_response_header(response, "Location", "./");
     return send_response(s, connection, 303, "text/plain", 0, response);
@@ -517,6 +520,12 @@ static void hand_back(request *r)
     MHD_resume_connection(r->connection);
 }
 
+/* A photo of a camera takes much longer to decode than a picture that moves may take. */
+static bool is_photo(const request *r)
+{
+    return r->painting.ask.kind == CLN_ASK_PHOTO;
+}
+
 static bool is_small(const request *r)
 {
     const cln_ask *ask = &r->painting.ask;
@@ -577,6 +586,26 @@ static void tend(cln_server *s)
     cln_reel_tend(&s->painter->reel, film_waits(s) ? 0 : fmin(gap, GAP_SECONDS));
 }
 
+/* The small one whose turn it is, taken out, or NULL: in order, but after a photo another one. */
+static request *take_small(cln_server *s)
+{
+    request **turn = NULL, *r = NULL;
+
+    for (request **at = &s->waiting; *at; at = &(*at)->next) {
+        if (!(*at)->cancelled && !is_small(*at))
+            continue;
+        turn = turn ? turn : at;
+        if (s->photo_before && is_photo(*turn) && !is_photo(*at))
+            turn = at;
+    }
+    if (!turn)
+        return NULL;
+    r = *turn;
+    *turn = r->next;
+    s->photo_before = is_photo(r);
+    return r;
+}
+
 /* Takes the next one to paint: small ones in order, each whole; in between a batch of the large one
  * at work, so that neither waits for ever. NULL after `wait` seconds without any. */
 static request *take(cln_server *s, double wait)
@@ -592,12 +621,7 @@ static request *take(cln_server *s, double wait)
     if (wait > 0 && !s->waiting && !s->at_work)
         pthread_cond_timedwait(&s->came, &s->lock, &until);
     if (!s->at_work || !s->small_before)
-        for (request **at = &s->waiting; *at && !r; at = &(*at)->next)
-            if ((*at)->cancelled || is_small(*at)) {
-                r = *at;
-                *at = r->next;
-                break;
-            }
+        r = take_small(s);
     s->small_before = r != NULL;
     if (!r && !s->at_work && s->waiting) {
         s->at_work = s->waiting;
@@ -696,9 +720,10 @@ static cln_status start(cln_server *s)
             MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_AUTO | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ITC,
             0, NULL, NULL, on_request, s, MHD_OPTION_LISTEN_SOCKET, copy,
             MHD_OPTION_CONNECTION_LIMIT, (unsigned)CONNECTIONS, MHD_OPTION_PER_IP_CONNECTION_LIMIT,
-            (unsigned)OF_ADDRESS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)HEADER_BYTES,
-            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)SEND_SECONDS, MHD_OPTION_NOTIFY_CONNECTION,
-            on_connection, s, MHD_OPTION_NOTIFY_COMPLETED, on_completed, s, MHD_OPTION_END);
+            (unsigned)(s->listener->loopback ? CONNECTIONS : OF_ADDRESS),
+            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)HEADER_BYTES, MHD_OPTION_CONNECTION_TIMEOUT,
+            (unsigned)SEND_SECONDS, MHD_OPTION_NOTIFY_CONNECTION, on_connection, s,
+            MHD_OPTION_NOTIFY_COMPLETED, on_completed, s, MHD_OPTION_END);
     if (!s->daemon) {
         if (copy >= 0)
             close(copy);
@@ -713,7 +738,7 @@ cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
     cln_status st = CLN_OK;
     cln_server *s = NULL;
     pthread_condattr_t monotonic;
-    char random[33];
+    char random[33], digest[CLN_DIGEST_TEXT];
 
     *out = NULL;
     CLN_TRY(cln_ask_make_token(random));
@@ -728,7 +753,10 @@ cln_status cln_server_open(const cln_server_desc *desc, cln_server **out)
     pthread_condattr_destroy(&monotonic);
     pthread_mutex_init(&s->lock, NULL);
     snprintf(s->id, sizeof s->id, "%.16s", random);
-    snprintf(s->cookie, sizeof s->cookie, "cl-nascent-%s", s->id);
+    /* a viewer that is started again with the same token knows its pages */
+    cln_digest_text(cln_digest(CLN_DIGEST_START, s->listener->token, strlen(s->listener->token)),
+                    digest);
+    snprintf(s->cookie, sizeof s->cookie, "cl-nascent-%s", digest);
     for (int i = 0; i < PAGES; i++)
         CLN_TRY(join(pages[i].lines, &s->pages[i]));
     CLN_TRY(start(s));

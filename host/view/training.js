@@ -112,7 +112,7 @@ async function watch() {
 async function order(what) {
   try {
     const answer = await post(what, {});
-    if (!answer.ok && !left) say((await answer.text()).trim());
+    if (!answer.ok && !left) say(await refusal(answer));
   } catch (error) {
     say(gone());
   }

@@ -444,7 +444,7 @@ section_token() {
     check "the token redirects to the page" [ "$code" = 303 ]
     cp "$work/headers" "$work/entered"
     check "the token sets a cookie for this site" \
-        has_header '^set-cookie: .*; HttpOnly; SameSite=Strict'
+        has_header '^set-cookie: .*; HttpOnly; SameSite=Lax'
     check "and for the folder that was opened alone" eval '! has_header "; path="'
     gets "the cookie opens the page" 200 / -b "$work/cookies"
     gets "facts" 200 /facts -b "$work/cookies"
@@ -480,6 +480,11 @@ section_token() {
     get "/?token=$own"
     cookie="$cookie; $(sed -n 's/^[Ss]et-[Cc]ookie: \([^;]*\).*/\1/p' "$work/headers")"
     gets "a browser with both viewers' cookies" 200 / -b "$cookie"
+    stop INT
+    with=(CL_NASCENT_TOKEN="$own")
+    serve --listen 127.0.0.2 --port "${address##*:}"
+    with=()
+    gets "the next viewer with that token, by the cookie of the one before" 200 / -b "$cookie"
     stop INT
     server=$first
     address=${address/0.2:/0.1:}
