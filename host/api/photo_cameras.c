@@ -36,7 +36,8 @@ static bool is_sphere(const cln_image_head *head)
 }
 
 /* A camera's size and focal length are those of its first photo. On 35 mm film, the length tells
- * what was cut off, too, but programs that change photos may drop it. */
+ * what was cut off, too, but programs that change photos may drop it, and phones leave their digital
+ * zoom out of it. */
 static bool took(const cln_image_head *first, const cln_image_head *photo)
 {
     const bool film = first->focal_film > 0 && photo->focal_film > 0;
@@ -44,6 +45,7 @@ static bool took(const cln_image_head *first, const cln_image_head *photo)
     const double b = film ? photo->focal_film : photo->focal;
 
     if (first->width != photo->width || first->height != photo->height ||
+        fmax(first->zoom, photo->zoom) > ALIKE * fmin(first->zoom, photo->zoom) ||
         is_sphere(first) != is_sphere(photo))
         return false;
     if (!film && (!(a > 0) || !(b > 0))) /* they cannot be compared: both without any? */

@@ -11,11 +11,17 @@
 
 enum { HEADER = 8, ENTRY = 12 };
 enum { BYTE = 1, ASCII = 2, SHORT = 3, LONG = 4, RATIONAL = 5 };
-enum { ORIENTATION = 0x112, TAKEN = 0x8769, FOCAL_LENGTH = 0x920A, FOCAL_LENGTH_FILM = 0xA405 };
+enum {
+    ORIENTATION = 0x112,
+    TAKEN = 0x8769,
+    FOCAL_LENGTH = 0x920A,
+    ZOOM = 0xA404,
+    FOCAL_LENGTH_FILM = 0xA405
+};
 enum { GPS = 0x8825, LATITUDE_OF = 1, LATITUDE, LONGITUDE_OF, LONGITUDE, ALTITUDE_OF, ALTITUDE };
 enum { COLOUR_SPACE = 0xA001, UNCALIBRATED = 0xFFFF, EXCHANGED = 0xA005, RULE = 1 };
 
-static const cln_exif nothing = {.orientation = 1, .gps = {NAN, NAN, NAN}};
+static const cln_exif nothing = {.orientation = 1, .zoom = 1, .gps = {NAN, NAN, NAN}};
 
 typedef struct tiff {
     const uint8_t *data;
@@ -74,18 +80,6 @@ static bool is_adobe(const tiff *t, size_t directory)
            memcmp(t->data + entry + 8, "R03", 4) == 0;
 }
 
-static void read_focal(const tiff *t, size_t directory, cln_exif *out)
-{
-    uint32_t value = 0, below = 0;
-
-    if (find(t, directory, FOCAL_LENGTH_FILM, SHORT, &value))
-        out->focal_film = value;
-    if (!find(t, directory, FOCAL_LENGTH, RATIONAL, &value) || value > t->bytes - 8)
-        return;
-    below = number(t, value + (size_t)4, 4);
-    out->focal = below > 0 ? (double)number(t, value, 4) / below : 0;
-}
-
 /* `count` rationals; false where they are not there, or one is divided by 0. 0 / 0 is
  * 0 behind the first, as some write minutes and seconds. */
 static bool find_rationals(const tiff *t, size_t directory, uint32_t tag, size_t count, double *out)
@@ -107,6 +101,19 @@ static bool find_rationals(const tiff *t, size_t directory, uint32_t tag, size_t
         out[i] = below ? (double)above / below : 0;
     }
     return true;
+}
+
+static void read_focal(const tiff *t, size_t directory, cln_exif *out)
+{
+    uint32_t value = 0;
+    double told = 0;
+
+    if (find(t, directory, FOCAL_LENGTH_FILM, SHORT, &value))
+        out->focal_film = value;
+    if (find_rationals(t, directory, FOCAL_LENGTH, 1, &told))
+        out->focal = told;
+    if (find_rationals(t, directory, ZOOM, 1, &told) && told > 1)
+        out->zoom = told;
 }
 
 /* Degrees, minutes and seconds, with the letter of their half of the earth; NAN without. */

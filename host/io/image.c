@@ -103,6 +103,8 @@ static void add_exif(header *head, cln_exif found)
         head->exif.focal = found.focal;
     if (head->exif.focal_film == 0)
         head->exif.focal_film = found.focal_film;
+    if (head->exif.zoom == 1)
+        head->exif.zoom = found.zoom;
     if (isnan(head->exif.gps[0]) || isnan(head->exif.gps[1]))
         memcpy(head->exif.gps, found.gps, sizeof head->exif.gps);
     head->colour.adobe = !head->png && (head->colour.adobe || found.adobe); /* DCF has no PNG */
@@ -411,6 +413,7 @@ cln_status cln_image_read_head(const char *path, cln_image_head *out)
                             .orientation = head.exif.orientation,
                             .focal = head.exif.focal,
                             .focal_film = head.exif.focal_film,
+                            .zoom = head.exif.zoom,
                             .panorama = head.panorama,
                             .jpeg = !head.png,
                             .deep_grey = head.deep && head.grey};

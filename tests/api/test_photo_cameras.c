@@ -156,11 +156,57 @@ static void test_circles(void **state)
     assert_false(has_circles(path, 1, 0));
 }
 
+/* A photo with EXIF data of 26 mm on 35 mm film and a digital zoom in tenths. */
+static void put_zoomed(const char *path, uint8_t tenths)
+{
+    uint8_t head[10 + 76] = "\xFF\xE1\0\x54"
+                            "Exif\0\0"
+                            "II*\0\b\0\0\0\1\0\x69\x87\4\0\1\0\0\0\x1A\0\0\0\0\0\0\0"
+                            "\2\0\4\xA4\5\0\1\0\0\0\x44\0\0\0"
+                            "\5\xA4\3\0\1\0\0\0\x1A\0\0\0";
+    uint8_t pixels[3 * 64 * 48] = {0}, *jpeg = NULL, all[8192];
+    size_t bytes = 0;
+
+    head[10 + 0x44] = tenths;
+    head[10 + 0x48] = 10;
+    assert_int_equal(cln_image_encode_jpeg(64, 48, 3, pixels, 80, &jpeg, &bytes), CLN_OK);
+    assert_true(bytes + sizeof head <= sizeof all);
+    memcpy(all, jpeg, 2);
+    memcpy(all + 2, head, sizeof head);
+    memcpy(all + 2 + sizeof head, jpeg + 2, bytes - 2);
+    scratch_put(path, all, bytes + sizeof head);
+    free(jpeg);
+}
+
+/* Phones leave their digital zoom out of the focal lengths: it makes a camera of its own. */
+static void digital_zoom_makes_a_camera(void **state)
+{
+    static const uint8_t zoom[] = {10, 0, 16, 16, 10, 30};
+    static const int camera[] = {0, 0, 1, 1, 0, 2};
+    cln_names names = {0};
+    cln_photo_cameras found;
+
+    for (int i = 0; i < 6; i++) {
+        char name[16];
+
+        snprintf(name, sizeof name, "%d.jpg", i);
+        put_zoomed(scratch_path(*state, name), zoom[i]);
+    }
+    find(*state, &names, &found);
+    assert_int_equal(found.count, 3);
+    assert_true(found.lengths);
+    for (int i = 0; i < 6; i++)
+        assert_int_equal(found.camera[i], camera[i]);
+    cln_photo_cameras_free(&found);
+    cln_dataset_free_names(&names);
+}
+
 int test_group_photo_cameras(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_panoramas, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mix, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(digital_zoom_makes_a_camera, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_circles, scratch_make, scratch_remove)};
 
     return cmocka_run_group_tests_name("photo_cameras", tests, NULL, NULL);

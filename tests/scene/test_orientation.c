@@ -56,14 +56,15 @@ static void test_damaged_exif(void **state)
         }
 }
 
-/* A TIFF file whose second directory has a focal length of `tenths` / 10 mm, and one as on 35 mm
- * film. */
-enum { TAKEN_AT = 26, RATIONAL_AT = 56, FOCAL_BYTES = 64 };
+/* A TIFF file whose second directory has a focal length of `tenths` / 10 mm, which is its digital
+ * zoom, too, and one as on 35 mm film. */
+enum { TAKEN_AT = 26, RATIONAL_AT = 68, FOCAL_BYTES = 76 };
 
 static void write_focal(uint8_t out[FOCAL_BYTES], bool little, uint32_t tenths, uint32_t film)
 {
-    const uint32_t entries[3][4] = {{0x8769, 4, 4, TAKEN_AT}, /* LONG */
+    const uint32_t entries[4][4] = {{0x8769, 4, 4, TAKEN_AT}, /* LONG */
                                     {0x920A, 5, 4, RATIONAL_AT},
+                                    {0xA404, 5, 4, RATIONAL_AT},
                                     {0xA405, 3, 2, film}}; /* SHORT */
 
     memset(out, 0, FOCAL_BYTES);
@@ -71,8 +72,8 @@ static void write_focal(uint8_t out[FOCAL_BYTES], bool little, uint32_t tenths, 
     exif_number(out + 2, 2, little, 42);
     exif_number(out + 4, 4, little, 8);
     exif_number(out + 8, 2, little, 1);
-    exif_number(out + TAKEN_AT, 2, little, 2);
-    for (int i = 0; i < 3; i++) {
+    exif_number(out + TAKEN_AT, 2, little, 3);
+    for (int i = 0; i < 4; i++) {
         uint8_t *entry = out + (i == 0 ? 10 : TAKEN_AT + 2 + 12 * (i - 1));
 
         exif_number(entry, 2, little, entries[i][0]);
@@ -93,6 +94,7 @@ static void test_focal_length(void **state)
         write_focal(data, little, 413, 62);
         assert_true(cln_exif_read_tiff(data, sizeof data).focal_film == 62);
         assert_true(cln_exif_read_tiff(data, sizeof data).focal == 41.3);
+        assert_true(cln_exif_read_tiff(data, sizeof data).zoom == 41.3);
         write_focal(data, little, 413, 0); /* not told */
         assert_true(cln_exif_read_tiff(data, sizeof data).focal_film == 0);
         for (size_t bytes = 0; bytes < FOCAL_BYTES; bytes++) {
@@ -105,6 +107,7 @@ static void test_focal_length(void **state)
         }
         memset(data + RATIONAL_AT + 4, 0, 4);
         assert_true(cln_exif_read_tiff(data, sizeof data).focal == 0);
+        assert_true(cln_exif_read_tiff(data, sizeof data).zoom == 1);
     }
 }
 
