@@ -408,7 +408,7 @@ film_poses() {
 # 12 MiB, and 24 photos of 1 MiB, whose ends are holes.
 # Masks: COLMAP gets them as it wants them, training as they are.
 section_masks() {
-    local path=$work/bin:$PATH
+    local path=$work/bin:$PATH name
     [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
     mkdir -p "$work/bin"
     cp tests/support/colmap "$work/bin/colmap"
@@ -442,6 +442,64 @@ section_masks() {
     expect "masks beside the photos, of which nothing is said" 0 "~masks:.is.not.*--mask-path" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/unmasked" --progress none
     rm -r "$work/photos/masks"
+    cp -r "$work/photos/train" "$work/both"
+    cp -r "$work/cut out" "$work/both/masks"
+    expect "masks in a folder among the photos are no photos" 0 \
+        "~24.files.*'masks/r_000.png'.*--mask-path.*/both/masks" env PATH="$path" "$cln" poses \
+        "$work/both" -o "$work/unmasked 2" --progress none
+    check "they are not matched with them" [ ! -e "$work/unmasked 2/images/masks" ]
+    expect "a folder of masks within that of the photos" 0 "~masks:.of.24.of.24.photos" \
+        env PATH="$path" "$cln" poses "$work/both" -o "$work/masked 5" \
+        --mask-path "$work/both/masks" --progress none
+    expect "the photos' own folder, which has that of the masks" 3 "~give.*/both/masks," \
+        env PATH="$path" "$cln" poses "$work/both" -o "$work/masked 6" --mask-path "$work/both"
+    mv "$work/both/masks" "$work/both/people"
+    expect "a folder within, of another name" 0 "~masks:.of.24.of.24.photos" \
+        env PATH="$path" "$cln" poses "$work/both" -o "$work/masked 6" \
+        --mask-path "$work/both/people" --progress none
+    check "its files are no photos" [ ! -e "$work/masked 6/images/people" ]
+    mkdir "$work/around"
+    mv "$work/both" "$work/around/photos"
+    expect "a folder of masks that has that of the photos" 2 "~the.photos.are.in.it" \
+        env PATH="$path" "$cln" poses "$work/around/photos" -o "$work/masked 7" \
+        --mask-path "$work/around"
+    rm -r "$work/around/photos/people"
+    expect "the photos' own folder, without masks" 3 "~no.photo.has.a.mask.beside" \
+        env PATH="$path" "$cln" poses "$work/around/photos" -o "$work/masked 7" \
+        --mask-path "$work/around/photos"
+    for name in "$work/cut out"/*; do
+        name=${name##*/}
+        cp "$work/cut out/$name" "$work/around/photos/${name%.png}_mask.png"
+    done
+    expect "masks beside the photos in one folder" 0 "~masks:.of.24.of.24.photos" \
+        env PATH="$path" "$cln" poses "$work/around/photos" -o "$work/masked 7" \
+        --mask-path "$work/around/photos" --progress none
+    check "they are the scene's masks, not its photos" eval \
+        '[ -e "$work/masked 7/masks/r_003_mask.png" ] &&
+         [ ! -e "$work/masked 7/images/r_003_mask.png" ] &&
+         ! [ -e "$work/masked 7/masks/r_003.png" ]'
+    expect "training finds them" 0 "" "$cln" info "$work/masked 7"
+    check "all of them" printed "23 of them with a mask"
+    mkdir "$work/in place"
+    mv "$work/around/photos" "$work/in place/images"
+    expect "masks among photos that are the scene's own" 3 "~24.masks.among.them.*move.them" \
+        env PATH="$path" "$cln" poses "$work/in place/images" -o "$work/in place"
+    rm -r "$work/masked/sparse" "$work/masked 2/sparse"
+    cp -r "$work/cut out" "$work/corrected"
+    cp "$work/cut out/r_004.png" "$work/corrected/r_003.png"
+    expect "masks that were corrected" 7 "~r_003.png:.*another.mask;.move.*masks.away" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/masked" \
+        --mask-path "$work/corrected" --progress none
+    expect "a folder of them in place of a single one" 7 \
+        "~of_all_photos.png:.is.none.of.the.masks ~move.*masks.away" env PATH="$path" "$cln" \
+        poses "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out" --progress none
+    expect "a single one in place of a folder" 7 "~has.masks.already ~move.it.away" env \
+        PATH="$path" "$cln" poses "$work/photos/train" -o "$work/masked" \
+        --mask-path "$work/cut out/r_003.png" --progress none
+    mv "$work/masked/masks" "$work/masks before"
+    expect "once these are away" 0 "~masks:.of.24.of.24" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/masked" --mask-path "$work/corrected" --progress none
+    check "features are found anew" not_said "goes on with"
     mkdir "$work/moved" "$work/no masks"
     cp "$work/cut out/r_003.png" "$work/moved/x1.png"
     cp "$work/cut out/r_004.png" "$work/moved/x2.png"
