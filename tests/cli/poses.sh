@@ -417,6 +417,7 @@ section_masks() {
         "$work/photos/train" -o "$work/masked" --mask-path "$work/cut out" --progress none
     check "COLMAP is told where they are" \
         grep -q -- "--ImageReader.mask_path .*/masked/colmap.masks" "$work/masked/colmap.log"
+    check "that they leave enough is not worth a word" not_said "turn the masks over"
     check "what it got is not kept, what was given is" eval \
         '[ ! -e "$work/masked/colmap.masks" ] && [ -e "$work/masked/masks/r_003.png" ]'
     expect "training finds them" 0 "" "$cln" info "$work/masked"
@@ -433,6 +434,24 @@ section_masks() {
         "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out/r_003.png" \
         --progress none
     check "is called like none" [ -e "$work/masked 2/masks/of_all_photos.png" ]
+    base64 -d >"$work/black.png" <<<\
+        iVBORw0KGgoAAAANSUhEUgAAAAQAAAAECAAAAACMmsGiAAAAEklEQVR42mNgYGBgYGD4z4AEAA0HAQDbzr4EAAAAAElFTkSuQmCC
+    expect "one that is nearly black: white may be what does not count" 0 \
+        "~leaves.3.*%.of.the.photos.*mogrify.-negate" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/black" --mask-path "$work/black.png" --progress none
+    cp "$work/black.png" "$work/one.JPG"
+    expect "one for all of another ending" 0 "~masks:.of.24.of.24" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/black 2" --mask-path "$work/one.JPG" --progress none
+    check "keeps that" [ -e "$work/black 2/masks/of_all_photos.JPG" ]
+    head -c 60 "$work/black.png" >"$work/half.png"
+    expect "one that is cut off" 3 "~half.png:" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/black 3" --mask-path "$work/half.png" --progress none
+    check "this is said before anything is written" [ ! -e "$work/black 3" ]
+    mkdir "$work/black 3"
+    cp -r "$work/masked/masks" "$work/black 3/masks"
+    expect "the scene's masks, of which nothing is said" 0 "~black.3/masks:.is.not.looked.at" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/black 3" --progress none
+    check "they are not looked at" not_said "masks: of"
     expect "photos with alpha, without masks" 0 "~alpha:.*of.24.photos" env \
         PATH="$path" "$cln" poses "$work/cut out" -o "$work/by alpha" --progress none
     check "what it cuts away is not looked at" \
