@@ -69,7 +69,7 @@ section_photos() {
     cp -r "$work/photos/train" "$work/mixed"
     touch "$work/mixed/"{a.HEIC,b.webp,walk.mov}
     expect "a few in such formats, and a video, among others are told, too" 1 \
-        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap ~1.video.*walk.mov'.is.not" \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap ~1.video.*walk.mov'..is.not" \
         env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
     for how in r_004 r_007; do
         truncate -s 100 "$work/mixed/$how.png"
@@ -221,6 +221,17 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4 " "$work/fisheye/colmap.log"
     done
     expect "ones that say what they are count" 3 "~5.of.8.photos" env PATH="$path" "$cln" \
         poses "$work/panoramas" -o "$work/of told ones" --progress none
+    mkdir "$work/cut panoramas"
+    for i in 1 2 3; do # square ones that say it
+        { head -c 33 "$work/photos/train/r_00$i.png" &&
+            head -c 105 "$work/panoramas/told1.png" | tail -c +34 &&
+            tail -c +34 "$work/photos/train/r_00$i.png"; } >"$work/cut panoramas/$i.png"
+    done
+    expect "panoramas of which a part is cut off, of that lens, too" 3 \
+        "~3.of.3.photos.*part.is.cut.off" env STAND_IN=newer PATH="$path" "$cln" poses \
+        "$work/cut panoramas" -o "$work/of a part" --lens EQUIRECTANGULAR --progress none
+    expect "of another lens they are ordinary photos" 0 "" env PATH="$path" "$cln" poses \
+        "$work/cut panoramas" -o "$work/of a lens" --lens SIMPLE_RADIAL --progress none
     : >"$work/x.insv"
     expect "a video of two fisheyes" 3 "~insv:.*put.together" env PATH="$path" "$cln" poses \
         "$work/x.insv" -o "$work/of x"
