@@ -34,9 +34,9 @@ cln_status cln_photos_probe(const cln_poses_desc *desc, cln_film *out);
 cln_status cln_photos_take_frames(const cln_poses_desc *desc, const cln_film *film, bool framed,
                                   const char *images, FILE *log, const char *log_path);
 
-/* The images in a folder, ordered: photos, and the masks among them, which are what lies in a folder
- * of it that is called masks or has `masks` (that itself, if it is a file; NULL: none), and
- * NAME_mask of a photo NAME. The caller frees both. CLN_INPUT, CLN_MEMORY. */
+/* The images in a folder, ordered: photos, and the masks among them: what lies in a folder of it
+ * that is called masks, or in `masks` (a file: that itself; NULL: none), and NAME_mask of a photo
+ * NAME. The caller frees both. CLN_INPUT, CLN_MEMORY. */
 cln_status cln_photos_find(const char *folder, const char *masks, cln_names *photos,
                            cln_names *among);
 

@@ -11,8 +11,8 @@
  * the folder of photos. */
 cln_status cln_photo_masks_check(const char *masks, const char *photos, const cln_names *among);
 
-/* The folder that stands for the masks `among` photos: one called masks, else that of the photos. The
- * caller frees *out. */
+/* The folder that stands for the masks `among` photos, of which there are some: one called masks,
+ * else that of the photos. The caller frees *out. */
 cln_status cln_photo_masks_among(const char *photos, const cln_names *among, char **out);
 
 /* Links or copies them to the folder `masks` of the scene `out`, unless they are there. CLN_OUTPUT

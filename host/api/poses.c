@@ -538,11 +538,10 @@ static cln_status tell_masks(const work *w)
     if (w->among.count) {
         CLN_TRY(cln_photo_masks_among(w->desc->photos, &w->among, &folder));
         cln_shell_quote(folder, quoted, sizeof quoted);
-        cln_info("%s: %d file%s left out of the photos as %s called like a mask (the first is "
-                 "'%s')%s%s%s",
-                 w->desc->photos, w->among.count, cln_plural(w->among.count, " is", "s are"),
-                 cln_plural(w->among.count, "it is", "they are"), w->among.name[0],
-                 w->desc->masks ? "" : "; with --mask-path ", w->desc->masks ? "" : quoted,
+        cln_info("%s: %d image%s left out of the photos (the first is '%s')%s%s%s", w->desc->photos,
+                 w->among.count, cln_plural(w->among.count, " is a mask, and", "s are masks, and"),
+                 w->among.name[0], w->desc->masks ? "" : "; with --mask-path ",
+                 w->desc->masks ? "" : quoted,
                  w->desc->masks ? "" : " what is black there is not looked at to find poses");
     } else if (found && !w->desc->masks) {
         cln_shell_quote(found, quoted, sizeof quoted);

@@ -475,7 +475,7 @@ section_masks() {
     cp -r "$work/photos/train" "$work/both"
     cp -r "$work/cut out" "$work/both/masks"
     expect "masks in a folder among the photos are no photos" 0 \
-        "~24.files.*'masks/r_000.png'.*--mask-path.*/both/masks" env PATH="$path" "$cln" poses \
+        "~24.images.are.masks.*'masks/r_000.png'.*--mask-path.*/both/masks" env PATH="$path" "$cln" poses \
         "$work/both" -o "$work/unmasked 2" --progress none
     check "they are not matched with them" [ ! -e "$work/unmasked 2/images/masks" ]
     expect "a folder of masks within that of the photos" 0 "~masks:.of.24.of.24.photos" \
