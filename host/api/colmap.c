@@ -406,8 +406,10 @@ static cln_status take_panoramas(cln_colmap *c, cln_photo_cameras *cameras, bool
                                                 : "2 : 1, as panoramas of the whole sphere are";
 
     *taken = false;
-    if (c->lens)
-        return CLN_OK;
+    if (c->lens) /* of which a part cannot be told */
+        return c->lens->lens == CLN_LENS_EQUIRECTANGULAR && cameras->cuts
+                   ? refuse_like_panoramas(c, cameras)
+                   : CLN_OK;
     if (!cameras->told && panoramas < few && 2 * panoramas <= all) {
         for (int k = 0; k < cameras->count; k++)
             cameras->sphere[k] = false;

@@ -232,9 +232,86 @@ done:
 
 /* ---- photos ---- */
 
+#define EMPTY_FOLDER "give an empty folder with -o"
+#define MOVE_MASKS   "move the scene's folder masks away, or "
+
+/* *out: the path of `masks` from the folder, if it is there and lies in it; else NULL. */
+static cln_status find_within(const char *folder, const char *masks, char **out)
+{
+    cln_status st = CLN_OK;
+    char *there = NULL, *around = NULL;
+    size_t length = 0;
+
+    *out = NULL;
+    if (cln_path_absolute(&there, masks) != CLN_OK) {
+        cln_clear_error();
+        goto done;
+    }
+    CLN_TRY(cln_path_absolute(&around, folder));
+    length = strlen(around);
+    if (strncmp(there, around, length) == 0 && there[length] == '/')
+        CLN_TRY(cln_strdup(out, there + length + 1));
+done:
+    free(there);
+    free(around);
+    return st;
+}
+
+/* Does an image lie in a folder that is called masks, or in (or is it) `within`? */
+static cln_status lies_in_masks(const char *name, const char *within, bool *lies)
+{
+    cln_status st = CLN_OK;
+    const size_t length = within ? strlen(within) : 0;
+    char *top = NULL, *slash = NULL;
+
+    CLN_TRY(cln_strdup(&top, name));
+    slash = strchr(top, '/');
+    if (slash)
+        *slash = 0;
+    *lies =
+        (slash && cln_dataset_has_masks(top)) ||
+        (within && strncmp(name, within, length) == 0 && (!name[length] || name[length] == '/'));
+done:
+    free(top);
+    return st;
+}
+
+cln_status cln_photos_find(const char *folder, const char *masks, cln_names *photos,
+                           cln_names *among)
+{
+    cln_status st = CLN_OK;
+    cln_names all = {0};
+    char *within = NULL;
+
+    *photos = *among = (cln_names){0};
+    CLN_TRY(cln_dataset_images(folder, &all));
+    if (masks)
+        CLN_TRY(find_within(folder, masks, &within));
+    if (all.count) {
+        CLN_TRY(cln_alloc(&photos->name, (size_t)all.count, sizeof *photos->name, "photos"));
+        CLN_TRY(cln_alloc(&among->name, (size_t)all.count, sizeof *among->name, "masks"));
+    }
+    for (int i = 0; i < all.count; i++) {
+        bool is = false;
+        cln_names *to = photos;
+
+        CLN_TRY(lies_in_masks(all.name[i], within, &is));
+        if (!is)
+            CLN_TRY(cln_dataset_is_mask_of(all.name[i], &all, &is));
+        if (is)
+            to = among;
+        CLN_TRY(cln_strdup(&to->name[to->count], all.name[i]));
+        to->count++;
+    }
+done:
+    cln_dataset_free_names(&all);
+    free(within);
+    return st;
+}
+
 /* Links or copies a photo, not the symbolic link that it may be; one that is there already must be
  * the same. */
-cln_status cln_photos_link_file(const char *from, const char *to)
+cln_status cln_photos_link_file(const char *from, const char *to, bool masks)
 {
     cln_status st = CLN_OK;
     char *data = NULL, *there = NULL;
@@ -245,9 +322,8 @@ cln_status cln_photos_link_file(const char *from, const char *to)
     CLN_TRY(cln_read_file(from, FILE_MOST, &data, &bytes));
     CLN_TRY(cln_read_file(to, FILE_MOST, &there, &there_bytes));
     if (bytes != there_bytes || memcmp(data, there, bytes) != 0)
-        CLN_TRY(cln_fail(CLN_OUTPUT,
-                         "%s: already there, and is another photo; give an empty folder with -o",
-                         to));
+        CLN_TRY(cln_fail(CLN_OUTPUT, "%s: already there, and is another %s; %s", to,
+                         masks ? "mask" : "photo", masks ? MOVE_MASKS EMPTY_FOLDER : EMPTY_FOLDER));
 done:
     free(data);
     free(there);
@@ -255,18 +331,19 @@ done:
 }
 
 /* COLMAP would match what an earlier attempt left in the scene, too. */
-static cln_status refuse_others(const char *from, const char *images, const cln_names *photos)
+static cln_status refuse_others(const char *from, const cln_names *names, const char *images,
+                                bool masks)
 {
     cln_status st = CLN_OK;
     cln_names there = {0};
 
     CLN_TRY(cln_dataset_images(images, &there));
     for (int i = 0; i < there.count; i++)
-        if (!cln_dataset_has_name(photos, there.name[i]))
-            CLN_TRY(cln_fail(CLN_OUTPUT,
-                             "%s/%s: is none of the photos in %s, and would be matched with them; "
-                             "give an empty folder with -o",
-                             images, there.name[i], from));
+        if (!cln_dataset_has_name(names, there.name[i]))
+            CLN_TRY(cln_fail(CLN_OUTPUT, "%s/%s: is none of the %s in %s, and would be %s; %s",
+                             images, there.name[i], masks ? "masks" : "photos", from,
+                             masks ? "taken for one" : "matched with them",
+                             masks ? MOVE_MASKS EMPTY_FOLDER : EMPTY_FOLDER));
 done:
     cln_dataset_free_names(&there);
     return st;
@@ -321,34 +398,32 @@ done:
     return st;
 }
 
-cln_status cln_photos_link(const char *folder, const char *images)
+cln_status cln_photos_link(const char *folder, const cln_names *names, const char *images,
+                           bool masks)
 {
     cln_status st = CLN_OK;
     char *from = NULL, *to = NULL, *there = NULL, *here = NULL;
-    cln_names photos = {0};
 
     CLN_TRY(cln_path_absolute(&there, folder));
     CLN_TRY(cln_path_absolute(&here, images));
     if (strcmp(there, here) == 0)
         goto done;
-    CLN_TRY(cln_dataset_images(there, &photos));
-    CLN_TRY(refuse_others(folder, images, &photos));
-    for (int i = 0; i < photos.count; i++) {
+    CLN_TRY(refuse_others(folder, names, images, masks));
+    for (int i = 0; i < names->count; i++) {
         char *slash = NULL;
 
         free(from);
         free(to);
         from = to = NULL;
-        CLN_TRY(cln_path_join(&from, there, photos.name[i]));
-        CLN_TRY(cln_path_join(&to, images, photos.name[i]));
+        CLN_TRY(cln_path_join(&from, there, names->name[i]));
+        CLN_TRY(cln_path_join(&to, images, names->name[i]));
         slash = strrchr(to, '/');
         *slash = 0;
         CLN_TRY(cln_make_dirs(to));
         *slash = '/';
-        CLN_TRY(cln_photos_link_file(from, to));
+        CLN_TRY(cln_photos_link_file(from, to, masks));
     }
 done:
-    cln_dataset_free_names(&photos);
     free(from);
     free(to);
     free(there);

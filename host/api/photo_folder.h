@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 #include "cl_nascent.h"
+#include "scene/dataset.h"
 
 /* Whether a path is a video: no folder, by its name. */
 bool cln_photos_are_video(const char *path);
@@ -33,11 +34,17 @@ cln_status cln_photos_probe(const cln_poses_desc *desc, cln_film *out);
 cln_status cln_photos_take_frames(const cln_poses_desc *desc, const cln_film *film, bool framed,
                                   const char *images, FILE *log, const char *log_path);
 
-/* Links or copies the photos in a folder to the folder `images`, unless it is the same. CLN_OUTPUT
- * if that has other photos, or another one of a name. */
-cln_status cln_photos_link(const char *folder, const char *images);
+/* The images in a folder, ordered: photos, and the masks among them: what lies in a folder of it
+ * that is called masks, or in `masks` (a file: that itself; NULL: none), and NAME_mask of a photo
+ * NAME. The caller frees both. CLN_INPUT, CLN_MEMORY. */
+cln_status cln_photos_find(const char *folder, const char *masks, cln_names *photos,
+                           cln_names *among);
+
+/* Links or copies these photos of a folder, or their masks, to the folder `to`, unless it is the
+ * same. CLN_OUTPUT if that has others, or another one of a name. */
+cln_status cln_photos_link(const char *folder, const cln_names *names, const char *to, bool masks);
 
 /* The same of one file, of which `to` is the new name. */
-cln_status cln_photos_link_file(const char *from, const char *to);
+cln_status cln_photos_link_file(const char *from, const char *to, bool masks);
 
 #endif

@@ -10,10 +10,48 @@
 #include "base/text.h"
 #include "io/image.h"
 
-cln_status cln_photo_masks_check(const char *masks)
+cln_status cln_photo_masks_among(const char *photos, const cln_names *among, char **out)
+{
+    cln_status st = CLN_OK;
+    char *top = NULL;
+
+    CLN_TRY(cln_asprintf(&top, "%.*s", (int)strcspn(among->name[0], "/"), among->name[0]));
+    if (strchr(among->name[0], '/') && cln_dataset_has_masks(top))
+        CLN_TRY(cln_path_join(out, photos, top));
+    else
+        CLN_TRY(cln_strdup(out, photos));
+done:
+    free(top);
+    return st;
+}
+
+/* The folder of photos as that of their masks: these lie beside them. */
+static cln_status check_among(const char *masks, const cln_names *among)
+{
+    cln_status st = CLN_OK;
+    char *folder = NULL;
+
+    if (among->count == 0)
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "--mask-path %s: is the folder of the photos, and no photo has a mask "
+                         "beside it (IMG_1_mask.png of IMG_1.jpg); give the folder of the masks",
+                         masks));
+    CLN_TRY(cln_photo_masks_among(masks, among, &folder));
+    if (strcmp(folder, masks) != 0)
+        CLN_TRY(cln_fail(
+            CLN_INPUT, "--mask-path %s: is the folder of the photos; give %s, which has the masks",
+            masks, folder));
+done:
+    free(folder);
+    return st;
+}
+
+cln_status cln_photo_masks_check(const char *masks, const char *photos, const cln_names *among)
 {
     cln_status st = CLN_OK;
     cln_names names = {0};
+    char *there = NULL, *around = NULL;
+    size_t length = 0;
 
     if (cln_is_file(masks)) {
         CLN_TRY(cln_image_check_ends(masks));
@@ -24,6 +62,18 @@ cln_status cln_photo_masks_check(const char *masks)
                          "--mask-path %s: it is not there; give a folder of masks, or one picture "
                          "for all photos",
                          masks));
+    if (cln_is_same_file(masks, photos)) {
+        CLN_TRY(check_among(masks, among));
+        goto done;
+    }
+    CLN_TRY(cln_path_absolute(&there, photos));
+    CLN_TRY(cln_path_absolute(&around, masks));
+    length = strlen(around);
+    if (cln_is_dir(photos) && strncmp(there, around, length) == 0 && there[length] == '/')
+        CLN_TRY(cln_fail(CLN_USAGE,
+                         "--mask-path %s: the photos are in it, too, and would be taken for masks; "
+                         "give a folder that has the masks alone",
+                         masks));
     CLN_TRY(cln_dataset_images(masks, &names));
     if (names.count == 0)
         CLN_TRY(cln_fail(CLN_INPUT,
@@ -32,10 +82,13 @@ cln_status cln_photo_masks_check(const char *masks)
                          masks));
 done:
     cln_dataset_free_names(&names);
+    free(there);
+    free(around);
     return st;
 }
 
-cln_status cln_photo_masks_link(const char *masks, const char *out)
+cln_status cln_photo_masks_link(const char *masks, const char *photos, const cln_names *among,
+                                const char *out)
 {
     cln_status st = CLN_OK;
     char *folder = NULL, *file = NULL;
@@ -45,7 +98,9 @@ cln_status cln_photo_masks_link(const char *masks, const char *out)
     CLN_TRY(cln_path_join(&folder, out, "masks"));
     CLN_TRY(cln_make_dirs(folder));
     if (cln_is_dir(masks)) {
-        CLN_TRY(cln_photos_link(masks, folder));
+        CLN_TRY(cln_dataset_images(masks, &names));
+        CLN_TRY(
+            cln_photos_link(masks, cln_is_same_file(masks, photos) ? among : &names, folder, true));
         goto done;
     }
     /* called like no photo, it is that of all */
@@ -53,9 +108,10 @@ cln_status cln_photo_masks_link(const char *masks, const char *out)
     CLN_TRY(cln_dataset_images(folder, &names));
     if (names.count > (cln_is_file(file) ? 1 : 0))
         CLN_TRY(cln_fail(CLN_OUTPUT,
-                         "%s: has masks already; give that folder, or an empty one with -o",
+                         "%s: has masks already; give that folder, move it away, or give an empty "
+                         "one with -o",
                          folder));
-    CLN_TRY(cln_photos_link_file(masks, file));
+    CLN_TRY(cln_photos_link_file(masks, file, true));
 done:
     cln_dataset_free_names(&names);
     free(folder);

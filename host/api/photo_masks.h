@@ -6,12 +6,19 @@
 
 #include "api/colmap.h"
 
-/* Whether `masks` is a PNG or JPEG file, of all photos, or a folder with such. CLN_INPUT. */
-cln_status cln_photo_masks_check(const char *masks);
+/* Whether `masks` is a PNG or JPEG file, of all photos, or a folder with such; among: the masks in
+ * the folder `photos`, which are those that count if it is the same. CLN_INPUT; CLN_USAGE if it has
+ * the folder of photos. */
+cln_status cln_photo_masks_check(const char *masks, const char *photos, const cln_names *among);
+
+/* The folder that stands for the masks `among` photos, of which there are some: one called masks,
+ * else that of the photos. The caller frees *out. */
+cln_status cln_photo_masks_among(const char *photos, const cln_names *among, char **out);
 
 /* Links or copies them to the folder `masks` of the scene `out`, unless they are there. CLN_OUTPUT
  * if that has others. */
-cln_status cln_photo_masks_link(const char *masks, const char *out);
+cln_status cln_photo_masks_link(const char *masks, const char *photos, const cln_names *among,
+                                const char *out);
 
 /* Writes those of c->photos, and what their own alpha cuts away, as COLMAP reads them to a new
  * folder, *folder, which the caller frees (NULL: there is nothing), and says how many there are.

@@ -54,7 +54,8 @@ typedef struct work {
     cln_colmap colmap;
     char *stamp; /* of which photos the features are */
     cln_photo_gps gps;
-    int posed; /* so many poses are there already, which are to be placed by GPS */
+    cln_names photos, among; /* in their folder, and the masks there */
+    int posed;               /* so many poses are there already, which are to be placed by GPS */
 } work;
 
 /* ---- photos ---- */
@@ -209,14 +210,34 @@ done:
     return st;
 }
 
-/* Enough photos, before the folder `out` is made (NULL: it is there). A folder that is a scene
- * already needs no poses. */
-static cln_status check_photos(const char *folder, const char *out, bool by_gps)
+/* COLMAP looks at all images of the scene's folder. */
+static cln_status refuse_masks_in_place(const work *w)
 {
+    cln_status st = CLN_OK;
+    char *images = NULL;
+
+    CLN_TRY(cln_path_join(&images, w->desc->out, "images"));
+    if (w->among.count && cln_is_same_file(images, w->desc->photos))
+        CLN_TRY(cln_fail(CLN_INPUT,
+                         "%s: the scene's own photos have %d mask%s among them (the first is "
+                         "'%s'), which COLMAP would take for photos; move %s to %s/masks, and give "
+                         "--mask-path with that",
+                         images, w->among.count, cln_plural(w->among.count, "", "s"),
+                         w->among.name[0], cln_plural(w->among.count, "it", "them"), w->desc->out));
+done:
+    free(images);
+    return st;
+}
+
+/* Enough photos, before the folder of the scene is made. A folder that is a scene already needs no
+ * poses. */
+static cln_status check_photos(work *w)
+{
+    const char *folder = w->desc->photos, *out = w->desc->out;
     cln_status st = CLN_OK;
     const cln_reader *reader = NULL;
     char *others = NULL;
-    cln_names photos = {0};
+    const cln_names *photos = &w->photos;
     cln_photo_gps gps = {0};
 
     if (cln_found_run(folder))
@@ -224,17 +245,17 @@ static cln_status check_photos(const char *folder, const char *out, bool by_gps)
                          "%s: it holds a run, whose pictures are no photos; give the folder of the "
                          "photos",
                          folder));
-    CLN_TRY(cln_dataset_images(folder, &photos));
-    if (photos.count < CLN_POSES_LEAST)
-        CLN_TRY(fail_few(folder, photos.count, folder));
-    CLN_TRY(check_readable(folder, &photos));
-    if (by_gps) {
-        CLN_TRY(cln_photo_gps_read(folder, &photos, &gps));
-        CLN_TRY(cln_photo_gps_check(&gps, folder, photos.count));
+    if (photos->count < CLN_POSES_LEAST)
+        CLN_TRY(fail_few(folder, photos->count, folder));
+    CLN_TRY(check_readable(folder, photos));
+    if (w->desc->gps) {
+        CLN_TRY(cln_photo_gps_read(folder, photos, &gps));
+        CLN_TRY(cln_photo_gps_check(&gps, folder, photos->count));
     }
-    if (!out)
+    if (w->posed)
         goto done;
-    CLN_TRY(check_photos_room(folder, &photos, out));
+    CLN_TRY(refuse_masks_in_place(w));
+    CLN_TRY(check_photos_room(folder, photos, out));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "
                  "them",
@@ -242,7 +263,6 @@ static cln_status check_photos(const char *folder, const char *out, bool by_gps)
     cln_clear_error();
 done:
     free(others);
-    cln_dataset_free_names(&photos);
     cln_photo_gps_free(&gps);
     return st;
 }
@@ -363,10 +383,12 @@ static cln_status check_folder(work *w)
                          "--mask-path: %s has poses already, which masks do not change; leave it "
                          "out",
                          out));
-    if (w->desc->masks)
-        CLN_TRY(cln_photo_masks_check(w->desc->masks));
     if (cln_is_dir(w->desc->photos))
-        CLN_TRY(check_photos(w->desc->photos, w->posed ? NULL : out, w->desc->gps));
+        CLN_TRY(cln_photos_find(w->desc->photos, w->desc->masks, &w->photos, &w->among));
+    if (w->desc->masks)
+        CLN_TRY(cln_photo_masks_check(w->desc->masks, w->desc->photos, &w->among));
+    if (cln_is_dir(w->desc->photos))
+        CLN_TRY(check_photos(w));
     CLN_TRY(cln_disk_check(out, 0, ""));
     if (!w->posed) {
         CLN_TRY(check_out(w->desc->photos, out));
@@ -493,7 +515,7 @@ static cln_status link_missing(const work *w)
     CLN_TRY(cln_make_dirs(images));
     CLN_TRY(cln_dataset_images(images, &names));
     if (names.count == 0)
-        CLN_TRY(cln_photos_link(w->desc->photos, images));
+        CLN_TRY(cln_photos_link(w->desc->photos, &w->photos, images, false));
 done:
     cln_dataset_free_names(&names);
     free(images);
@@ -502,18 +524,26 @@ done:
     return st;
 }
 
-/* Masks in the scene, or beside the photos, that nobody spoke of. */
+/* Masks among the photos; in the scene, or beside the photos, that nobody spoke of. */
 static cln_status tell_masks(const work *w)
 {
     cln_status st = CLN_OK;
-    char *at[2] = {NULL}, quoted[CLN_QUOTED_BYTES];
+    char *at[2] = {NULL}, *folder = NULL, quoted[CLN_QUOTED_BYTES];
     const char *found = NULL;
 
     CLN_TRY(cln_path_join(&at[0], w->desc->out, "masks"));
     CLN_TRY(cln_path_join(&at[1], w->desc->photos, "../masks"));
     for (int i = 0; i < 2 && !found; i++)
         found = cln_is_dir(at[i]) ? at[i] : NULL;
-    if (found) {
+    if (w->among.count) {
+        CLN_TRY(cln_photo_masks_among(w->desc->photos, &w->among, &folder));
+        cln_shell_quote(folder, quoted, sizeof quoted);
+        cln_info("%s: %d image%s left out of the photos (the first is '%s')%s%s%s", w->desc->photos,
+                 w->among.count, cln_plural(w->among.count, " is a mask, and", "s are masks, and"),
+                 w->among.name[0], w->desc->masks ? "" : "; with --mask-path ",
+                 w->desc->masks ? "" : quoted,
+                 w->desc->masks ? "" : " what is black there is not looked at to find poses");
+    } else if (found && !w->desc->masks) {
         cln_shell_quote(found, quoted, sizeof quoted);
         cln_info("%s: is not looked at to find poses; with --mask-path %s what is black there is "
                  "left out",
@@ -522,6 +552,7 @@ static cln_status tell_masks(const work *w)
 done:
     free(at[0]);
     free(at[1]);
+    free(folder);
     return st;
 }
 
@@ -544,9 +575,9 @@ static cln_status set_up(work *w)
         CLN_TRY(cln_make_dirs(c->images));
     /* before the log, which means an attempt was here */
     if (!w->posed && !cln_photos_are_video(w->desc->photos))
-        CLN_TRY(cln_photos_link(w->desc->photos, c->images));
+        CLN_TRY(cln_photos_link(w->desc->photos, &w->photos, c->images, false));
     if (w->desc->masks)
-        CLN_TRY(cln_photo_masks_link(w->desc->masks, w->desc->out));
+        CLN_TRY(cln_photo_masks_link(w->desc->masks, w->desc->photos, &w->among, w->desc->out));
     CLN_TRY(cln_colmap_remove(c->sparse));        /* it would be taken for this attempt's */
     framed = cln_photos_were_framed(c->log_path); /* by the log that is written over now */
     c->log = fopen(c->log_path, w->posed ? "a" : "w");
@@ -554,7 +585,12 @@ static cln_status set_up(work *w)
         CLN_TRY(cln_fail(CLN_OUTPUT, "%s: %s", c->log_path, strerror(errno)));
     if (cln_photos_are_video(w->desc->photos))
         CLN_TRY(cln_photos_take_frames(w->desc, &w->film, framed, c->images, c->log, c->log_path));
-    CLN_TRY(cln_dataset_images(c->images, &c->photos));
+    if (w->posed) {
+        c->photos = w->photos;
+        w->photos = (cln_names){0};
+    } else {
+        CLN_TRY(cln_dataset_images(c->images, &c->photos));
+    }
     qsort(c->photos.name, (size_t)c->photos.count, sizeof *c->photos.name, by_name);
     w->result->photos = c->photos.count;
     if (c->photos.count < CLN_POSES_LEAST) /* of a video */
@@ -566,7 +602,7 @@ static cln_status set_up(work *w)
                  w->desc->out, w->posed, w->desc->photos);
     else
         CLN_TRY(keep_features(w));
-    if (!w->posed && !w->desc->masks)
+    if (!w->posed)
         CLN_TRY(tell_masks(w));
 done:
     return st;
@@ -735,6 +771,8 @@ done:
         fclose(w.colmap.log);
     free(w.stamp);
     cln_dataset_free_names(&w.colmap.photos);
+    cln_dataset_free_names(&w.photos);
+    cln_dataset_free_names(&w.among);
     cln_photo_gps_free(&w.gps);
     free(w.colmap.images);
     free(w.colmap.database);

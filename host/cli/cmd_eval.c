@@ -9,6 +9,7 @@
 #include <string.h>
 #include "base/config.h"
 #include "base/files.h"
+#include "base/number.h"
 #include "base/text.h"
 #include "cli/console.h"
 #include "ranks/ranks.h"
@@ -70,7 +71,14 @@ static bool has_exposure(const char *run)
 static void print_fitted(const cln_eval_result *r, bool exposure)
 {
     const bool alpha = isfinite(r->opacity_error), gains = isfinite(r->psnr_exposed);
+    const int all = r->count - r->apart;
+    char of[48] = "";
+    int fitted = 0;
 
+    for (int i = 0; i < r->count; i++)
+        fitted += !r->images[i].apart && isfinite(r->images[i].psnr_fitted);
+    if (fitted < all) /* any render fits a photo of one colour */
+        cln_format(of, sizeof of, ", of %d of %d image%s", fitted, all, cln_plural(all, "", "s"));
     if (gains)
         printf("PSNR at %s: %.2f\n",
                strcmp(r->split, "train") == 0
@@ -78,8 +86,8 @@ static void print_fitted(const cln_eval_result *r, bool exposure)
                    : "the exposure that photos before and after each one tell",
                r->psnr_exposed);
     if (isfinite(r->psnr_fitted))
-        printf("PSNR after an affine fit of each render's colours to its photo: %.2f\n",
-               r->psnr_fitted);
+        printf("PSNR after an affine fit of each render's colours to its photo: %.2f%s\n",
+               r->psnr_fitted, of);
     if (!gains && !alpha && r->fitted_gain > EXPOSURE_HINT && r->psnr_fitted > LEAST_FITTED)
         puts(exposure
                  ? "Exposure or white balance differs between photos, and the run, though trained "

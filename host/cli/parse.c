@@ -330,6 +330,11 @@ static cln_status check_dash(const char *argument)
         return CLN_OK;
     while (*name == '-' || dash_length(name))
         name += *name == '-' ? 1 : dash_length(name);
+    if (!*name)
+        return cln_fail(CLN_USAGE,
+                        "'%s' is a dash alone, as text that was copied from a page has it: leave "
+                        "it out, or type hyphens and the name of an option",
+                        argument);
     return cln_fail(CLN_USAGE,
                     "'%s' begins with a dash, not with hyphens, as text that was copied from a "
                     "page does: type %s%s",

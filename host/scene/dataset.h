@@ -40,6 +40,11 @@ bool cln_dataset_is_image(const char *name); /* by the ending of PNG and JPEG fi
 bool cln_dataset_is_video(const char *name); /* by the ending */
 void cln_dataset_free_names(cln_names *names);
 
+/* masks.c: whether an image is called as OpenDroneMap's mask of one of these (NAME_mask of NAME);
+ * CLN_MEMORY. And whether readers look for masks in a folder of that name. */
+cln_status cln_dataset_is_mask_of(const char *name, const cln_names *images, bool *is);
+bool cln_dataset_has_masks(const char *folder);
+
 /* Photos in formats that are not read, by their endings, in a folder and the folders in it: how
  * many and, relative to the folder, the first that is called like the photo `name` but for the
  * ending; name NULL: the first of all. *first is NULL if there is none; the caller frees it. */

@@ -40,6 +40,30 @@ bool cln_dataset_is_mask(const char *name)
     return stem > tail && strncmp(name + stem - tail, TAIL, (size_t)tail) == 0;
 }
 
+cln_status cln_dataset_is_mask_of(const char *name, const cln_names *images, bool *is)
+{
+    cln_status st = CLN_OK;
+    const int bare = stem_of(name) - (int)sizeof TAIL + 1;
+
+    *is = false;
+    for (size_t i = 1; i < sizeof endings / sizeof *endings && !*is; i++) {
+        char *photo = NULL;
+
+        if (!cln_dataset_is_mask(name))
+            break;
+        CLN_TRY(cln_asprintf(&photo, "%.*s%s", bare, name, endings[i]));
+        *is = cln_dataset_has_name(images, photo);
+        free(photo);
+    }
+done:
+    return st;
+}
+
+bool cln_dataset_has_masks(const char *folder)
+{
+    return !strcasecmp(folder, "masks") || !strcasecmp(folder, "mask");
+}
+
 /* Masks with another shape than their photo's; the first, as a clause. */
 typedef struct other_sizes {
     int count;
@@ -160,7 +184,7 @@ static cln_status find_called(const char *base, char **out)
     }
     CLN_TRY(st);
     for (int i = 0; i < names.count; i++)
-        if (!strcasecmp(names.name[i], "masks") || !strcasecmp(names.name[i], "mask")) {
+        if (cln_dataset_has_masks(names.name[i])) {
             found = names.name[i];
             count++;
         } else if (is_nearly_called(names.name[i])) {

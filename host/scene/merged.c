@@ -18,13 +18,15 @@
 #include "scene/vectors.h"
 
 /* LINK: exactly agreeing ties that join two photos. LEAST: photos of a part. ACROSS: photos of each
- * part that are compared. TRIALS: of three marks. COMMON: marks that make a frame sure. */
+ * part that are compared. TRIALS: of three marks. COMMON: marks, at as many places, that make a
+ * frame sure. */
 enum { LINK = 8, LEAST = 4, ACROSS = 16, TRIALS = 2000, COMMON = 20 };
 static const double EXACT = 0.25;       /* share of a tie's tolerance, as STRICT of trials.c */
 static const double LINK_SHARE = 0.35;  /* of a pair's ties */
 static const double LEAST_SHARE = 0.05; /* a part's, of the views that were compared */
 static const double NEAR = 0.05;        /* share of a mark's distance by which places may differ, */
 static const double NEAR_SPREAD = 0.2;  /* and of the marks' spread: a small thing is far away */
+static const double APART = 0.005;      /* of a mark's distance: nearer ones are at one place */
 static const double MOST = 0.3;         /* of the common marks: those that one similarity takes */
 static const double SAME = 0.6;         /* of these: those that need none, if frames are one */
 
@@ -360,6 +362,40 @@ static double scale_of(const work *w, const similarity *s)
 
 static const similarity none = {1, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0}};
 
+static bool is_near(const place *a, const place *b)
+{
+    const double d[3] = {a->at[0] - b->at[0], a->at[1] - b->at[1], a->at[2] - b->at[2]};
+
+    return sqrt(cln_dot(d, d)) <= APART * a->far;
+}
+
+/* Do the marks that fit lie at COMMON places by either part? What looks alike in many photos of both
+ * is as many marks as there are pairs of these, but few places, and any three of them fit. */
+static bool has_places(const work *w, const similarity *s)
+{
+    int count = 0;
+
+    for (int of = 0; of < 2; of++) {
+        const place *seen[COMMON];
+
+        count = 0;
+        for (int i = 0; i < w->mark_count && count < COMMON; i++) {
+            const place *p = &w->marks[i].of[of];
+            int k = 0;
+
+            if (!fits(w, &w->marks[i], s))
+                continue;
+            while (k < count && !is_near(p, seen[k]))
+                k++;
+            if (k == count)
+                seen[count++] = p;
+        }
+        if (count < COMMON)
+            return false;
+    }
+    return true;
+}
+
 /* Leaves in the list the largest part, and those that the poses as they are do not join to it, not
  * even over others: of a large set so few photos are compared that it falls apart. */
 static cln_status leave_joined_out(work *w)
@@ -417,7 +453,8 @@ static cln_status judge(work *w, int part)
         goto done;
     CLN_TRY(find_marks(w, part, w->list[0]));
     most = find_similarity(w, &s);
-    if (most < COMMON || most < MOST * w->mark_count || count_fitting(w, &none) > SAME * most)
+    if (most < COMMON || most < MOST * w->mark_count || count_fitting(w, &none) > SAME * most ||
+        !has_places(w, &s))
         goto done;
     if (!out->parts++) {
         out->marks = w->mark_count;

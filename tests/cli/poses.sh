@@ -69,7 +69,7 @@ section_photos() {
     cp -r "$work/photos/train" "$work/mixed"
     touch "$work/mixed/"{a.HEIC,b.webp,walk.mov}
     expect "a few in such formats, and a video, among others are told, too" 1 \
-        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap ~1.video.*walk.mov'.is.not" \
+        "~mixed:.2.photos.in.formats.*left.out a.HEIC ~convert colmap ~1.video.*walk.mov'..is.not" \
         env PATH="$work/none" "$cln" poses "$work/mixed" -o "$work/posed"
     for how in r_004 r_007; do
         truncate -s 100 "$work/mixed/$how.png"
@@ -221,6 +221,17 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4 " "$work/fisheye/colmap.log"
     done
     expect "ones that say what they are count" 3 "~5.of.8.photos" env PATH="$path" "$cln" \
         poses "$work/panoramas" -o "$work/of told ones" --progress none
+    mkdir "$work/cut panoramas"
+    for i in 1 2 3; do # square ones that say it
+        { head -c 33 "$work/photos/train/r_00$i.png" &&
+            head -c 105 "$work/panoramas/told1.png" | tail -c +34 &&
+            tail -c +34 "$work/photos/train/r_00$i.png"; } >"$work/cut panoramas/$i.png"
+    done
+    expect "panoramas of which a part is cut off, of that lens, too" 3 \
+        "~3.of.3.photos.*part.is.cut.off" env STAND_IN=newer PATH="$path" "$cln" poses \
+        "$work/cut panoramas" -o "$work/of a part" --lens EQUIRECTANGULAR --progress none
+    expect "of another lens they are ordinary photos" 0 "" env PATH="$path" "$cln" poses \
+        "$work/cut panoramas" -o "$work/of a lens" --lens SIMPLE_RADIAL --progress none
     : >"$work/x.insv"
     expect "a video of two fisheyes" 3 "~insv:.*put.together" env PATH="$path" "$cln" poses \
         "$work/x.insv" -o "$work/of x"
@@ -408,7 +419,7 @@ film_poses() {
 # 12 MiB, and 24 photos of 1 MiB, whose ends are holes.
 # Masks: COLMAP gets them as it wants them, training as they are.
 section_masks() {
-    local path=$work/bin:$PATH
+    local path=$work/bin:$PATH name
     [ -e "$work/photos" ] || "$make_scene" "$work/photos" --size 24 --train 24 --test 3 >/dev/null
     mkdir -p "$work/bin"
     cp tests/support/colmap "$work/bin/colmap"
@@ -417,6 +428,7 @@ section_masks() {
         "$work/photos/train" -o "$work/masked" --mask-path "$work/cut out" --progress none
     check "COLMAP is told where they are" \
         grep -q -- "--ImageReader.mask_path .*/masked/colmap.masks" "$work/masked/colmap.log"
+    check "that they leave enough is not worth a word" not_said "turn the masks over"
     check "what it got is not kept, what was given is" eval \
         '[ ! -e "$work/masked/colmap.masks" ] && [ -e "$work/masked/masks/r_003.png" ]'
     expect "training finds them" 0 "" "$cln" info "$work/masked"
@@ -433,6 +445,24 @@ section_masks() {
         "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out/r_003.png" \
         --progress none
     check "is called like none" [ -e "$work/masked 2/masks/of_all_photos.png" ]
+    base64 -d >"$work/black.png" <<<\
+        iVBORw0KGgoAAAANSUhEUgAAAAQAAAAECAAAAACMmsGiAAAAEklEQVR42mNgYGBgYGD4z4AEAA0HAQDbzr4EAAAAAElFTkSuQmCC
+    expect "one that is nearly black: white may be what does not count" 0 \
+        "~leaves.3.*%.of.the.photos.*mogrify.-negate" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/black" --mask-path "$work/black.png" --progress none
+    cp "$work/black.png" "$work/one.JPG"
+    expect "one for all of another ending" 0 "~masks:.of.24.of.24" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/black 2" --mask-path "$work/one.JPG" --progress none
+    check "keeps that" [ -e "$work/black 2/masks/of_all_photos.JPG" ]
+    head -c 60 "$work/black.png" >"$work/half.png"
+    expect "one that is cut off" 3 "~half.png:" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/black 3" --mask-path "$work/half.png" --progress none
+    check "this is said before anything is written" [ ! -e "$work/black 3" ]
+    mkdir "$work/black 3"
+    cp -r "$work/masked/masks" "$work/black 3/masks"
+    expect "the scene's masks, of which nothing is said" 0 "~black.3/masks:.is.not.looked.at" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/black 3" --progress none
+    check "they are not looked at" not_said "masks: of"
     expect "photos with alpha, without masks" 0 "~alpha:.*of.24.photos" env \
         PATH="$path" "$cln" poses "$work/cut out" -o "$work/by alpha" --progress none
     check "what it cuts away is not looked at" \
@@ -442,6 +472,64 @@ section_masks() {
     expect "masks beside the photos, of which nothing is said" 0 "~masks:.is.not.*--mask-path" \
         env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/unmasked" --progress none
     rm -r "$work/photos/masks"
+    cp -r "$work/photos/train" "$work/both"
+    cp -r "$work/cut out" "$work/both/masks"
+    expect "masks in a folder among the photos are no photos" 0 \
+        "~24.images.are.masks.*'masks/r_000.png'.*--mask-path.*/both/masks" env PATH="$path" "$cln" poses \
+        "$work/both" -o "$work/unmasked 2" --progress none
+    check "they are not matched with them" [ ! -e "$work/unmasked 2/images/masks" ]
+    expect "a folder of masks within that of the photos" 0 "~masks:.of.24.of.24.photos" \
+        env PATH="$path" "$cln" poses "$work/both" -o "$work/masked 5" \
+        --mask-path "$work/both/masks" --progress none
+    expect "the photos' own folder, which has that of the masks" 3 "~give.*/both/masks," \
+        env PATH="$path" "$cln" poses "$work/both" -o "$work/masked 6" --mask-path "$work/both"
+    mv "$work/both/masks" "$work/both/people"
+    expect "a folder within, of another name" 0 "~masks:.of.24.of.24.photos" \
+        env PATH="$path" "$cln" poses "$work/both" -o "$work/masked 6" \
+        --mask-path "$work/both/people" --progress none
+    check "its files are no photos" [ ! -e "$work/masked 6/images/people" ]
+    mkdir "$work/around"
+    mv "$work/both" "$work/around/photos"
+    expect "a folder of masks that has that of the photos" 2 "~the.photos.are.in.it" \
+        env PATH="$path" "$cln" poses "$work/around/photos" -o "$work/masked 7" \
+        --mask-path "$work/around"
+    rm -r "$work/around/photos/people"
+    expect "the photos' own folder, without masks" 3 "~no.photo.has.a.mask.beside" \
+        env PATH="$path" "$cln" poses "$work/around/photos" -o "$work/masked 7" \
+        --mask-path "$work/around/photos"
+    for name in "$work/cut out"/*; do
+        name=${name##*/}
+        cp "$work/cut out/$name" "$work/around/photos/${name%.png}_mask.png"
+    done
+    expect "masks beside the photos in one folder" 0 "~masks:.of.24.of.24.photos" \
+        env PATH="$path" "$cln" poses "$work/around/photos" -o "$work/masked 7" \
+        --mask-path "$work/around/photos" --progress none
+    check "they are the scene's masks, not its photos" eval \
+        '[ -e "$work/masked 7/masks/r_003_mask.png" ] &&
+         [ ! -e "$work/masked 7/images/r_003_mask.png" ] &&
+         ! [ -e "$work/masked 7/masks/r_003.png" ]'
+    expect "training finds them" 0 "" "$cln" info "$work/masked 7"
+    check "all of them" printed "23 of them with a mask"
+    mkdir "$work/in place"
+    mv "$work/around/photos" "$work/in place/images"
+    expect "masks among photos that are the scene's own" 3 "~24.masks.among.them.*move.them" \
+        env PATH="$path" "$cln" poses "$work/in place/images" -o "$work/in place"
+    rm -r "$work/masked/sparse" "$work/masked 2/sparse"
+    cp -r "$work/cut out" "$work/corrected"
+    cp "$work/cut out/r_004.png" "$work/corrected/r_003.png"
+    expect "masks that were corrected" 7 "~r_003.png:.*another.mask;.move.*masks.away" \
+        env PATH="$path" "$cln" poses "$work/photos/train" -o "$work/masked" \
+        --mask-path "$work/corrected" --progress none
+    expect "a folder of them in place of a single one" 7 \
+        "~of_all_photos.png:.is.none.of.the.masks ~move.*masks.away" env PATH="$path" "$cln" \
+        poses "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out" --progress none
+    expect "a single one in place of a folder" 7 "~has.masks.already ~move.it.away" env \
+        PATH="$path" "$cln" poses "$work/photos/train" -o "$work/masked" \
+        --mask-path "$work/cut out/r_003.png" --progress none
+    mv "$work/masked/masks" "$work/masks before"
+    expect "once these are away" 0 "~masks:.of.24.of.24" env PATH="$path" "$cln" poses \
+        "$work/photos/train" -o "$work/masked" --mask-path "$work/corrected" --progress none
+    check "features are found anew" not_said "goes on with"
     mkdir "$work/moved" "$work/no masks"
     cp "$work/cut out/r_003.png" "$work/moved/x1.png"
     cp "$work/cut out/r_004.png" "$work/moved/x2.png"

@@ -742,6 +742,7 @@ static void wrong_lines_are_refused_with_a_reason(void **state)
         {"poses p -o s --masks m", "only of train|did you mean --mask-path?"},
         {"train s -o r –steps 5", "'–steps' begins with a dash|type --steps"},
         {"train s —–o r", "type -o"},
+        {"train s –", "'–' is a dash alone"},
         {"eval r −-json", "type --json"},
         {"train s -o r --time 5", "did you mean --time-limit"},
         {"train s -o r --no-ndc", "unknown option --no-ndc; did you mean --space cube?"},

@@ -290,6 +290,15 @@ section_resume() {
     run "$cln" eval "$work/exposed" --no-save-images --json
     check "eval: PSNR at guessed exposures" \
         number_above "$("$query" mean.psnr_exposed <"$work/out")" 10.7 # a constant: 10.3
+    run "$cln" eval "$work/exposed" --no-save-images
+    check "all images are fitted" grep -q "its photo: [0-9.]*$" "$work/out"
+    cp -r "$work/photos" "$work/plain"
+    base64 -d >"$work/plain/images/frame_00014.png" <<<"iVBORw0KGgoAAAANSUhEUgAAADAAAAAwCAIAAADYYG7QAAAAOUlEQVR42u3O\
+AQ0AAAgDIDXm+wexhnOQgE5Sl0wdIyQkJCQkJCQkJCQkJCQkJCQkJCQkJCQkJPQ5tOCjAW6cvKTxAAAAAElFTkSuQmCC"
+    run "$cln" eval "$work/exposed" --no-save-images --scene "$work/plain" \
+        -o "$work/of plain"
+    check "one of one colour is not" \
+        grep -q "its photo: [0-9.]*, of 2 of 3 images$" "$work/out"
     run "$cln" eval "$work/exposed" --no-save-images --split train --json
     check "eval: training photos at their own gains" awk -v a="$("$query" mean.psnr_exposed \
         <"$work/out")" -v b="$("$query" mean.psnr <"$work/out")" \

@@ -264,8 +264,9 @@ static void turned(const double angles[3], double c2w[12])
         c2w[4 * (i / 3) + i % 3] = r[i];
 }
 
-/* The photo as the camera sees it. twin: from 1.2 on, the wall looks as so much before. */
-static void see_wall(seen *s, int view, double twin)
+/* The photo as the camera sees it. twin: from 1.2 on, the wall looks as so much before, in `rows`
+ * rows of blocks around its middle. */
+static void see_wall(seen *s, int view, double twin, int rows)
 {
     const cln_camera *c = &s->views[view].camera;
 
@@ -278,7 +279,7 @@ static void see_wall(seen *s, int view, double twin)
             d[i] = c->c2w[4 * i] * u + c->c2w[4 * i + 1] * v + c->c2w[4 * i + 2];
         for (int i = 0; i < 2; i++)
             at[i] = 1000 + 24 * (c->c2w[4 * i + 3] + d[i] / d[2] * (1 - c->c2w[11]));
-        if (at[0] > 1000 + 24 * 1.2)
+        if (at[0] > 1000 + 24 * 1.2 && fabs(at[1] - 1000.5) < 0.5 * rows)
             at[0] -= 24 * twin;
         memset(s->pixels[view] + 3 * p,
                (int)(60 + 150 * cln_uniform_hash(3, 1, 0, (uint32_t)at[1], 0, (uint32_t)at[0])), 3);
@@ -287,7 +288,7 @@ static void see_wall(seen *s, int view, double twin)
 
 static void see(seen *s, int view)
 {
-    see_wall(s, view, 0);
+    see_wall(s, view, 0, 0);
 }
 
 /* A row of `count` cameras, `step` apart, turned by up to `turn` radians about each axis. */
@@ -650,13 +651,18 @@ static void test_merged(void **state)
 
 /* Three groups of photos along a wall whose end looks like its begin: what the last shows lies
  * elsewhere by the first, but the one between joins both, so that their frames are one. Without it
- * they are taken for two. */
+ * they are taken for two; not if it is a strip alone that comes twice: few places, though marks of
+ * 64 pairs of photos. */
 static void test_joined(void **state)
 {
     enum { GROUPS = 3, EACH = 8 };
+    static const struct {
+        int rows;
+        bool without, fault;
+    } cases[] = {{100, false, false}, {100, true, true}, {3, true, false}};
 
     (void)state;
-    for (int without = 0; without < 2; without++) {
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         seen *s = make_seen(GROUPS * EACH, 0.04, 0.1);
         char *text = NULL;
         bool fault = false;
@@ -665,13 +671,14 @@ static void test_joined(void **state)
             const int group = k / EACH;
 
             s->views[k].camera.c2w[3] = 0.5 * group + 0.04 * (k % EACH);
-            see_wall(s, k, 1.5);
-            if ((group == 1 && without) || k % EACH == EACH - 1) /* names would join groups */
+            see_wall(s, k, 1.5, cases[i].rows);
+            if ((group == 1 && cases[i].without) ||
+                k % EACH == EACH - 1) /* names would join groups */
                 memset(s->pixels[k], 128, sizeof s->pixels[k]);
         }
         text = told_of(s, "frames", &fault);
-        if (fault != !!without)
-            fail_msg("without the middle %d: '%s'", without, text);
+        if (fault != cases[i].fault)
+            fail_msg("case %zu: '%s'", i, text);
         free(text);
         free(s);
     }

@@ -435,7 +435,7 @@ static void test_black_masks(void **state)
 {
     enum { W = FORMAT_WIDTH, H = FORMAT_HEIGHT };
     const char *folder = *state, *images = scratch_path(folder, "images");
-    uint8_t pixels[W * H * 4] = {0}, *jpeg = NULL, *mask = NULL;
+    uint8_t pixels[W * H * 4] = {0}, grey[W * H], *jpeg = NULL, *mask = NULL;
     cln_names names = {0};
     cln_black_masks found = {0};
     size_t bytes = 0;
@@ -470,24 +470,35 @@ static void test_black_masks(void **state)
     assert_int_equal(cln_image_write_png(scratch_path(images, "e.png"), W, H, 4, pixels), CLN_OK);
     memset(pixels, 200, sizeof pixels);
     assert_int_equal(cln_image_write_png(scratch_path(images, "f.png"), W, H, 4, pixels), CLN_OK);
+    assert_int_equal(cln_image_write_png(scratch_path(images, "g.png"), W, H, 3, pixels), CLN_OK);
+    for (int i = 0; i < W * H; i++) /* of a colour is not black */
+        for (int a = 0; a < 3; a++)
+            pixels[3 * i + a] = i % W > 3 || i % W == a + 1 ? 200 : 0;
+    assert_int_equal(cln_image_write_png(scratch_path(folder, "masks/g.png"), W, H, 3, pixels),
+                     CLN_OK);
+    for (int i = 0; i < W * H; i++) { /* by its alpha, and by its mask */
+        memcpy(pixels + 4 * i, (uint8_t[]){9, 9, 9, i % W < 3 ? 0 : 255}, 4);
+        grey[i] = i % W >= 3 && i % W < 7 ? 0 : 255;
+    }
+    assert_int_equal(cln_image_write_png(scratch_path(images, "h.png"), W, H, 4, pixels), CLN_OK);
+    assert_int_equal(cln_image_write_png(scratch_path(folder, "masks/h.png"), W, H, 1, grey),
+                     CLN_OK);
     assert_int_equal(cln_dataset_images(images, &names), CLN_OK);
     assert_int_equal(cln_dataset_write_black(folder, images, &names, scratch_path(folder, "out"),
                                              &(cln_callbacks){0}, &found),
                      CLN_OK);
-    assert_int_equal(found.count, 3);
-    assert_int_equal(found.cut, 1);
-    assert_int_equal(found.written, 4);
-    assert_near(found.black, (6 + 4 + 2 + 5) / 4.0 / W, 1e-9);
+    assert_int_equal(found.count, 5);
+    assert_int_equal(found.cut, 2);
+    assert_int_equal(found.written, 6);
+    assert_near(found.black, (6 + 4 + 2 + 5 + 1 + 7) / 6.0 / W, 1e-9);
     assert_false(cln_has_file(folder, "out/d.png.png"));
     assert_false(cln_has_file(folder, "out/f.png.png"));
-    for (int k = 0; k < 4; k++) {
+    for (int k = 0; k < 6; k++) {
         static const struct {
             const char *name;
             int black; /* columns on the left */
-        } cases[] = {{"out/a.png.png", 6},
-                     {"out/b.jpg.png", 4},
-                     {"out/in/c.png.png", 2},
-                     {"out/e.png.png", 5}};
+        } cases[] = {{"out/a.png.png", 6}, {"out/b.jpg.png", 4}, {"out/in/c.png.png", 2},
+                     {"out/e.png.png", 5}, {"out/g.png.png", 1}, {"out/h.png.png", 7}};
 
         mask = black_mask(scratch_path(folder, cases[k].name), W, H);
         for (int i = 0; i < W * H; i++)
@@ -499,7 +510,7 @@ static void test_black_masks(void **state)
                                              &(cln_callbacks){0}, &found),
                      CLN_OK);
     assert_int_equal(found.count, 0); /* masks were not asked for */
-    assert_int_equal(found.written, 1);
+    assert_int_equal(found.written, 2);
     cln_dataset_free_names(&names);
 }
 
