@@ -30,6 +30,9 @@ enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of
  * room. */
 static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18;
+/* Times, of focal lengths: of one camera; of what EXIF data tell, that of film being by the diagonal,
+ * against what is found. */
+static const double ALIKE = 1.02, APART = 1.3;
 
 /* Models of fewer photos than that are thrown away, and other beginnings tried, up to 200. */
 static const char SIZE[] = "--Mapper.min_model_size";
@@ -750,9 +753,9 @@ cln_status cln_colmap_remove(const char *folder)
 }
 
 /* What COLMAP made of the focal length, which a person may know. */
-void cln_colmap_say_focal_length(const cln_scene *scene)
+void cln_colmap_say_focal_length(const cln_colmap *c, const cln_scene *scene)
 {
-    double least = INFINITY, most = 0;
+    double least = INFINITY, most = 0, told = 0;
     int width = 0; /* of all, or -1 */
     char focal[RANGE], wide[64] = "";
 
@@ -771,4 +774,11 @@ void cln_colmap_say_focal_length(const cln_scene *scene)
     if (width > 0)
         cln_format(wide, sizeof wide, ", of photos %d pixels wide", width);
     cln_info("COLMAP's focal length: %s pixels%s", range(least, most, focal), wide);
+    told = c->focal_least;
+    if (c->focal_lengths && c->focal_most < ALIKE * told && most < ALIKE * least &&
+        fmax(most, told) > APART * fmin(most, told))
+        cln_warn("that is %.2g times what the photos' EXIF data tell: some may have been zoomed or "
+                 "cropped, or be of another lens, and poses be wrong for it; leave such out, or "
+                 "give them as the camera wrote them",
+                 most / told);
 }

@@ -14,9 +14,9 @@
 enum { CLN_POSES_LEAST = 3 }; /* photos that poses can be found of */
 
 #define CLN_POSES_ADVICE                                                                         \
-    "Take more, at most 20 degrees apart, sharp, of something with texture that does not move; " \
-    "of "                                                                                        \
-    "a thing on a turntable, give --mask-path"
+    "Take more, at most 20 degrees apart, sharp, of something with texture that does not move, " \
+    "and give them as the camera wrote them, not zoomed, cropped or blurred by software; of a "  \
+    "thing on a turntable, give --mask-path"
 
 /* How features are looked for. */
 typedef struct cln_colmap_room {
@@ -88,6 +88,6 @@ cln_status cln_colmap_transform(cln_colmap *c, const char *model, const cln_simi
 cln_status cln_colmap_remove(const char *folder);
 
 /* Tells the focal length that it found. */
-void cln_colmap_say_focal_length(const cln_scene *scene);
+void cln_colmap_say_focal_length(const cln_colmap *c, const cln_scene *scene);
 
 #endif

@@ -46,6 +46,7 @@
 
 /* Bytes that a photo's features need in the database: of so many pixels, and at most. */
 static const double ROOM_PIXEL = 4, ROOM_PHOTO = 1 << 20;
+static const double SWEEP = 2.2; /* a photo's sides; panoramas of all around have 2 */
 
 typedef struct work {
     const cln_poses_desc *desc;
@@ -143,7 +144,7 @@ static cln_status check_readable(const char *folder, const cln_names *photos)
                  "poses takes a video by itself",
                  folder, videos.count, cln_plural(videos.count, "", "s"), videos.name[0],
                  cln_plural(videos.count, "is", "are"));
-    CLN_TRY(cln_dataset_unread(folder, NULL, &others, &unread));
+    CLN_TRY(cln_dataset_unread_alone(folder, photos, &others, &unread));
     if (unread)
         cln_warn("%s: %d photo%s in formats that are not read %s left out (the first is '%s'); "
                  "convert them to JPEG%s to have them, too",
@@ -174,6 +175,46 @@ done:
     free(path);
     free(unread);
     free(first);
+    return st;
+}
+
+/* Leaves out what a phone puts together while it is swept round, which no lens explains: the poses
+ * of all would suffer. */
+static cln_status leave_out_sweeps(const char *folder, cln_names *photos)
+{
+    cln_status st = CLN_OK;
+    const char *first = NULL;
+    char *path = NULL;
+    bool *is = NULL;
+    int count = 0, left = 0;
+
+    CLN_TRY(cln_alloc(&is, (size_t)photos->count, sizeof *is, "photos"));
+    for (int i = 0; i < photos->count; i++) {
+        cln_image_head head;
+
+        free(path);
+        path = NULL;
+        CLN_TRY(cln_path_join(&path, folder, photos->name[i]));
+        CLN_TRY(cln_image_read_head(path, &head));
+        is[i] = fmax(head.width, head.height) > SWEEP * fmin(head.width, head.height);
+        count += is[i];
+        first = is[i] && !first ? photos->name[i] : first;
+    }
+    if (count == 0 || 4 * count > photos->count || photos->count - count < CLN_POSES_LEAST)
+        goto done;
+    cln_warn("%s: %d photo%s far longer than the others %s left out (%s%s): panoramas that a phone "
+             "put together fit no lens, and spoil the poses of all",
+             folder, count, cln_plural(count, "", "s"), cln_plural(count, "is", "are"), first,
+             count > 1 ? ", ..." : "");
+    for (int i = 0; i < photos->count; i++)
+        if (is[i])
+            free(photos->name[i]);
+        else
+            photos->name[left++] = photos->name[i];
+    photos->count = left;
+done:
+    free(path);
+    free(is);
     return st;
 }
 
@@ -237,7 +278,7 @@ static cln_status check_photos(work *w)
     cln_status st = CLN_OK;
     const cln_reader *reader = NULL;
     char *others = NULL;
-    const cln_names *photos = &w->photos;
+    cln_names *photos = &w->photos;
     cln_photo_gps gps = {0};
 
     if (cln_found_run(folder))
@@ -248,6 +289,8 @@ static cln_status check_photos(work *w)
     if (photos->count < CLN_POSES_LEAST)
         CLN_TRY(fail_few(folder, photos->count, folder));
     CLN_TRY(check_readable(folder, photos));
+    if (!w->posed)
+        CLN_TRY(leave_out_sweeps(folder, photos));
     if (w->desc->gps) {
         CLN_TRY(cln_photo_gps_read(folder, photos, &gps));
         CLN_TRY(cln_photo_gps_check(&gps, folder, photos->count));
@@ -657,7 +700,7 @@ static cln_status count_registered(work *w, bool places)
     stands = cln_scene_few_stands(scene);
     if (stands > 0)
         cln_warn("%s: " CLN_STANDS_ADVICE, w->desc->photos, scene->view_count, stands);
-    cln_colmap_say_focal_length(scene);
+    cln_colmap_say_focal_length(&w->colmap, scene);
     if (places)
         CLN_TRY(cln_photo_gps_place(&w->colmap, &w->gps, scene, w->result));
 done:

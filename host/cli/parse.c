@@ -408,8 +408,9 @@ static cln_status fail_folder_first(const char *folder)
                        "%s: a command comes first; this is a run: `cl-nascent view %s` shows it",
                        folder, quoted)
             : cln_fail(CLN_USAGE,
-                       "%s: a command comes first: `cl-nascent train %s -o RUN`, or check", folder,
-                       quoted));
+                       "%s: a command comes first: of photos `cl-nascent poses %s -o SCENE`, of "
+                       "photos with poses `cl-nascent train %s -o RUN`",
+                       folder, quoted, quoted));
 done:
     free(manifest);
     return st;
@@ -832,9 +833,10 @@ static cln_status settle(parser *p)
         CLN_TRY(check_info(p));
     if (bit != CLN_TRAIN && out->command->operand_required && !out->operand)
         CLN_TRY(p->dashed ? fail_dashed(p->dashed)
-                          : cln_fail(CLN_USAGE, "%s: %s is missing: `cl-nascent %s %s`",
+                          : cln_fail(CLN_USAGE, "%s: %s is missing: `cl-nascent %s %s%s`",
                                      out->command->name, out->command->operand, out->command->name,
-                                     bit == CLN_COMPLETION ? CLN_SHELLS : out->command->operand));
+                                     bit == CLN_COMPLETION ? CLN_SHELLS : out->command->operand,
+                                     bit == CLN_POSES ? " -o SCENE" : ""));
     CLN_TRY(check_drive(out->output));
     CLN_TRY(check_drive(out->export_file));
     if (bit == CLN_POSES && !out->output)

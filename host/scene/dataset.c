@@ -245,6 +245,39 @@ done:
     return st;
 }
 
+static bool has_twin(const char *name, const cln_names *photos)
+{
+    const size_t stem = (size_t)(strrchr(name, '.') - name);
+
+    for (int i = 0; i < photos->count; i++) {
+        const char *photo = photos->name[i], *dot = strrchr(photo, '.');
+
+        if (dot && (size_t)(dot - photo) == stem && strncasecmp(photo, name, stem) == 0)
+            return true;
+    }
+    return false;
+}
+
+cln_status cln_dataset_unread_alone(const char *folder, const cln_names *photos, int *count,
+                                    char **first)
+{
+    cln_status st = CLN_OK;
+    cln_names names = {0};
+
+    *first = NULL;
+    *count = 0;
+    CLN_TRY(list_sorted(folder, UNREAD, &names));
+    for (int i = 0; i < names.count; i++) {
+        if (has_twin(names.name[i], photos))
+            continue;
+        if ((*count)++ == 0)
+            CLN_TRY(cln_strdup(first, names.name[i]));
+    }
+done:
+    cln_dataset_free_names(&names);
+    return st;
+}
+
 void cln_dataset_free_names(cln_names *names)
 {
     for (int i = 0; i < names->count; i++)

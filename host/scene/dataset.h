@@ -49,6 +49,10 @@ bool cln_dataset_has_masks(const char *folder);
  * many and, relative to the folder, the first that is called like the photo `name` but for the
  * ending; name NULL: the first of all. *first is NULL if there is none; the caller frees it. */
 cln_status cln_dataset_unread(const char *folder, const char *name, int *count, char **first);
+/* The same of all but those that are beside one of the photos that are read, called alike but for
+ * the ending, as a camera's raw file or a phone's HEIC. */
+cln_status cln_dataset_unread_alone(const char *folder, const cln_names *photos, int *count,
+                                    char **first);
 
 /* By the ending: is it a photo in such a format? And how it becomes one that is read, " (...)", of
  * phones' formats; else "". */

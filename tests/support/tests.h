@@ -100,6 +100,7 @@ int test_group_painter_pictures(void);
 int test_group_pictures(void);
 int test_group_plan(void);
 int test_group_plan_ranks(void);
+int test_group_poses(void);
 int test_group_progress(void);
 int test_group_rays(void);
 int test_group_readers(void);
