@@ -369,8 +369,8 @@ static bool is_near(const place *a, const place *b)
     return sqrt(cln_dot(d, d)) <= APART * a->far;
 }
 
-/* Do the marks that fit lie at COMMON places by either part? What looks alike in many photos of both
- * is as many marks as there are pairs of these, but few places, and any three of them fit. */
+/* Do the marks that fit lie at COMMON places by either part? What looks alike in many photos of
+ * both is as many marks as there are pairs of these, but few places, and any three of them fit. */
 static bool has_places(const work *w, const similarity *s)
 {
     int count = 0;

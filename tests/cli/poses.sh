@@ -449,8 +449,8 @@ section_masks() {
         "$work/photos/train" -o "$work/masked 2" --mask-path "$work/cut out/r_003.png" \
         --progress none
     check "is called like none" [ -e "$work/masked 2/masks/of_all_photos.png" ]
-    base64 -d >"$work/black.png" <<<\
-        iVBORw0KGgoAAAANSUhEUgAAAAQAAAAECAAAAACMmsGiAAAAEklEQVR42mNgYGBgYGD4z4AEAA0HAQDbzr4EAAAAAElFTkSuQmCC
+    base64 -d >"$work/black.png" <<<"iVBORw0KGgoAAAANSUhEUgAAAAQAAAAECAAAAACMmsGiAAAAEklEQVR42mNg\
+YGBgYGD4z4AEAA0HAQDbzr4EAAAAAElFTkSuQmCC"
     expect "one that is nearly black: white may be what does not count" 0 \
         "~leaves.3.*%.of.the.photos.*mogrify.-negate" env PATH="$path" "$cln" poses \
         "$work/photos/train" -o "$work/black" --mask-path "$work/black.png" --progress none
@@ -479,7 +479,8 @@ section_masks() {
     cp -r "$work/photos/train" "$work/both"
     cp -r "$work/cut out" "$work/both/masks"
     expect "masks in a folder among the photos are no photos" 0 \
-        "~24.images.are.masks.*'masks/r_000.png'.*--mask-path.*/both/masks" env PATH="$path" "$cln" poses \
+        "~24.images.are.masks.*'masks/r_000.png'.*--mask-path.*/both/masks" \
+        env PATH="$path" "$cln" poses \
         "$work/both" -o "$work/unmasked 2" --progress none
     check "they are not matched with them" [ ! -e "$work/unmasked 2/images/masks" ]
     expect "a folder of masks within that of the photos" 0 "~masks:.of.24.of.24.photos" \

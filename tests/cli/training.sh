@@ -293,8 +293,9 @@ section_resume() {
     run "$cln" eval "$work/exposed" --no-save-images
     check "all images are fitted" grep -q "its photo: [0-9.]*$" "$work/out"
     cp -r "$work/photos" "$work/plain"
-    base64 -d >"$work/plain/images/frame_00014.png" <<<"iVBORw0KGgoAAAANSUhEUgAAADAAAAAwCAIAAADYYG7QAAAAOUlEQVR42u3O\
-AQ0AAAgDIDXm+wexhnOQgE5Sl0wdIyQkJCQkJCQkJCQkJCQkJCQkJCQkJCQkJPQ5tOCjAW6cvKTxAAAAAElFTkSuQmCC"
+    base64 -d >"$work/plain/images/frame_00014.png" <<<"iVBORw0KGgoAAAANSUhEUgAAADAAAAAwCAIAAADY\
+YG7QAAAAOUlEQVR42u3OAQ0AAAgDIDXm+wexhnOQgE5Sl0wdIyQkJCQkJCQkJCQkJCQkJCQkJCQkJCQk\
+JPQ5tOCjAW6cvKTxAAAAAElFTkSuQmCC"
     run "$cln" eval "$work/exposed" --no-save-images --scene "$work/plain" \
         -o "$work/of plain"
     check "one of one colour is not" \
