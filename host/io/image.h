@@ -16,8 +16,8 @@ enum { CLN_IMAGE_MAX_SIDE = 1 << 17, CLN_IMAGE_MAX_PIXELS = 1 << 28 };
 cln_status cln_image_info(const char *path, int *width, int *height, int *channels);
 
 /* The same, and what EXIF data tell (io/exif.h): how viewers turn it (1: as it is), which decoding
- * does not do, focal lengths (mm; 0: none), the digital zoom (1: none), and the place by GPS (degrees and metres; NAN:
- * none); and what XMP data tell (io/xmp.h). */
+ * does not do, focal lengths (mm; 0: none), the digital zoom (1: none), and the place by GPS
+ * (degrees and metres; NAN: none); and what XMP data tell (io/xmp.h). */
 typedef struct cln_image_head {
     int width, height, channels, orientation;
     double focal, focal_film, zoom, gps[3];

@@ -57,7 +57,7 @@ section_photos() {
         "$work/photos/train/r_000.png" "$work/photos/train/r_001.png" -o "$work/posed"
     expect "an archive" 3 "~text.zip:.*unpack" "$cln" poses "$work/text.zip" -o "$work/posed"
     touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
-    expect "photos without a command" 2 "~command.comes.first ~cl-nascent.poses.*train.-o.SCENE" \
+    expect "photos without a command" 2 "~command.comes.first ~cl-nascent.poses.*photos/train.*-o.SCENE" \
         "$cln" "$work/photos/train"
     expect "poses without photos" 2 "~PHOTOS.is.missing ~cl-nascent.poses.PHOTOS.-o.SCENE" \
         "$cln" poses
