@@ -408,11 +408,8 @@ static cln_status take_panoramas(cln_colmap *c, cln_photo_cameras *cameras, bool
     *taken = false;
     if (c->lens)
         return CLN_OK;
-    if (!cameras->told && panoramas < few && 2 * panoramas <= all) {
-        for (int k = 0; k < cameras->count; k++)
-            cameras->sphere[k] = false;
+    if (!cameras->told && panoramas < few && 2 * panoramas <= all)
         return cameras->cuts ? refuse_like_panoramas(c, cameras) : CLN_OK;
-    }
     CLN_TRY(refuse_like_panoramas(c, cameras));
     if (panoramas == 0)
         goto done;
