@@ -616,6 +616,7 @@ static void a_cropped_volume_is_a_part(void **state)
                 there[a] = (int)lround((at[a] - first) / 0.1);
                 assert_near(first + 0.1 * there[a], at[a], 1e-9);
                 assert_in_range(there[a], 0, shape[0][2 - a] - 1);
+                assert_true(i != 1 || cell[a] > 0 || at[a] - 0.1 < fmax(desc.crop[a], first));
             }
             memcpy(in_box, at, sizeof at);
             if (i == 2) { /* turned back about the middle */
