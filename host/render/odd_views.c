@@ -20,8 +20,9 @@ static const double HIDDEN_DB = 6, HIDDEN_DEPTH = 0.2;
 static const double PARTLY_DB = 9, MORE_DB = 4;
 
 /* An image is off if it is so many dB below the median of OFF_VIEWS and more, and so many times as
- * far as the lower quartile: never more than a quarter of them. At evaluations of all photos of four sound scenes the worst were 2 to 5 dB
- * below; where the pose was wrong by a degree, two were exchanged or the wind blew, 6 to 15. */
+ * far as the lower quartile: never more than a quarter of them. At evaluations of all photos of
+ * four sound scenes the worst were 2 to 5 dB below; where the pose was wrong by a degree, two were
+ * exchanged or the wind blew, 6 to 15. */
 static const double OFF_DB = 5.5, OFF_TIMES = 4;
 enum { OFF_VIEWS = 8 };
 

@@ -815,7 +815,8 @@ static void test_left_out(void **state)
 }
 
 /* Whether a render is empty, and a photo of one colour, is told by pixels that count: those of the
- * first test view are kept by their opacity, from `least` to `most`, or where the photo has none. */
+ * first test view are kept by their opacity, from `least` to `most`, or where the photo has
+ * none. */
 static cln_eval_image measure_kept(const cln_picture *picture, bool air, float least, float most)
 {
     const bool pixels[CLN_SPLITS] = {[CLN_SPLIT_TEST] = true};
