@@ -1,7 +1,7 @@
 /* The layers of LPIPS (host/render/lpips.h): convolutions, pools, and the comparison of two
  * pictures' features. Features are [row][channel][column], as what a sum takes then lies on few
- * pages, with a border of zeros; `row` and `line` are the floats of a row and of a channel's part of
- * it, `border` the rows and columns of zeros.
+ * pages, with a border of zeros; `row` and `line` are the floats of a row and of a channel's part
+ * of it, `border` the rows and columns of zeros.
  *
  *   lpips_convolve   out[n][y][x] = max(0, b[n] + sum in[k][s y + v][s x + u] w[n][k][v][u])
  *   lpips_pool       out[n][y][x] = max in[n][2 y + v][2 x + u]
