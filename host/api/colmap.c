@@ -30,8 +30,8 @@ enum { BLOCK_LEAST = 4, BLOCK_MOST = 50, RANGE = 64, CAMERAS = 32 };
 /* Bytes free on a disk: with fewer, a command's files are cut off, or it failed for want of
  * room. */
 static const double ROOM_LEAST = 1 << 12, ROOM_FAILED = 1 << 18;
-/* Times, of focal lengths: of one camera; of what EXIF data tell, that of film being by the diagonal,
- * against what is found. */
+/* Times, of focal lengths: of one camera; what is found against what EXIF data tell, where that on
+ * film is by the diagonal. */
 static const double ALIKE = 1.02, APART = 1.3;
 
 /* Models of fewer photos than that are thrown away, and other beginnings tried, up to 200. */
@@ -413,11 +413,8 @@ static cln_status take_panoramas(cln_colmap *c, cln_photo_cameras *cameras, bool
         return c->lens->lens == CLN_LENS_EQUIRECTANGULAR && cameras->cuts
                    ? refuse_like_panoramas(c, cameras)
                    : CLN_OK;
-    if (!cameras->told && panoramas < few && 2 * panoramas <= all) {
-        for (int k = 0; k < cameras->count; k++)
-            cameras->sphere[k] = false;
+    if (!cameras->told && panoramas < few && 2 * panoramas <= all)
         return cameras->cuts ? refuse_like_panoramas(c, cameras) : CLN_OK;
-    }
     CLN_TRY(refuse_like_panoramas(c, cameras));
     if (panoramas == 0)
         goto done;

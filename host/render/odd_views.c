@@ -20,11 +20,11 @@ static const double HIDDEN_DB = 6, HIDDEN_DEPTH = 0.2;
 static const double PARTLY_DB = 9, MORE_DB = 4;
 
 /* An image is off if it is so many dB below the median of OFF_VIEWS and more, and so many times as
- * far as the lower quartile; but if there are more than a quarter of these, they are of another
- * kind. At evaluations of all photos of four sound scenes the worst were 2 to 5 dB
- * below; where the pose was wrong by a degree, two were exchanged or the wind blew, 6 to 15. */
+ * far as the lower quartile: never more than a quarter of them. At evaluations of all photos of
+ * four sound scenes the worst were 2 to 5 dB below; where the pose was wrong by a degree, two were
+ * exchanged or the wind blew, 6 to 15. */
 static const double OFF_DB = 5.5, OFF_TIMES = 4;
-enum { OFF_VIEWS = 8, OFF_PART = 4 };
+enum { OFF_VIEWS = 8 };
 
 /* Sorts them; NAN of none. */
 static double median(double *values, size_t count)
@@ -82,17 +82,13 @@ static void find_off(cln_eval_result *result, double *values)
 {
     const double psnr = off_below(result, offsetof(cln_eval_image, psnr), values);
     const double fitted = off_below(result, offsetof(cln_eval_image, psnr_fitted), values);
-    int off = 0;
 
     for (int i = 0; i < result->count; i++) {
         cln_eval_image *image = &result->images[i];
 
         image->off = image->psnr < psnr && !(image->psnr_fitted >= fitted) && !image->hidden &&
                      !image->apart;
-        off += image->off;
     }
-    for (int i = 0; i < result->count && OFF_PART * off > result->count; i++)
-        result->images[i].off = false;
 }
 
 cln_status cln_odd_views(cln_eval_result *result)

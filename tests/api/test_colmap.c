@@ -1,7 +1,11 @@
-/* How many photos COLMAP looks for features in at a time, by the memory that there is
- * (api/colmap.h); which GPS positions tell how a scene is turned (api/photo_gps.h). */
+/* How many photos COLMAP looks for features in at a time, by the memory that there is, and what is
+ * said of its focal lengths (api/colmap.h); which GPS positions tell how a scene is turned
+ * (api/photo_gps.h). */
 #include "unit.h"
+#include <stdio.h>
+#include <string.h>
 #include "api/photo_gps.h"
+#include "base/log.h"
 #include "near.h"
 #include "tests.h"
 
@@ -52,9 +56,54 @@ static void test_wide(void **state)
     assert_false(cln_photo_gps_wide(&gps, 4));
 }
 
+static void keep_line(cln_log_level level, const char *line, void *user)
+{
+    (void)level;
+    snprintf(user, 256, "%s", line);
+}
+
+/* In pixels of the files; panoramas have none, and one width is told if all that have one share it.
+ */
+static void test_focal_length(void **state)
+{
+    const cln_view sphere = {.camera = {.lens = CLN_LENS_EQUIRECTANGULAR, .width = 80, .fx = 12.7},
+                             .file_width = 80},
+                   half = {.camera = {.width = 100, .fx = 90}, .file_width = 200},
+                   whole = {.camera = {.width = 200, .fx = 220}, .file_width = 200},
+                   wide = {.camera = {.width = 300, .fx = 220}, .file_width = 300};
+    const struct {
+        cln_view views[3];
+        int count;
+        const char *said;
+    } rows[] = {
+        {{half, whole}, 2, "180 to 220 pixels, of photos 200 pixels wide"},
+        {{sphere, half, sphere}, 3, "180 pixels, of photos 200 pixels wide"},
+        {{whole, wide}, 2, "220 pixels"},
+        {{whole, wide, whole}, 3, "220 pixels"},
+        {{sphere, sphere}, 2, NULL},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        char text[256] = "";
+        cln_view views[3];
+        const cln_scene scene = {.views = views, .view_count = rows[i].count};
+        const char *said = NULL;
+
+        memcpy(views, rows[i].views, sizeof views);
+        cln_log_set_sink(keep_line, text);
+        cln_colmap_say_focal_length(&(cln_colmap){0}, &scene);
+        cln_log_set_sink(NULL, NULL);
+        said = strstr(text, "focal length: ");
+        if (rows[i].said ? !said || strcmp(said + 14, rows[i].said) != 0 : *text)
+            fail_msg("row %zu: '%s'", i, text);
+    }
+}
+
 int test_group_colmap(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fit), cmocka_unit_test(test_wide)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_fit), cmocka_unit_test(test_wide),
+                                       cmocka_unit_test(test_focal_length)};
 
     return cmocka_run_group_tests_name("colmap", tests, NULL, NULL);
 }

@@ -9,8 +9,9 @@
 
 enum { WIDTH = 400, HEIGHT = 200 };
 
-/* EXIF data of a focal length, on 35 mm film if `film`; then, if xmp, XMP data. */
-static void put_photo(const char *path, int width, int height, int mm, bool film, const char *xmp)
+/* EXIF data of a focal length in tenths of mm, on 35 mm film if `film`; then, if xmp, XMP data. */
+static void put_photo(const char *path, int width, int height, int tenths, bool film,
+                      const char *xmp)
 {
     static const char name[] = "http://ns.adobe.com/xap/1.0/";
     uint8_t *pixels = calloc((size_t)(width * height), 3), *jpeg = NULL, head[512] = {0};
@@ -22,13 +23,13 @@ static void put_photo(const char *path, int width, int height, int mm, bool film
 
     assert_non_null(pixels);
     assert_int_equal(cln_image_encode_jpeg(width, height, 3, pixels, 80, &jpeg, &bytes), CLN_OK);
-    if (mm) {
-        const uint8_t of_film[12] = {0x05, 0xA4, 3, 0, 1, 0, 0, 0, (uint8_t)mm};
+    if (tenths) {
+        const uint8_t of_film[12] = {0x05, 0xA4, 3, 0, 1, 0, 0, 0, (uint8_t)(tenths / 10)};
         const uint8_t of_lens[12] = {0x0A, 0x92, 5, 0, 1, 0, 0, 0, 50};
 
         memcpy(tiff + 28, film ? of_film : of_lens, 12);
-        tiff[50] = (uint8_t)mm;
-        tiff[54] = 1;
+        tiff[50] = (uint8_t)tenths;
+        tiff[54] = 10;
         memcpy(head,
                "\xFF\xE1\0\x4E"
                "Exif\0\0",
@@ -67,28 +68,33 @@ static void find(const char *folder, cln_names *names, cln_photo_cameras *out)
 static void test_panoramas(void **state)
 {
     static const struct {
-        int width, height, mm;
+        int width, height, tenths;
         bool film;
         const char *xmp;
         bool sphere, told, cut;
     } cases[] = {
         {64, 32, 0, false, NULL, true, false, false},
-        {64, 32, 1, false, NULL, true, false, false},  /* as such cameras have */
-        {64, 32, 3, false, NULL, false, false, false}, /* as phones have */
-        {64, 32, 7, true, NULL, true, false, false},   /* no lens of one picture, on film */
-        {64, 32, 26, true, NULL, false, false, false},
+        {64, 32, 10, false, NULL, true, false, false}, /* as such cameras have */
+        {64, 32, 14, false, NULL, true, false, false},
+        {64, 32, 15, false, NULL, false, false, false}, /* as phones have */
+        {64, 32, 30, false, NULL, false, false, false},
+        {64, 32, 70, true, NULL, true, false, false}, /* no lens of one picture, on film */
+        {64, 32, 100, true, NULL, false, false, false},
+        {64, 32, 260, true, NULL, false, false, false},
         {64, 33, 0, false, NULL, false, false, false},
-        {64, 32, 3, false, SPHERE, true, true, false}, /* a large sensor's */
-        {64, 32, 26, true, SPHERE, true, true, false},
+        {64, 32, 30, false, SPHERE, true, true, false}, /* a large sensor's */
+        {64, 32, 260, true, SPHERE, true, true, false},
         {64, 32, 0, false, SPHERE PART, false, false, true},
         {64, 20, 0, false, SPHERE, false, false, true}, /* by its shape */
+        {64, 33, 0, false, SPHERE, true, true, false},  /* rounded */
+        {64, 34, 0, false, SPHERE, false, false, true},
     };
 
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         cln_names names = {0};
         cln_photo_cameras found = {0};
 
-        put_photo(scratch_path(*state, "a.jpg"), cases[i].width, cases[i].height, cases[i].mm,
+        put_photo(scratch_path(*state, "a.jpg"), cases[i].width, cases[i].height, cases[i].tenths,
                   cases[i].film, cases[i].xmp);
         find(*state, &names, &found);
         if (found.sphere[0] != cases[i].sphere || found.panoramas != cases[i].sphere ||
@@ -106,10 +112,10 @@ static void test_mix(void **state)
     cln_names names = {0};
     cln_photo_cameras found = {0};
 
-    put_photo(scratch_path(*state, "a.jpg"), 64, 32, 3, false, NULL);
-    put_photo(scratch_path(*state, "b.jpg"), 64, 32, 3, false, SPHERE);
-    put_photo(scratch_path(*state, "c.jpg"), 64, 32, 3, false, NULL);
-    put_photo(scratch_path(*state, "d.jpg"), 64, 32, 3, false, SPHERE PART);
+    put_photo(scratch_path(*state, "a.jpg"), 64, 32, 30, false, NULL);
+    put_photo(scratch_path(*state, "b.jpg"), 64, 32, 30, false, SPHERE);
+    put_photo(scratch_path(*state, "c.jpg"), 64, 32, 30, false, NULL);
+    put_photo(scratch_path(*state, "d.jpg"), 64, 32, 30, false, SPHERE PART);
     find(*state, &names, &found);
     assert_int_equal(found.count, 2);
     assert_int_equal(found.camera[2], found.camera[0]);
@@ -120,6 +126,78 @@ static void test_mix(void **state)
     assert_int_equal(found.cut, 3);
     cln_photo_cameras_free(&found);
     cln_dataset_free_names(&names);
+}
+
+/* The photos that a message names are the first ones. */
+static void test_first_are_named(void **state)
+{
+    cln_names names = {0};
+    cln_photo_cameras found = {0};
+
+    for (int i = 0; i < 5; i++) {
+        const char name[] = {(char)('a' + i), '.', 'j', 'p', 'g', 0};
+
+        put_photo(scratch_path(*state, name), 64, i == 0 ? 48 : 32, 0, false,
+                  i == 0 || i % 2 ? NULL : SPHERE PART);
+    }
+    find(*state, &names, &found);
+    assert_int_equal(found.guessed, 1);
+    assert_int_equal(found.cut, 2);
+    assert_int_equal(found.panoramas, 2);
+    assert_int_equal(found.cuts, 2);
+    cln_photo_cameras_free(&found);
+    cln_dataset_free_names(&names);
+}
+
+/* A camera has photos of one size, both ways, and of one focal length but for rounding. */
+static void test_cameras(void **state)
+{
+    static const struct {
+        int width, height, mm, cameras;
+        bool sizes, lengths;
+        int longest;
+    } cases[] = {
+        {64, 48, 20, 1, false, false, 64}, {64, 40, 20, 2, true, false, 64},
+        {48, 64, 20, 2, true, false, 64},  {40, 80, 20, 2, true, false, 80},
+        {64, 48, 22, 2, false, true, 64},  {64, 48, 0, 2, false, true, 64},
+    };
+    cln_photo_cameras found = {0};
+    cln_names names = {0};
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        put_photo(scratch_path(*state, "a.jpg"), 64, 48, 200, true, NULL);
+        put_photo(scratch_path(*state, "b.jpg"), cases[i].width, cases[i].height, 10 * cases[i].mm,
+                  true, NULL);
+        find(*state, &names, &found);
+        if (found.count != cases[i].cameras || found.sizes != cases[i].sizes ||
+            found.lengths != cases[i].lengths || found.longest != cases[i].longest)
+            fail_msg("case %zu", i);
+        cln_photo_cameras_free(&found);
+        cln_dataset_free_names(&names);
+    }
+    put_photo(scratch_path(*state, "a.jpg"), 64, 48, 2000, true, NULL); /* mm: 200 and 203 */
+    put_photo(scratch_path(*state, "b.jpg"), 64, 48, 2030, true, NULL);
+    find(*state, &names, &found);
+    assert_int_equal(found.count, 1);
+    cln_photo_cameras_free(&found);
+    cln_dataset_free_names(&names);
+}
+
+/* COLMAP takes spaces around a line away, and ends a name where one ends. */
+static void test_names_for_lists(void **state)
+{
+    static const struct {
+        char *name;
+        bool is;
+    } cases[] = {{"a b.jpg", true}, {" a.jpg", false}, {"a.jpg ", false}, {"a\nb.jpg", false}};
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char *both[] = {"a.jpg", cases[i].name};
+        const cln_names names = {.name = both, .count = 2};
+
+        assert_int_equal(cln_photo_cameras_listable(&names), cases[i].is);
+    }
 }
 
 /* Two circles of radius `radius` (of the height) on black; else a picture all over, in which rows
@@ -201,13 +279,52 @@ static void digital_zoom_makes_a_camera(void **state)
     cln_dataset_free_names(&names);
 }
 
+/* Two circles, and a patch of other brightness in one of them: in a corner, or in its middle, above
+ * or below. */
+static bool with_patch(const char *path, int half, double x, bool below, uint8_t value)
+{
+    uint8_t *pixels = NULL;
+    int width = 0, height = 0, channels = 0;
+    bool circles = false;
+
+    assert_true(has_circles(path, 0.5, 0));
+    assert_int_equal(cln_image_load(path, &width, &height, &channels, &pixels), CLN_OK);
+    for (int v = 0; v < HEIGHT; v++)
+        for (int u = half * HEIGHT; u < (half + 1) * HEIGHT; u++)
+            if (fabs((u % HEIGHT + 0.5) / HEIGHT - x) < 0.08 && (v > HEIGHT / 2) == below)
+                memset(pixels + (size_t)(v * WIDTH + u) * (size_t)channels, value,
+                       (size_t)channels);
+    assert_int_equal(cln_image_write_png(path, WIDTH, HEIGHT, channels, pixels), CLN_OK);
+    assert_int_equal(cln_photo_has_circles(path, &circles), CLN_OK);
+    free(pixels);
+    return circles;
+}
+
+/* Of either circle, each of the four corners is black, and the middle bright above and below. */
+static void test_circles_all_round(void **state)
+{
+    const char *path = scratch_path(*state, "a.png");
+
+    for (int half = 0; half < 2; half++)
+        for (int below = 0; below < 2; below++) {
+            if (with_patch(path, half, 0, below, 200) || with_patch(path, half, 1, below, 200) ||
+                with_patch(path, half, 0.5, below, 4))
+                fail_msg("half %d, below %d", half, below);
+            assert_true(with_patch(path, half, 0.5, below, 200));
+        }
+}
+
 int test_group_photo_cameras(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_panoramas, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(test_mix, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(digital_zoom_makes_a_camera, scratch_make, scratch_remove),
-        cmocka_unit_test_setup_teardown(test_circles, scratch_make, scratch_remove)};
+        cmocka_unit_test_setup_teardown(test_first_are_named, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_cameras, scratch_make, scratch_remove),
+        cmocka_unit_test(test_names_for_lists),
+        cmocka_unit_test_setup_teardown(test_circles, scratch_make, scratch_remove),
+        cmocka_unit_test_setup_teardown(test_circles_all_round, scratch_make, scratch_remove)};
 
     return cmocka_run_group_tests_name("photo_cameras", tests, NULL, NULL);
 }

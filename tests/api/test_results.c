@@ -879,6 +879,7 @@ static void test_eval_of_a_part(void **state)
         for (int i = 0; i < result.count; i++) {
             seen += !result.images[i].apart;
             sum += result.images[i].apart ? 0 : result.images[i].psnr;
+            assert_false(result.images[i].apart && result.images[i].empty);
         }
         assert_int_equal(seen, result.count - result.apart);
         assert_near(result.psnr, sum / seen, 1e-9);

@@ -437,7 +437,8 @@ static void test_units(void **state)
     static const struct {
         const char *text;
         double value;
-    } times[] = {{"1h30m", 5400}, {"1h0.5m2s", 3632}, {"10min", 600}, {"2min5s", 125}},
+    } times[] = {{"1h30m", 5400}, {"1h0.5m2s", 3632}, {"10min", 600},
+                 {"2min5s", 125}, {"1min", 60},       {"1m", 60}},
       sizes[] = {{"2GB", 0x1p31}, {"2GiB", 0x1p31}, {"2g", 0x1p31}, {"1.5kb", 1536}};
     cln_config config = preset("fast");
     double value = 0, three[3] = {7, 7, 7};
@@ -489,9 +490,12 @@ static void test_units(void **state)
         assert_true(value == sizes[i].value);
     }
     assert_false(cln_seconds_read("2d", &value, NULL) || cln_seconds_read("-2m", &value, NULL));
+    assert_false(cln_seconds_read("1234567890:00", &value, NULL));
     value = 2048;
     assert_failed(cln_parse_bytes("--size", "M", &value), CLN_USAGE, "--size|'M'|512M");
     assert_failed(cln_parse_bytes("--size", "2048iB", &value), CLN_USAGE, "'2048iB'|512M");
+    assert_failed(cln_parse_bytes("--size", "5Ki", &value), CLN_USAGE, "'5Ki'|512M");
+    assert_failed(cln_parse_bytes("--size", "5Kix", &value), CLN_USAGE, "'5Kix'|512M");
     assert_true(value == 2048);
     assert_int_equal(cln_parse_reals("1,-2.5,3e2", 3, three), CLN_OK);
     assert_true(three[0] == 1 && three[1] == -2.5 && three[2] == 300);

@@ -57,8 +57,8 @@ section_photos() {
         "$work/photos/train/r_000.png" "$work/photos/train/r_001.png" -o "$work/posed"
     expect "an archive" 3 "~text.zip:.*unpack" "$cln" poses "$work/text.zip" -o "$work/posed"
     touch "$work/no photos/"{a.HEIC,b.tif,c.tif}
-    expect "photos without a command" 2 "~command.comes.first ~cl-nascent.poses.*photos/train.*-o.SCENE" \
-        "$cln" "$work/photos/train"
+    expect "photos without a command" 2 \
+        "~command.comes.first ~cl-nascent.poses.*photos/train.*-o.SCENE" "$cln" "$work/photos/train"
     expect "poses without photos" 2 "~PHOTOS.is.missing ~cl-nascent.poses.PHOTOS.-o.SCENE" \
         "$cln" poses
     expect "photos in formats that are not read" 3 \
@@ -225,6 +225,34 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4 " "$work/fisheye/colmap.log"
     done
     expect "ones that say what they are count" 3 "~5.of.8.photos" env PATH="$path" "$cln" \
         poses "$work/panoramas" -o "$work/of told ones" --progress none
+    check "as they look alone, if not all say it" said "~5.of.8.photos.are.2.:.1"
+    mkdir "$work/told"
+    cp "$work/panoramas/"told[12].png "$work/photos/train/"r_00[1-3].png "$work/told"
+    expect "two that say so among five are some" 3 "~2.of.5.photos.are.*XMP.data,.of.which" env \
+        PATH="$path" "$cln" poses "$work/told" -o "$work/of two told" --progress none
+    cp "$work/photos/train/r_000.png" "$work/told/ blank.png"
+    expect "beside photos of which no list can be made" 3 \
+        "~2.of.6.photos.are.*of.many.sizes:.find.*each.kind.in.a.folder" env STAND_IN=newer \
+        PATH="$path" "$cln" poses "$work/told" -o "$work/of two told" --progress none
+    { head -c 33 "$work/panoramas/1.png" &&
+        printf '\0\0\0\204iTXtXML:com.adobe.xmp\0\0\0\0\0%s %s %s%s' \
+            GPano:ProjectionType=\"equirectangular\" GPano:FullPanoHeightPixels=\"32\" \
+            GPano:CroppedAreaImageHeightPixels=\"16\" XXXX
+        tail -c +34 "$work/panoramas/1.png"; } >"$work/told/cut.png"
+    expect "panoramas of which a part is cut off, beside others" 3 \
+        "~1.of.7.photos.*cut.png.*is.cut.off:.fill.them.up" env STAND_IN=newer \
+        PATH="$path" "$cln" poses "$work/told" -o "$work/of two told" --progress none
+    mkdir "$work/circles"
+    for i in 1 2 3; do # 32 x 16, of two circles
+        base64 -d >"$work/circles/$i.png" <<<"iVBORw0KGgoAAAANSUhEUgAAACAAAAAQCAAAAABSayKFAA\
+AAMUlEQVR42mNgAIH/YMAAB2j8/3BA\
+iA8RwccHiaDzCSr4TwAMDQWUhwPhoCYcWfijGwBuFZ5wL2FvxwAAAABJRU5ErkJggg=="
+    done
+    expect "two circles side by side, before they are put together" 3 \
+        "~circles:.'1.png'.has.two.circles.*SIMPLE_RADIAL" env STAND_IN=newer PATH="$path" \
+        "$cln" poses "$work/circles" -o "$work/of circles" --progress none
+    check "COLMAP is not begun" \
+        eval '! grep -q "feature_extractor.*image_path" "$work/of circles/colmap.log"'
     mkdir "$work/cut panoramas"
     for i in 1 2 3; do # square ones that say it
         { head -c 33 "$work/photos/train/r_00$i.png" &&
@@ -279,6 +307,9 @@ OPENCV_FISHEYE .*default_focal_length_factor 0\.4 " "$work/fisheye/colmap.log"
         PATH="$path" STAND_IN=begun "$cln" poses "$work/photos/train" -o "$work/begun anew" \
         --progress line
     check "nor is it kept" eval '[ ! -e "$work/begun anew/sparse/1" ] && ! said groups'
+    expect "a model that cannot be read counts, one that was dropped is not pointed to" 0 \
+        "~2.groups.of.21,.2.photos ~each.group.*sparse/2$" env PATH="$path" STAND_IN=three \
+        "$cln" poses "$work/photos/train" -o "$work/three" --progress none
     expect "a smaller model beside it is no fault" 0 "" "$cln" info "$work/parts"
     check "but it is told" said "1 other model beside it is not read"
     mv "$work/parts/sparse/0" "$work/parts/aside"
@@ -728,11 +759,31 @@ section_gps() {
         -o "$s" --gps --progress none
     check "files of others are not lost, either" eval \
         '[ -e "$s/sparse/0/depth_params.json" ] && [ ! -e "$s/sparse.gps" ]'
+    cp -r "$work/flown" "$work/by link"
+    mv "$work/by link/sparse/0" "$work/elsewhere"
+    ln -s ../../elsewhere "$work/by link/sparse/0"
+    touch "$work/elsewhere/mine.txt" "$work/elsewhere/frames.bin"
+    find "$work/elsewhere" -type f -exec md5sum {} + | sort >"$work/elsewhere once.txt"
+    expect "a model that sparse/0 points to" 0 "" env PATH="$path" "$cln" poses "$work/flight" \
+        -o "$work/by link" --gps --progress none
+    check "is left as it was" eval \
+        'find "$work/elsewhere" -type f -exec md5sum {} + | sort | cmp - "$work/elsewhere once.txt"'
+    check "and what is placed stands in the link's place" \
+        eval '[ ! -L "$work/by link/sparse/0" ] && [ -e "$work/by link/sparse/0/images.bin" ]'
+    touch "$s/sparse/0/"{rigs,frames}.bin # as newer COLMAPs write them; this one does not
+    expect "rigs and frames are of the model before" 0 "" env PATH="$path" "$cln" poses \
+        "$work/flight" -o "$s" --gps --progress none
+    check "and go with it" \
+        eval '[ ! -e "$s/sparse/0/rigs.bin" ] && [ ! -e "$s/sparse/0/frames.bin" ]'
     mkdir -p "$work/few"
     cp "$work/flight"/r_00[0369].png "$work/flight/r_012.png" "$work/flight/r_016.png" "$work/few"
     expect "placed again by some of the photos" 0 "~by.the.positions.of.5.of.23.cameras.alone" env \
         PATH="$path" "$cln" poses "$work/few" -o "$s" --gps --progress none --json
     check "of which so many have a pose" [ "$(json photos) $(json registered)" = "6 6" ]
+    cp "$work/flight"/r_0{0[1245],10}.png "$work/flight"/r_01[1378].png "$work/few"
+    expect "by more than half of them" 0 "" env PATH="$path" "$cln" poses "$work/few" -o "$s" \
+        --gps --progress none
+    check "that is not told" not_said "alone"
     cp "$s/sparse/0"/*.bin "$s/sparse"
     cp "$s/sparse/0/images.bin" "$work/images once.bin"
     expect "where readers take another model" 7 "~--gps.places.sparse/0.*is.in.*sparse;.move" env \

@@ -162,6 +162,20 @@ static void test_odd_sides(void **state)
         else
             assert_bytes(path, column, sizeof column);
     }
+    { /* the last column, not the first, again */
+        static const uint8_t wide[3 * 2 * 3] = {1,  2,  3,  4,  5,  6,  7,  8,  9,
+                                                10, 11, 12, 13, 14, 15, 16, 17, 18};
+        static const uint8_t wider[4 * 2 * 3] = {1,  2,  3,  4,  5,  6,  7,  8,  9,  7,  8,  9,
+                                                 10, 11, 12, 13, 14, 15, 16, 17, 18, 16, 17, 18};
+        const char *path = scratch_path(*state, "c.mp4");
+        const cln_film_form form = {.width = 3, .height = 2, .fps = 25};
+        cln_film *film = NULL;
+
+        assert_int_equal(cln_film_begin(path, &form, &film), CLN_OK);
+        assert_int_equal(cln_film_add(film, wide), CLN_OK);
+        assert_int_equal(cln_film_end(film), CLN_OK);
+        assert_bytes(path, wider, sizeof wider);
+    }
     { /* the last row again */
         const char *path = scratch_path(*state, "b.mp4");
         const cln_film_form form = {.width = 2, .height = 3, .fps = 25};
@@ -250,10 +264,22 @@ static void test_rates(void **state)
                 {25000.0 / 1001, 25000, 1001},
                 {100.0 / 3, 100, 3},
                 {23.97, 2397, 100},
+                {29.968, 3746, 125},
                 {0.001, 1, 1000},
                 {1000, 1000, 1}};
-    static const char *const bad[] = {"",   "x",   "24/", "/2",   "24/0",   "24/-1",
-                                      "-1", "24 ", "nan", "1001", "1/1001", "24/1/2"};
+    static const char *const bad[] = {"",
+                                      "x",
+                                      "24/",
+                                      "/2",
+                                      "24/0",
+                                      "24/-1",
+                                      "-1",
+                                      "24 ",
+                                      "nan",
+                                      "1001",
+                                      "1/1001",
+                                      "24/1/2",
+                                      "24.00000000000000000000000000000000x"};
     double fps = 0;
     int64_t num = 0, den = 0;
 

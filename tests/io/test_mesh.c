@@ -4,6 +4,7 @@
 #include "glb.h"
 #include "io/mesh.h"
 #include "near.h"
+#include "outcome.h"
 #include "scratch.h"
 #include "tests.h"
 
@@ -129,6 +130,13 @@ static const char *name_of(const glb *g, const char *list)
     return name ? name : "";
 }
 
+static json_int_t mode_of(const glb *g)
+{
+    const json_t *primitive = glb_at(glb_at(g->document, "meshes", 0), "primitives", 0);
+
+    return json_integer_value(json_object_get(primitive, "mode"));
+}
+
 static void glb_is_gltf(void **state)
 {
     const char *file = scratch_path(*state, "x.glb");
@@ -148,14 +156,44 @@ static void glb_is_gltf(void **state)
         for (int a = 0; a < 3; a++)
             assert_near(v[a], at[i][a], 1e-7);
     }
-    assert_near(json_number_value(glb_at(json_array_get(accessors, 0), "max", 1)), 2.75, 1e-6);
+    for (size_t a = 0; a < 3; a++) {
+        static const double low[3] = {0.125, 0.5, 0.0625}, high[3] = {1.375, 2.75, 3.001953125};
+        const json_t *places = json_array_get(accessors, 0);
+
+        assert_near(json_number_value(glb_at(places, "min", a)), low[a], 1e-6);
+        assert_near(json_number_value(glb_at(places, "max", a)), high[a], 1e-6);
+        assert_int_equal(json_is_true(json_object_get(json_array_get(accessors, a), "normalized")),
+                         a == 2); /* else colours of 16 bits are white */
+    }
     /* colours are linear: of 128, (128 / 255 + 0.055)^2.4 / 1.055^2.4 */
     assert_int_equal(glb_word(g.numbers + 96) & 0xffff, 65535);
     assert_near((double)(glb_word(g.numbers + 100) & 0xffff), 0.2158605 * 65535, 1);
+    assert_near((double)(glb_word(g.numbers + 112) & 0xffff), 10 / 255.0 / 12.92 * 65535, 1);
+    assert_int_equal(mode_of(&g), 4); /* triangles */
     assert_int_equal(glb_word(g.numbers + g.count - 4), 2);
     assert_string_equal(name_of(&g, "meshes"), "surface");
     assert_string_equal(name_of(&g, "materials"), "colours");
     glb_close(&g);
+}
+
+/* Without faces they are points; more than its 32 bits can count are refused. */
+static void glb_has_points_and_an_end(void **state)
+{
+    const char *file = scratch_path(*state, "x.glb");
+    cln_mesh mesh = make(0, 0);
+    glb g;
+
+    mesh.faces = 0;
+    assert_int_equal(cln_mesh_write_glb(file, &mesh), CLN_OK);
+    g = glb_open(file);
+    assert_int_equal(mode_of(&g), 0);
+    assert_int_equal(g.count, 4 * (12 + 12 + 8));
+    assert_int_equal(json_array_size(json_object_get(g.document, "accessors")), 3);
+    glb_close(&g);
+    assert_int_equal(remove(file), 0);
+    mesh.faces = UINT32_MAX / 12; /* which are not looked at */
+    assert_fails(cln_mesh_write_glb(file, &mesh), CLN_OUTPUT, "more than a GLB file can hold");
+    assert_false(cln_is_file(file));
 }
 
 /* Where a turn that makes `up` the y (or z) axis brings x, y and z, by hand. */
@@ -310,13 +348,10 @@ static void what_moves_keeps_its_digits(void **state)
 int test_group_mesh(void)
 {
     const struct CMUnitTest tests[] = {
-        ON_DISK(ply_is_wide_where_it_must_be),
-        ON_DISK(points_have_no_faces),
-        ON_DISK(obj_has_digits_and_colours),
-        ON_DISK(glb_is_gltf),
-        ON_DISK(glb_stands_upright),
-        cmocka_unit_test(places_turn_and_grow),
-        cmocka_unit_test(what_moves_keeps_its_digits),
+        ON_DISK(ply_is_wide_where_it_must_be),  ON_DISK(points_have_no_faces),
+        ON_DISK(obj_has_digits_and_colours),    ON_DISK(glb_is_gltf),
+        ON_DISK(glb_has_points_and_an_end),     ON_DISK(glb_stands_upright),
+        cmocka_unit_test(places_turn_and_grow), cmocka_unit_test(what_moves_keeps_its_digits),
         ON_DISK(stl_is_what_slicers_read),
     };
 

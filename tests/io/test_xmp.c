@@ -27,6 +27,7 @@ static void test_panoramas(void **state)
         {WHOLE, CLN_PANORAMA_WHOLE},
         {"<GPano:ProjectionType>equirectangular</GPano:ProjectionType>", CLN_PANORAMA_WHOLE},
         {"GPano:ProjectionType = 'equirectangular'", CLN_PANORAMA_WHOLE},
+        {"GPano:ProjectionType\n\t=\r\n\t\"equirectangular\"", CLN_PANORAMA_WHOLE},
         {"GPano:ProjectionType=\"cylindrical\"", CLN_PANORAMA_UNTOLD},
         {"GPano:ProjectionType=\"\"", CLN_PANORAMA_UNTOLD},
         {"GPano:ProjectionType", CLN_PANORAMA_UNTOLD},
@@ -37,6 +38,9 @@ static void test_panoramas(void **state)
          CLN_PANORAMA_WHOLE},
         {WHOLE " GPano:FullPanoWidthPixels=\"800\" GPano:CroppedAreaImageWidthPixels=\"600\"",
          CLN_PANORAMA_CUT},
+        {WHOLE " GPano:FullPanoWidthPixels=\"800\" GPano:CroppedAreaImageWidthPixels=\"780\"",
+         CLN_PANORAMA_CUT},
+        {WHOLE " GPano:FullPanoWidthPixels=\"800\"", CLN_PANORAMA_WHOLE}, /* of what, if not all? */
         {WHOLE "<GPano:CroppedAreaImageHeightPixels>280</GPano:CroppedAreaImageHeightPixels>"
                "<GPano:FullPanoHeightPixels>400</GPano:FullPanoHeightPixels>",
          CLN_PANORAMA_CUT},
@@ -86,6 +90,7 @@ static void test_files(void **state)
 {
     static const uint8_t pixels[4 * 2 * 3];
     char segment[sizeof SEGMENT WHOLE + 4] = "\xFF\xE1\0", chunk[sizeof CHUNK WHOLE + 12] = {0};
+    char two[2 * (sizeof segment - 1)];
     const char *path = scratch_path(*state, "p");
     uint8_t *file = NULL;
     size_t bytes = 0;
@@ -99,6 +104,12 @@ static void test_files(void **state)
     assert_int_equal(cln_image_read_head(path, &head), CLN_OK);
     assert_int_equal(head.panorama, CLN_PANORAMA_UNTOLD);
     put_with(path, (const char *)file, bytes, 2, segment, sizeof SEGMENT WHOLE - 1 + 4);
+    assert_int_equal(cln_image_read_head(path, &head), CLN_OK);
+    assert_int_equal(head.panorama, CLN_PANORAMA_WHOLE);
+    for (int i = 0; i < 2; i++) /* and a block of another projection: the first counts */
+        memcpy(two + i * (sizeof segment - 1), segment, sizeof segment - 1);
+    two[sizeof two - 8] = 'X';
+    put_with(path, (const char *)file, bytes, 2, two, sizeof two);
     assert_int_equal(cln_image_read_head(path, &head), CLN_OK);
     assert_int_equal(head.panorama, CLN_PANORAMA_WHOLE);
     free(file);

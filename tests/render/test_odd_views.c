@@ -47,6 +47,18 @@ static void test_fitted_gain(void **state)
     }
 }
 
+/* Images without a fit, as those of photos of one colour, tell no gain. */
+static void test_gain_without_fit(void **state)
+{
+    cln_eval_image images[VIEWS];
+    cln_eval_result result = views_of(images, 3, 0, 2);
+
+    (void)state;
+    images[0].psnr_fitted = images[3].psnr_fitted = NAN;
+    assert_int_equal(cln_odd_views(&result), CLN_OK);
+    assert_near(result.fitted_gain, 6.0 / 5, 1e-12); /* of two lit ones and three others */
+}
+
 /* Hidden are views that are far below the others and see as far as something before the camera. */
 static void test_hidden(void **state)
 {
@@ -89,16 +101,23 @@ static void test_off(void **state)
 {
     enum { MANY = 24 };
     static const struct {
-        int count, low;                     /* views; those that are */
+        int count, low, apart;              /* views; those that are; the last ones */
         double below, fitted, spread, last; /* dB */
         bool off;
-    } cases[] = {
-        {24, 1, 6, 6, 0, 32, true},    {24, 3, 6, 6, 0, 32, true},
-        {24, 1, 5, 6, 0, 32, false},   {24, 1, 6, 2, 0, 32, false}, /* its exposure differs */
-        {24, 7, 6, 6, 0, 32, false},                                /* of another kind */
-        {7, 1, 9, 9, 0, 32, false},    {8, 1, 9, 9, 0, 32, true},
-        {24, 1, 10, 10, 2, 32, false}, /* all are spread */
-        {24, 1, 6, 6, 0, NAN, true}};
+    } cases[] = {{24, 1, 0, 6, 6, 0, 32, true},
+                 {24, 3, 0, 6, 6, 0, 32, true},
+                 {24, 1, 0, 5, 6, 0, 32, false},
+                 {24, 1, 0, 6, 2, 0, 32, false}, /* its exposure differs */
+                 {24, 6, 0, 6, 6, 0, 32, true},
+                 {24, 7, 0, 6, 6, 0, 32, false}, /* of another kind */
+                 {24, 7, 0, 20, 20, 0, 32, false},
+                 {7, 1, 0, 9, 9, 0, 32, false},
+                 {8, 1, 0, 9, 9, 0, 32, true},
+                 {24, 1, 0, 10, 10, 2, 32, false}, /* all are spread */
+                 {24, 1, 0, 6, 6, 0, NAN, true},
+                 {8, 1, 1, 9, 9, 0, 32, false}, /* seven see the part that is evaluated */
+                 {9, 1, 1, 9, 9, 0, 32, true},
+                 {24, 24, 24, 9, 9, 0, 32, false}};
 
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
@@ -111,13 +130,35 @@ static void test_off(void **state)
 
             images[k] = (cln_eval_image){.psnr = low ? 32 - cases[i].below : psnr,
                                          .psnr_fitted = low ? 32 - cases[i].fitted : psnr,
-                                         .depth = 2};
+                                         .depth = 2,
+                                         .apart = k >= result.count - cases[i].apart};
         }
         if (isnan(cases[i].last))
             images[MANY - 1].psnr = images[MANY - 1].psnr_fitted = NAN;
         assert_int_equal(cln_odd_views(&result), CLN_OK);
         for (int k = 0; k < result.count; k++)
             assert_int_equal(images[k].off, cases[i].off && k < cases[i].low);
+    }
+}
+
+/* What is told of as hidden, or does not see the part, is not off besides. */
+static void test_off_is_told_once(void **state)
+{
+    cln_eval_image images[VIEWS + 2];
+    cln_eval_result result = {.count = VIEWS + 2, .images = images};
+
+    (void)state;
+    for (int i = 0; i < result.count; i++) {
+        const double psnr = i < 3 ? 20 : 32;
+
+        images[i] = (cln_eval_image){.psnr = psnr, .psnr_fitted = psnr, .depth = 2};
+    }
+    images[0].depth = 0.1;
+    images[1].apart = true;
+    assert_int_equal(cln_odd_views(&result), CLN_OK);
+    for (int i = 0; i < result.count; i++) {
+        assert_int_equal(images[i].hidden, i == 0);
+        assert_int_equal(images[i].off, i == 2);
     }
 }
 
@@ -139,9 +180,13 @@ static void test_depth(void **state)
 int test_group_odd_views(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_fitted_gain), cmocka_unit_test(test_hidden),
-        cmocka_unit_test(test_partly),      cmocka_unit_test(test_off),
+        cmocka_unit_test(test_fitted_gain),
+        cmocka_unit_test(test_hidden),
+        cmocka_unit_test(test_partly),
+        cmocka_unit_test(test_off),
         cmocka_unit_test(test_depth),
+        cmocka_unit_test(test_gain_without_fit),
+        cmocka_unit_test(test_off_is_told_once),
     };
 
     return cmocka_run_group_tests_name("odd_views", tests, NULL, NULL);

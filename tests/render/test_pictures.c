@@ -814,6 +814,62 @@ static void test_left_out(void **state)
     free(views);
 }
 
+/* Whether a render is empty, and a photo of one colour, is told by pixels that count: those of the
+ * first test view are kept by their opacity, from `least` to `most`, or where the photo has
+ * none. */
+static cln_eval_image measure_kept(const cln_picture *picture, bool air, float least, float most)
+{
+    const bool pixels[CLN_SPLITS] = {[CLN_SPLIT_TEST] = true};
+    const cln_device_desc device = fixture_device();
+    uint8_t kept[(SIDE * SIDE + 7) / 8] = {0};
+    cln_eval_result result = {0};
+    cln_eval_image image;
+    cln_open_run v;
+    int *views = NULL, count = 0, left = 0;
+
+    assert_ok(cln_open_run_open(fixture_path("whole"), NULL, pixels, NULL, &v));
+    assert_ok(cln_open_run_start(&v, &device, false));
+    assert_ok(cln_pipeline_scene(&v.pipeline, v.scene, &v.model.space));
+    assert_ok(cln_quality_choose(v.scene, CLN_SPLIT_TEST, 1, &views, &count));
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        float rgb[3], alpha = 0;
+
+        cln_view_pixel(&v.scene->views[views[0]], i % SIDE, i / SIDE, v.scene->background, rgb,
+                       &alpha);
+        if (picture->opacity[i] >= least && picture->opacity[i] <= most && (!air || alpha == 0)) {
+            kept[i / 8] |= (uint8_t)(1 << i % 8);
+            left++;
+        }
+    }
+    assert_in_range(left, 1, SIDE * SIDE);
+    v.scene->views[views[0]].kept = kept;
+    assert_ok(cln_quality_measure(&v.pipeline, NULL, v.scene, views, 1, NULL, NULL, NULL, &result));
+    v.scene->views[views[0]].kept = NULL;
+    image = result.images[0];
+    cln_eval_free(&result);
+    cln_open_run_close(&v);
+    free(views);
+    return image;
+}
+
+static void test_what_is_kept_tells(void **state)
+{
+    cln_eval_image image;
+    cln_picture picture;
+
+    (void)state;
+    NEED_DEVICE();
+    render(NULL, &picture);
+    image = measure_kept(&picture, false, 0, 0.24f);
+    assert_true(image.empty);
+    image = measure_kept(&picture, false, 0, 0.85f);
+    assert_false(image.empty);
+    assert_true(isfinite(image.psnr_fitted));
+    image = measure_kept(&picture, true, 0, 1);
+    assert_true(isnan(image.psnr_fitted)); /* the background alone */
+    cln_picture_free(&picture);
+}
+
 int test_group_pictures(void)
 {
     const struct CMUnitTest tests[] = {
@@ -822,6 +878,7 @@ int test_group_pictures(void)
         cmocka_unit_test(test_follow),
         cmocka_unit_test(test_squares),
         cmocka_unit_test(test_no_window),
+        cmocka_unit_test(test_what_is_kept_tells),
         cmocka_unit_test(test_left_out),
         cmocka_unit_test(test_keeps_to_the_plan),
         cmocka_unit_test(test_wide),

@@ -380,13 +380,64 @@ static void test_climbing_line(void **state)
     assert_true(taken[0] == 0 && taken[1] > 0);
 }
 
+/* Steep straight flights, whose turn about them positions do not know, and cameras that tell it, or
+ * that fit another turn, too: within so much as they can be off, turned by 30 degrees; half a turn
+ * about; with the rough up at the horizon. */
+static void test_turns_that_fit_alike(void **state)
+{
+    static const struct {
+        cln_up_what what;
+        double climb, by, sd; /* degrees */
+        bool told;
+    } cases[] = {
+        {CLN_UP_LEVEL, 40, 0, 1, true},   {CLN_UP_LEVEL, 40, 0, 3.2, false},
+        {CLN_UP_LEVEL, 50, 0, 1, false},  {CLN_UP_LEVEL, 0, 75, 1, true},
+        {CLN_UP_LEVEL, 0, 85, 1, false},  {CLN_UP_TOLD, 70, 0, 1, true},
+        {CLN_UP_UNTOLD, 40, 0, 1, false},
+    };
+
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        for (int seed = 1; seed <= 10; seed++) {
+            const double climb = cases[i].climb * DEGREE;
+            cln_up_told told;
+            cln_place_turn turn;
+            cln_similarity alone;
+            double left[3];
+            flight f;
+
+            begin(&f, (uint64_t)seed);
+            for (int k = 0; k < 30; k++) {
+                const double along = -100 + 200.0 * k / 29;
+
+                add(&f, along * cos(climb), 0, along * sin(climb), 1.5, 3);
+            }
+            told = tell(&f, cases[i].what, NORTH, cases[i].by);
+            told.sd = cases[i].sd * DEGREE;
+            assert_int_equal(cln_place_turn_find(f.count, f.at, f.place, &told, &turn), CLN_OK);
+            if ((turn.by_them > 0) != cases[i].told)
+                fail_msg("case %zu, seed %d", i, seed);
+            turn_left(&f, &turn.to, left);
+            if (cases[i].told && !(turn.up < 2 && hypot(left[0], left[1]) < 4))
+                fail_msg("case %zu, seed %d: off by %g, %g", i, seed, left[0], left[1]);
+            assert_int_equal(cln_similarity_fit(f.count, f.at, f.place, &alone), CLN_OK);
+            if (cases[i].what == CLN_UP_UNTOLD) /* what they have is no reason to turn it */
+                assert_memory_equal(&turn.to, &alone, sizeof alone);
+        }
+}
+
 int test_group_similarity(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_eigen),         cmocka_unit_test(test_wrong_places),
-        cmocka_unit_test(test_doubt),         cmocka_unit_test(test_up),
-        cmocka_unit_test(test_line),          cmocka_unit_test(test_flat),
-        cmocka_unit_test(test_climbing_line), cmocka_unit_test(test_flat_line),
+        cmocka_unit_test(test_eigen),
+        cmocka_unit_test(test_wrong_places),
+        cmocka_unit_test(test_doubt),
+        cmocka_unit_test(test_up),
+        cmocka_unit_test(test_line),
+        cmocka_unit_test(test_flat),
+        cmocka_unit_test(test_climbing_line),
+        cmocka_unit_test(test_flat_line),
+        cmocka_unit_test(test_turns_that_fit_alike),
     };
 
     return cmocka_run_group_tests_name("similarity", tests, NULL, NULL);

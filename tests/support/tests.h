@@ -83,6 +83,7 @@ int test_group_placing(void);
 int test_group_model(void);
 int test_group_needs(void);
 int test_group_network(void);
+int test_group_npz(void);
 int test_group_octree(void);
 int test_group_odd_views(void);
 int test_group_sphere_frames(void);
