@@ -36,8 +36,8 @@ static bool is_sphere(const cln_image_head *head)
 }
 
 /* A camera's size and focal length are those of its first photo. On 35 mm film, the length tells
- * what was cut off, too, but programs that change photos may drop it, and phones leave their digital
- * zoom out of it. */
+ * what was cut off, too, but programs that change photos may drop it, and phones leave their
+ * digital zoom out of it. */
 static bool took(const cln_image_head *first, const cln_image_head *photo)
 {
     const bool film = first->focal_film > 0 && photo->focal_film > 0;

@@ -11,8 +11,8 @@
  * lens's own, mm; focal_film: that of the same view on 35 mm film; each 0 if it is not told. zoom:
  * how many times the picture was cut and enlarged, 1 if it is not told. adobe: colours are Adobe
  * RGB's, unless a profile in the file says something else. gps: latitude and longitude, degrees
- * north and east by WGS 84, and altitude, metres; each NAN if it is not told, and both degrees where
- * they are 0, as devices without reception write. */
+ * north and east by WGS 84, and altitude, metres; each NAN if it is not told, and both degrees
+ * where they are 0, as devices without reception write. */
 typedef struct cln_exif {
     int orientation;
     double focal, focal_film, zoom;

@@ -14,7 +14,7 @@
 #include "io/run_folder.h"
 #include "scene/dataset.h"
 
-#define WITH_POSES "with `cl-nascent poses PHOTOS -o SCENE` or COLMAP, whose models are read"
+#define WITH_POSES "with `cl-nascent poses PHOTOS -o SCENE` or COLMAP"
 
 #define OWN_POSES "write them as a transforms.json: docs/formats.md, \"Your own poses\""
 
