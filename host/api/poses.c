@@ -179,8 +179,8 @@ done:
 }
 
 /* Leaves out what a phone puts together while it is swept round, which no lens explains: the poses
- * of all would suffer. */
-static cln_status leave_out_sweeps(const char *folder, cln_names *photos)
+ * of all would suffer. in_place: COLMAP looks at all images of the folder. */
+static cln_status leave_out_sweeps(const char *folder, bool in_place, cln_names *photos)
 {
     cln_status st = CLN_OK;
     const char *first = NULL;
@@ -202,16 +202,19 @@ static cln_status leave_out_sweeps(const char *folder, cln_names *photos)
     }
     if (count == 0 || 4 * count > photos->count || photos->count - count < CLN_POSES_LEAST)
         goto done;
-    cln_warn("%s: %d photo%s far longer than the others %s left out (%s%s): panoramas that a phone "
-             "put together fit no lens, and spoil the poses of all",
-             folder, count, cln_plural(count, "", "s"), cln_plural(count, "is", "are"), first,
-             count > 1 ? ", ..." : "");
-    for (int i = 0; i < photos->count; i++)
+    cln_warn("%s: %d photo%s far longer than the others%s (%s%s): panoramas that a phone put "
+             "together fit no lens, and spoil the poses of all%s",
+             folder, count, cln_plural(count, "", "s"),
+             in_place     ? ""
+             : count == 1 ? " is left out"
+                          : " are left out",
+             first, count > 1 ? ", ..." : "", in_place ? "; move them out of the folder" : "");
+    for (int i = 0; i < photos->count && !in_place; i++)
         if (is[i])
             free(photos->name[i]);
         else
             photos->name[left++] = photos->name[i];
-    photos->count = left;
+    photos->count = in_place ? photos->count : left;
 done:
     free(path);
     free(is);
@@ -251,14 +254,15 @@ done:
     return st;
 }
 
-/* COLMAP looks at all images of the scene's folder. */
-static cln_status refuse_masks_in_place(const work *w)
+/* COLMAP looks at all images of the scene's folder. in_place: that is the photos' own. */
+static cln_status refuse_masks_in_place(const work *w, bool *in_place)
 {
     cln_status st = CLN_OK;
     char *images = NULL;
 
     CLN_TRY(cln_path_join(&images, w->desc->out, "images"));
-    if (w->among.count && cln_is_same_file(images, w->desc->photos))
+    *in_place = cln_is_same_file(images, w->desc->photos);
+    if (w->among.count && *in_place)
         CLN_TRY(cln_fail(CLN_INPUT,
                          "%s: the scene's own photos have %d mask%s among them (the first is "
                          "'%s'), which COLMAP would take for photos; move %s to %s/masks, and give "
@@ -279,6 +283,7 @@ static cln_status check_photos(work *w)
     const cln_reader *reader = NULL;
     char *others = NULL;
     cln_names *photos = &w->photos;
+    bool in_place = false;
     cln_photo_gps gps = {0};
 
     if (cln_found_run(folder))
@@ -289,15 +294,16 @@ static cln_status check_photos(work *w)
     if (photos->count < CLN_POSES_LEAST)
         CLN_TRY(fail_few(folder, photos->count, folder));
     CLN_TRY(check_readable(folder, photos));
-    if (!w->posed)
-        CLN_TRY(leave_out_sweeps(folder, photos));
+    if (!w->posed) {
+        CLN_TRY(refuse_masks_in_place(w, &in_place));
+        CLN_TRY(leave_out_sweeps(folder, in_place, photos));
+    }
     if (w->desc->gps) {
         CLN_TRY(cln_photo_gps_read(folder, photos, &gps));
         CLN_TRY(cln_photo_gps_check(&gps, folder, photos->count));
     }
     if (w->posed)
         goto done;
-    CLN_TRY(refuse_masks_in_place(w));
     CLN_TRY(check_photos_room(folder, photos, out));
     if (cln_reader_pick(folder, CLN_FORMAT_AUTO, &reader, &others) == CLN_OK && reader)
         cln_warn("%s: it is a scene with poses already (%s reads it); `cl-nascent info` shows "

@@ -20,11 +20,11 @@ static void put_photo(const char *folder, const char *name, int width, int heigh
 }
 
 /* Without a COLMAP, so that nothing more is done than to look at the photos. */
-static void look_at(const char *folder, cln_warned *warned)
+static void look_at_for(const char *folder, const char *out, cln_warned *warned)
 {
     const char *path = getenv("PATH");
     char *before = path ? strdup(path) : NULL;
-    const cln_poses_desc desc = {.photos = folder, .out = scratch_path(folder, "../posed")};
+    const cln_poses_desc desc = {.photos = folder, .out = out};
     cln_poses_result result;
 
     cln_log_set_sink(NULL, NULL);
@@ -34,6 +34,32 @@ static void look_at(const char *folder, cln_warned *warned)
     if (before)
         setenv("PATH", before, 1);
     free(before);
+}
+
+static void look_at(const char *folder, cln_warned *warned)
+{
+    look_at_for(folder, scratch_path(folder, "../posed"), warned);
+}
+
+/* Of the scene's own photos, which are all looked at, it is said that they should not be there. */
+static void sweeps_in_place_are_told(void **state)
+{
+    const char *images = scratch_path(*state, "images");
+    cln_warned warned;
+
+    assert_ok(cln_make_dirs(images));
+    for (int i = 0; i < 8; i++) {
+        char name[32];
+
+        snprintf(name, sizeof name, "photo_%d.png", i);
+        put_photo(images, name, i ? 40 : 90, 30);
+    }
+    look_at_for(images, *state, &warned);
+    assert_int_equal(warned.count, 1);
+    assert_non_null(
+        strstr(warned.lines[0], ": 1 photo far longer than the others (photo_0.png): "));
+    assert_non_null(strstr(warned.lines[0], "; move them out of the folder"));
+    cln_warned_close(&warned);
 }
 
 static void sweeps_of_a_phone_are_left_out(void **state)
@@ -117,6 +143,7 @@ int test_group_poses(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(sweeps_of_a_phone_are_left_out, scratch_make,
                                         scratch_remove),
+        cmocka_unit_test_setup_teardown(sweeps_in_place_are_told, scratch_make, scratch_remove),
         cmocka_unit_test_setup_teardown(twins_of_photos_are_not_missed, scratch_make,
                                         scratch_remove),
         cmocka_unit_test(focal_lengths_are_compared)};
