@@ -11,7 +11,7 @@ static cln_log_level max_level = CLN_LOG_INFO;
 static cln_log_sink *sink_fn;
 static void *sink_user;
 static bool colour;
-static cln_warned *lists; /* the innermost */
+static _Thread_local cln_warned *lists; /* the innermost */
 
 void cln_log_set_level(cln_log_level level)
 {

@@ -16,9 +16,9 @@ void cln_log_set_sink(cln_log_sink *sink, void *user);
 cln_log_sink cln_log_stderr;
 void cln_log_use_colour(bool on);
 
-/* What is warned of between open and close, for documents: the first of it, without the word
- * "warning", as UTF-8, the same only once; whatever level and sink are. The list that was opened
- * last is closed first. */
+/* What this thread warns of between open and close, for documents: the first of it, without the
+ * word "warning", as UTF-8, the same only once; whatever level and sink are. The list that was
+ * opened last is closed first. */
 enum { CLN_WARNED_MOST = 64 };
 typedef struct cln_warned {
     int count;
